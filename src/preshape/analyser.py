@@ -1,0 +1,175 @@
+"""What every performance element promises (§3.3), and the values that it answers with.
+
+The ray analyser (:mod:`preshape.virtual_grasp`) is the paper's. The controller knows only this page.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Protocol
+
+import numpy as np
+
+from .objects.mesh import TriangleMesh
+from .planes import PLANES, ApproachPlane
+from .types import Array, BoolArray, ContactCoefficients, IntArray, value
+
+
+@value
+class HandLayout:
+    """What the analyser must know of a hand.
+
+    Attributes:
+        name: the hand's name.
+        u: U, length of the proximal phalanx of the middle finger [m].
+        finger_pitch: distance of neighbouring fingers [m].
+        fingertip_width: [m]; fingers are never drawn closer than this.
+    """
+
+    name: str
+    u: float
+    finger_pitch: float
+    fingertip_width: float
+
+
+@value
+class Contacts:
+    """Where the fingers of one virtual grasp land, thumb first.
+
+    Attributes:
+        points: (n, 3) [m], mesh frame.
+        normals_in: (n, 3) inward unit normals.
+        triangles: (n,) the triangle of each.
+        wrenches: (n, 6) each contact's wrench about the COG, axes x y z, lengths in U.
+        ray_origins: (n, 3) where each aiming ray starts [m].
+    """
+
+    points: Array
+    normals_in: Array
+    triangles: IntArray
+    wrenches: Array
+    ray_origins: Array
+
+
+@value
+class VirtualGrasp:
+    """One way of holding the object, before any hand has tried it.
+
+    Attributes:
+        plane: the approach plane.
+        flip: whether the thumb stands on the -o side.
+        approach_value: v, -1..1 (§3).
+        approach_set: index of the fuzzy set that v belongs to most.
+        fingers: virtual fingers, thumb included.
+        contacts: where they land.
+        net_wrench: (6,) about the COG, axes x y z, lengths in U (eq. 14).
+        adi: (6,) ADI of each component with the task (eq. 19).
+        tfvadi: their sum (eq. 22).
+        stability: rank(WU) - rank(TI), one wrench a finger (§2.3).
+        manipulability: rank(WU).
+    """
+
+    plane: ApproachPlane
+    flip: bool
+    approach_value: float
+    approach_set: int
+    fingers: int
+    contacts: Contacts
+    net_wrench: Array
+    adi: Array
+    tfvadi: float
+    stability: int
+    manipulability: int
+
+    @property
+    def thumb_side(self) -> Array:
+        """(3,) unit vector from the object towards the thumb: o, or -o when flipped."""
+        o = self.plane.opposition_axis
+        return -o if self.flip else o
+
+
+@value
+class Aim:
+    """Where an analyser looks: all combinations of these.
+
+    Attributes:
+        planes: approach plane indices, 1..12.
+        values: approach values.
+        fingers: virtual fingers, thumb included.
+        flips: thumb sides.
+    """
+
+    planes: Sequence[int] = tuple(p.index for p in PLANES)
+    values: Sequence[float] | Array
+    fingers: Sequence[int] = (2, 3, 4)
+    flips: Sequence[bool] = (False, True)
+
+
+@value
+class Exploration:
+    """Every virtual grasp found for an aim; arrays over k grasps, best match first.
+
+    Attributes:
+        plane: (k,) plane index.
+        flip: (k,) thumb on the -o side.
+        value: (k,) approach value.
+        fingers: (k,) virtual fingers.
+        wrench: (k, 6) net wrench.
+        match: (k,) TFVADI with the task.
+        aimed: how many combinations were aimed at.
+    """
+
+    plane: IntArray
+    flip: BoolArray
+    value: Array
+    fingers: IntArray
+    wrench: Array
+    match: Array
+    aimed: int
+
+    def __len__(self) -> int:
+        return len(self.match)
+
+    def ranked(self) -> Exploration:
+        """The best match first; among equals the plainest [C].
+
+        Plainest = aimed nearest to the object's middle, then more fingers, thumb on +o, lower plane
+        index. Matches closer than 1e-9 count as equal.
+        """
+        nearness = np.round(np.abs(self.value), 9)
+        keys = (self.plane, self.flip, -self.fingers, nearness, -np.round(self.match, 9))
+        return self.where(np.lexsort(keys))
+
+    def where(self, keep: BoolArray | IntArray) -> Exploration:
+        """The grasps picked by a mask or by indices, in that order."""
+        return Exploration(
+            plane=self.plane[keep],
+            flip=self.flip[keep],
+            value=self.value[keep],
+            fingers=self.fingers[keep],
+            wrench=self.wrench[keep],
+            match=self.match[keep],
+            aimed=self.aimed,
+        )
+
+
+class Analyser(Protocol):
+    """A performance element's preshape analyser (PA), prepared for one object."""
+
+    @property
+    def mesh(self) -> TriangleMesh:
+        """The object."""
+
+    @property
+    def layout(self) -> HandLayout:
+        """The hand."""
+
+    @property
+    def coefficients(self) -> ContactCoefficients:
+        """The contact model."""
+
+    def explore(self, q: Array, aim: Aim) -> Exploration:
+        """All virtual grasps of an aim, matched with the task, best first."""
+
+    def grasp(self, q: Array, found: Exploration, index: int = 0) -> VirtualGrasp:
+        """One of them in full."""

@@ -1,0 +1,348 @@
+"""The controller: four execution modes, one after the other (§3.6, fig. 9-10).
+
+::
+
+    mode 0  estimate, analyse             ── reward ──> answer
+       │ penalty
+    mode 1  search the estimated plane    ── reward ──> answer
+       │ penalty
+    mode 2  is the object known?          ── yes ─────> ask for task correction, offer tasks that fit
+       │ no
+    mode 3  explore, learn, test oneself  ── reward ──> answer
+       │ penalty
+    deadlock, until meta control resets it
+
+This is the only place where the parts meet; each of them can be used and tested alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from .analyser import Aim, Analyser, Exploration, HandLayout, VirtualGrasp
+from .critic import Recognition, Verdict, judge, recognise
+from .decision import Decision, Offer, Settings, Status, Transition
+from .estimator import Estimate, decode, inputs, predict
+from .exceptions import InputError
+from .learning import (
+    Discovery,
+    experiences_of,
+    explore,
+    learn,
+    search_values,
+    seed_experiences,
+    training_set,
+)
+from .memory import Memory
+from .objects.library import load_library_object
+from .objects.mesh import TriangleMesh
+from .planes import allowed_planes, plane
+from .tasks import Task, all_named_tasks
+from .types import Array, BoolArray, Experience, NetworkWeights
+from .virtual_grasp import RayAnalyser
+
+OFFERS = 3
+"""How many tasks that fit are offered when the asked one does not."""
+
+
+class Controller:
+    """Hybrid intelligent inference for one hand and one memory.
+
+    Args:
+        memory: what was learnt so far; with ``memory.read_only`` nothing is added to it.
+        layout: the hand.
+        settings: what meta control has set.
+        prepare: makes the performance element for an object; the paper's ray analyser by default.
+    """
+
+    def __init__(
+        self,
+        memory: Memory,
+        layout: HandLayout,
+        *,
+        settings: Settings | None = None,
+        prepare: Callable[[TriangleMesh], Analyser] | None = None,
+    ) -> None:
+        self.memory = memory
+        self.layout = layout
+        self.settings = settings or Settings()
+        self.deadlock = False
+        self._prepare = prepare or self.ray_analyser
+        self._experiences: tuple[Experience, ...] = ()
+        self._weights: NetworkWeights | None = None
+        self._wake()
+
+    @property
+    def weights(self) -> NetworkWeights:
+        """The approach estimator's weights now."""
+        assert self._weights is not None
+        return self._weights
+
+    @property
+    def experiences(self) -> tuple[Experience, ...]:
+        """Everything this hand has met, in order."""
+        return self._experiences
+
+    def ray_analyser(self, mesh: TriangleMesh) -> RayAnalyser:
+        """The paper's performance element for an object."""
+        s = self.settings
+        return RayAnalyser(mesh, self.layout, coefficients=s.coefficients, sets=s.sets)
+
+    def prepare(self, mesh: TriangleMesh) -> Analyser:
+        """The performance element for an object, to be used for several tasks."""
+        return self._prepare(mesh)
+
+    def run(
+        self,
+        thing: TriangleMesh | Analyser,
+        task: Task,
+        *,
+        approaches: str | None = None,
+        count: int = 1,
+        may_learn: bool = True,
+    ) -> Decision:
+        """Find a preshape: modes 0 to 3, in order, until the critic rewards one.
+
+        Args:
+            thing: the object, or its prepared performance element.
+            task: what the hand is to do with it.
+            approaches: allowed approach axes, as ``+z,-x``; all by default.
+            count: how many different answers are wanted.
+            may_learn: whether mode 3 may teach the memory.
+
+        Raises:
+            InputError: a bad argument, or a deadlock that was not reset.
+            ObjectError: the object does not fit the hand.
+        """
+        if self.deadlock:
+            raise InputError("the controller is in deadlock: reset() it, with another task or object")
+        if count < 1:
+            raise InputError(f"the number of answers must be at least 1, got {count}")
+        allowed = allowed_planes(approaches)
+        pa = self._prepare(thing) if isinstance(thing, TriangleMesh) else thing
+        steps: list[Transition] = []
+
+        estimate, grasp, verdict = self._mode_0(pa, task.q, allowed)
+        steps.append(_step(0, verdict))
+        if verdict.reward and grasp is not None:
+            return self._answer(pa, task, 0, grasp, steps, allowed, count, estimate)
+
+        grasp, verdict = self._mode_1(pa, task.q, estimate)
+        steps.append(_step(1, verdict))
+        if verdict.reward and grasp is not None:
+            return self._answer(pa, task, 1, grasp, steps, allowed, count, estimate)
+
+        recognition = self._mode_2(pa)
+        steps.append(_step(2, recognition.verdict, met="known", missed="unknown"))
+        if recognition.verdict.reward:
+            offers = self._offers(pa, task, allowed)
+            return _decision(task, 2, Status.CORRECTION, steps, estimate, offers=offers)
+        return self._mode_3(pa, task, allowed, count, steps, may_learn)
+
+    def teach(self, thing: TriangleMesh | Analyser, task: Task, *, approaches: str | None = None) -> Decision:
+        """Learn an object with a task at once (mode 3), whether or not it is known."""
+        pa = self._prepare(thing) if isinstance(thing, TriangleMesh) else thing
+        return self._mode_3(pa, task, allowed_planes(approaches), 1, [], may_learn=True)
+
+    def reset(self) -> None:
+        """Meta control's reset of a deadlock; the next run starts at mode 0."""
+        self.deadlock = False
+
+    # The modes.
+
+    def _mode_0(
+        self, pa: Analyser, q: Array, allowed: BoolArray
+    ) -> tuple[Estimate, VirtualGrasp | None, Verdict]:
+        """AE → PA: the grasp that the estimator names, if there is one."""
+        x = inputs(q, pa.mesh.attributes, self.layout.u)
+        estimate = decode(predict(self.weights, x), allowed)
+        value = float(self.settings.sets.crisp()[estimate.approach_set])
+        # As many fingers as estimated, or as many as the object has room for.
+        fingers = range(2, estimate.fingers + 1)
+        found = pa.explore(q, Aim(planes=[estimate.plane], values=[value], fingers=fingers))
+        if len(found):
+            found = found.where(found.fingers == found.fingers.max())
+        return estimate, *self._criticise(pa, q, found)
+
+    def _mode_1(self, pa: Analyser, q: Array, estimate: Estimate) -> tuple[VirtualGrasp | None, Verdict]:
+        """The estimated plane is kept; approach value, fingers and thumb side are searched."""
+        found = pa.explore(q, Aim(planes=[estimate.plane], values=search_values(self.settings.sets)))
+        return self._criticise(pa, q, found)
+
+    def _mode_2(self, pa: Analyser) -> Recognition:
+        """Is the object known?"""
+        s = self.settings
+        return recognise(pa, self._experiences, s.thresholds.recognition, s.sets)
+
+    def _mode_3(
+        self,
+        pa: Analyser,
+        task: Task,
+        allowed: BoolArray,
+        count: int,
+        steps: list[Transition],
+        may_learn: bool,
+    ) -> Decision:
+        """Explore, learn, and test oneself with the user's task: mode 0, then mode 1."""
+        threshold = self.settings.thresholds.estimation
+        discovery = explore(pa, task.q, self.settings.sets, allowed)
+        if discovery is None:
+            reason = "no virtual grasp on any allowed plane: fingers and thumb never meet the object together"
+            steps.append(Transition(mode=3, outcome="no grasp", reason=reason))
+            return _decision(task, 3, Status.NO_GRASP, steps, None)
+        best = discovery.answer
+        steps.append(Transition(mode=3, outcome="explored", reason=_explored(discovery)))
+        if may_learn and not self.memory.read_only:
+            learnt = self._learn(pa, task, discovery)
+            steps.append(Transition(mode=3, outcome="learned", reason=learnt))
+            verdict = self._self_test(pa, task.q, allowed)
+        else:
+            verdict = judge(best.tfvadi, threshold)
+        steps.append(_step(3, verdict, missed="deadlock"))
+        if not verdict.reward:
+            self.deadlock = True
+            return _decision(task, 3, Status.DEADLOCK, steps, None, best=best)
+        return self._answer(pa, task, 3, best, steps, allowed, count, None)
+
+    # What the modes are made of.
+
+    def _criticise(
+        self, pa: Analyser, q: Array, found: Exploration
+    ) -> tuple[VirtualGrasp | None, Verdict]:
+        threshold = self.settings.thresholds.estimation
+        if not len(found):
+            return None, judge(None, threshold)
+        grasp = pa.grasp(q, found)
+        return grasp, judge(grasp.tfvadi, threshold)
+
+    def _learn(self, pa: Analyser, task: Task, discovery: Discovery) -> str:
+        """Incremental learning (§3.5): experiences and new weights reach the memory together."""
+        new = experiences_of(pa, pa.mesh.name, task.q, discovery, self.settings.sets)
+        everything = (*self._experiences, *new)
+        weights = learn(everything, self.layout.u, self._weights, seed=self.settings.seed)
+        self.memory.add(new, weights)
+        self._experiences, self._weights = everything, weights
+        return (
+            f"{pa.mesh.name} with this task and its best possible task; {weights.trained_on} samples, "
+            f"mean-square error {weights.mean_square_error:.1e}"
+        )
+
+    def _self_test(self, pa: Analyser, q: Array, allowed: BoolArray) -> Verdict:
+        estimate, _, verdict = self._mode_0(pa, q, allowed)
+        if verdict.reward:
+            return replace(verdict, reason=f"self-test at mode 0: {verdict.reason}")
+        _, verdict = self._mode_1(pa, q, estimate)
+        return replace(verdict, reason=f"self-test at modes 0 and 1: {verdict.reason}")
+
+    def _answer(
+        self,
+        pa: Analyser,
+        task: Task,
+        mode: int,
+        grasp: VirtualGrasp,
+        steps: list[Transition],
+        allowed: BoolArray,
+        count: int,
+        estimate: Estimate | None,
+    ) -> Decision:
+        others: tuple[VirtualGrasp, ...] = ()
+        if count > 1:
+            others = self._alternatives(pa, task.q, grasp, allowed, count - 1)
+        return _decision(task, mode, Status.ANSWER, steps, estimate, grasp=grasp, alternatives=others)
+
+    def _alternatives(
+        self, pa: Analyser, q: Array, grasp: VirtualGrasp, allowed: BoolArray, count: int
+    ) -> tuple[VirtualGrasp, ...]:
+        """The best other answers, each with another plane, thumb side or number of fingers."""
+        found = pa.explore(q, Aim(planes=_indices(allowed), values=search_values(self.settings.sets)))
+        seen = {(grasp.plane.index, grasp.flip, grasp.fingers)}
+        others: list[VirtualGrasp] = []
+        for i in range(len(found)):
+            way = (int(found.plane[i]), bool(found.flip[i]), int(found.fingers[i]))
+            enough = judge(float(found.match[i]), self.settings.thresholds.estimation).reward
+            if len(others) == count or not enough:
+                break
+            if way not in seen:
+                seen.add(way)
+                others.append(pa.grasp(q, found, i))
+        return tuple(others)
+
+    def _offers(self, pa: Analyser, task: Task, allowed: BoolArray) -> tuple[Offer, ...]:
+        """The nearest named tasks that mode 0 or 1 would answer (task correction)."""
+        offers: list[Offer] = []
+        candidates = sorted(all_named_tasks(), key=lambda t: float(np.linalg.norm(t.q - task.q)))
+        for candidate in candidates:
+            estimate, _, verdict = self._mode_0(pa, candidate.q, allowed)
+            mode = 0
+            if not verdict.reward:
+                _, verdict = self._mode_1(pa, candidate.q, estimate)
+                mode = 1
+            if verdict.reward and verdict.match is not None:
+                distance = float(np.linalg.norm(candidate.q - task.q))
+                offers.append(Offer(task=candidate, match=verdict.match, mode=mode, distance=distance))
+            if len(offers) == OFFERS:
+                break
+        return tuple(offers)
+
+    def _wake(self) -> None:
+        """Read the memory; an empty one is taught the cube first (§3.5)."""
+        self._experiences = self.memory.experiences(hand=self.layout.name)
+        self._weights = self.memory.weights(self.layout.name)
+        if not self._experiences:
+            cube = self._prepare(load_library_object("cube"))
+            seeds = tuple(seed_experiences(cube, self.settings.sets))
+            self._weights = learn(seeds, self.layout.u, None, seed=self.settings.seed)
+            if not self.memory.read_only:
+                self.memory.add(seeds, self._weights)
+            self._experiences = seeds
+        samples = len(training_set(self._experiences, self.layout.u)[0])
+        if self._weights is None or self._weights.trained_on != samples:
+            # Another process learnt at the same time, or experiences were imported.
+            self._weights = learn(self._experiences, self.layout.u, self._weights, seed=self.settings.seed)
+            if not self.memory.read_only:
+                self.memory.save_weights(self.layout.name, self._weights)
+
+
+def _step(mode: int, verdict: Verdict, *, met: str = "reward", missed: str = "penalty") -> Transition:
+    return Transition(mode=mode, outcome=met if verdict.reward else missed, reason=verdict.reason)
+
+
+def _explored(discovery: Discovery) -> str:
+    best, found = discovery.answer, discovery.found
+    return (
+        f"{len(found)} virtual grasps of {found.aimed} aimed at; the best is {plane(best.plane.index).label}, "
+        f"{best.fingers} fingers, TFVADI {best.tfvadi:.2f}"
+    )
+
+
+def _indices(allowed: BoolArray) -> Sequence[int]:
+    return [int(i) + 1 for i in np.flatnonzero(allowed)]
+
+
+def _decision(
+    task: Task,
+    mode: int,
+    status: Status,
+    steps: list[Transition],
+    estimate: Estimate | None,
+    *,
+    grasp: VirtualGrasp | None = None,
+    best: VirtualGrasp | None = None,
+    alternatives: tuple[VirtualGrasp, ...] = (),
+    offers: tuple[Offer, ...] = (),
+) -> Decision:
+    return Decision(
+        status=status,
+        reason=steps[-1].reason,
+        mode=mode,
+        task=task,
+        grasp=grasp,
+        best=best or grasp,
+        alternatives=alternatives,
+        offers=offers,
+        transitions=tuple(steps),
+        estimate=estimate,
+    )

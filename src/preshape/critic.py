@@ -1,0 +1,150 @@
+"""The internal critic (IC, §3.4): rewards and penalties by fuzzy matching, and recognition (§3.6).
+
+The critic compares with a threshold and says why; it decides nothing else.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from .analyser import Aim, Analyser
+from .exceptions import InputError
+from .fuzzy import FuzzySets, tfvadi
+from .types import Attributes, Experience, freeze, frozen_array, value
+
+SLACK = 1e-9
+"""A match this close under a threshold still meets it."""
+
+SAME_OBJECT = 0.05
+"""Attribute distance within which two objects may be the same one [C]."""
+
+
+@value
+class Thresholds:
+    """What meta control sets (§3.4).
+
+    Attributes:
+        estimation: TFVADI that a preshape must reach; the paper's execution threshold too.
+        recognition: TFVADI at which an object counts as known.
+    """
+
+    estimation: float = 3.0
+    recognition: float = 5.0
+
+    def __post_init__(self) -> None:
+        both = frozen_array([self.estimation, self.recognition], (2,), "thresholds")
+        if not ((both >= 0) & (both <= 6)).all():
+            raise InputError(f"thresholds must lie in 0..6, got {both.tolist()}")
+        freeze(self, estimation=float(both[0]), recognition=float(both[1]))
+
+
+@value
+class Verdict:
+    """The critic's signal to performance and learning element.
+
+    Attributes:
+        reward: True for success, False for a penalty.
+        match: what was judged, 0..6; ``None`` where there was nothing to judge.
+        reason: one sentence.
+    """
+
+    reward: bool
+    match: float | None
+    reason: str
+
+
+@value
+class Recognition:
+    """Whether the object is known (mode 2).
+
+    Attributes:
+        verdict: reward when it is known.
+        candidates: how many experiences lay within the attribute distance.
+        nearest: the name of the experience that matched best.
+    """
+
+    verdict: Verdict
+    candidates: int
+    nearest: str | None
+
+
+def judge(match: float | None, threshold: float, *, subject: str = "TFVADI") -> Verdict:
+    """Reward when the match meets the threshold, else a penalty.
+
+    Args:
+        match: 0..6, or ``None`` when there is no virtual grasp.
+        threshold: to be met, with 1e-9 of slack.
+        subject: what the number is called in the reason.
+    """
+    if match is None:
+        return Verdict(reward=False, match=None, reason="no virtual grasp: a finger misses the object")
+    met = match >= threshold - SLACK
+    relation = "meets" if met else "is under"
+    reason = f"{subject} {match:.2f} {relation} the threshold {threshold:.2f}"
+    return Verdict(reward=met, match=match, reason=reason)
+
+
+def attribute_distance(a: Attributes, b: Attributes) -> float:
+    """How unlike two objects are: the largest |logarithm of a ratio| of W, H, D, area and volume [C].
+
+    The counts of table 2 are left out: they change whenever the same object is exported anew. A volume
+    under a thousandth of the bounding box (an open sheet) says nothing and is left out as well.
+    """
+    ratios = [np.abs(np.log(a.extents / b.extents)).max(), abs(np.log(a.area / b.area))]
+    box_a, box_b = float(np.prod(a.extents)), float(np.prod(b.extents))
+    if a.volume > 1e-3 * box_a or b.volume > 1e-3 * box_b:
+        ratios.append(abs(np.log(max(a.volume, 1e-6 * box_a) / max(b.volume, 1e-6 * box_b))))
+    return float(max(ratios))
+
+
+def recognise(
+    analyser: Analyser,
+    experiences: Sequence[Experience],
+    threshold: float,
+    sets: FuzzySets,
+    *,
+    distance: Callable[[Attributes, Attributes], float] = attribute_distance,
+    within: float = SAME_OBJECT,
+) -> Recognition:
+    """Is the present object one that the memory knows? (mode 2)
+
+    For each experience of an object within the attribute distance, the analyser runs on the
+    **present** mesh at the stored plane, flip, approach value and fingers; recognition is the largest
+    TFVADI between that new net wrench and the stored one, no contact counting 0 [R].
+
+    Args:
+        analyser: prepared for the present object.
+        experiences: of the present hand.
+        threshold: to be met.
+        sets: membership functions.
+        distance: between two objects' attributes.
+        within: largest distance of a candidate.
+    """
+    here = analyser.mesh.attributes
+    near = [e for e in experiences if distance(here, e.attributes) <= within]
+    best, name = 0.0, None
+    for e in _distinct(near):
+        aim = Aim(planes=[e.plane], values=[e.approach_value], fingers=[e.fingers], flips=[e.flip])
+        found = analyser.explore(e.wrench, aim)
+        match = float(tfvadi(e.wrench, found.wrench[0], sets)) if len(found) else 0.0
+        if match > best:
+            best, name = match, e.object_name
+    if not near:
+        return Recognition(
+            verdict=Verdict(reward=False, match=None, reason="no known object has its size and shape"),
+            candidates=0,
+            nearest=None,
+        )
+    verdict = judge(best, threshold, subject=f"recognition as {name or near[0].object_name}:")
+    return Recognition(verdict=verdict, candidates=len(near), nearest=name)
+
+
+def _distinct(experiences: Sequence[Experience]) -> list[Experience]:
+    """One experience for each way of grasping: repeated ones would be tried for nothing."""
+    ways = {
+        (e.plane, e.flip, round(e.approach_value, 6), e.fingers, e.wrench.round(6).tobytes()): e
+        for e in experiences
+    }
+    return list(ways.values())

@@ -1,0 +1,111 @@
+"""Every error that preshape raises on purpose, on one screen.
+
+::
+
+    PreshapeError                 the root; ``exit_code`` is what the command line returns
+    ├── InputError           2    what was given cannot be used: the sentence says what to change
+    │   ├── ObjectError           an object file or mesh
+    │   ├── TaskError             a task
+    │   ├── HandError             a hand description
+    │   ├── MemoryFileError       a file that is not a memory, or one of a newer version
+    │   └── UnknownName           a name that is not known; lists the nearest ones
+    │       ├── UnknownObject
+    │       ├── UnknownTask
+    │       └── UnknownHand
+    └── EnvironmentFailure   3    files, disk, environment: the input may be right
+
+A bad argument is an exception; a bad grasp is a result with a status and a reason.
+Every message is one sentence or two: what was expected, what came, what to do.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+from typing import ClassVar
+
+
+class PreshapeError(Exception):
+    """Root of all errors of this package.
+
+    Attributes:
+        exit_code: what the command line returns for this error.
+    """
+
+    exit_code: ClassVar[int] = 2
+
+
+class InputError(PreshapeError):
+    """What was given cannot be used."""
+
+
+class ObjectError(InputError):
+    """An object file or mesh that cannot be grasped as it is."""
+
+
+class TaskError(InputError):
+    """A task that is not six finite numbers, a known name, or a displacement."""
+
+
+class HandError(InputError):
+    """A hand description that is incomplete or contradicts itself."""
+
+
+class MemoryFileError(InputError):
+    """A memory file that is not one, or that a newer version wrote."""
+
+
+class UnknownName(InputError):
+    """A name that does not exist.
+
+    Args:
+        name: what was asked for.
+        known: the names that exist.
+
+    Survives pickling: both arguments are kept in ``args``.
+
+    >>> str(UnknownHand("utah", ["utah_mit", "shadow"]))
+    "no hand 'utah'; did you mean utah_mit? Known: utah_mit, shadow"
+    """
+
+    noun: ClassVar[str] = "name"
+
+    def __init__(self, name: str, known: Iterable[str]) -> None:
+        self.name = name
+        self.known = tuple(known)
+        super().__init__(name, self.known)
+
+    def nearest(self, count: int = 3) -> tuple[str, ...]:
+        """The known names most like the one asked for, best first."""
+        close = difflib.get_close_matches(self.name.lower(), self.known, n=count, cutoff=0.4)
+        inside = [known for known in self.known if self.name.lower() in known.lower()]
+        return tuple(dict.fromkeys([*inside, *close]))[:count]
+
+    def __str__(self) -> str:
+        hint = self.nearest()
+        guess = f"; did you mean {' or '.join(hint)}?" if hint else ";"
+        return f"no {self.noun} {self.name!r}{guess} Known: {', '.join(self.known)}"
+
+
+class UnknownObject(UnknownName):
+    """No library object of that name, and no file either."""
+
+    noun = "object"
+
+
+class UnknownTask(UnknownName):
+    """No task family of that name."""
+
+    noun = "task"
+
+
+class UnknownHand(UnknownName):
+    """No hand of that name."""
+
+    noun = "hand"
+
+
+class EnvironmentFailure(PreshapeError):
+    """A file, the disk or the environment failed; the input may be right."""
+
+    exit_code: ClassVar[int] = 3

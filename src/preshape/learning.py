@@ -1,0 +1,173 @@
+"""The learning element (LE, §3.5): the fuzzy explorer and the incremental learning unit.
+
+Training starts with a simple cube. Every object learnt later adds its experiences to the training
+data; the old ones stay, so learning an object does not forget the earlier ones.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from .analyser import Aim, Analyser, Exploration, VirtualGrasp
+from .estimator import encode, inputs
+from .fuzzy import FuzzySets, approaching_degrees
+from .planes import PLANES
+from .training import train
+from .types import Array, BoolArray, Experience, NetworkWeights, value
+
+FINE_VALUES: Array = np.linspace(-0.95, 0.95, 64)
+"""Approach values that modes 1 and 3 try between the crisp ones [C]."""
+
+
+@value
+class Discovery:
+    """What the fuzzy explorer found for a task.
+
+    Attributes:
+        answer: the best virtual grasp of all, at any approach value.
+        taught: the one to learn: on the answer's plane, the best at a crisp approach value.
+        found: everything, best first.
+    """
+
+    answer: VirtualGrasp
+    taught: VirtualGrasp
+    found: Exploration
+
+
+def explore(
+    analyser: Analyser, q: Array, sets: FuzzySets, allowed: BoolArray | None = None
+) -> Discovery | None:
+    """The fuzzy explorer: search all planes, flips, sets and finger counts for the best match (mode 3).
+
+    Crisp approach values are searched for what is taught, and the values between them for the answer
+    itself [C]. Among equal matches a crisp value wins.
+
+    Args:
+        analyser: prepared for the object.
+        q: (6,) task Q.
+        sets: membership functions.
+        allowed: (12,) which planes may be used; all by default.
+
+    Returns:
+        ``None`` when no fingers find the object anywhere.
+    """
+    planes = [p.index for p in PLANES if allowed is None or allowed[p.index - 1]]
+    crisp = sets.crisp()
+    found = analyser.explore(q, Aim(planes=planes, values=search_values(sets)))
+    if not len(found):
+        return None
+    is_crisp = np.isin(found.value, crisp)
+    best = found.match >= found.match[0] - 1e-9
+    answer = int(np.flatnonzero(best & is_crisp)[0]) if (best & is_crisp).any() else 0
+    same_plane = np.flatnonzero(is_crisp & (found.plane == found.plane[answer]))
+    taught = int(same_plane[0]) if len(same_plane) else answer
+    return Discovery(
+        answer=analyser.grasp(q, found, answer), taught=analyser.grasp(q, found, taught), found=found
+    )
+
+
+def search_values(sets: FuzzySets) -> Array:
+    """Crisp approach values and the finer ones between them, ascending."""
+    return np.unique(np.concatenate([sets.crisp(), FINE_VALUES]))
+
+
+def experiences_of(
+    analyser: Analyser, object_name: str, q: Array, discovery: Discovery, sets: FuzzySets
+) -> list[Experience]:
+    """What is worth remembering of a search: (Q, object), (BPT, object), and a landmark.
+
+    The net wrench found is the *best possible task* (BPT) [P]: a task that this grasp matches as well as
+    any can. The landmark is the virtual grasp whose wrench resembles itself most; it serves
+    recognition alone, because a pattern that lies between fuzzy sets would not know itself [C].
+    """
+    grasp = discovery.taught
+    self_match = approaching_degrees(discovery.found.wrench, discovery.found.wrench, sets).sum(axis=1)
+    landmark = analyser.grasp(q, discovery.found, int(np.argmax(np.round(self_match, 9))))
+
+    def remember(kind: str, task: Array, g: VirtualGrasp) -> Experience:
+        return Experience(
+            kind=kind,
+            object_name=object_name,
+            hand=analyser.layout.name,
+            attributes=analyser.mesh.attributes,
+            task=task,
+            plane=g.plane.index,
+            flip=g.flip,
+            approach_value=g.approach_value,
+            approach_set=g.approach_set,
+            fingers=g.fingers,
+            wrench=g.net_wrench,
+            match=float(approaching_degrees(task, g.net_wrench, sets).sum()),
+        )
+
+    return [
+        remember("task", q, grasp),
+        remember("best", grasp.net_wrench, grasp),
+        remember("landmark", landmark.net_wrench, landmark),
+    ]
+
+
+def seed_tasks() -> Array:
+    """(48, 6) the tasks of the first training: Q1- and Q2-type tasks of the twelve planes, both signs [C].
+
+    For a plane (a, o) and a sign s: Q1 = translations along a and s·o, rotation about s·o; Q2 = the same
+    translations, rotation about s·a (table 1 has both for a = X, o = Y, s = +1).
+    """
+    tasks = []
+    for p in PLANES:
+        a, o = p.approach_axis, p.opposition_axis
+        for sign in (1.0, -1.0):
+            move = a + sign * o
+            tasks += [_task(move, sign * o), _task(move, sign * a)]
+    return np.array(tasks)
+
+
+def seed_experiences(analyser: Analyser, sets: FuzzySets, object_name: str = "cube") -> list[Experience]:
+    """What the system knows before it has met anything: the cube under the 48 seed tasks (§3.5)."""
+    seeds = []
+    for q in seed_tasks():
+        discovery = explore(analyser, q, sets)
+        if discovery is None:
+            continue
+        first = experiences_of(analyser, object_name, q, discovery, sets)[0]
+        seeds.append(replace(first, kind="seed"))
+    return seeds
+
+
+def training_set(experiences: Sequence[Experience], u: float) -> tuple[Array, Array]:
+    """Inputs and output bits of all experiences that are trained on.
+
+    Where the same task on the same object was learnt twice, the later one counts.
+
+    Args:
+        experiences: of one hand, in the order in which they were met.
+        u: the hand's U [m].
+
+    Returns:
+        (n, 13) inputs and (n, 9) bits.
+    """
+    rows: dict[bytes, tuple[Array, Array]] = {}
+    for e in experiences:
+        if e.kind == "landmark":
+            continue
+        x = inputs(e.task, e.attributes, u)
+        rows[np.round(x, 6).tobytes()] = (x, encode(e.plane, e.approach_set, e.fingers))
+    pairs = list(rows.values())
+    return np.array([x for x, _ in pairs]), np.array([y for _, y in pairs])
+
+
+def learn(
+    experiences: Sequence[Experience], u: float, start: NetworkWeights | None, *, seed: int = 0
+) -> NetworkWeights:
+    """Train the estimator on everything met so far, from the weights it has."""
+    x, y = training_set(experiences, u)
+    return train(x, y, start=start, seed=seed)
+
+
+def _task(move: Array, turn: Array) -> Array:
+    t = np.where(np.abs(move) > 0.5, move, 0.1)
+    r = np.where(np.abs(turn) > 0.5, 0.8 * turn, 0.05)
+    return np.concatenate([t, r])

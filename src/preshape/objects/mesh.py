@@ -1,0 +1,116 @@
+"""A triangle mesh as a value: vertices, triangles, and what follows from them."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..exceptions import ObjectError
+from ..types import Array, Attributes, IntArray
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class TriangleMesh:
+    """Triangles in the object's own frame.
+
+    The COG is the centre of the axis-aligned bounding box (eq. 1-2) [P], **not** the centroid; the
+    object's axes W, H, D are the file's x, y, z.
+
+    Attributes:
+        name: the object's name, for people.
+        vertices: (n, 3) positions [m].
+        triangles: (m, 3) indices into ``vertices``, outward by the right-hand rule where the file is
+            consistent.
+        counts: vertices, vertex normals, faces and triangles **as the file has them** (table 2);
+            ``None`` takes them from the arrays.
+        mass: [kg], where it is known.
+
+    Raises:
+        ObjectError: see :func:`preshape.objects.load.load_object` for what is refused.
+    """
+
+    name: str
+    vertices: Array
+    triangles: IntArray
+    counts: tuple[int, int, int, int] | None = None
+    mass: float | None = None
+
+    def __post_init__(self) -> None:
+        vertices = np.array(self.vertices, dtype=np.float64)
+        triangles = np.array(self.triangles, dtype=np.int64)
+        if vertices.ndim != 2 or vertices.shape[1] != 3:
+            raise ObjectError(f"{self.name}: vertices must be n×3, got shape {vertices.shape}")
+        if triangles.ndim != 2 or triangles.shape[1] != 3:
+            raise ObjectError(f"{self.name}: triangles must be m×3, got shape {triangles.shape}")
+        vertices.setflags(write=False)
+        triangles.setflags(write=False)
+        object.__setattr__(self, "vertices", vertices)
+        object.__setattr__(self, "triangles", triangles)
+
+    @cached_property
+    def corners(self) -> Array:
+        """(m, 3, 3) the corners of each triangle [m]."""
+        return self.vertices[self.triangles]
+
+    @cached_property
+    def bounds(self) -> Array:
+        """(2, 3) lower and upper corner of the bounding box [m], of the vertices that are used."""
+        flat = self.corners.reshape(-1, 3)
+        return np.array([flat.min(axis=0), flat.max(axis=0)])
+
+    @cached_property
+    def extents(self) -> Array:
+        """(3,) W, H, D [m]."""
+        return self.bounds[1] - self.bounds[0]
+
+    @cached_property
+    def cog(self) -> Array:
+        """(3,) centre of the bounding box [m] (eq. 1-2)."""
+        return (self.bounds[0] + self.bounds[1]) / 2
+
+    @cached_property
+    def _crosses(self) -> Array:
+        a, b, c = (self.corners[:, i] for i in range(3))
+        return np.cross(b - a, c - a)
+
+    @cached_property
+    def areas(self) -> Array:
+        """(m,) triangle areas [m²]."""
+        return np.linalg.norm(self._crosses, axis=1) / 2
+
+    @cached_property
+    def normals(self) -> Array:
+        """(m, 3) unit normals by the right-hand rule; zero for a triangle without area."""
+        length = 2 * self.areas[:, None]
+        return np.divide(self._crosses, length, out=np.zeros_like(self._crosses), where=length > 0)
+
+    @cached_property
+    def area(self) -> float:
+        """Surface area [m²]."""
+        return float(self.areas.sum())
+
+    @cached_property
+    def volume(self) -> float:
+        """Signed volume [m³], about the COG; where the mesh has holes they are closed by cones to it."""
+        a = self.corners[:, 0] - self.cog
+        return float(np.einsum("ij,ij->i", a, self._crosses).sum() / 6)
+
+    @cached_property
+    def attributes(self) -> Attributes:
+        """Attributes of the paper's table 2, with area and volume beside them."""
+        counts = self.counts
+        if counts is None:
+            n, m = len(np.unique(self.triangles)), len(self.triangles)
+            counts = n, n, m, m
+        vertices, normals, faces, triangles = counts
+        return Attributes(
+            extents=self.extents,
+            vertices=vertices,
+            vertex_normals=normals,
+            faces=faces,
+            triangles=triangles,
+            area=self.area,
+            volume=abs(self.volume),
+        )
