@@ -188,7 +188,7 @@ class Controller:
     ) -> Decision:
         """Explore, learn, and test oneself with the user's task: mode 0, then mode 1."""
         threshold = self.settings.thresholds.estimation
-        discovery = explore(pa, task.q, self.settings.sets, allowed)
+        discovery = explore(pa, task.q, self.settings.sets, enough=threshold, allowed=allowed)
         if discovery is None:
             reason = "no virtual grasp on any allowed plane: fingers and thumb never meet the object together"
             steps.append(Transition(mode=3, outcome="no grasp", reason=reason))
@@ -226,7 +226,8 @@ class Controller:
         self.memory.add(new, weights)
         self._experiences, self._weights = everything, weights
         return (
-            f"{pa.mesh.name} with this task and its best possible task; {weights.trained_on} samples, "
+            f"{pa.mesh.name} on plane {discovery.taught.plane.index}, with this task and its best possible "
+            f"task; {weights.trained_on} samples, "
             f"mean-square error {weights.mean_square_error:.1e}"
         )
 
@@ -293,7 +294,9 @@ class Controller:
         self._weights = self.memory.weights(self.layout.name)
         if not self._experiences:
             cube = self._prepare(load_library_object("cube"))
-            seeds = tuple(seed_experiences(cube, self.settings.sets))
+            seeds = tuple(
+                seed_experiences(cube, self.settings.sets, enough=self.settings.thresholds.estimation)
+            )
             self._weights = learn(seeds, self.layout.u, None, seed=self.settings.seed)
             if not self.memory.read_only:
                 self.memory.add(seeds, self._weights)

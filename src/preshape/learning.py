@@ -12,6 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from .analyser import Aim, Analyser, Exploration, VirtualGrasp
+from .critic import SLACK
 from .estimator import encode, inputs
 from .fuzzy import FuzzySets, approaching_degrees
 from .planes import PLANES
@@ -28,7 +29,7 @@ class Discovery:
 
     Attributes:
         answer: the best virtual grasp of all, at any approach value.
-        taught: the one to learn: on the answer's plane, the best at a crisp approach value.
+        taught: the one to learn: the best that a crisp approach value can recall.
         found: everything, best first.
     """
 
@@ -38,35 +39,52 @@ class Discovery:
 
 
 def explore(
-    analyser: Analyser, q: Array, sets: FuzzySets, allowed: BoolArray | None = None
+    analyser: Analyser,
+    q: Array,
+    sets: FuzzySets,
+    *,
+    enough: float,
+    allowed: BoolArray | None = None,
+    values: Array | None = None,
 ) -> Discovery | None:
     """The fuzzy explorer: search all planes, flips, sets and finger counts for the best match (mode 3).
 
     Crisp approach values are searched for what is taught, and the values between them for the answer
-    itself [C]. Among equal matches a crisp value wins.
+    itself; among equal matches a crisp value wins. The estimator can recall crisp values only, so what is
+    taught stays on the answer's plane where a crisp value there is good enough, else moves to the best
+    plane on which one is, and stays after all when there is none [C].
 
     Args:
         analyser: prepared for the object.
         q: (6,) task Q.
         sets: membership functions.
+        enough: TFVADI that counts as success.
         allowed: (12,) which planes may be used; all by default.
+        values: approach values; crisp ones and those between by default.
 
     Returns:
         ``None`` when no fingers find the object anywhere.
     """
     planes = [p.index for p in PLANES if allowed is None or allowed[p.index - 1]]
-    crisp = sets.crisp()
-    found = analyser.explore(q, Aim(planes=planes, values=search_values(sets)))
+    found = analyser.explore(q, Aim(planes=planes, values=search_values(sets) if values is None else values))
     if not len(found):
         return None
-    is_crisp = np.isin(found.value, crisp)
-    best = found.match >= found.match[0] - 1e-9
-    answer = int(np.flatnonzero(best & is_crisp)[0]) if (best & is_crisp).any() else 0
-    same_plane = np.flatnonzero(is_crisp & (found.plane == found.plane[answer]))
-    taught = int(same_plane[0]) if len(same_plane) else answer
+    crisp = np.isin(found.value, sets.crisp())
+    best = found.match >= found.match[0] - SLACK
+    answer = _first(best & crisp, 0)
+    recalled = crisp & (found.match >= enough - SLACK)
+    home = found.plane[answer]
+    if recalled.any() and not (recalled & (found.plane == home)).any():
+        home = found.plane[_first(np.isin(found.plane, found.plane[recalled]), answer)]
+    taught = _first(crisp & (found.plane == home), answer)
     return Discovery(
         answer=analyser.grasp(q, found, answer), taught=analyser.grasp(q, found, taught), found=found
     )
+
+
+def _first(mask: BoolArray, otherwise: int) -> int:
+    """Index of the first True: the best one, as everything found is in order."""
+    return int(np.argmax(mask)) if mask.any() else otherwise
 
 
 def search_values(sets: FuzzySets) -> Array:
@@ -125,11 +143,13 @@ def seed_tasks() -> Array:
     return np.array(tasks)
 
 
-def seed_experiences(analyser: Analyser, sets: FuzzySets, object_name: str = "cube") -> list[Experience]:
+def seed_experiences(
+    analyser: Analyser, sets: FuzzySets, *, enough: float, object_name: str = "cube"
+) -> list[Experience]:
     """What the system knows before it has met anything: the cube under the 48 seed tasks (§3.5)."""
     seeds = []
     for q in seed_tasks():
-        discovery = explore(analyser, q, sets)
+        discovery = explore(analyser, q, sets, enough=enough, values=sets.crisp())
         if discovery is None:
             continue
         first = experiences_of(analyser, object_name, q, discovery, sets)[0]
