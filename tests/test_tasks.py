@@ -434,7 +434,7 @@ def test_a_family_obeys_its_axis(name):
         ("turn:-y", [0.1, 0.1, 0.1, 0.05, -0.8, 0.05], "turning about -Y"),
         ("screw:+z", [0.1, 0.1, 0.5, 0.05, 0.05, 0.8], "along +Z, turning about +Z"),
         ("unscrew:+z", [0.1, 0.1, -0.3, 0.05, 0.05, -1], "along -Z, turning about -Z"),
-        ("pour:y", [0.1, 0.1, 0.5, 0.05, 0.8, 0.05], "along +Z, turning about +Y"),
+        ("pour:y", [0.1, 0.1, 0.9, 0.05, 0.8, 0.05], "along +Z, turning about +Y"),
         ("lever:+x", [0.1, 0.1, 1, 0.8, 0.05, 0.05], "along +Z, turning about +X"),
     ],
 )

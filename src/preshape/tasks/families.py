@@ -80,9 +80,9 @@ _FAMILIES = (
         name="pour",
         title="Pour",
         means="Tilt the object about the horizontal axis {a} while raising it along {s}, which is up. "
-        "Load: the weight, and the torque of what runs out.",
+        "Load: the weight, less what has run out, and the torque of what runs.",
         axis="+x",
-        translation=(0.0, 1.0, 0.0),
+        translation=(0.0, 0.9, 0.0),
         rotation=(0.8, 0.0, 0.0),
         up="s",
     ),

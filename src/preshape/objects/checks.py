@@ -1,0 +1,143 @@
+"""Is this a mesh that a hand can be placed on? Each refusal is one sentence that says what to change."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ..exceptions import InputError, ObjectError
+from ..types import Array, IntArray
+
+UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "inch": 0.0254}
+"""Metres in each unit that a file may be written in."""
+
+SMALLEST, LARGEST = 1e-4, 10.0
+"""Accepted range of the largest extent [m]: outside it the unit is surely wrong [C]."""
+
+FLATNESS = 1e-6
+"""Smallest extent, as a part of the largest, that is still a body [C]."""
+
+SLIVER = 1e-12
+"""Height, as a part of the largest extent, below which a triangle has no area: rounding noise [C]."""
+
+
+def metres(unit: str, scale: float) -> float:
+    """Factor from the file's numbers to metres.
+
+    Raises:
+        InputError: an unknown unit, or a scale that is not a positive, finite number.
+    """
+    if unit not in UNITS:
+        raise InputError(f"unknown unit {unit!r}; known: {', '.join(UNITS)}")
+    if isinstance(scale, bool) or not isinstance(scale, int | float | np.number):
+        raise InputError(f"scale must be a positive, finite number, got {scale!r}")
+    if not (math.isfinite(scale) and scale > 0):
+        raise InputError(f"scale must be a positive, finite number, got {scale}")
+    return UNITS[unit] * float(scale)
+
+
+def has_faces(name: str, vertices: int, faces: int) -> None:
+    """Refuse an empty mesh and a point cloud."""
+    if not vertices:
+        raise ObjectError(f"{name}: found no vertices; expected a mesh of vertices and faces")
+    if not faces:
+        raise ObjectError(
+            f"{name}: found {vertices} vertices but no faces: this is a point cloud; "
+            "give a surface mesh, for instance a reconstruction of it"
+        )
+
+
+def finite(name: str, vertices: Array, first: int) -> None:
+    """Refuse positions that are NaN or infinite; ``first`` is the format's number of the first vertex."""
+    if not np.isfinite(vertices).all():
+        bad = ~np.isfinite(vertices).all(axis=1)
+        index = int(bad.argmax())
+        raise ObjectError(
+            f"{name}: {bad.sum()} of {len(vertices)} vertices are not finite, the first is vertex "
+            f"{index + first} at {vertices[index]}; repair or re-export the mesh"
+        )
+
+
+def enough_corners(name: str, sizes: IntArray) -> None:
+    """Refuse faces that are points or lines."""
+    bad = sizes < 3
+    if bad.any():
+        index = int(bad.argmax())
+        raise ObjectError(
+            f"{name}: face {index + 1} of {len(sizes)} has {sizes[index]} corners, a face needs 3 or more; "
+            "the file is damaged or cut short"
+        )
+
+
+def in_range(
+    name: str, corners: IntArray, sizes: IntArray, count: int, first: int, written: IntArray | None
+) -> None:
+    """Refuse faces that ask for vertices which do not exist."""
+    bad = (corners < 0) | (corners >= count)
+    if bad.any():
+        index = int(bad.argmax())
+        face = int(np.searchsorted(np.cumsum(sizes), index, side="right"))
+        asked = corners[index] + first if written is None else written[index]
+        raise ObjectError(
+            f"{name}: face {face + 1} of {len(sizes)} asks for vertex {asked}, the file has vertices "
+            f"{first} to {count - 1 + first}; the file is damaged or cut short"
+        )
+
+
+def solid_triangles(name: str, vertices: Array, triangles: IntArray) -> IntArray:
+    """The triangles that have area.
+
+    Args:
+        name: the file, for messages.
+        vertices: (n, 3) finite positions [m].
+        triangles: (m, 3) valid indices, at least one.
+
+    Raises:
+        ObjectError: none has, or the size makes no sense in metres.
+    """
+    # One array for each coordinate of each corner: several times faster than (m, 3, 3) at a million.
+    corners = [[np.ascontiguousarray(axis)[column] for axis in vertices.T] for column in triangles.T]
+    low = np.array([min(corner[axis].min() for corner in corners) for axis in range(3)])
+    high = np.array([max(corner[axis].max() for corner in corners) for axis in range(3)])
+    with np.errstate(over="ignore"):
+        extents = high - low
+    largest = float(extents.max())
+    empty = f"{name}: all {len(triangles)} triangles have zero area; give a surface mesh"
+    if largest == 0:
+        raise ObjectError(empty)
+    if not SMALLEST <= largest <= LARGEST:
+        size = " × ".join(f"{extent:.3g}" for extent in extents)
+        raise ObjectError(
+            f"{name}: the object is {size} m, its largest extent must lie between {SMALLEST:g} and "
+            f"{LARGEST:g} m; give the file's unit (such as --unit mm) or a factor (--scale)"
+        )
+    a, b, c = corners
+    u = [q - p for p, q in zip(a, b, strict=True)]
+    v = [q - p for p, q in zip(a, c, strict=True)]
+    w = [q - p for p, q in zip(b, c, strict=True)]
+    longest = np.sqrt(np.maximum(np.maximum(_dot(u, u), _dot(v, v)), _dot(w, w)))
+    cross = [u[i] * v[j] - u[j] * v[i] for i, j in ((1, 2), (2, 0), (0, 1))]
+    solid = np.sqrt(_dot(cross, cross)) > SLIVER * largest * longest
+    if not solid.any():
+        raise ObjectError(empty)
+    return triangles if solid.all() else triangles[solid]
+
+
+def _dot(a: list[Array], b: list[Array]) -> Array:
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+def body(name: str, extents: Array) -> None:
+    """Refuse a flat mesh.
+
+    Raises:
+        ObjectError: one extent is (next to) nothing.
+    """
+    if extents.min() < FLATNESS * extents.max():
+        axis = "xyz"[int(extents.argmin())]
+        size = " × ".join(f"{extent:.3g}" for extent in extents)
+        raise ObjectError(
+            f"{name}: the mesh is flat, {size} m with no thickness along {axis}; "
+            "give a body with thickness, not a sheet"
+        )

@@ -1,0 +1,1 @@
+"""The shapes behind the object library, made by our own parametric code."""

@@ -1,0 +1,182 @@
+"""The built-in objects: everyday things at the size of a small robot hand, made by our own generator.
+
+Every one is a single watertight surface, outward by the right-hand rule, centred on its bounding box, no
+extent over 0.172 m = 4U of the ``utah_mit`` hand (§2.1). Upright things have up = +z. Nothing is built
+before it is asked for.
+
+>>> entry("mug").tasks[:2]
+('lift', 'pour')
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from functools import cache
+from typing import TYPE_CHECKING
+
+from ..exceptions import ObjectError, UnknownObject
+from ..types import Array, IntArray, value
+from .generator import dolphin, fruit, hardware, primitives, tools, vessels
+from .generator.shapes import finish
+from .mesh import TriangleMesh
+
+if TYPE_CHECKING:
+    from manifold3d import Manifold as Solid
+
+TASK_FAMILIES = (
+    "lift", "push", "pull", "pour", "turn", "screw", "unscrew", "strike",
+    "insert", "twist", "lever", "hand_over", "press", "slide", "shake",
+)  # fmt: skip
+"""Names of the task families that a library object may offer."""
+
+
+@value
+class LibraryObject:
+    """One built-in object.
+
+    Attributes:
+        name: snake_case.
+        description: one line, for people.
+        mass: of a real thing of this size [kg].
+        tasks: the task families that make sense for it, the most natural first.
+        build: makes the (n, 3) vertices [m] and (m, 3) outward triangles, the same ones every time.
+    """
+
+    name: str
+    description: str
+    mass: float
+    tasks: tuple[str, ...]
+    build: Callable[[], tuple[Array, IntArray]]
+
+
+def _object(shape: Callable[[], Solid], mass: float, tasks: str, description: str) -> LibraryObject:
+    """An entry named after the function that shapes it."""
+    return LibraryObject(
+        name=shape.__name__,
+        description=description,
+        mass=mass,
+        tasks=tuple(tasks.split()),
+        build=lambda: finish(shape()),
+    )
+
+
+_OBJECTS = (
+    _object(
+        primitives.cube, 0.034, "lift push turn twist hand_over", "wooden cube, the first training's object"
+    ),
+    _object(primitives.box, 0.10, "lift push pull slide hand_over", "carton lying on its long side"),
+    _object(primitives.prism, 0.09, "lift turn insert hand_over", "hexagonal wooden prism, upright"),
+    _object(primitives.pyramid, 0.06, "lift push hand_over", "square wooden pyramid"),
+    _object(primitives.cylinder, 0.11, "lift turn push hand_over", "wooden cylinder, upright"),
+    _object(primitives.cone, 0.06, "lift push hand_over", "wooden cone, upright"),
+    _object(primitives.sphere, 0.08, "lift turn hand_over shake", "wooden ball"),
+    _object(primitives.ring, 0.06, "lift turn hand_over", "torus, a toy ring, lying flat"),
+    _object(primitives.wedge, 0.06, "insert push slide hand_over", "door wedge, its thin edge towards -x"),
+    _object(primitives.brick, 0.03, "lift press pull hand_over", "toy building brick with two by four studs"),
+    _object(
+        primitives.domino, 0.03, "lift slide push hand_over", "domino stone, three over five, lying flat"
+    ),
+    _object(vessels.mug, 0.30, "lift pour hand_over turn", "coffee mug, its handle on +x"),
+    _object(vessels.bowl, 0.14, "lift pour push hand_over", "cereal bowl on a foot ring"),
+    _object(vessels.plate, 0.16, "lift slide push hand_over", "dinner plate with a broad rim, lying flat"),
+    _object(vessels.wine_glass, 0.10, "lift pour hand_over", "wine glass, upright"),
+    _object(
+        vessels.bottle,
+        0.36,
+        "lift pour shake unscrew screw hand_over",
+        "full water bottle with a ribbed screw cap",
+    ),
+    _object(
+        vessels.jar, 0.33, "unscrew screw lift shake hand_over", "full jam jar, its ribbed lid screwed on"
+    ),
+    _object(
+        vessels.teapot, 0.28, "pour lift hand_over", "round teapot with its lid on, spout on +x, handle on -x"
+    ),
+    _object(vessels.pan, 0.15, "lift pour shake slide hand_over", "small frying pan, its handle on +x"),
+    _object(
+        vessels.spray_bottle,
+        0.30,
+        "press lift shake hand_over",
+        "spray bottle, nozzle on +x, trigger below it",
+    ),
+    _object(
+        tools.hammer, 0.35, "strike lift lever pull hand_over", "claw hammer, handle along z, face on +x"
+    ),
+    _object(
+        tools.screwdriver,
+        0.06,
+        "screw unscrew insert turn hand_over",
+        "flat-blade screwdriver along z, blade down",
+    ),
+    _object(tools.wrench, 0.10, "turn lever pull push hand_over", "double open-ended spanner along x"),
+    _object(tools.spoon, 0.035, "lift pour turn hand_over", "table spoon along x, its bowl on -x"),
+    _object(tools.scissors, 0.07, "lift press hand_over", "household scissors, a little open, lying flat"),
+    _object(tools.pen, 0.02, "lift insert pull slide hand_over", "marker pen along z, its cap at the top"),
+    _object(tools.dumbbell, 1.00, "lift turn shake hand_over", "hexagonal dumbbell along x"),
+    _object(tools.phone, 0.17, "lift slide press hand_over", "mobile phone lying on its back"),
+    _object(
+        tools.flashlight,
+        0.12,
+        "lift twist press shake hand_over",
+        "pocket torch along z, its lamp at the top",
+    ),
+    _object(tools.toothbrush, 0.02, "lift slide hand_over", "toothbrush along x, its bristles up"),
+    _object(hardware.bolt, 0.24, "screw unscrew turn insert", "hexagon-head bolt, its head at the top"),
+    _object(hardware.nut, 0.10, "screw unscrew turn lift", "hexagon nut, lying flat"),
+    _object(hardware.knob, 0.35, "turn twist pull push", "door knob on its rose, its axis along z"),
+    _object(hardware.key, 0.012, "insert turn pull hand_over", "door key along x, lying flat"),
+    _object(hardware.padlock, 0.20, "pull lift turn hand_over", "closed padlock, its shackle at the top"),
+    _object(
+        hardware.light_bulb, 0.05, "screw unscrew lift hand_over", "light bulb, its screw base at the bottom"
+    ),
+    _object(hardware.hand_wheel, 0.30, "turn twist lift", "hand wheel of a valve, lying flat"),
+    _object(fruit.apple, 0.17, "lift twist pull hand_over", "apple with its stem, upright"),
+    _object(fruit.pear, 0.15, "lift twist pull hand_over", "pear with its stem, upright"),
+    _object(fruit.banana, 0.12, "lift pull hand_over", "banana lying flat"),
+    _object(dolphin.dolphin, 0.07, "lift push turn hand_over", "rubber dolphin, leaping, its nose on +x"),
+)
+
+_BY_NAME = {thing.name: thing for thing in _OBJECTS}
+
+
+def names() -> tuple[str, ...]:
+    """The names of the built-in objects, simple ones first."""
+    return tuple(_BY_NAME)
+
+
+def entry(name: str) -> LibraryObject:
+    """The built-in object of that name.
+
+    Raises:
+        UnknownObject: there is none; the message lists the names that exist.
+    """
+    if name not in _BY_NAME:
+        raise UnknownObject(name, _BY_NAME)
+    return _BY_NAME[name]
+
+
+@cache
+def _arrays(name: str) -> tuple[Array, IntArray]:
+    return entry(name).build()
+
+
+def load_library_object(name: str, *, scale: float = 1.0) -> TriangleMesh:
+    """Build one object.
+
+    Args:
+        name: one of :func:`names`.
+        scale: factor on every length; the mass grows with its cube.
+
+    Returns:
+        The mesh [m], with its mass [kg].
+
+    Raises:
+        UnknownObject: no object of that name.
+        ObjectError: the scale is not a positive, finite number.
+    """
+    thing = entry(name)
+    if not (math.isfinite(scale) and scale > 0):
+        raise ObjectError(f"scale must be a positive number, got {scale!r}")
+    vertices, triangles = _arrays(name)
+    return TriangleMesh(name=name, vertices=vertices * scale, triangles=triangles, mass=thing.mass * scale**3)

@@ -1,0 +1,187 @@
+"""Objects from files and from the built-in library: the eye of the environment sensing element (§2.1)."""
+
+from __future__ import annotations
+
+import os
+import stat
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from ..exceptions import EnvironmentFailure, InputError, ObjectError, PreshapeError, UnknownObject
+from . import checks, read_gltf, read_obj, read_off, read_ply, read_stl
+from .mesh import TriangleMesh
+from .read_raw import RawMesh, group_rows
+
+_Reader = Callable[[str, bytes, Path], RawMesh]
+
+_READERS: dict[str, _Reader] = {
+    ".obj": lambda name, data, path: read_obj.read_obj(name, data),
+    ".stl": lambda name, data, path: read_stl.read_stl(name, data),
+    ".ply": lambda name, data, path: read_ply.read_ply(name, data),
+    ".off": lambda name, data, path: read_off.read_off(name, data),
+    ".glb": read_gltf.read_gltf,
+    ".gltf": read_gltf.read_gltf,
+}
+
+SUFFIXES = tuple(_READERS)
+"""Suffixes of the files that can be read."""
+
+_SIGNATURES = {
+    b"\x89PNG": "a PNG image",
+    b"\xff\xd8\xff": "a JPEG image",
+    b"GIF8": "a GIF image",
+    b"BM": "a BMP image",
+    b"%PDF": "a PDF document",
+    b"PK\x03\x04": "a ZIP archive",
+    b"\x1f\x8b": "a gzip archive",
+    b"\x7fELF": "a program",
+}
+
+
+class _UnknownSource(UnknownObject):
+    noun = "file or built-in object"
+
+
+def load_object(source: str | Path, *, unit: str = "m", scale: float = 1.0) -> TriangleMesh:
+    """Read an object from a file, or build one of the library.
+
+    Several parts, groups or scene nodes in one file become one mesh, in the file's own axes. Polygons
+    are cut into triangles, concave ones too. Scans are taken as they are: holes, seams and parts that
+    do not join are fine; triangles without area, triangles given twice and vertices that no triangle
+    uses are left out of the mesh. ``counts`` (table 2) keeps the numbers **of the file**: OBJ, PLY and OFF
+    as they state them, STL and glTF with equal positions counted once; where a file has no normals (or
+    hides their number: PLY, OFF, STL, glTF) there are as many as vertices [C].
+
+    Args:
+        source: a file (.obj, .stl, .ply, .off, .glb, .gltf) or the name of a library object.
+        unit: what the file's numbers are: m, cm, mm, in or inch; library objects are in metres.
+        scale: a further factor on every length.
+
+    Returns:
+        The mesh [m]; a library object with its mass [kg].
+
+    Raises:
+        InputError: an unknown unit, or a scale that is not a positive, finite number.
+        UnknownObject: neither a file nor a library object.
+        ObjectError: no such file; a folder; empty; not a mesh; an unknown suffix; positions that are
+            not finite; no faces; no area; flat; an index out of range; a size that makes no sense.
+        EnvironmentFailure: the file cannot be read.
+    """
+    factor = checks.metres(unit, scale)
+    if not _is_file(source):
+        return _from_library(str(source), unit, float(scale))
+    path, name = Path(source), str(source)
+    suffix = path.suffix.lower()
+    data = _content(path, name, suffix)
+    _refuse_other_kinds(name, suffix, data)
+    try:
+        raw = _READERS[suffix](name, data, path)
+        return _finish(name, path.stem, raw, factor)
+    except (PreshapeError, KeyboardInterrupt):
+        raise
+    except MemoryError as error:
+        raise EnvironmentFailure(
+            f"{name}: not enough memory for {len(data)} bytes; simplify the mesh"
+        ) from error
+    except RecursionError as error:
+        raise ObjectError(f"{name}: nested too deeply to be a mesh; the file is damaged") from error
+    except Exception as error:
+        reason = f"{type(error).__name__}: {error}".splitlines()[0][:120]
+        raise ObjectError(
+            f"{name}: not a {suffix[1:].upper()} mesh, or a damaged one ({reason}); "
+            "re-export it or convert it to OBJ"
+        ) from error
+
+
+def _is_file(source: str | Path) -> bool:
+    """Whether a file is meant: it looks like a path, or something of that name is on the disk."""
+    if not isinstance(source, str):
+        return True
+    from .library import names
+
+    if source in names():
+        return False
+    return bool(Path(source).suffix) or "/" in source or os.sep in source or os.path.exists(source)
+
+
+def _from_library(name: str, unit: str, scale: float) -> TriangleMesh:
+    from .library import load_library_object
+
+    if unit != "m":
+        raise InputError(
+            f"library objects such as {name!r} are in metres, a unit of {unit!r} is for files; use scale"
+        )
+    try:
+        return load_library_object(name, scale=scale)
+    except UnknownObject as error:
+        raise _UnknownSource(error.name, error.known) from None
+
+
+def _content(path: Path, name: str, suffix: str) -> bytes:
+    """The whole file, where it is one that a reader knows."""
+    try:
+        mode = path.stat().st_mode
+        if stat.S_ISDIR(mode):
+            raise ObjectError(f"{name}: this is a folder; name one mesh file in it")
+        if not stat.S_ISREG(mode):
+            raise ObjectError(f"{name}: this is not a regular file; name a mesh file")
+        if suffix not in _READERS:
+            raise ObjectError(
+                f"{name}: a file with suffix {suffix!r} cannot be read as an object; "
+                f"known: {', '.join(SUFFIXES)}"
+            )
+        data = path.read_bytes()
+    except (FileNotFoundError, NotADirectoryError) as error:
+        raise ObjectError(f"{name}: there is no such file; check the path") from error
+    except ValueError as error:
+        raise ObjectError(f"{name!r}: this is not a path; check it") from error
+    except OSError as error:
+        raise EnvironmentFailure(
+            f"{name}: cannot be read ({error.strerror}); check its permissions"
+        ) from error
+    if not data or data.isspace():
+        raise ObjectError(f"{name}: the file is empty; expected a mesh")
+    return data
+
+
+def _refuse_other_kinds(name: str, suffix: str, data: bytes) -> None:
+    """Say what a file with the wrong suffix really is."""
+    if suffix == ".stl" and read_stl.fits(data):  # its first 80 bytes are free
+        return
+    for start, kind in _SIGNATURES.items():
+        if data.startswith(start):
+            raise ObjectError(f"{name}: expected a mesh, this is {kind}; give a mesh file")
+    actual = suffix
+    if data.startswith(b"glTF"):
+        actual = ".glb"
+    elif data[:4] in (b"ply\n", b"ply\r"):
+        actual = ".ply"
+    elif read_off.is_off(data):
+        actual = ".off"
+    elif read_stl.is_text(data) and b"facet" in data[:4096]:
+        actual = ".stl"
+    if actual != suffix and {actual, suffix} != {".glb", ".gltf"}:
+        raise ObjectError(
+            f"{name}: the suffix says {suffix}, the content is {actual[1:].upper()}; "
+            f"rename it to end in {actual}"
+        )
+
+
+def _finish(name: str, stem: str, raw: RawMesh, factor: float) -> TriangleMesh:
+    """Scale, clean and check."""
+    with np.errstate(over="ignore"):
+        vertices = raw.vertices * factor
+    triangles = checks.solid_triangles(name, vertices, raw.triangles)
+    a, b, c = triangles.T
+    turned = triangles.copy()  # each begins with its lowest corner, so that equal ones look equal
+    for lowest, turns in (((b < a) & (b < c), 1), ((c < a) & (c < b), 2)):
+        turned[lowest] = np.roll(triangles[lowest], -turns, axis=1)
+    triangles = triangles[group_rows(turned)[0]]
+    used = np.zeros(len(vertices), dtype=bool)
+    used[triangles.reshape(-1)] = True
+    place = np.cumsum(used) - 1
+    vertices = vertices[used]
+    checks.body(name, vertices.max(axis=0) - vertices.min(axis=0))
+    return TriangleMesh(name=stem, vertices=vertices, triangles=place[triangles], counts=raw.counts)

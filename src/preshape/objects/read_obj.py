@@ -1,0 +1,57 @@
+"""Wavefront OBJ (§2.1): vertices, vertex normals and polygons; all else in the file is passed over."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+
+from ..exceptions import ObjectError
+from .read_raw import RawMesh, assemble
+from .read_text import Lines
+
+
+def read_obj(name: str, data: bytes) -> RawMesh:
+    """Read an OBJ file; all objects and groups become one mesh.
+
+    Positions are shared by their ``v`` number, so that seams in texture or normals do not cut the
+    surface. Relative (negative) numbers count back from the face's own line. The counts of table 2 are
+    those of the ``v``, ``vn`` and ``f`` lines; a file without ``vn`` counts one normal a vertex [C].
+
+    Raises:
+        ObjectError: see :func:`preshape.objects.load.load_object`.
+    """
+    if b"\\" in data:
+        data = re.sub(rb"\\[ \t]*\r?\n", b" ", data)
+    lines = Lines(name, data, "an OBJ mesh")
+    is_vertex, is_face = lines.starting_with(b"v"), lines.starting_with(b"f")
+    if not is_vertex.any() and not is_face.any():
+        raise ObjectError(
+            f"{name}: found no vertex and no face lines, this is not an OBJ mesh; "
+            "check the file and its suffix"
+        )
+    table = lines.table(is_vertex, skip=1)
+    short = table.counts < 3
+    if short.any():
+        at = int(table.lines[short.argmax()])
+        raise ObjectError(
+            f"{name}: line {at} should hold x, y and z, found {lines.text(at - 1)!r}; "
+            "the file is damaged or cut short"
+        )
+    vertices = table.columns(0, 3)
+    faces = lines.table(is_face, skip=1, integers=True)
+    written = faces.values
+    corners = written - 1
+    relative = written < 0
+    if relative.any():
+        before = np.cumsum(is_vertex)[faces.lines - 1]
+        corners[relative] = (written + np.repeat(before, faces.counts))[relative]
+    return assemble(
+        name,
+        vertices,
+        corners,
+        faces.counts,
+        normals=int(lines.starting_with(b"vn").sum()),
+        first=1,
+        written=written,
+    )

@@ -1,0 +1,185 @@
+"""What every reader hands over: positions, triangles, and the numbers that the file states."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..types import Array, BoolArray, IntArray, value
+from . import checks
+
+
+@value
+class RawMesh:
+    """A file's content, indices and numbers checked, in the file's unit.
+
+    Attributes:
+        vertices: (n, 3) positions.
+        triangles: (m, 3) indices into ``vertices``.
+        normals: number of vertex normals.
+        faces: number of polygons, before they were cut into triangles.
+    """
+
+    vertices: Array
+    triangles: IntArray
+    normals: int
+    faces: int
+
+    @property
+    def counts(self) -> tuple[int, int, int, int]:
+        """Vertices, vertex normals, faces, triangles (table 2)."""
+        return len(self.vertices), self.normals, self.faces, len(self.triangles)
+
+
+def assemble(
+    name: str,
+    vertices: Array,
+    corners: IntArray,
+    sizes: IntArray,
+    *,
+    normals: int = 0,
+    first: int = 0,
+    written: IntArray | None = None,
+) -> RawMesh:
+    """Check what a file holds and cut its polygons into triangles.
+
+    Args:
+        name: the file, for messages.
+        vertices: (n, 3) positions.
+        corners: vertex indices from 0, one polygon after another.
+        sizes: (faces,) corners of each polygon.
+        normals: vertex normals in the file; 0 counts one for each vertex.
+        first: what the format calls its first vertex, for messages.
+        written: the indices as the file writes them, for messages.
+
+    Raises:
+        ObjectError: no faces, a position that is not finite, an index out of range, a face with
+            fewer than three corners.
+    """
+    checks.has_faces(name, len(vertices), len(sizes))
+    checks.finite(name, vertices, first)
+    checks.enough_corners(name, sizes)
+    checks.in_range(name, corners, sizes, len(vertices), first, written)
+    return RawMesh(
+        vertices=vertices,
+        triangles=triangulate(vertices, corners, sizes),
+        normals=normals or len(vertices),
+        faces=len(sizes),
+    )
+
+
+def triangulate(vertices: Array, corners: IntArray, sizes: IntArray) -> IntArray:
+    """Cut polygons into triangles, concave ones too, in the order of the file.
+
+    Args:
+        vertices: (n, 3) finite positions.
+        corners: valid vertex indices, one polygon after another.
+        sizes: (faces,) corners of each polygon, 3 or more.
+
+    Returns:
+        (m, 3) indices, turning the same way as their polygons.
+    """
+    if (sizes == 3).all():
+        return corners.reshape(-1, 3)
+    starts = np.cumsum(sizes) - sizes
+    pieces: list[IntArray] = []
+    owners: list[IntArray] = []
+    for size in np.unique(sizes):
+        faces = np.flatnonzero(sizes == size)
+        polygons = corners[starts[faces][:, None] + np.arange(size)]
+        fan, simple = _fan(vertices, polygons)
+        pieces.append(fan[simple].reshape(-1, 3))
+        owners.append(np.repeat(faces[simple], size - 2))
+        for face, polygon in zip(faces[~simple], polygons[~simple], strict=True):
+            cut = _ears(vertices, polygon)
+            pieces.append(cut)
+            owners.append(np.full(len(cut), face))
+    order = np.argsort(np.concatenate(owners), kind="stable")
+    return np.concatenate(pieces)[order]
+
+
+def _fan(vertices: Array, polygons: IntArray) -> tuple[IntArray, BoolArray]:
+    """Fans of (k, n) polygons from their first corner, (k, n - 2, 3), and where that is a right cut."""
+    count = polygons.shape[1]
+    fan = np.empty((len(polygons), count - 2, 3), dtype=np.int64)
+    fan[:, :, 0] = polygons[:, :1]
+    fan[:, :, 1] = polygons[:, 1:-1]
+    fan[:, :, 2] = polygons[:, 2:]
+    a, b, c = (vertices[fan[:, :, k]] for k in range(3))
+    with np.errstate(all="ignore"):
+        crosses = np.cross(b - a, c - a)
+        total = crosses.sum(axis=1, keepdims=True)  # Newell's normal times two areas
+        return fan, ((crosses * total).sum(axis=2) > 0).all(axis=1)
+
+
+def _ears(vertices: Array, polygon: IntArray) -> IntArray:
+    """Cut one polygon, seen along its own normal, by clipping ears; a fan where it has no inside."""
+    import mapbox_earcut
+
+    fan = np.stack([np.full(len(polygon) - 2, polygon[0]), polygon[1:-1], polygon[2:]], axis=1)
+    points = vertices[polygon] - vertices[polygon[0]]
+    size = np.abs(points).max()
+    if not (np.isfinite(size) and size > 0):
+        return fan
+    points = points / size
+    normal = np.cross(points[1:-1], points[2:]).sum(axis=0)
+    length = np.linalg.norm(normal)
+    if length < 1e-12:
+        return fan
+    # Dropping the axis nearest to the normal keeps the polygon simple and needs no basis.
+    axis = int(np.abs(normal).argmax())
+    flat = np.ascontiguousarray(points[:, [(axis + 1) % 3, (axis + 2) % 3]])
+    cut = np.asarray(
+        mapbox_earcut.triangulate_float64(flat, np.array([len(flat)], dtype=np.uint32)), dtype=np.int64
+    ).reshape(-1, 3)
+    if not len(cut):
+        return fan
+    a, b, c = (flat[cut[:, k]] for k in range(3))
+    turn = (b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]
+    backwards = turn * normal[axis] < 0
+    cut[backwards] = cut[backwards][:, ::-1]
+    return polygon[cut]
+
+
+def merge_equal(vertices: Array, triangles: IntArray) -> tuple[Array, IntArray]:
+    """Make one vertex of all that are exactly equal in position, and point the triangles at it."""
+    kept, inverse = group_rows(vertices + 0.0)  # -0 becomes 0
+    return vertices[kept] + 0.0, inverse[triangles]
+
+
+def group_rows(rows: NDArray[np.float64] | NDArray[np.int64]) -> tuple[IntArray, IntArray]:
+    """Group equal rows of three 8-byte numbers.
+
+    Returns:
+        (k,) the first of each group, in order of appearance, and (n,) the group of each row.
+    """
+    bits = np.ascontiguousarray(rows).view(np.uint64)
+    key = np.zeros(len(rows), dtype=np.uint64)
+    for column in bits.T:
+        key = (key ^ column) * np.uint64(0x9E3779B97F4A7C15)
+        key ^= key >> np.uint64(29)
+    order = np.argsort(key)
+    ordered = key[order]
+    if (ordered[1:] != ordered[:-1]).all():
+        every = np.arange(len(rows))
+        return every, every
+    differs = _changes(bits, order)
+    if (differs & (ordered[1:] == ordered[:-1])).any():  # two rows share a key: sort the rows
+        order = np.lexsort(bits.T)
+        differs = _changes(bits, order)
+    new = np.concatenate([[True], differs])
+    group = np.empty(len(rows), dtype=np.int64)
+    group[order] = np.cumsum(new) - 1
+    heads = np.minimum.reduceat(order, np.flatnonzero(new))
+    ranks = np.argsort(heads)
+    place = np.empty(len(heads), dtype=np.int64)
+    place[ranks] = np.arange(len(heads))
+    return heads[ranks], place[group]
+
+
+def _changes(bits: NDArray[np.uint64], order: IntArray) -> BoolArray:
+    """(n - 1,) where a row differs from the one before it, in this order."""
+    ordered = bits[order].T
+    x, y, z = (column[1:] != column[:-1] for column in ordered)
+    changes: BoolArray = x | y | z
+    return changes
