@@ -39,7 +39,7 @@ from .learning import (
 from .memory import Memory
 from .objects.library import load_library_object
 from .objects.mesh import TriangleMesh
-from .planes import allowed_planes, plane
+from .planes import allowed_planes
 from .tasks import Task, all_named_tasks
 from .types import Array, BoolArray, Experience, NetworkWeights
 from .virtual_grasp import RayAnalyser
@@ -209,9 +209,7 @@ class Controller:
 
     # What the modes are made of.
 
-    def _criticise(
-        self, pa: Analyser, q: Array, found: Exploration
-    ) -> tuple[VirtualGrasp | None, Verdict]:
+    def _criticise(self, pa: Analyser, q: Array, found: Exploration) -> tuple[VirtualGrasp | None, Verdict]:
         threshold = self.settings.thresholds.estimation
         if not len(found):
             return None, judge(None, threshold)
@@ -316,7 +314,7 @@ def _step(mode: int, verdict: Verdict, *, met: str = "reward", missed: str = "pe
 def _explored(discovery: Discovery) -> str:
     best, found = discovery.answer, discovery.found
     return (
-        f"{len(found)} virtual grasps of {found.aimed} aimed at; the best is {plane(best.plane.index).label}, "
+        f"{len(found)} virtual grasps of {found.aimed} aimed at; the best is {best.plane.label}, "
         f"{best.fingers} fingers, TFVADI {best.tfvadi:.2f}"
     )
 

@@ -108,7 +108,7 @@ def recognise(
     distance: Callable[[Attributes, Attributes], float] = attribute_distance,
     within: float = SAME_OBJECT,
 ) -> Recognition:
-    """Is the present object one that the memory knows? (mode 2)
+    """Mode 2: is the present object one that the memory knows?
 
     For each experience of an object within the attribute distance, the analyser runs on the
     **present** mesh at the stored plane, flip, approach value and fingers; recognition is the largest

@@ -29,8 +29,8 @@ class Status(Enum):
 
 _HELP = {
     Status.ANSWER: "The preshape below matches the task.",
-    Status.CORRECTION: "The object is known, but the task does not fit it: ask for another task, or teach this one.",
-    Status.DEADLOCK: "The best grasp that there is does not match the task: ask for another task or a lower threshold.",
+    Status.CORRECTION: "The object is known, but the task does not fit: ask for another, or teach this one.",
+    Status.DEADLOCK: "Even the best grasp does not match the task: ask for another, or lower the threshold.",
     Status.NO_GRASP: "No fingers find the object: allow other approaches, or another size.",
 }
 

@@ -6,6 +6,8 @@ approach value, and number of virtual fingers, all in binary.
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 
 from .exceptions import InputError
@@ -111,9 +113,14 @@ def _bits(number: int, width: int) -> Array:
     return np.array([(number >> shift) & 1 for shift in range(width - 1, -1, -1)], dtype=np.float64)
 
 
+@cache
+def _patterns(codes: tuple[int, ...], width: int) -> Array:
+    return np.array([_bits(code, width) for code in codes])
+
+
 def _code_probabilities(bits: Array, codes: IntArray) -> Array:
     """Probability of each code, renormalised over the legal ones."""
-    patterns = np.array([_bits(int(code), len(bits)) for code in codes])
+    patterns = _patterns(tuple(codes.tolist()), len(bits))
     p = np.clip(bits, 1e-9, 1 - 1e-9)
     log = (patterns * np.log(p) + (1 - patterns) * np.log1p(-p)).sum(axis=1)
     odds = np.exp(log - log.max())

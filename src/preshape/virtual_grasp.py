@@ -42,6 +42,19 @@ class _Field:
     triangle: IntArray  # (P, V, 2, 5)
     hit: BoolArray  # (P, V, 2, 5)
     fits: BoolArray  # (P, V, 3): whether 1, 2, 3 fingers fit side by side
+    as_finger: Array  # (P, V, 2, 5, 6): contact wrenches about the COG
+    as_thumb: Array  # (P, V, 2, 6): of the middle place, as the thumb
+
+
+@value
+class _Survey:
+    """What an aim found; the last one is kept, as modes and tasks often share it."""
+
+    aim: tuple[bytes, ...]
+    index: IntArray
+    values: Array
+    field: _Field
+    found: Exploration
 
 
 class RayAnalyser:
@@ -73,7 +86,7 @@ class RayAnalyser:
         self.coefficients = coefficients or ContactCoefficients()
         self.sets = sets or FuzzySets()
         self._cast = cast or RayCaster(mesh).cast
-        self._last: tuple[tuple[bytes, ...], Exploration] | None = None
+        self._last: _Survey | None = None
 
     def explore(self, q: Array, aim: Aim) -> Exploration:
         """All virtual grasps of an aim, best match first.
@@ -85,29 +98,33 @@ class RayAnalyser:
         Raises:
             InputError: a plane, finger count or approach value that does not exist.
         """
-        found = self._candidates(aim)
+        found = self._survey(aim).found
         match = approaching_degrees(q, found.wrench, self.sets).sum(axis=-1)  # eq. 22
         return replace(found, match=match).ranked()
 
-    def _candidates(self, aim: Aim) -> Exploration:
-        """All virtual grasps of an aim, not matched yet; those of the last aim are kept."""
+    def forget(self) -> None:
+        """Drop what is kept from the last aim."""
+        self._last = None
+
+    def _survey(self, aim: Aim) -> _Survey:
+        """All virtual grasps of an aim, not matched yet."""
         index = np.array(aim.planes, dtype=np.int64)
         values = np.array(aim.values, dtype=np.float64)
         counts = np.array(aim.fingers, dtype=np.int64)
         flips = np.array(aim.flips, dtype=bool)
         key = (index.tobytes(), values.tobytes(), counts.tobytes(), flips.tobytes())
-        if self._last is not None and self._last[0] == key:
-            return self._last[1]
+        if self._last is not None and self._last.aim == key:
+            return self._last
         _check_aim(index, values, counts)
         field = self._aim(index, values)
-        as_finger, as_thumb = self._wrenches(field, index)
         shape = (len(index), len(values), len(flips), len(counts))
         wrench = np.zeros((*shape, 6))
         valid = np.zeros(shape, dtype=bool)
         for i, j in np.ndindex(len(flips), len(counts)):
             thumb, other = (1, 0) if flips[i] else (0, 1)
             places = _PLACES[int(counts[j])]
-            wrench[:, :, i, j] = as_thumb[:, :, thumb] + as_finger[:, :, other, places].sum(axis=2)
+            fingers = field.as_finger[:, :, other, places].sum(axis=2)
+            wrench[:, :, i, j] = field.as_thumb[:, :, thumb] + fingers
             valid[:, :, i, j] = (
                 field.hit[:, :, thumb, 0]
                 & field.hit[:, :, other, places].all(axis=2)
@@ -123,24 +140,23 @@ class RayAnalyser:
             match=np.zeros(len(p)),
             aimed=valid.size,
         )
-        self._last = (key, found)
-        return found
+        self._last = _Survey(aim=key, index=index, values=values, field=field, found=found)
+        return self._last
 
     def grasp(self, q: Array, found: Exploration, index: int = 0) -> VirtualGrasp:
         """One virtual grasp in full: contacts, wrenches, matching degrees, screw measures."""
         number, flip = int(found.plane[index]), bool(found.flip[index])
         v, fingers = float(found.value[index]), int(found.fingers[index])
-        field = self._aim(np.array([number]), np.array([v]))
+        field, at = self._at(number, v)
         thumb, other = (1, 0) if flip else (0, 1)
         side = np.array([thumb] + [other] * (fingers - 1))
         place = np.array([0, *_PLACES[fingers]])
 
         def pick(array: Array) -> Array:
-            return array[0, 0, side, place]
+            return array[at][side, place]
 
-        as_finger, as_thumb = self._wrenches(field, np.array([number]))
-        wrenches = as_finger[0, 0, side, place]
-        wrenches[0] = as_thumb[0, 0, thumb]
+        wrenches = pick(field.as_finger)
+        wrenches[0] = field.as_thumb[at][thumb]
         net = net_wrench(wrenches)
         adi = approaching_degrees(q, net, self.sets)
         stability, manipulability = screw_measures(wrenches)
@@ -153,7 +169,7 @@ class RayAnalyser:
             contacts=Contacts(
                 points=pick(field.point),
                 normals_in=pick(field.normal),
-                triangles=field.triangle[0, 0, side, place],
+                triangles=field.triangle[at][side, place],
                 wrenches=wrenches,
                 ray_origins=pick(field.origin),
             ),
@@ -163,6 +179,15 @@ class RayAnalyser:
             stability=stability,
             manipulability=manipulability,
         )
+
+    def _at(self, number: int, v: float) -> tuple[_Field, tuple[int, int]]:
+        """A field that holds this plane and approach value, and where in it they are."""
+        if self._last is not None:
+            p = np.flatnonzero(self._last.index == number)
+            i = np.flatnonzero(self._last.values == v)
+            if len(p) and len(i):
+                return self._last.field, (int(p[0]), int(i[0]))
+        return self._aim(np.array([number]), np.array([v])), (0, 0)
 
     def _aim(self, index: IntArray, values: Array) -> _Field:
         """Cast the rays of all planes and values at once."""
@@ -188,13 +213,18 @@ class RayAnalyser:
         normal = self.mesh.normals[triangle]
         # Inward = with the ray, whichever way a scan's triangles happen to be wound.
         along = np.einsum("...i,...i->...", normal, direction)
+        normal = np.where(along[..., None] < 0, -normal, normal)
+        point = origin + distance[..., None] * direction
+        as_finger, as_thumb = self._wrenches(point, normal, a, t)
         return _Field(
             origin=origin,
-            point=origin + distance[..., None] * direction,
-            normal=np.where(along[..., None] < 0, -normal, normal),
+            point=point,
+            normal=normal,
             triangle=triangle,
             hit=hit,
             fits=fits,
+            as_finger=as_finger,
+            as_thumb=as_thumb,
         )
 
     def _room(self, target: Array, t: Array, half_t: Array) -> Array:
@@ -223,15 +253,13 @@ class RayAnalyser:
         fits = np.stack([zero == 0, pair >= width - slack, triple >= width - slack], axis=-1)
         return offsets, fits
 
-    def _wrenches(self, field: _Field, index: IntArray) -> tuple[Array, Array]:
+    def _wrenches(self, point: Array, normal: Array, a: Array, t: Array) -> tuple[Array, Array]:
         """Contact wrenches about the COG: of every place as a finger, of the middle as the thumb."""
-        a = APPROACH_AXES[index - 1][:, None, None]
-        t = TRANSVERSE_AXES[index - 1][:, None, None]
-        r = (field.point - self.mesh.cog) / self.layout.u
-        as_finger = contact_wrenches(r, field.normal, a, t, -_SIGNS, self.coefficients)
-        as_thumb = contact_wrenches(
-            r[..., :1, :], field.normal[..., :1, :], a, t, np.array([-1]), self.coefficients
-        )
+        r = (point - self.mesh.cog) / self.layout.u
+        axes = (a[:, None, None], t[:, None, None])
+        as_finger = contact_wrenches(r, normal, *axes, -_SIGNS, self.coefficients)
+        thumb = np.array([-1])
+        as_thumb = contact_wrenches(r[..., :1, :], normal[..., :1, :], *axes, thumb, self.coefficients)
         return as_finger, as_thumb[..., 0, :]
 
 

@@ -1,0 +1,57 @@
+# preshape: two commands are enough.
+#   make demo   sets everything up and plans a preshape for a real object
+#   make test   sets everything up and runs all tests
+
+SHELL := /bin/bash
+PYTHON ?= $(shell for p in python3.13 python3.12 python3.11 python3; do \
+	  $$p -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null && { echo $$p; break; }; done)
+VENV ?= .venv
+BIN := $(VENV)/bin
+JOBS ?= 2
+STAMP := $(VENV)/.installed
+OUT ?= out
+
+.PHONY: help setup demo test lint format bench reproduce pictures clean
+
+help:
+	@sed -n '1,/^$$/p' Makefile | sed 's/^# \{0,1\}//'
+	@echo "  make lint | bench | reproduce | pictures | clean"
+
+setup: $(STAMP)
+
+$(STAMP): pyproject.toml constraints.txt
+	@test -n "$(PYTHON)" || { echo "preshape needs Python 3.11 or newer: install it, or say make PYTHON=/path/to/python"; exit 3; }
+	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV) || { \
+	  echo "no virtual environment could be made: on Debian, apt-get install python3-venv"; rm -rf $(VENV); exit 3; }
+	@echo "installing preshape into $(VENV) ..."
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev]'
+	@touch $@
+
+demo: setup
+	@echo; echo '$$ preshape plan mug --task lift --count 3 --memory $(OUT)/demo/memory.sqlite --out $(OUT)/demo'
+	@$(BIN)/preshape plan mug --task lift --count 3 --memory $(OUT)/demo/memory.sqlite --out $(OUT)/demo
+	@echo; echo "Look at $(OUT)/demo/plan.png, then try: $(BIN)/preshape plan hammer --task strike"
+
+test: setup
+	@$(BIN)/python -m pytest -n $(JOBS) $(ARGS)
+
+lint: setup
+	@$(BIN)/ruff check .
+	@$(BIN)/ruff format --check .
+	@$(BIN)/mypy
+
+format: setup
+	@$(BIN)/ruff check --fix .
+	@$(BIN)/ruff format .
+
+bench: setup
+	@$(BIN)/python -m benchmarks $(ARGS)
+
+reproduce: setup
+	@$(BIN)/preshape reproduce --out reports/reproduce $(ARGS)
+
+pictures: setup
+	@$(BIN)/python -m docs.make_pictures
+
+clean:
+	rm -rf $(VENV) $(OUT) build dist src/*.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis

@@ -1,0 +1,1 @@
+"""Benchmarks: `make bench`. A benchmark fails when the answer is wrong, never because a machine is slow."""

@@ -1,0 +1,114 @@
+"""Reading a large OBJ: seconds and peak memory, against trimesh, on a torus whose size is known exactly.
+
+Run it: ``python benchmarks/bench_load.py``. It exits with 1 where the answer is wrong or a target is missed.
+"""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+SIDE = 708  # 2 · 708² = 1 002 528 triangles
+RING, TUBE = 0.05, 0.02
+SECONDS, MEGABYTES = 3.0, 1000.0
+
+# Each reader runs in its own process, so that its peak memory is its own. The time begins before its imports.
+OURS = """
+from preshape.objects.load import load_object
+mesh = load_object(path)
+normals = mesh.normals
+attributes = mesh.attributes
+answer = [attributes.triangles, attributes.vertices, *mesh.extents, attributes.area, attributes.volume]
+"""
+TRIMESH = """
+import trimesh
+mesh = trimesh.load(path, process=False, force="mesh")
+normals = mesh.face_normals
+answer = [len(mesh.faces), len(mesh.vertices), *mesh.extents, mesh.area, mesh.volume]
+"""
+FRAME = """
+import json, resource, sys, time
+import numpy
+path, start = sys.argv[1], time.perf_counter()
+{code}
+seconds = time.perf_counter() - start
+peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024) / 1e6
+print(json.dumps([seconds, peak, [float(number) for number in answer]]))
+"""
+
+
+def torus(path: Path, side: int = SIDE) -> list[float]:
+    """Write a torus as an OBJ with normals; return what a reader must find in it."""
+    turn = np.arange(side) * 2 * np.pi / side
+    around, across = (grid.ravel() for grid in np.meshgrid(turn, turn, indexing="ij"))
+    normals = np.stack([np.cos(across) * np.cos(around), np.cos(across) * np.sin(around), np.sin(across)], 1)
+    ring = np.stack([np.cos(around), np.sin(around), np.zeros(side * side)], 1)
+    points = np.round(RING * ring + TUBE * normals, 7)
+    k = np.arange(side)
+    i, j = np.meshgrid(k, k, indexing="ij")
+    a, b = i * side + j, (i + 1) % side * side + j
+    c, d = (i + 1) % side * side + (j + 1) % side, i * side + (j + 1) % side
+    faces = np.concatenate([np.stack([a, b, c], -1).reshape(-1, 3), np.stack([a, c, d], -1).reshape(-1, 3)])
+    with path.open("w") as file:
+        file.writelines("v %.7f %.7f %.7f\n" % tuple(row) for row in points.tolist())
+        file.writelines("vn %.5f %.5f %.5f\n" % tuple(row) for row in normals.tolist())
+        rows = (faces + 1).tolist()
+        file.writelines(f"f {p}//{p} {q}//{q} {r}//{r}\n" for p, q, r in rows)
+    corners = points[faces]
+    crosses = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    area = float(np.linalg.norm(crosses, axis=1).sum() / 2)
+    volume = float(np.einsum("ij,ij->", corners[:, 0], crosses) / 6)
+    return [len(faces), len(points), *np.ptp(points, axis=0), area, volume]
+
+
+def measure(code: str, path: Path) -> tuple[float, float, list[float]]:
+    """Seconds, peak memory [MB] and the answer of one reader."""
+    command = [sys.executable, "-c", FRAME.format(code=code), str(path)]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    seconds, peak, answer = json.loads(done.stdout)
+    return seconds, peak, answer
+
+
+def run(side: int = SIDE) -> list[dict[str, Any]]:
+    """One row a figure: name, value, unit, target, baseline (trimesh, the same file), ok."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "torus.obj"
+        truth = torus(path, side)
+        seconds, peak, answer = measure(OURS, path)
+        their_seconds, their_peak, _ = measure(TRIMESH, path)
+    error = float(np.abs(np.array(answer) / truth - 1).max())
+    count = f"{truth[0] / 1e6:.2g} M triangles"
+    return [
+        _row(f"load OBJ, {count}", seconds, "s", SECONDS, their_seconds),
+        _row(f"load OBJ, {count}: peak memory", peak, "MB", MEGABYTES, their_peak),
+        _row(f"load OBJ, {count}: error of counts, extents, area, volume", error, "", 1e-9, None),
+    ]
+
+
+def _row(name: str, value: float, unit: str, target: float, baseline: float | None) -> dict[str, Any]:
+    ok = value <= target
+    return {"name": name, "value": value, "unit": unit, "target": target, "baseline": baseline, "ok": ok}
+
+
+def main() -> int:
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table("what", "preshape", "target", "trimesh", "")
+    rows = run()
+    for row in rows:
+        baseline = "" if row["baseline"] is None else f"{row['baseline']:.3g} {row['unit']}"
+        value, target = f"{row['value']:.3g} {row['unit']}", f"≤ {row['target']:g} {row['unit']}"
+        table.add_row(row["name"], value, target, baseline, "ok" if row["ok"] else "MISSED")
+    Console().print(table)
+    return 0 if all(row["ok"] for row in rows) else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,5 @@
+"""``python -m preshape``."""
+
+from .cli.main import main
+
+main()

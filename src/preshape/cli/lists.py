@@ -1,0 +1,133 @@
+"""``preshape objects``, ``tasks`` and ``hands``: what there is."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import click
+
+from .options import json_option
+
+
+@click.command(epilog="Example: preshape objects")
+@json_option
+def objects(as_json: bool) -> None:
+    """List the built-in objects with size, mass and tasks."""
+    from ..objects.library import entry, load_library_object, names
+
+    rows: list[dict[str, Any]] = []
+    for name in names():
+        item, mesh = entry(name), load_library_object(name)
+        rows.append(
+            {
+                "name": name,
+                "description": item.description,
+                "extents": mesh.extents.tolist(),
+                "mass": item.mass,
+                "triangles": len(mesh.triangles),
+                "tasks": list(item.tasks),
+            }
+        )
+    if as_json:
+        from .main import emit
+
+        emit({"status": "answer", "objects": rows})
+        return
+    from rich.table import Table
+
+    table = Table(box=None, header_style="bold", pad_edge=False)
+    for heading, justify in (("object", "left"), ("W × H × D [mm]", "right"), ("mass [g]", "right")):
+        table.add_column(heading, justify=justify, no_wrap=True)  # type: ignore[arg-type]
+    table.add_column("what it is")
+    table.add_column("tasks", style="dim")
+    for row in rows:
+        size = " × ".join(f"{1000 * float(x):.0f}" for x in row["extents"])
+        table.add_row(
+            row["name"], size, f"{1000 * row['mass']:.0f}", row["description"], " ".join(row["tasks"])
+        )
+    _print(table)
+
+
+@click.command(epilog="Example: preshape tasks")
+@json_option
+def tasks(as_json: bool) -> None:
+    """List the named tasks. Another axis goes behind a colon: push:-y, turn:+x."""
+    from ..tasks import FAMILIES, named_task
+
+    rows: list[dict[str, Any]] = []
+    for name, family in FAMILIES.items():
+        task = named_task(name)
+        rows.append(
+            {
+                "name": name,
+                "axis": family.axis,
+                "q": task.q.tolist(),
+                "motion": task.describe(),
+                "means": task.means,
+            }
+        )
+    if as_json:
+        from .main import emit
+
+        emit({"status": "answer", "tasks": rows})
+        return
+    from rich.table import Table
+
+    table = Table(box=None, header_style="bold", pad_edge=False)
+    table.add_column("task", no_wrap=True)
+    table.add_column("Tx   Ty   Tz    Rx   Ry   Rz", no_wrap=True)
+    table.add_column("what it means")
+    for row in rows:
+        q = "".join(f"{x:<5.2g}" for x in row["q"][:3]) + " " + "".join(f"{x:<5.2g}" for x in row["q"][3:])
+        table.add_row(f"{row['name']}[dim]:{row['axis']}[/]", q, row["means"])
+    _print(table)
+
+
+@click.command(epilog="Example: preshape hands")
+@json_option
+def hands(as_json: bool) -> None:
+    """List the hands with their sizes, source and licence."""
+    from ..hands.model import hand_names, load_hand
+
+    rows: list[dict[str, Any]] = []
+    for name in hand_names():
+        hand = load_hand(name)
+        rows.append(
+            {
+                "name": name,
+                "title": hand.title,
+                "fingers": [finger.name for finger in hand.fingers],
+                "joints": len(hand.joints),
+                "U": hand.u,
+                "largest_object": 4 * hand.u,
+                "fingertip_radius": hand.fingers[0].tip_radius,
+                "licence": hand.licence,
+                "source": hand.source,
+            }
+        )
+    if as_json:
+        from .main import emit
+
+        emit({"status": "answer", "hands": rows})
+        return
+    from rich.table import Table
+
+    table = Table(box=None, header_style="bold", pad_edge=False)
+    for heading in ("hand", "fingers", "joints", "U [mm]", "largest object [mm]", "source and licence"):
+        table.add_column(heading)
+    for row in rows:
+        table.add_row(
+            f"{row['name']}\n[dim]{row['title']}[/]",
+            " ".join(row["fingers"]),
+            str(row["joints"]),
+            f"{1000 * row['U']:.0f}",
+            f"{1000 * row['largest_object']:.0f}",
+            f"{row['source']} {row['licence']}",
+        )
+    _print(table)
+
+
+def _print(table: object) -> None:
+    from rich.console import Console
+
+    Console().print(table, highlight=False)

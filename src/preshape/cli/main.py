@@ -1,0 +1,119 @@
+"""Entry point: commands, exit codes, and errors as one clear sentence.
+
+Exit codes: 0 an answer · 1 no answer · 2 bad input · 3 files, disk, environment · 130 interrupted.
+"""
+
+from __future__ import annotations
+
+import importlib
+import json
+import os
+import sys
+from typing import Any
+
+import click
+
+from .._version import __version__
+from ..exceptions import PreshapeError
+
+_COMMANDS = {
+    "plan": ("plan", "Plan a preshape for an object and a task."),
+    "learn": ("learn", "Teach objects to the memory, one after the other."),
+    "objects": ("lists", "List the built-in objects."),
+    "tasks": ("lists", "List the named tasks and what they mean."),
+    "hands": ("lists", "List the hands."),
+    "memory": ("memory", "Show, export, import or reset what was learnt."),
+    "reproduce": ("reproduce", "Reproduce the paper's tables and figures as a report."),
+}  # fmt: skip
+
+EXIT_INTERRUPTED = 130
+
+
+class _Lazy(click.Group):
+    """Commands that are imported when they are used, so that ``--help`` stays quick."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        return list(_COMMANDS)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        if cmd_name not in _COMMANDS:
+            return None
+        module = importlib.import_module(f"preshape.cli.{_COMMANDS[cmd_name][0]}")
+        command: click.Command = getattr(module, cmd_name)
+        return command
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        with formatter.section("Commands"):
+            formatter.write_dl([(name, text) for name, (_, text) in _COMMANDS.items()])
+
+
+@click.group(
+    cls=_Lazy,
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
+    epilog="Example: preshape plan mug --task pour",
+)
+@click.version_option(__version__, prog_name="preshape")
+def app() -> None:
+    """Task-oriented grasp planning for multifingered robot hands.
+
+    Give it an object and what the hand is to do with it; it answers with approach plane, wrist pose,
+    preshape, contacts and squeeze, says why, and learns from every object it meets.
+    """
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Run the command line and leave with its exit code."""
+    given = sys.argv[1:] if arguments is None else arguments
+    sys.exit(run(given))
+
+
+def run(arguments: list[str]) -> int:
+    """Run the command line; returns the exit code. No traceback reaches the user."""
+    as_json = "--json" in arguments
+    try:
+        code = app.main(args=arguments, prog_name="preshape", standalone_mode=False)
+        sys.stdout.flush()
+        return int(code or 0)
+    except click.exceptions.Exit as stop:
+        return int(stop.exit_code)
+    except (KeyboardInterrupt, click.Abort):
+        click.echo("interrupted; everything that was acknowledged is kept", err=True)
+        return EXIT_INTERRUPTED
+    except click.UsageError as error:
+        return _report(_usage(error), 2, as_json)
+    except PreshapeError as error:
+        return _report(str(error), error.exit_code, as_json)
+    except BrokenPipeError:
+        # The reader has gone (as with `| head`): there is nobody left to tell.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+    except (OSError, MemoryError) as error:
+        return _report(f"the environment failed: {str(error) or type(error).__name__}", 3, as_json)
+    except Exception as error:
+        if os.environ.get("PRESHAPE_DEBUG"):
+            raise
+        text = f"{type(error).__name__}: {error}"
+        return _report(f"internal fault ({text}); PRESHAPE_DEBUG=1 shows where, please report it", 3, as_json)
+
+
+def _usage(error: click.UsageError) -> str:
+    text = error.format_message().rstrip(".")
+    where = f"{error.ctx.command_path} --help" if error.ctx else "preshape --help"
+    return f"{text[0].lower()}{text[1:]}; see {where}"
+
+
+def _report(reason: str, code: int, as_json: bool) -> int:
+    if as_json:
+        click.echo(json.dumps({"status": "error", "reason": reason}))
+    else:
+        click.echo(click.style("error: ", fg="red", bold=True) + reason, err=True)
+    return code
+
+
+def emit(document: Any) -> None:
+    """Print one JSON document."""
+    click.echo(json.dumps(document, allow_nan=False, indent=2))
+
+
+if __name__ == "__main__":
+    main()

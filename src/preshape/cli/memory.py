@@ -1,0 +1,139 @@
+"""``preshape memory``: what was learnt, to be looked at, carried elsewhere, or forgotten."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import click
+
+from .options import json_option, memory_option
+
+
+@click.group(epilog="Example: preshape memory show")
+def memory() -> None:
+    """Show, export, import or reset what was learnt."""
+
+
+@memory.command(epilog="Example: preshape memory show --memory robot.sqlite")
+@memory_option
+@json_option
+def show(memory: str | None, as_json: bool) -> None:
+    """Show the objects that are known, and the memory in numbers."""
+    from ..memory import Memory
+
+    with Memory.open(memory, read_only=True) as store:
+        known, numbers = store.objects(), store.statistics()
+    if as_json:
+        from .main import emit
+
+        emit(
+            {
+                "status": "answer",
+                "path": numbers.path,
+                "version": numbers.version,
+                "experiences": numbers.experiences,
+                "kinds": dict(numbers.kinds),
+                "hands": dict(numbers.hands),
+                "trained_on": dict(numbers.trained),
+                "objects": [
+                    {
+                        "name": o.name,
+                        "hands": list(o.hands),
+                        "experiences": o.experiences,
+                        "tasks": o.tasks,
+                        "best_match": o.best_match,
+                        "last_seen": o.last_seen,
+                    }
+                    for o in known
+                ],
+            }
+        )
+        return
+    from rich.console import Console
+    from rich.table import Table
+
+    console = Console()
+    if known:
+        table = Table(box=None, header_style="bold", pad_edge=False)
+        for heading, right in (
+            ("object", False),
+            ("experiences", True),
+            ("tasks", True),
+            ("best TFVADI", True),
+            ("last seen (UTC)", False),
+            ("hand", False),
+        ):
+            table.add_column(heading, justify="right" if right else "left")
+        for o in known:
+            when = o.last_seen[:19].replace("T", " ")
+            table.add_row(
+                o.name, str(o.experiences), str(o.tasks), f"{o.best_match:.2f}", when, " ".join(o.hands)
+            )
+        console.print(table, highlight=False)
+    trained = ", ".join(f"{hand}: {n} samples" for hand, n in numbers.trained) or "not trained yet"
+    console.print(
+        f"{numbers.experiences} experiences of {numbers.objects} objects; network {trained}\n{numbers.path} "
+        f"(version {numbers.version}, {numbers.size / 1024:.0f} KiB)",
+        highlight=False,
+        soft_wrap=True,
+    )
+
+
+@memory.command(name="export", epilog="Example: preshape memory export learnt.json")
+@click.argument("file", metavar="FILE")
+@memory_option
+@json_option
+def export_(file: str, memory: str | None, as_json: bool) -> None:
+    """Write everything learnt to FILE, one JSON document, whole or not at all."""
+    from ..memory import Memory
+
+    with Memory.open(memory, read_only=True) as store:
+        store.export(Path(file))
+        count = store.count()
+    _done(as_json, {"exported": count, "file": file}, f"exported {count} experiences to {file}")
+
+
+@memory.command(name="import", epilog="Example: preshape memory import learnt.json")
+@click.argument("file", metavar="FILE")
+@memory_option
+@json_option
+def import_(file: str, memory: str | None, as_json: bool) -> None:
+    """Add what FILE holds to the memory; what is there already is skipped."""
+    from ..memory import Memory
+
+    with Memory.open(memory) as store:
+        added = store.import_(Path(file))
+    _done(as_json, {"imported": added, "file": file}, f"imported {added} new experiences from {file}")
+
+
+@memory.command(epilog="Example: preshape memory reset --yes")
+@memory_option
+@click.option("--hand", metavar="HAND", help="Forget this hand's experiences only.")
+@click.option("--yes", is_flag=True, help="Do not ask.")
+@json_option
+def reset(memory: str | None, hand: str | None, yes: bool, as_json: bool) -> None:
+    """Forget everything learnt. Asks first; export first if in doubt."""
+    from ..exceptions import InputError
+    from ..hands.model import load_hand
+    from ..memory import Memory
+
+    if hand is not None:
+        load_hand(hand)
+    with Memory.open(memory) as store:
+        count = store.count(hand)
+        if not yes:
+            if as_json or not sys.stdin.isatty():
+                raise InputError("reset forgets everything learnt: add --yes to confirm")
+            click.confirm(f"Forget {count} experiences in {store.where}?", abort=True)
+        store.reset(hand)
+    _done(as_json, {"forgotten": count}, f"forgot {count} experiences")
+
+
+def _done(as_json: bool, document: dict[str, object], sentence: str) -> None:
+    if as_json:
+        from .main import emit
+
+        emit({"status": "answer", **document})
+    else:
+        click.echo(sentence)

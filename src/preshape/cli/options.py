@@ -1,0 +1,74 @@
+"""Options that several commands share."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import click
+
+Command = Callable[..., Any]
+
+
+def memory_option(command: Command) -> Command:
+    """``--memory FILE``."""
+    text = "Memory file; default: the user's data directory, or PRESHAPE_MEMORY."
+    return click.option("--memory", metavar="FILE", help=text)(command)
+
+
+def json_option(command: Command) -> Command:
+    """``--json``."""
+    text = "Print exactly one JSON document on standard output."
+    return click.option("--json", "as_json", is_flag=True, help=text)(command)
+
+
+def object_options(command: Command) -> Command:
+    """``--hand --analyser --scale --unit --approach --seed`` and the critic's thresholds."""
+    options = (
+        click.option(
+            "--hand", default="utah_mit", show_default=True, metavar="HAND", help="See preshape hands."
+        ),
+        click.option("--analyser", metavar="rays|closure", help="Default: rays for utah_mit, else closure."),
+        click.option(
+            "--scale", type=float, default=1.0, show_default=True, help="Factor on the object's size."
+        ),
+        click.option(
+            "--unit", default="m", show_default=True, metavar="m|cm|mm|in", help="Unit of the file."
+        ),
+        click.option(
+            "--approach", metavar="AXES", help="Allowed approaches, as +z,-x (a table below, a wall behind)."
+        ),
+        click.option("--seed", type=int, default=0, show_default=True, help="Of everything random."),
+        click.option(
+            "--estimation-threshold",
+            type=float,
+            default=3.0,
+            show_default=True,
+            help="TFVADI (0 to 6) that a preshape must reach.",
+        ),
+        click.option(
+            "--recognition-threshold",
+            type=float,
+            default=5.0,
+            show_default=True,
+            help="TFVADI (0 to 6) at which an object counts as known.",
+        ),
+    )
+    for option in reversed(options):
+        command = option(command)
+    return command
+
+
+def settings_from(estimation: float, recognition: float, seed: int) -> Any:
+    """Meta control's settings from the command line's options.
+
+    Raises:
+        InputError: a threshold out of 0..6, or a negative seed.
+    """
+    from ..critic import Thresholds
+    from ..decision import Settings
+    from ..exceptions import InputError
+
+    if seed < 0:
+        raise InputError(f"--seed must not be negative, got {seed}")
+    return Settings(thresholds=Thresholds(estimation=estimation, recognition=recognition), seed=seed)

@@ -1,0 +1,80 @@
+"""``preshape plan``: the main job."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from .options import json_option, memory_option, object_options, settings_from
+
+
+@click.command(
+    epilog="Example: preshape plan mug --task pour, or "
+    'preshape plan part.stl --unit mm --task "1 1 .1 .05 .8 .05"'
+)
+@click.argument("thing", metavar="OBJECT")
+@click.option("--task", required=True, metavar="TASK", help='A name (preshape tasks) or "Tx Ty Tz Rx Ry Rz".')
+@object_options
+@memory_option
+@click.option("--no-learn", is_flag=True, help="Leave the memory as it is.")
+@click.option("--count", type=int, default=1, show_default=True, help="How many different answers.")
+@click.option("--out", metavar="DIR", help="Also write plan.json and plan.png there.")
+@json_option
+def plan(
+    thing: str,
+    task: str,
+    hand: str,
+    analyser: str | None,
+    scale: float,
+    unit: str,
+    approach: str | None,
+    seed: int,
+    estimation_threshold: float,
+    recognition_threshold: float,
+    memory: str | None,
+    no_learn: bool,
+    count: int,
+    out: str | None,
+    as_json: bool,
+) -> int:
+    """Plan a preshape for OBJECT, a mesh file or a name from `preshape objects`.
+
+    Exit code 0: an answer. 1: none (task correction asked for, deadlock, or no grasp). 2: bad input.
+    """
+    settings = settings_from(estimation_threshold, recognition_threshold, seed)
+    from ..io import plan_to_json, write_json, write_whole
+    from ..planner import plan as make_plan
+
+    made = make_plan(
+        thing,
+        task,
+        hand=hand,
+        analyser=analyser,
+        scale=scale,
+        unit=unit,
+        memory=memory,
+        learn=not no_learn,
+        seed=seed,
+        count=count,
+        approaches=approach,
+        settings=settings,
+    )
+    document = plan_to_json(made)
+    written: list[Path] = []
+    if out is not None:
+        from ..pictures import plan_png
+
+        folder = Path(out)
+        write_json(folder / "plan.json", document)
+        write_whole(folder / "plan.png", lambda path: plan_png(made, path))
+        written = [folder / "plan.json", folder / "plan.png"]
+    if as_json:
+        from .main import emit
+
+        emit(document)
+    else:
+        from .show import show_plan
+
+        show_plan(made, written)
+    return 0 if made.decision.grasp is not None else 1

@@ -1,0 +1,221 @@
+"""What counts: the exact checks of a placed hand against the object and against itself.
+
+The fingertips in use must touch their contacts, their last phalanges may graze the object by the same
+tolerance, every other link must be clear, and so must the fingers that are not in use, which are put into the
+first posture of a list that is.
+"""
+
+from __future__ import annotations
+
+from enum import Enum
+
+import numpy as np
+
+from ..types import Array, IntArray, value
+from .collision import ObjectCollision
+from .inverse import Placement, Reach
+from .kinematics import HandKinematics, LinkShape, move_shape
+from .model import Finger
+
+TOUCH_TOLERANCE = 1e-3
+"""How far a fingertip's surface may be from its contact, and a last phalanx inside the object [m] [C]."""
+
+SEAT_SHIFT = 3e-3
+"""How far a fingertip may be pushed from its contact by the rims of a recess that it does not fit [m] [C]."""
+
+SELF_TOLERANCE = 0.5e-3
+"""How deep links of the hand may be in each other [m] [C]."""
+
+_PUSHES, _SNUG = 8, 1e-4
+
+
+class HandStatus(Enum):
+    """How a simulation ended; the value is a sentence for people."""
+
+    REACHED = "every fingertip touches its contact and the rest of the hand is clear"
+    OUT_OF_REACH = "the contacts are further apart or deeper than the fingers are long"
+    JOINT_LIMIT = "the contacts could be reached only beyond a joint limit"
+    COLLISION = "the contacts can be reached, but a link would be inside the object"
+    SELF_COLLISION = "the contacts can be reached, but the hand's links would be in each other"
+
+
+@value
+class Contacts:
+    """Where the fingertips shall touch, the thumb first.
+
+    Attributes:
+        points: (n, 3) [m].
+        inward: (n, 3) inward unit normals.
+        triangles: (n,) triangle that each point lies on.
+    """
+
+    points: Array
+    inward: Array
+    triangles: IntArray
+
+
+@value
+class Flaw:
+    """Why a placement does not do.
+
+    Attributes:
+        status: the kind.
+        reason: one clause that names finger and link.
+    """
+
+    status: HandStatus
+    reason: str
+
+
+def spoken(link: str) -> str:
+    """A link's or joint's name for a sentence.
+
+    >>> spoken("index_distal"), spoken("ring_flexion_2"), spoken("palm_web")
+    ('the index distal link', 'the ring flexion 2', 'the palm')
+    """
+    if link.startswith("palm_"):
+        return "the palm"
+    phalanx = link.rpartition("_")[2] in ("proximal", "medial", "distal")
+    return f"the {link.replace('_', ' ')}{' link' if phalanx else ''}"
+
+
+class Clearance:
+    """The checks for one hand, one object and one set of contacts."""
+
+    def __init__(self, kinematics: HandKinematics, obstacle: ObjectCollision, contacts: Contacts) -> None:
+        self.kinematics, self.hand = kinematics, kinematics.hand
+        self.object, self.contacts = obstacle, contacts
+        model = kinematics.model
+        self._finger_of = {
+            model.body(int(model.joint(joint).bodyid[0])).name: finger.name
+            for finger in self.hand.fingers
+            for joint in finger.joints
+        }
+
+    def seat(self, reach: Reach) -> Reach | Flaw:
+        """The reach with its fingertips pushed out of surface detail that is finer than they are.
+
+        Over a thread or in a fillet a round tip cannot touch at the very point of the ray: it rests on the
+        rims, at most ``SEAT_SHIFT`` away [C]. A tip that finds no such rest has no room.
+        """
+        targets = reach.targets.copy()
+        for k, finger in enumerate(reach.fingers):
+            centre = targets[k].copy()
+            depth = 0.0
+            for _ in range(_PUSHES):
+                distance, hit, _ = self.object.closest(centre, finger.tip_radius - _SNUG)
+                if not np.isfinite(distance):
+                    break
+                depth = max(depth, finger.tip_radius - distance)
+                if depth <= TOUCH_TOLERANCE or distance < 1e-6:
+                    break
+                centre += (centre - hit) / distance * (finger.tip_radius - distance)
+            distance, _, _ = self.object.closest(centre, finger.tip_radius - TOUCH_TOLERANCE)
+            if np.isfinite(distance) or np.linalg.norm(centre - targets[k]) > SEAT_SHIFT:
+                return Flaw(
+                    status=HandStatus.COLLISION,
+                    reason=f"the {finger.name}'s tip has no room at its contact: another part of the surface "
+                    f"would be {1000 * depth:.1f} mm inside it",
+                )
+            targets[k] = centre
+        return Reach(
+            fingers=reach.fingers, targets=targets, inward=reach.inward, orientation=reach.orientation
+        )
+
+    def inspect(self, fingers: tuple[Finger, ...], placement: Placement) -> tuple[Flaw | None, Placement]:
+        """The first flaw, and the placement with the fingers that are not in use put out of the way."""
+        idle = tuple(finger.name for finger in self.hand.fingers if finger not in fingers)
+        shapes = [s for s in self.shapes(placement) if self._finger_of.get(s.body) not in idle]
+        flaw = (
+            self._touch_flaw(fingers, shapes)
+            or self._link_flaw(fingers, shapes)
+            or self._self_flaw(ignore=idle)
+        )
+        for k, name in enumerate(idle):
+            if flaw is None:
+                flaw, placement = self._put_aside(self.hand.finger(name), fingers, placement, idle[k + 1 :])
+        return flaw, placement
+
+    def clear(self, placement: Placement) -> bool:
+        """Whether the whole hand, fingertips too, is clear of the object and of itself."""
+        return self._link_flaw((), self.shapes(placement)) is None and self._self_flaw() is None
+
+    def depth(self, fingers: tuple[Finger, ...], placement: Placement) -> float:
+        """Largest depth of a fingertip in the object [m]."""
+        self.kinematics.set_posture(placement.q)
+        centres = self.kinematics.tips(fingers)[0] @ placement.rotation.T + placement.translation
+        found = [self.object.closest(c, f.tip_radius)[0] for f, c in zip(fingers, centres, strict=True)]
+        depths = [f.tip_radius - d for f, d in zip(fingers, found, strict=True) if np.isfinite(d)]
+        return float(max(depths, default=0.0))
+
+    def shapes(self, placement: Placement) -> list[LinkShape]:
+        """All shapes in the mesh frame."""
+        self.kinematics.set_posture(placement.q)
+        return [move_shape(s, placement.rotation, placement.translation) for s in self.kinematics.shapes()]
+
+    def _touch_flaw(self, fingers: tuple[Finger, ...], shapes: list[LinkShape]) -> Flaw | None:
+        tips = {shape.body: shape for shape in shapes if shape.kind == "sphere"}
+        for finger, point, triangle in zip(
+            fingers, self.contacts.points, self.contacts.triangles, strict=True
+        ):
+            radius = finger.tip_radius
+            distance, hit, where = self.object.closest(tips[finger.tip_body].p0, radius + TOUCH_TOLERANCE)
+            if distance < radius - TOUCH_TOLERANCE:
+                depth = 1000 * (radius - distance)
+                reason = f"the {finger.name}'s tip is {depth:.1f} mm inside the object"
+                return Flaw(status=HandStatus.COLLISION, reason=reason)
+            if where != triangle and not np.linalg.norm(hit - point) <= radius:
+                reason = f"the {finger.name}'s tip touches another part of the surface"
+                return Flaw(status=HandStatus.COLLISION, reason=reason)
+        return None
+
+    def _link_flaw(self, fingers: tuple[Finger, ...], shapes: list[LinkShape]) -> Flaw | None:
+        touching = {finger.tip_body for finger in fingers}
+        for shape in shapes:
+            if shape.body in touching and shape.kind == "sphere":
+                continue
+            grow = -TOUCH_TOLERANCE if shape.body in touching else 0.0
+            if self.object.touches(shape, grow):
+                return Flaw(status=HandStatus.COLLISION, reason=f"{spoken(shape.link)} is inside the object")
+        return None
+
+    def _self_flaw(self, ignore: tuple[str, ...] = ()) -> Flaw | None:
+        """Of the posture set last; fingers in ``ignore`` do not count."""
+        for one, other, depth in self.kinematics.self_collisions(SELF_TOLERANCE):
+            if not any(link.startswith(f"{name}_") for name in ignore for link in (one, other)):
+                return Flaw(
+                    status=HandStatus.SELF_COLLISION,
+                    reason=f"{spoken(one)} is {1000 * depth:.1f} mm inside {spoken(other)}",
+                )
+        return None
+
+    def _put_aside(
+        self, finger: Finger, used: tuple[Finger, ...], placement: Placement, ignore: tuple[str, ...]
+    ) -> tuple[Flaw | None, Placement]:
+        """The first posture of a list that keeps a finger clear of the object and of the hand."""
+        columns = self.hand.columns(finger.name)
+        first: Flaw | None = None
+        for posture in self._aside(finger, placement.q[self.hand.columns(used[1].name)]):
+            q = placement.q.copy()
+            q[columns] = posture
+            moved = Placement(
+                rotation=placement.rotation, translation=placement.translation, q=q, errors=placement.errors
+            )
+            shapes = [s for s in self.shapes(moved) if self._finger_of.get(s.body) == finger.name]
+            flaw = self._link_flaw((), shapes) or self._self_flaw(ignore)
+            if flaw is None:
+                return None, moved
+            first = first or flaw
+        assert first is not None  # there is a posture at least
+        reason = f"the {finger.name} finger, not in use, finds no room: {first.reason}"
+        return Flaw(status=first.status, reason=reason), placement
+
+    def _aside(self, finger: Finger, neighbour: Array) -> list[Array]:
+        """Open, half as bent as a finger in use, closed, half closed; straight or turned to a side."""
+        low, high = self.hand.limits[self.hand.columns(finger.name)].T
+        bent = (finger.open, 0.5 * neighbour, finger.closed, 0.5 * (finger.open + finger.closed))
+        return [
+            np.concatenate([[turn], np.clip(posture, low, high)[1:]])
+            for turn in (0.0, low[0], high[0])
+            for posture in bent
+        ]

@@ -1,0 +1,127 @@
+"""Exact collision of a hand's shapes with an object's triangles, by FCL, and the distances around it.
+
+The mesh is taken as it is: a surface, no hull. A link that crosses no triangle is clear; as the links of
+a hand hang together, a hand that is outside the object cannot have a link wholly inside it without another
+crossing the surface.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+from weakref import WeakKeyDictionary
+
+import numpy as np
+
+from ..exceptions import ObjectError
+from ..objects.mesh import TriangleMesh
+from ..types import Array
+from .kinematics import LinkShape
+
+SAMPLES = 6000
+"""Points on the surface for the smooth distances that steer the inverse kinematics."""
+
+_NEAREST = 6
+
+_checkers: WeakKeyDictionary[TriangleMesh, ObjectCollision] = WeakKeyDictionary()
+
+
+def object_collision(mesh: TriangleMesh) -> ObjectCollision:
+    """The mesh's :class:`ObjectCollision`, built once per mesh."""
+    checker = _checkers.get(mesh)
+    if checker is None:
+        checker = _checkers[mesh] = ObjectCollision(mesh)
+    return checker
+
+
+class ObjectCollision:
+    """Collision and distance of one triangle mesh.
+
+    Args:
+        mesh: the object; not kept, so that the cache can let it go.
+
+    Raises:
+        ObjectError: the triangles have no area.
+    """
+
+    def __init__(self, mesh: TriangleMesh) -> None:
+        import fcl
+        from scipy.spatial import cKDTree
+
+        if not mesh.area > 0:
+            raise ObjectError(f"{mesh.name}: the triangles have no area, so nothing can be touched")
+        self._fcl = fcl
+        self._corners = mesh.corners
+        self._lower, self._upper = self._corners.min(axis=1), self._corners.max(axis=1)
+        tree = fcl.BVHModel()
+        tree.beginModel(len(mesh.triangles), len(mesh.vertices))
+        tree.addSubModel(mesh.vertices, mesh.triangles)
+        tree.endModel()
+        self._object = fcl.CollisionObject(tree, fcl.Transform())
+        # Seeded and by triangle, so that the samples move with the object.
+        rng = np.random.default_rng(0)
+        share = mesh.areas / mesh.areas.sum()
+        chosen = rng.choice(len(share), size=SAMPLES, p=share)
+        u, v = np.sqrt(rng.random(SAMPLES)), rng.random(SAMPLES)
+        weights = np.stack([1 - u, u * (1 - v), u * v], axis=1)
+        self._samples = np.einsum("ij,ijk->ik", weights, mesh.corners[chosen])
+        self._normals = mesh.normals[chosen]
+        self._tree = cKDTree(self._samples)
+
+    def touches(self, shape: LinkShape, grow: float = 0.0) -> bool:
+        """Whether the shape, grown by ``grow`` [m] all around, meets a triangle."""
+        fcl = self._fcl
+        item = fcl.CollisionObject(self._primitive(shape, grow), self._transform(shape))
+        request, result = fcl.CollisionRequest(), fcl.CollisionResult()
+        return bool(fcl.collide(item, self._object, request, result))
+
+    def _primitive(self, shape: LinkShape, grow: float) -> Any:
+        fcl = self._fcl
+        if shape.kind == "sphere":
+            return fcl.Sphere(shape.radius + grow)
+        if shape.kind == "capsule":
+            return fcl.Capsule(shape.radius + grow, float(np.linalg.norm(shape.p1 - shape.p0)))
+        return fcl.Box(*(2 * (shape.half + grow)))
+
+    def _transform(self, shape: LinkShape) -> Any:
+        return self._fcl.Transform(shape.rotation, (shape.p0 + shape.p1) / 2)
+
+    def closest(self, point: Array, within: float) -> tuple[float, Array, int]:
+        """Distance [m], closest point (3,) [m] and triangle; infinite and -1 beyond ``within`` [m]."""
+        near = np.flatnonzero(((self._lower <= point + within) & (self._upper >= point - within)).all(axis=1))
+        if not len(near):
+            return np.inf, np.full(3, np.inf), -1
+        found = closest_on_triangles(self._corners[near], point)
+        distance = np.linalg.norm(found - point, axis=1)
+        best = int(distance.argmin())
+        if distance[best] > within:
+            return np.inf, np.full(3, np.inf), -1
+        return float(distance[best]), found[best], int(near[best])
+
+    def soft_distance(self, points: Array) -> tuple[Array, Array]:
+        """Signed distance (n,) [m] to sampled surface points, and its gradient (n, 3).
+
+        Smooth enough to steer by, not exact: off by up to the spacing of the samples.
+        """
+        found, index = self._tree.query(points, k=_NEAREST)
+        distance = np.asarray(found)
+        away = points[:, None] - self._samples[index]
+        length = np.maximum(distance, 1e-9)
+        # Inside or outside as by the winding number, of which the nearest samples are the largest part.
+        share = np.einsum("kni,kni->kn", away, self._normals[index]) / length**3
+        sign = np.where(share.sum(axis=1) < 0, -1.0, 1.0)
+        return sign * distance[:, 0], (sign / length[:, 0])[:, None] * away[:, 0]
+
+
+def closest_on_triangles(corners: Array, point: Array) -> Array:
+    """Closest point on each of n triangles.
+
+    Args:
+        corners: (n, 3, 3) corners [m].
+        point: (3,) [m].
+
+    Returns:
+        (n, 3) the points [m].
+    """
+    from trimesh.triangles import closest_point
+
+    return np.asarray(closest_point(corners, np.broadcast_to(point, (len(corners), 3))))

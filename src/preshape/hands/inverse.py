@@ -1,0 +1,344 @@
+"""Inverse kinematics of a whole hand: palm pose and joint angles that bring fingertips to points.
+
+One bounded nonlinear least-squares problem, solved by ``scipy.optimize.least_squares`` with the analytic
+Jacobian from MuJoCo. Unknowns: the palm's position (free), its tilt from the nominal orientation
+(bounded), and the joints of the fingers in use (within their limits). Rows: fingertip errors; weakly, the
+posture's distance from a reference and the tilt; and hinges that keep links out of the object and the
+last phalanges turned so that only their caps touch. The hinges steer only: what counts is the exact
+collision check afterwards (:mod:`preshape.hands.collision`).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..types import Array, IntArray, value
+from .collision import ObjectCollision
+from .kinematics import HandKinematics, cross
+from .model import Finger
+
+TILT_LIMITS = np.radians([25.0, 11.5, 11.5])
+"""Bounds of the tilt's rotation vector about the palm's x (transverse), y and z: together under 30° [C]."""
+
+_LENGTH = 0.1  # [m] unit of the position unknowns, to give them the size of the angles
+_TIP, _LINK = 1e-3, 2e-3  # [m] that count as an error of 1
+_POSTURE, _TILT, _TURN = 0.06, 0.4, 6.0
+_LEAN = 0.10  # least cosine between last phalanx and inward normal aimed at
+_MARGIN = 2e-3  # [m] of clearance aimed at by the hinges
+
+
+@value
+class Reach:
+    """Where the fingertips shall go.
+
+    Attributes:
+        fingers: the fingers in use, in contact order.
+        targets: (n, 3) centres of their spherical tips [m], mesh frame.
+        inward: (n, 3) inward normals of the contacts.
+        orientation: (3, 3) nominal orientation of the palm, axes as columns.
+    """
+
+    fingers: tuple[Finger, ...]
+    targets: Array
+    inward: Array
+    orientation: Array
+
+
+@value
+class Placement:
+    """A palm pose and a posture.
+
+    Attributes:
+        rotation: (3, 3) of the palm in the mesh frame.
+        translation: (3,) of the palm [m].
+        q: (n,) all joint angles [rad].
+        errors: (m,) distances of the fingertips in use from their targets [m].
+    """
+
+    rotation: Array
+    translation: Array
+    q: Array
+    errors: Array
+
+
+def rotation_exp(w: Array) -> tuple[Array, Array]:
+    """Rotation matrix of a rotation vector, and its right Jacobian.
+
+    R(w + dw) = R(w) exp(J dw) to first order. The series is used below 1e-4 rad, where it is exact to
+    rounding.
+    """
+    angle = float(np.linalg.norm(w))
+    matrix = skews(w[None])[0]
+    square = matrix @ matrix
+    if angle < 1e-4:
+        sine, cosine, rest = 1 - angle**2 / 6, 0.5 - angle**2 / 24, 1 / 6 - angle**2 / 120
+    else:
+        sine, cosine = np.sin(angle) / angle, (1 - np.cos(angle)) / angle**2
+        rest = (angle - np.sin(angle)) / angle**3
+    eye = np.eye(3)
+    return eye + sine * matrix + cosine * square, eye - cosine * matrix + rest * square
+
+
+def skews(v: Array) -> Array:
+    """(n, 3, 3) the matrices of v x · for n vectors."""
+    matrices = np.zeros((len(v), 3, 3))
+    matrices[:, [2, 0, 1], [1, 2, 0]] = v
+    matrices[:, [1, 2, 0], [2, 0, 1]] = -v
+    return matrices
+
+
+class InverseKinematics:
+    """Solver for one hand and, where given, one object to keep clear of.
+
+    Args:
+        kinematics: of the hand.
+        obstacle: the object; ``None`` leaves the hinges out.
+    """
+
+    def __init__(self, kinematics: HandKinematics, obstacle: ObjectCollision | None) -> None:
+        self.kinematics = kinematics
+        self.hand = kinematics.hand
+        self.obstacle = obstacle
+        self._links: dict[frozenset[str], tuple[IntArray, Array, IntArray, Array]] = {}
+
+    def solve(
+        self,
+        reach: Reach,
+        *,
+        start: Placement,
+        reference: Array,
+        move_base: bool = True,
+        limits: Array | None = None,
+        avoid: bool = True,
+        effort: int = 30,
+    ) -> Placement:
+        """Bring the fingertips to their targets.
+
+        Args:
+            reach: fingers and targets.
+            start: where to begin; joints of fingers not in use keep its values.
+            reference: (n,) posture [rad] that the joints are drawn to, weakly.
+            move_base: whether the palm may move and tilt; if not it stays at ``start``.
+            limits: (n, 2) joint limits [rad]; default the hand's.
+            avoid: whether the hinges act.
+            effort: largest number of evaluations; 0 only steps straight to the targets, from nearby.
+
+        Returns:
+            The best placement found; its ``errors`` say whether the targets were reached.
+        """
+        from scipy.optimize import least_squares
+
+        problem = _Problem(self, reach, start, reference, move_base, avoid)
+        bounds = self.hand.limits if limits is None else limits
+        lower = np.r_[problem.base_lower, bounds[problem.columns, 0]]
+        upper = np.r_[problem.base_upper, bounds[problem.columns, 1]]
+        z = np.clip(problem.z0, lower + 1e-6, upper - 1e-6)
+        if not effort:
+            return problem.polish(z, lower, upper)
+        z = least_squares(
+            problem.residual,
+            z,
+            problem.jacobian,
+            (lower, upper),
+            xtol=1e-5,
+            ftol=1e-4,
+            gtol=1e-6,
+            max_nfev=effort,
+        ).x
+        return problem.polish(z, lower, upper)
+
+    def links(self, fingers: tuple[Finger, ...]) -> tuple[IntArray, Array, IntArray, Array]:
+        """Points along the axes of the palm and of the fingers in use.
+
+        The tips are left out, and so is the outer half of the last phalanges: they are meant to be near.
+
+        Returns:
+            (k,) shape, fraction along its axis, body and radius [m] of each point.
+        """
+        key = frozenset(finger.name for finger in fingers)
+        if key not in self._links:
+            self._links[key] = self._choose(fingers)
+        return self._links[key]
+
+    def _choose(self, fingers: tuple[Finger, ...]) -> tuple[IntArray, Array, IntArray, Array]:
+        model = self.kinematics.model
+        joints = {joint for finger in self.hand.fingers if finger not in fingers for joint in finger.joints}
+        idle = {int(model.joint(joint).bodyid[0]) for joint in joints}
+        last = {model.body(finger.tip_body).id for finger in fingers}
+        rows: list[tuple[int, float]] = []
+        for geom, body in enumerate(model.geom_bodyid.tolist()):
+            if body in idle:
+                continue
+            fractions: tuple[float, ...] = (0.0, 0.33, 0.67, 1.0)
+            if body in last:
+                fractions = (0.0, 0.45) if self.kinematics.half_lengths[geom] > 0 else ()
+            rows += [(geom, fraction) for fraction in fractions]
+        geoms = np.array([geom for geom, _ in rows], dtype=np.int64)
+        fraction = np.array([fraction for _, fraction in rows])
+        return geoms, fraction, np.array(model.geom_bodyid[geoms]), np.array(model.geom_size[geoms, 0])
+
+
+class _Problem:
+    """Residuals and Jacobian of one solve; remembers the last point, as both are asked for in turn.
+
+    Works in the nominal palm frame about the middle of the targets, so that a rigid motion of the whole
+    scene changes nothing but rounding.
+    """
+
+    def __init__(
+        self,
+        solver: InverseKinematics,
+        reach: Reach,
+        start: Placement,
+        reference: Array,
+        move_base: bool,
+        avoid: bool,
+    ) -> None:
+        self.solver, self.reach, self.start, self.move_base = solver, reach, start, move_base
+        self.kinematics = solver.kinematics
+        hand = solver.hand
+        self.frame, self.centre = reach.orientation, reach.targets.mean(axis=0)
+        self.targets = (reach.targets - self.centre) @ self.frame
+        self.inward = reach.inward @ self.frame
+        self.fixed = self.frame.T @ start.rotation, (start.translation - self.centre) @ self.frame
+        self.columns = np.concatenate(
+            [np.arange(len(hand.joints))[hand.columns(finger.name)] for finger in reach.fingers]
+        )
+        self.reference = reference[self.columns]
+        self.avoid = avoid and solver.obstacle is not None
+        self.soft = True
+        base = 6 if move_base else 0
+        self.base_lower = np.r_[np.full(3, -np.inf), -TILT_LIMITS][:base]
+        self.base_upper = -self.base_lower
+        self.z0 = np.r_[self._base()[:base], start.q[self.columns]]
+        self._last: Array | None = None
+
+    def _base(self) -> Array:
+        from scipy.spatial.transform import Rotation
+
+        tilt = Rotation.from_matrix(self.fixed[0]).as_rotvec()
+        return np.concatenate([self.fixed[1] / _LENGTH, np.asarray(tilt)])
+
+    def _place(self, z: Array) -> tuple[Array, Array, Array, Array]:
+        if self.move_base:
+            rotation, right = rotation_exp(z[3:6])
+            translation = z[:3] * _LENGTH
+        else:
+            (rotation, translation), right = self.fixed, np.eye(3)
+        q = self.start.q.copy()
+        q[self.columns] = z[6 if self.move_base else 0 :]
+        return rotation, translation, right, q
+
+    def _evaluate(self, z: Array) -> None:
+        if self._last is not None and np.array_equal(self._last, z):
+            return
+        self._last = z.copy()
+        rotation, translation, right, q = self._place(z)
+        self.kinematics.set_posture(q)
+        fingers = self.reach.fingers
+        tips, axes = self.kinematics.tips(fingers)
+        tip_slopes, axis_slopes = self.kinematics.tip_jacobians(fingers)
+        n, width, joints = len(fingers), len(z), len(self.columns)
+        slope = np.zeros((n, 3, width))
+        slope[:, :, -joints:] = rotation @ tip_slopes[:, :, self.columns]
+        if self.move_base:
+            slope[:, :, :3] = _LENGTH * np.eye(3)
+            slope[:, :, 3:6] = -rotation @ skews(tips) @ right  # d(R p) = -R [p]x J dw
+        rows = [((tips @ rotation.T + translation - self.targets) / _TIP).ravel()]
+        slopes = [slope.reshape(3 * n, width) / _TIP]
+        if self.soft:
+            # Only the cap may touch: the last phalanx must not lean away from the surface.
+            inward = self.inward @ rotation
+            lack = _LEAN - np.einsum("ki,ki->k", axes, inward)
+            lean = np.zeros((n, width))
+            lean[:, -joints:] = -np.einsum("ki,kij->kj", inward, axis_slopes[:, :, self.columns])
+            if self.move_base:
+                lean[:, 3:6] = cross(inward, axes) @ right
+            lean[lack <= 0] = 0.0
+            rows.append(_TURN * np.maximum(lack, 0.0))
+            slopes.append(_TURN * lean)
+            self._add_soft(z, rotation, translation, right, rows, slopes)
+        self._residual: Array = np.concatenate(rows)
+        self._jacobian: Array = np.vstack(slopes)
+
+    def _add_soft(
+        self,
+        z: Array,
+        rotation: Array,
+        translation: Array,
+        right: Array,
+        rows: list[Array],
+        slopes: list[Array],
+    ) -> None:
+        width = len(z)
+        rows.append(_POSTURE * (z[-len(self.columns) :] - self.reference))
+        slopes.append(_POSTURE * np.eye(width)[-len(self.columns) :])
+        if self.move_base:
+            rows.append(_TILT * z[3:6])
+            slopes.append(_TILT * np.eye(width)[3:6])
+        if not self.avoid or self.solver.obstacle is None:
+            return
+        geoms, fraction, bodies, radii = self.solver.links(self.reach.fingers)
+        p0, p1 = self.kinematics.axes()
+        points = p0[geoms] + fraction[:, None] * (p1[geoms] - p0[geoms])
+        placed = points @ rotation.T + translation
+        distance, away = self.solver.obstacle.soft_distance(placed @ self.frame.T + self.centre)
+        away = away @ self.frame
+        lack = (radii + _MARGIN - distance) / _LINK
+        near = np.flatnonzero(lack > 0)
+        slope = np.zeros((len(lack), width))
+        if len(near):
+            push = away[near] @ rotation  # in the palm frame
+            by_joint = self.kinematics.point_jacobians(bodies[near], points[near])[:, :, self.columns]
+            slope[near, -len(self.columns) :] = -np.einsum("ki,kij->kj", push, by_joint) / _LINK
+            if self.move_base:
+                slope[near, :3] = -away[near] * _LENGTH / _LINK
+                # -push . d(R p) = push . [p]x J dw = (push x p) . J dw
+                slope[near, 3:6] = cross(push, points[near]) @ right / _LINK
+        rows.append(np.maximum(lack, 0.0))
+        slopes.append(slope)
+
+    def residual(self, z: Array) -> Array:
+        """All rows at z."""
+        self._evaluate(z)
+        return self._residual
+
+    def jacobian(self, z: Array) -> Array:
+        """Derivative of all rows by z."""
+        self._evaluate(z)
+        return self._jacobian
+
+    def polish(self, z: Array, lower: Array, upper: Array) -> Placement:
+        """Remove what the weak rows left at the fingertips: shortest Newton steps within the bounds."""
+        self.soft = False
+        best, error = z, np.inf
+        for _ in range(12):
+            self._last = None
+            self._evaluate(z)
+            worst = float(np.linalg.norm(self._residual.reshape(-1, 3), axis=1).max())
+            if worst < error:
+                best, error = z, worst
+            if worst < 1e-4:  # a tenth of a micrometre
+                break
+            free = np.ones(len(z), dtype=bool)
+            step = np.zeros(len(z))
+            for _ in range(3):
+                jacobian = self._jacobian[:, free]
+                gram = jacobian @ jacobian.T
+                gram[np.diag_indices_from(gram)] += 1e-9 * np.trace(gram)
+                step[:] = 0.0
+                step[free] = -jacobian.T @ np.linalg.solve(gram, self._residual)
+                held = free & ((z + step < lower) | (z + step > upper))
+                if not held.any():
+                    break
+                free &= ~held
+            z = np.clip(z + step, lower, upper)
+        rotation, translation, _, q = self._place(best)
+        if self.move_base:
+            rotation, translation = self.frame @ rotation, self.frame @ translation + self.centre
+        else:
+            rotation, translation = self.start.rotation, self.start.translation
+        self.kinematics.set_posture(q)
+        tips, _ = self.kinematics.tips(self.reach.fingers)
+        errors = np.linalg.norm(tips @ rotation.T + translation - self.reach.targets, axis=1)
+        return Placement(rotation=rotation, translation=translation, q=q, errors=errors)

@@ -1,0 +1,231 @@
+"""Forward kinematics of a hand, by MuJoCo: fingertips, link points, Jacobians, and the shapes to draw.
+
+MuJoCo is imported where it is used. The compiled model is cached per hand and process and never changed;
+every :class:`HandKinematics` has its own state, so that threads do not meet.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from ..exceptions import HandError
+from ..types import Array, IntArray, value
+from .model import Finger, Hand
+
+_NEXT, _LAST = [1, 2, 0], [2, 0, 1]
+
+
+@value
+class LinkShape:
+    """One primitive shape of a hand, placed.
+
+    Attributes:
+        kind: ``capsule``, ``sphere`` or ``box``.
+        link: name of the shape in the MJCF, as ``index_distal``.
+        body: name of the body that it belongs to.
+        p0: (3,) one end of a capsule's axis, or the centre [m].
+        p1: (3,) the other end; the centre again for sphere and box [m].
+        radius: of capsule or sphere [m]; 0 for a box.
+        half: (3,) half sizes of a box [m]; zero otherwise.
+        rotation: (3, 3) the shape's axes as columns; a capsule lies along the third.
+    """
+
+    kind: str
+    link: str
+    body: str
+    p0: Array
+    p1: Array
+    radius: float
+    half: Array
+    rotation: Array
+
+
+@cache
+def compile_hand(hand: Hand) -> Any:
+    """The hand's ``mujoco.MjModel``, compiled once per process; do not change it.
+
+    Raises:
+        HandError: MuJoCo refuses the MJCF, or the joints of the model are not in the hand's order.
+    """
+    import mujoco
+
+    try:
+        model = mujoco.MjModel.from_xml_string(hand.mjcf)
+    except ValueError as error:
+        raise HandError(f"hand {hand.name!r}: MuJoCo refuses the MJCF: {error}") from error
+    names = tuple(model.joint(i).name for i in range(model.njnt))
+    if names != hand.joints or model.nq != len(names):
+        raise HandError(f"hand {hand.name!r}: the MJCF must have exactly the hinges {', '.join(hand.joints)}")
+    return model
+
+
+def cross(a: Array, b: Array) -> Array:
+    """Vector product along the last axis; on small arrays several times faster than ``numpy.cross``."""
+    return np.asarray(a[..., _NEXT] * b[..., _LAST] - a[..., _LAST] * b[..., _NEXT])
+
+
+def _moves(model: Any) -> Array:
+    """(bodies, joints) 1 where the joint carries the body."""
+    moves = np.zeros((model.nbody, model.njnt))
+    for body in range(1, model.nbody):
+        moves[body] = moves[model.body_parentid[body]]
+        moves[body, model.jnt_bodyid == body] = 1.0
+    return moves
+
+
+class HandKinematics:
+    """One posture at a time: positions and Jacobians in the palm frame.
+
+    The palm frame is the world frame of the MuJoCo model; :mod:`preshape.hands.inverse` moves it.
+
+    Args:
+        hand: which hand.
+    """
+
+    def __init__(self, hand: Hand) -> None:
+        import mujoco
+
+        self.hand = hand
+        self.model = compile_hand(hand)
+        self._mujoco = mujoco
+        self._data = mujoco.MjData(self.model)
+        self._sites = {finger.name: self.model.site(finger.tip_site).id for finger in hand.fingers}
+        self._tip_bodies = {finger.name: self.model.body(finger.tip_body).id for finger in hand.fingers}
+        capsule = self.model.geom_type == mujoco.mjtGeom.mjGEOM_CAPSULE
+        self.half_lengths = np.where(capsule, self.model.geom_size[:, 1], 0.0)
+        self._moves = _moves(self.model)
+
+    def set_posture(self, q: Array) -> None:
+        """Set the joint angles [rad], in the order of ``hand.joints``."""
+        self._data.qpos[:] = q
+        self._mujoco.mj_kinematics(self.model, self._data)
+
+    def tips(self, fingers: tuple[Finger, ...]) -> tuple[Array, Array]:
+        """(k, 3) centres of the spherical fingertips [m], (k, 3) unit directions of the last phalanges."""
+        sites = [self._sites[finger.name] for finger in fingers]
+        axes = self._data.site_xmat.reshape(-1, 3, 3)[sites, :, 2]
+        return np.array(self._data.site_xpos[sites]), np.array(axes)
+
+    def tip_jacobians(self, fingers: tuple[Finger, ...]) -> tuple[Array, Array]:
+        """(k, 3, n) derivatives of :meth:`tips`, centres and directions, by the joint angles."""
+        bodies = np.array([self._tip_bodies[finger.name] for finger in fingers])
+        centres, axes = self.tips(fingers)
+        return self.point_jacobians(bodies, centres), cross(self._turns(bodies), axes[:, None]).transpose(
+            0, 2, 1
+        )
+
+    def point_jacobians(self, bodies: IntArray, points: Array) -> Array:
+        """(k, 3, n) derivatives of points (k, 3) [m] fixed to bodies (k,), by the joint angles [m/rad]."""
+        # A hinge turns a point about its anchor: dp/dq = axis x (p - anchor), if it carries the body.
+        arms = points[:, None] - self._data.xanchor
+        return cross(self._turns(bodies), arms).transpose(0, 2, 1)
+
+    def _turns(self, bodies: IntArray) -> Array:
+        return np.asarray(self._moves[bodies][:, :, None] * self._data.xaxis)
+
+    def shapes(self) -> list[LinkShape]:
+        """All collision shapes in the palm frame, palm first.
+
+        Raises:
+            HandError: a shape is not a capsule, a sphere or a box.
+        """
+        return [self._shape(geom) for geom in range(self.model.ngeom)]
+
+    def axes(self) -> tuple[Array, Array]:
+        """(m, 3), (m, 3) both ends of every shape's axis [m], in the order of :meth:`shapes`."""
+        centre = self._data.geom_xpos
+        along = self._data.geom_xmat.reshape(-1, 3, 3)[:, :, 2] * self.half_lengths[:, None]
+        return centre - along, centre + along
+
+    def _shape(self, geom: int) -> LinkShape:
+        kinds = self._mujoco.mjtGeom
+        rotation = np.array(self._data.geom_xmat[geom].reshape(3, 3))
+        centre, size = np.array(self._data.geom_xpos[geom]), self.model.geom_size[geom]
+        name = self.model.geom(geom).name
+        kind = int(self.model.geom_type[geom])
+        along, radius, half = np.zeros(3), 0.0, np.zeros(3)
+        if kind == kinds.mjGEOM_CAPSULE:
+            word, radius, along = "capsule", float(size[0]), rotation[:, 2] * size[1]
+        elif kind == kinds.mjGEOM_SPHERE:
+            word, radius = "sphere", float(size[0])
+        elif kind == kinds.mjGEOM_BOX:
+            word, half = "box", np.array(size)
+        else:
+            raise HandError(f"{self.hand.name}: shape {name} must be a capsule, a sphere or a box")
+        return LinkShape(
+            kind=word,
+            link=name,
+            body=self.model.body(int(self.model.geom_bodyid[geom])).name,
+            p0=centre - along,
+            p1=centre + along,
+            radius=radius,
+            half=half,
+            rotation=rotation,
+        )
+
+    def self_collisions(self, depth: float = 0.0) -> list[tuple[str, str, float]]:
+        """Pairs of links deeper in each other than ``depth`` [m]: two names and the penetration [m].
+
+        By MuJoCo's own collision of primitives; pairs that the MJCF excludes are left out.
+        """
+        self._mujoco.mj_collision(self.model, self._data)
+        return [
+            (self.model.geom(contact.geom1).name, self.model.geom(contact.geom2).name, -float(contact.dist))
+            for contact in self._data.contact
+            if -contact.dist > depth
+        ]
+
+
+def pose_matrix(pose: Array) -> tuple[Array, Array]:
+    """Rotation (3, 3) and translation (3,) of a pose xyz + wxyz."""
+    w, x, y, z = np.asarray(pose, dtype=np.float64)[3:] / np.linalg.norm(pose[3:])
+    rotation = np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+    return rotation, np.array(pose[:3], dtype=np.float64)
+
+
+def pose_vector(rotation: Array, translation: Array) -> Array:
+    """(7,) pose xyz + wxyz of a rotation (3, 3) and a translation [m]; w is not negative."""
+    from scipy.spatial.transform import Rotation
+
+    x, y, z, w = Rotation.from_matrix(rotation).as_quat(canonical=True)
+    return np.array([*translation, w, x, y, z])
+
+
+def move_shape(shape: LinkShape, rotation: Array, translation: Array) -> LinkShape:
+    """The shape moved by x -> R x + t."""
+    return LinkShape(
+        kind=shape.kind,
+        link=shape.link,
+        body=shape.body,
+        p0=rotation @ shape.p0 + translation,
+        p1=rotation @ shape.p1 + translation,
+        radius=shape.radius,
+        half=shape.half,
+        rotation=rotation @ shape.rotation,
+    )
+
+
+def hand_geometry(hand: Hand, palm_pose: Array, q: Array) -> list[LinkShape]:
+    """Every shape of the hand, for drawing and for checks.
+
+    Args:
+        hand: which hand.
+        palm_pose: (7,) xyz + wxyz, T_mesh_palm [m].
+        q: (n,) joint angles [rad].
+
+    Returns:
+        Capsules, spheres and boxes in the mesh frame, palm first.
+    """
+    kinematics = HandKinematics(hand)
+    kinematics.set_posture(q)
+    rotation, translation = pose_matrix(palm_pose)
+    return [move_shape(shape, rotation, translation) for shape in kinematics.shapes()]

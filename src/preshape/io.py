@@ -1,0 +1,175 @@
+"""Plans as JSON: the format that other programs read (``schema/plan.schema.json``).
+
+Points and poses are in the mesh file's frame, in metres after scale; wrenches are about the COG in the
+paper's units (lengths in U); quaternions are w x y z.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import tempfile
+from collections.abc import Callable
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+from ._version import __version__
+from .analyser import VirtualGrasp
+from .exceptions import EnvironmentFailure
+from .fuzzy import SET_NAMES
+from .hand_simulation import HandPose
+from .planner import Answer, Plan
+
+GRASP_KEYS = (
+    "plane", "flip", "approach_axis", "opposition_axis", "transverse_axis", "approach_value",
+    "approach_set", "fingers", "tfvadi", "adi", "net_wrench", "stability", "manipulability",
+)  # fmt: skip
+
+
+def plan_to_json(plan: Plan) -> dict[str, Any]:
+    """A plan as plain JSON values; see the schema for each key."""
+    document = _answer(plan, plan.answer)
+    document["alternatives"] = [_answer(plan, other) for other in plan.alternatives]
+    return document
+
+
+def error_to_json(reason: str) -> dict[str, str]:
+    """What standard output holds instead of a plan when the input or the environment failed."""
+    return {"status": "error", "reason": reason}
+
+
+def plan_schema() -> dict[str, Any]:
+    """The JSON Schema of a plan."""
+    text = (resources.files("preshape") / "schema" / "plan.schema.json").read_text(encoding="utf-8")
+    schema: dict[str, Any] = json.loads(text)
+    return schema
+
+
+def dumps(document: Any) -> str:
+    """JSON text; numbers that are not finite are a fault of ours and raise."""
+    return json.dumps(document, allow_nan=False, indent=2)
+
+
+def write_whole(path: Path, write: Callable[[Path], None]) -> None:
+    """Write a file whole or not at all: into a neighbour first, then renamed.
+
+    Args:
+        path: the file; its folder is made where it is missing.
+        write: writes the content to the path it is given.
+
+    Raises:
+        EnvironmentFailure: the folder cannot be made or written, or the disk is full.
+    """
+    temporary = None
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.stem}-", suffix=path.suffix)
+        os.close(handle)
+        temporary = Path(name)
+        write(temporary)
+        temporary.chmod(0o644)
+        temporary.replace(path)
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise EnvironmentFailure(f"cannot write {path}: {reason}; choose another folder") from error
+    finally:
+        if temporary is not None:
+            temporary.unlink(missing_ok=True)
+
+
+def write_json(path: Path, document: Any) -> None:
+    """Write JSON whole or not at all."""
+    text = dumps(document) + "\n"
+    write_whole(path, lambda target: _write_text(target, text))
+
+
+def _write_text(target: Path, text: str) -> None:
+    with target.open("w", encoding="utf-8") as file:
+        file.write(text)
+        file.flush()
+        os.fsync(file.fileno())
+
+
+def _answer(plan: Plan, answer: Answer | None) -> dict[str, Any]:
+    decision, task, mesh = plan.decision, plan.decision.task, plan.mesh
+    attributes = mesh.attributes
+    return {
+        "status": decision.status.value,
+        "reason": decision.reason,
+        "mode": decision.mode,
+        "deadlock": decision.deadlock,
+        **(_grasp(answer.grasp) if answer else dict.fromkeys(GRASP_KEYS)),
+        "cog": mesh.cog.tolist(),
+        "U": plan.hand.u,
+        "contacts": _contacts(answer) if answer else [],
+        "transitions": [
+            {"mode": t.mode, "outcome": t.outcome, "reason": t.reason} for t in decision.transitions
+        ],
+        "hand": _hand(plan, answer),
+        "alternatives": [],
+        "offers": [
+            {"task": o.task.label, "q": o.task.q.tolist(), "tfvadi": o.match, "mode": o.mode}
+            for o in decision.offers
+        ],
+        "object": {
+            "name": mesh.name,
+            "source": plan.source,
+            "extents": mesh.extents.tolist(),
+            "vertices": attributes.vertices,
+            "vertex_normals": attributes.vertex_normals,
+            "faces": attributes.faces,
+            "triangles": attributes.triangles,
+        },
+        "task": {"name": task.label, "q": task.q.tolist(), "means": task.means},
+        "thresholds": {
+            "estimation": plan.settings.thresholds.estimation,
+            "recognition": plan.settings.thresholds.recognition,
+        },
+        "seconds": {key: round(second, 6) for key, second in plan.seconds.items()},
+        "version": __version__,
+    }
+
+
+def _grasp(g: VirtualGrasp) -> dict[str, Any]:
+    return {
+        "plane": g.plane.index,
+        "flip": g.flip,
+        "approach_axis": g.plane.approach_axis.tolist(),
+        "opposition_axis": g.plane.opposition_axis.tolist(),
+        "transverse_axis": (g.plane.transverse_axis + 0.0).tolist(),
+        "approach_value": g.approach_value,
+        "approach_set": SET_NAMES[g.approach_set],
+        "fingers": g.fingers,
+        "tfvadi": g.tfvadi,
+        "adi": g.adi.tolist(),
+        "net_wrench": g.net_wrench.tolist(),
+        "stability": g.stability,
+        "manipulability": g.manipulability,
+    }
+
+
+def _contacts(answer: Answer) -> list[dict[str, Any]]:
+    contacts = answer.grasp.contacts
+    rows = zip(answer.hand_result.fingers, contacts.points, contacts.normals_in, strict=True)
+    return [{"finger": name, "point": p.tolist(), "normal_in": n.tolist()} for name, p, n in rows]
+
+
+def _hand(plan: Plan, answer: Answer | None) -> dict[str, Any]:
+    result = answer.hand_result if answer else None
+    return {
+        "name": plan.hand.name,
+        "joints": list(plan.hand.joints),
+        "status": result.status.name.lower() if result else None,
+        "reason": result.reason if result else None,
+        "pregrasp": _pose(result.pregrasp) if result else None,
+        "grasp": _pose(result.grasp) if result else None,
+        "squeeze": _pose(result.squeeze) if result else None,
+        "retracted": _pose(result.retracted) if result else None,
+    }
+
+
+def _pose(pose: HandPose | None) -> dict[str, Any] | None:
+    if pose is None:
+        return None
+    return {"palm_pose": pose.palm_pose.tolist(), "q": pose.q.tolist()}

@@ -1,0 +1,114 @@
+"""Checks of plain data: what JSON or a database cell may hold, with a sentence for what it may not."""
+
+from __future__ import annotations
+
+import math
+import operator
+from collections.abc import Mapping, Sequence
+from datetime import datetime, timedelta
+from typing import Any
+
+import numpy as np
+
+from ..exceptions import InputError
+
+LARGEST = 2**63 - 1
+Fields = Mapping[str, Any]
+
+
+def exactly(fields: object, names: Sequence[str], what: str) -> Fields:
+    """``fields`` if it is a mapping with exactly these names.
+
+    Raises:
+        InputError: anything else; the first missing or surplus name is in the message.
+    """
+    if not isinstance(fields, Mapping):
+        raise InputError(f"{what} must be an object with {', '.join(names)}, got {fields!r:.60}")
+    for name in names:
+        if name not in fields:
+            raise InputError(f"{what} lacks {name!r}")
+    for name in fields:
+        if name not in names:
+            raise InputError(f"{what} has the unknown field {name!r:.60}; known: {', '.join(names)}")
+    return fields
+
+
+def text(data: object, name: str) -> str:
+    """``data`` if it is text that is not empty and can be written as UTF-8.
+
+    Raises:
+        InputError: anything else.
+    """
+    if not isinstance(data, str) or not data:
+        raise InputError(f"{name} must be text, got {data!r:.60}")
+    try:
+        data.encode()
+    except UnicodeEncodeError as error:
+        raise InputError(f"{name} must be valid Unicode text, got {data!r:.60}") from error
+    return data
+
+
+def whole(data: object, name: str, low: int = 0, high: int = LARGEST) -> int:
+    """``data`` as a whole number from ``low`` to ``high``.
+
+    Raises:
+        InputError: anything else, truth values included.
+    """
+    try:
+        number = -1 if isinstance(data, bool) else operator.index(data)  # type: ignore[arg-type]
+    except TypeError:
+        number = -1
+    if not low <= number <= high:
+        limits = "not below 0" if (low, high) == (0, LARGEST) else f"{low}..{high}"
+        raise InputError(f"{name} must be a whole number {limits}, got {data!r:.60}")
+    return number
+
+
+def number(data: object, name: str, low: float = -math.inf, high: float = math.inf) -> float:
+    """``data`` as a finite number from ``low`` to ``high``.
+
+    Raises:
+        InputError: anything else, truth values and text included.
+    """
+    if type(data) is float and math.isfinite(data) and low <= data <= high:  # the common case, fast
+        return data
+    result = math.nan
+    if isinstance(data, int | float | np.integer | np.floating) and not isinstance(data, bool):
+        try:
+            result = float(data)
+        except OverflowError:
+            result = math.inf
+    if not (math.isfinite(result) and low <= result <= high):
+        limits = "" if math.isinf(low) else f" {low:.3g}..{high:.3g}"
+        raise InputError(f"{name} must be a finite number{limits}, got {data!r:.60}")
+    return result
+
+
+def numbers(data: object, name: str, depth: int = 1) -> list[Any]:
+    """``data`` as a list of finite numbers, or a list of such lists for ``depth`` 2.
+
+    Raises:
+        InputError: anything else.
+    """
+    if not isinstance(data, list | tuple):
+        raise InputError(f"{name} must be a list of numbers, got {data!r:.60}")
+    if depth > 1:
+        return [numbers(part, name, depth - 1) for part in data]
+    return [number(part, name) for part in data]
+
+
+def utc(data: object, name: str = "created") -> str:
+    """``data`` if it is an ISO 8601 time in UTC.
+
+    Raises:
+        InputError: anything else.
+    """
+    moment = None
+    if isinstance(data, str):
+        try:
+            moment = datetime.fromisoformat(data)
+        except ValueError:
+            moment = None
+    if moment is None or moment.utcoffset() != timedelta(0):
+        raise InputError(f"{name} must be an ISO 8601 time in UTC, got {data!r:.60}")
+    return str(data)

@@ -1,0 +1,225 @@
+"""Experiences and weights as plain fields: one set of checks for everything stored, read or imported.
+
+*Fields* are what JSON can say: text, whole numbers, numbers, truth values and lists of numbers, under
+the names of :class:`~preshape.types.Experience`, :class:`~preshape.types.Attributes` and
+:class:`~preshape.types.NetworkWeights`. A *row* is the same, flattened into the columns of the table.
+Numbers are IEEE doubles throughout, so that a value comes back with the bits it had.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from ..exceptions import InputError
+from ..types import Array, Attributes, Experience, NetworkWeights
+from .checks import exactly, number, numbers, text, utc, whole
+
+KINDS = ("seed", "task", "best", "landmark")
+
+EXPERIENCE_COLUMNS = (
+    *("hand", "kind", "object_name", "extent_x", "extent_y", "extent_z"),
+    *("vertices", "vertex_normals", "faces", "triangles"),
+    *("task_tx", "task_ty", "task_tz", "task_rx", "task_ry", "task_rz"),
+    *("plane", "flip", "approach_value", "approach_set", "fingers"),
+    *("wrench_fx", "wrench_fy", "wrench_fz", "wrench_mx", "wrench_my", "wrench_mz"),
+    *("match", "created", "area", "volume"),
+)
+WEIGHT_COLUMNS = (
+    *("hand", "inputs", "hidden", "outputs", "w1", "b1", "w2", "b2"),
+    *("mean_square_error", "trained_on", "epochs"),
+)
+_ATTRIBUTES = ("extents", "vertices", "vertex_normals", "faces", "triangles", "area", "volume")
+_EXPERIENCE = (
+    *("kind", "object_name", "hand", "attributes", "task", "plane", "flip", "approach_value"),
+    *("approach_set", "fingers", "wrench", "match", "created"),
+)
+_WEIGHTS = ("hand", "w1", "b1", "w2", "b2", "mean_square_error", "trained_on", "epochs")
+_MATCH_SLACK = 1e-9
+
+Row = tuple[Any, ...]
+
+
+def experience_fields(experience: Experience) -> dict[str, Any]:
+    """The fields of an experience, in the order in which they are exported."""
+    fields: dict[str, Any] = {name: getattr(experience, name) for name in _EXPERIENCE}
+    attributes = {name: getattr(experience.attributes, name) for name in _ATTRIBUTES}
+    attributes["extents"] = experience.attributes.extents.tolist()
+    fields["attributes"] = attributes
+    fields["task"], fields["wrench"] = experience.task.tolist(), experience.wrench.tolist()
+    fields["flip"] = bool(experience.flip)
+    return fields
+
+
+def experience_from(fields: object) -> Experience:
+    """The experience that these fields describe, everything checked.
+
+    Raises:
+        InputError: a field is missing, unknown, of another type or out of its range.
+    """
+    found = exactly(fields, _EXPERIENCE, "an experience")
+    shape = exactly(found["attributes"], _ATTRIBUTES, "attributes")
+    if found["kind"] not in KINDS:
+        raise InputError(f"kind must be one of {', '.join(KINDS)}, got {found['kind']!r:.60}")
+    if not isinstance(found["flip"], bool):
+        raise InputError(f"flip must be true or false, got {found['flip']!r:.60}")
+    extents = numbers(shape["extents"], "object extents")
+    if any(extent < 0.0 for extent in extents):
+        raise InputError(f"object extents must not be below 0, got {extents!r:.60}")
+    return Experience(
+        kind=found["kind"],
+        object_name=text(found["object_name"], "object_name"),
+        hand=text(found["hand"], "hand"),
+        attributes=Attributes(
+            extents=extents,  # type: ignore[arg-type]
+            vertices=whole(shape["vertices"], "vertices"),
+            vertex_normals=whole(shape["vertex_normals"], "vertex_normals"),
+            faces=whole(shape["faces"], "faces"),
+            triangles=whole(shape["triangles"], "triangles"),
+            area=number(shape["area"], "area"),
+            volume=number(shape["volume"], "volume"),
+        ),
+        task=numbers(found["task"], "task Q"),  # type: ignore[arg-type]
+        plane=whole(found["plane"], "plane", 1, 12),
+        flip=found["flip"],
+        approach_value=number(found["approach_value"], "approach_value", -1.0, 1.0),
+        approach_set=whole(found["approach_set"], "approach_set", 0, 6),
+        fingers=whole(found["fingers"], "fingers", 2, 4),
+        wrench=numbers(found["wrench"], "net wrench"),  # type: ignore[arg-type]
+        match=number(found["match"], "match", -_MATCH_SLACK, 6.0 + _MATCH_SLACK),
+        created=utc(found["created"]),
+    )
+
+
+def experience_row(experience: Experience, created: str) -> Row:
+    """The row that stores an experience, in the order of ``EXPERIENCE_COLUMNS``.
+
+    Args:
+        experience: what to store.
+        created: ISO 8601 time in UTC, used where the experience has none.
+
+    Raises:
+        InputError: a field is of another type or out of its range.
+    """
+    fields = experience_fields(experience)
+    fields["created"] = fields["created"] or created
+    checked = experience_from(fields)
+    shape = checked.attributes
+    return (
+        *(checked.hand, checked.kind, checked.object_name, *shape.extents.tolist()),
+        *(shape.vertices, shape.vertex_normals, shape.faces, shape.triangles),
+        *checked.task.tolist(),
+        *(checked.plane, int(checked.flip), checked.approach_value, checked.approach_set, checked.fingers),
+        *checked.wrench.tolist(),
+        *(checked.match, checked.created, shape.area, shape.volume),
+    )
+
+
+def experience_from_row(row: Row) -> Experience:
+    """The experience in a row of ``EXPERIENCE_COLUMNS``, everything checked again.
+
+    Raises:
+        InputError: the row holds what :func:`experience_row` would not have written.
+    """
+    cell = dict(zip(EXPERIENCE_COLUMNS, row, strict=True))
+    fields = {name: cell[name] for name in _EXPERIENCE if name in cell}
+    fields["attributes"] = {name: cell[name] for name in _ATTRIBUTES if name in cell}
+    fields["attributes"]["extents"] = [cell[f"extent_{axis}"] for axis in "xyz"]
+    fields["task"] = [cell[f"task_{axis}"] for axis in ("tx", "ty", "tz", "rx", "ry", "rz")]
+    fields["wrench"] = [cell[f"wrench_{axis}"] for axis in ("fx", "fy", "fz", "mx", "my", "mz")]
+    fields["flip"] = {0: False, 1: True}.get(cell["flip"], cell["flip"])
+    return experience_from(fields)
+
+
+def weights_fields(hand: str, weights: NetworkWeights) -> dict[str, Any]:
+    """The fields of a hand's weights, in the order in which they are exported."""
+    fields: dict[str, Any] = {"hand": hand}
+    for name in _WEIGHTS[1:]:
+        content = getattr(weights, name)
+        fields[name] = content.tolist() if isinstance(content, np.ndarray) else content
+    return fields
+
+
+def weights_from(fields: object) -> tuple[str, NetworkWeights]:
+    """The hand and the weights that these fields describe, everything checked.
+
+    Raises:
+        InputError: a field is missing, unknown or of another type, or the layers do not fit together.
+    """
+    found = exactly(fields, _WEIGHTS, "weights")
+    weights = NetworkWeights(
+        w1=numbers(found["w1"], "hidden weights", 2),  # type: ignore[arg-type]
+        b1=numbers(found["b1"], "hidden biases"),  # type: ignore[arg-type]
+        w2=numbers(found["w2"], "output weights", 2),  # type: ignore[arg-type]
+        b2=numbers(found["b2"], "output biases"),  # type: ignore[arg-type]
+        mean_square_error=number(found["mean_square_error"], "mean_square_error"),
+        trained_on=whole(found["trained_on"], "trained_on"),
+        epochs=whole(found["epochs"], "epochs"),
+    )
+    layers(weights)
+    return text(found["hand"], "hand"), weights
+
+
+def layers(weights: NetworkWeights) -> tuple[int, int, int]:
+    """Numbers of inputs, hidden units and outputs.
+
+    Raises:
+        InputError: the layers do not fit together, or one is empty.
+    """
+    (hidden, inputs), outputs = weights.w1.shape, weights.b2.shape[0]
+    if weights.b1.shape != (hidden,) or weights.w2.shape != (outputs, hidden) or not weights.w1.size:
+        shapes = ", ".join(str(a.shape) for a in (weights.w1, weights.b1, weights.w2, weights.b2))
+        raise InputError(f"weights must be (h, i), (h,), (o, h), (o,), got {shapes}")
+    return inputs, hidden, outputs
+
+
+def weights_row(hand: str, weights: NetworkWeights) -> Row:
+    """The row that stores a hand's weights: arrays as little-endian float64, row by row.
+
+    Raises:
+        InputError: the layers do not fit together or a number is out of its range.
+    """
+    return (
+        text(hand, "hand"),
+        *layers(weights),
+        *(_blob(weights.w1), _blob(weights.b1), _blob(weights.w2), _blob(weights.b2)),
+        number(weights.mean_square_error, "mean_square_error"),
+        whole(weights.trained_on, "trained_on"),
+        whole(weights.epochs, "epochs"),
+    )
+
+
+def weights_from_row(row: Row) -> NetworkWeights:
+    """The weights in a row of ``WEIGHT_COLUMNS``, shapes and numbers checked again.
+
+    Raises:
+        InputError: an array has another length than its shape, or holds what is not finite.
+    """
+    cell = dict(zip(WEIGHT_COLUMNS, row, strict=True))
+    inputs, hidden, outputs = (whole(cell[name], name, 1) for name in ("inputs", "hidden", "outputs"))
+    return NetworkWeights(
+        w1=_array(cell["w1"], (hidden, inputs), "w1"),
+        b1=_array(cell["b1"], (hidden,), "b1"),
+        w2=_array(cell["w2"], (outputs, hidden), "w2"),
+        b2=_array(cell["b2"], (outputs,), "b2"),
+        mean_square_error=number(cell["mean_square_error"], "mean_square_error"),
+        trained_on=whole(cell["trained_on"], "trained_on"),
+        epochs=whole(cell["epochs"], "epochs"),
+    )
+
+
+def _blob(array: Array) -> bytes:
+    return array.astype("<f8").tobytes()
+
+
+def _array(blob: object, shape: tuple[int, ...], name: str) -> Array:
+    length = 8 * math.prod(shape)
+    if not isinstance(blob, bytes) or len(blob) != length:
+        got = f"{len(blob)} bytes" if isinstance(blob, bytes) else f"{blob!r:.40}"
+        raise InputError(f"{name} must be {length} bytes for the shape {shape}, got {got}")
+    array = np.frombuffer(blob, dtype="<f8").reshape(shape).astype(np.float64)
+    if not np.isfinite(array).all():
+        raise InputError(f"{name} must be finite")
+    return array

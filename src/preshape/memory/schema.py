@@ -1,0 +1,288 @@
+"""The tables, their versions, and how a file is opened without harming it.
+
+A new file is version 1 brought up to date by ``MIGRATIONS``, so that old and new files cannot differ.
+
+======= ==================================================================================
+version what changed
+======= ==================================================================================
+1       experiences and weights
+2       surface area [m²] and volume [m³] of the object, used by recognition
+======= ==================================================================================
+
+A file is looked at before it is opened for writing: a file that is not a memory, or that a newer
+version wrote, is refused with every byte as it was. The first transaction of a new file runs with a
+rollback journal and only then does the file turn to write-ahead logging; its header therefore names
+this application from the first committed byte on.
+
+Columns of numbers have no declared type: a REAL column would lose the sign of -0.0.
+"""
+
+from __future__ import annotations
+
+import sqlite3
+import time
+from collections.abc import Callable
+from contextlib import closing, suppress
+from os import fspath, getpid
+from pathlib import Path
+
+from ..exceptions import EnvironmentFailure, MemoryFileError
+from .failures import BUSY_SECONDS, ELSEWHERE, primary_code, transaction
+
+APPLICATION_ID = 0x70726573  # "pres"
+SCHEMA_VERSION = 2
+
+_VERSION_1 = (
+    """CREATE TABLE experiences (
+    id INTEGER PRIMARY KEY AUTOINCREMENT,
+    hand TEXT NOT NULL, kind TEXT NOT NULL, object_name TEXT NOT NULL,
+    extent_x NOT NULL, extent_y NOT NULL, extent_z NOT NULL,
+    vertices INTEGER NOT NULL, vertex_normals INTEGER NOT NULL,
+    faces INTEGER NOT NULL, triangles INTEGER NOT NULL,
+    task_tx NOT NULL, task_ty NOT NULL, task_tz NOT NULL,
+    task_rx NOT NULL, task_ry NOT NULL, task_rz NOT NULL,
+    plane INTEGER NOT NULL, flip INTEGER NOT NULL, approach_value NOT NULL,
+    approach_set INTEGER NOT NULL, fingers INTEGER NOT NULL,
+    wrench_fx NOT NULL, wrench_fy NOT NULL, wrench_fz NOT NULL,
+    wrench_mx NOT NULL, wrench_my NOT NULL, wrench_mz NOT NULL,
+    match NOT NULL, created TEXT NOT NULL)""",
+    "CREATE INDEX experiences_by_hand ON experiences (hand, kind)",
+    """CREATE TABLE weights (
+    hand TEXT PRIMARY KEY,
+    inputs INTEGER NOT NULL, hidden INTEGER NOT NULL, outputs INTEGER NOT NULL,
+    w1 BLOB NOT NULL, b1 BLOB NOT NULL, w2 BLOB NOT NULL, b2 BLOB NOT NULL,
+    mean_square_error NOT NULL, trained_on INTEGER NOT NULL, epochs INTEGER NOT NULL)""",
+)
+
+
+def _add_area_and_volume(connection: sqlite3.Connection) -> None:
+    """Version 1 to 2: area [m²] and volume [m³]; old rows get those of the bounding box.
+
+    Version 1 did not keep them, and the mesh is gone: the box's are upper bounds for a convex object,
+    and exact for a box.
+    """
+    connection.execute("ALTER TABLE experiences ADD COLUMN area NOT NULL DEFAULT 0")
+    connection.execute("ALTER TABLE experiences ADD COLUMN volume NOT NULL DEFAULT 0")
+    connection.execute(
+        "UPDATE experiences SET volume = extent_x * extent_y * extent_z,"
+        " area = 2 * (extent_x * extent_y + extent_y * extent_z + extent_z * extent_x)"
+    )
+
+
+_SMALLEST_DATABASE = 512  # bytes
+_UNSETTLED = {sqlite3.SQLITE_NOTADB, sqlite3.SQLITE_CORRUPT}
+
+MIGRATIONS: dict[int, Callable[[sqlite3.Connection], None]] = {1: _add_area_and_volume}
+"""For each version, what makes the next one of it; runs inside a transaction."""
+
+
+def connect(uri: str) -> sqlite3.Connection:
+    """A connection without implicit transactions that waits ``BUSY_SECONDS`` for locks."""
+    return sqlite3.connect(uri, uri=True, timeout=BUSY_SECONDS, isolation_level=None)
+
+
+def open_writable(path: Path) -> sqlite3.Connection:
+    """Open the memory at ``path``, made or migrated where that is needed.
+
+    Raises:
+        MemoryFileError: not a memory, damaged, or of a newer version; the file is untouched.
+        sqlite3.Error, OSError: for :func:`~preshape.memory.failures.translated` to name.
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    _inspect(path)
+    connection = connect(f"{path.as_uri()}?mode=rwc")
+    try:
+        connection.execute("PRAGMA synchronous = FULL")
+        connection.execute("PRAGMA trusted_schema = OFF")
+        if _version(connection, path) < SCHEMA_VERSION:
+            with transaction(connection):
+                _bring_up_to_date(connection, path)
+        _write_ahead(connection)
+    except BaseException:
+        connection.close()
+        raise
+    return connection
+
+
+def open_readable(path: Path) -> sqlite3.Connection:
+    """Open the memory at ``path`` for reading; an older version is migrated in a copy in main memory.
+
+    On a file system that cannot be written, SQLite cannot make the files beside a memory that it
+    wants; the file is then read as one that does not change, unless a log beside it holds more.
+
+    Raises:
+        MemoryFileError: not a memory, damaged, or of a newer version.
+        EnvironmentFailure: the log beside the file can be read only with write permission.
+        sqlite3.Error, OSError: for :func:`~preshape.memory.failures.translated` to name.
+    """
+    _inspect(path)
+    try:
+        connection = _readable(path, "mode=ro")
+    except sqlite3.OperationalError as error:
+        if primary_code(error) not in {sqlite3.SQLITE_CANTOPEN, sqlite3.SQLITE_READONLY}:
+            raise
+        if _has_log(path):
+            raise EnvironmentFailure(
+                f"the memory {path} has a log beside it that cannot be read without write permission;"
+                f" make {path.parent} writable once or {ELSEWHERE}"
+            ) from error
+        connection = _readable(path, "mode=ro&immutable=1")
+    connection.execute("PRAGMA query_only = ON")
+    return connection
+
+
+def _readable(path: Path, way: str) -> sqlite3.Connection:
+    connection = connect(f"{path.as_uri()}?{way}")
+    try:
+        if _version(connection, path) == SCHEMA_VERSION:
+            return connection
+        copy = connect("file::memory:")
+        _copy(connection, copy)
+        with transaction(copy):
+            _bring_up_to_date(copy, None)
+    except BaseException:
+        connection.close()
+        raise
+    connection.close()
+    return copy
+
+
+def open_transient() -> sqlite3.Connection:
+    """A memory that lives and dies with its connection."""
+    connection = connect("file::memory:")
+    with transaction(connection):
+        _bring_up_to_date(connection, None)
+    return connection
+
+
+def _inspect(path: Path) -> None:
+    """Refuse what is not a memory of ours before anything could change it.
+
+    SQLite reads the file as unchanging: no lock, no file beside it. Never by opening the file here:
+    closing it would drop the locks that this process already holds on it.
+
+    Raises:
+        MemoryFileError: not a memory, or of a newer version.
+        EnvironmentFailure: not a regular file.
+    """
+    if not path.exists() or (path.is_file() and path.stat().st_size == 0):
+        return
+    if not path.is_file():
+        raise EnvironmentFailure(f"the memory {path} is not a regular file; {ELSEWHERE}")
+    if path.stat().st_size < _SMALLEST_DATABASE:  # SQLite would take such a file for an empty database
+        raise MemoryFileError(f"{path} is not a memory of preshape (not a SQLite file); {ELSEWHERE}")
+    for way in ("mode=ro&immutable=1", "mode=ro"):
+        try:
+            with closing(connect(f"{path.as_uri()}?{way}")) as connection:
+                if _version(connection, path) or not _has_log(path):
+                    return
+        except sqlite3.DatabaseError as error:
+            # Another process may be making the file or writing its log back: look again, with locks.
+            if primary_code(error) not in _UNSETTLED or way == "mode=ro":
+                raise
+
+
+def _version(connection: sqlite3.Connection, path: Path) -> int:
+    """The schema version, 0 for an empty database.
+
+    Raises:
+        MemoryFileError: another application's file, or one of a newer version.
+    """
+    (application,) = connection.execute("PRAGMA application_id").fetchone()
+    (version,) = connection.execute("PRAGMA user_version").fetchone()
+    if (application, version) == (0, 0):
+        (tables,) = connection.execute("SELECT count(*) FROM sqlite_master").fetchone()
+        if tables == 0:
+            return 0
+    if application != APPLICATION_ID or version < 1:
+        raise _foreign(path)
+    if version > SCHEMA_VERSION:
+        raise MemoryFileError(
+            f"the memory {path} has version {version}, newer than the {SCHEMA_VERSION} known here;"
+            f" upgrade preshape or {ELSEWHERE}"
+        )
+    return int(version)
+
+
+def _foreign(path: Path) -> MemoryFileError:
+    return MemoryFileError(
+        f"{path} is not a memory of preshape (a SQLite file of another program); {ELSEWHERE}"
+    )
+
+
+def _has_log(path: Path) -> bool:
+    log = Path(f"{fspath(path)}-wal")
+    return log.exists() and log.stat().st_size > 0
+
+
+def _bring_up_to_date(connection: sqlite3.Connection, path: Path | None) -> None:
+    """Create or migrate inside the transaction that is open; another process may have been quicker.
+
+    Args:
+        connection: inside a transaction.
+        path: where the file lies, for the copy kept beside it; None for main memory.
+    """
+    version = _version(connection, path or Path(":memory:"))
+    if version == 0:
+        for statement in _VERSION_1:
+            connection.execute(statement)
+        connection.execute(f"PRAGMA application_id = {APPLICATION_ID}")
+        version = 1
+    elif version < SCHEMA_VERSION and path is not None:
+        _keep_copy(path, version)
+    for step in range(version, SCHEMA_VERSION):
+        MIGRATIONS[step](connection)
+    connection.execute(f"PRAGMA user_version = {SCHEMA_VERSION}")
+
+
+def _keep_copy(path: Path, version: int) -> Path:
+    """Copy the database to ``NAME.v1-backup`` (then ``NAME.v1-backup-2`` …) before it is migrated.
+
+    The caller holds the write lock, so that what is copied is what is migrated. A connection cannot be
+    copied inside its own write transaction; another one reads.
+    """
+    target = path.with_name(f"{path.name}.v{version}-backup")
+    count = 1
+    while target.exists():
+        count += 1
+        target = path.with_name(f"{path.name}.v{version}-backup-{count}")
+    unfinished = path.with_name(f"{path.name}.{getpid()}.unfinished")
+    try:
+        with (
+            closing(connect(f"{path.as_uri()}?mode=ro")) as source,
+            closing(connect(f"{unfinished.as_uri()}?mode=rwc")) as copy,
+        ):
+            _copy(source, copy)
+        unfinished.rename(target)
+    finally:
+        with suppress(OSError):
+            unfinished.unlink()
+    return target
+
+
+def _copy(source: sqlite3.Connection, target: sqlite3.Connection) -> None:
+    """Copy a whole database, trying again while it is locked, but not for ever as Python would."""
+    deadline = time.monotonic() + BUSY_SECONDS
+
+    def progress(status: int, remaining: int, total: int) -> None:
+        if status != sqlite3.SQLITE_DONE and time.monotonic() > deadline:
+            raise EnvironmentFailure(
+                f"a memory of an older version was locked for over {BUSY_SECONDS:.0f} s and could not be"
+                " copied before its migration; try again"
+            )
+
+    source.backup(target, progress=progress, sleep=0.05)
+
+
+def _write_ahead(connection: sqlite3.Connection) -> None:
+    """Turn to write-ahead logging, which a file keeps; SQLite does not wait for the lock by itself."""
+    deadline = time.monotonic() + BUSY_SECONDS
+    while True:
+        try:
+            connection.execute("PRAGMA journal_mode = WAL").fetchone()
+        except sqlite3.OperationalError as error:
+            if primary_code(error) != sqlite3.SQLITE_BUSY or time.monotonic() > deadline:
+                raise
+            time.sleep(0.01)
+        else:
+            return

@@ -1,0 +1,291 @@
+"""The memory itself: what a process asks of it, one transaction for each change."""
+
+from __future__ import annotations
+
+import os
+import sqlite3
+from collections.abc import Collection, Iterable, Iterator, Sequence
+from contextlib import closing, contextmanager
+from datetime import UTC, datetime
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+from ..exceptions import EnvironmentFailure, InputError, MemoryFileError
+from ..types import Experience, NetworkWeights
+from . import records, schema, summary, transfer
+from .failures import ELSEWHERE, transaction, translated
+from .summary import MemoryStatistics, ObjectSummary
+
+_COLUMNS = ", ".join(records.EXPERIENCE_COLUMNS)
+_INSERT = f"INSERT INTO experiences ({_COLUMNS}) VALUES ({', '.join('?' * len(records.EXPERIENCE_COLUMNS))})"
+_WEIGHT_COLUMNS = ", ".join(records.WEIGHT_COLUMNS)
+_UPSERT = (
+    f"INSERT INTO weights ({_WEIGHT_COLUMNS}) VALUES ({', '.join('?' * len(records.WEIGHT_COLUMNS))})"
+    " ON CONFLICT (hand) DO UPDATE SET "
+    + ", ".join(f"{name} = excluded.{name}" for name in records.WEIGHT_COLUMNS[1:])
+    + " WHERE excluded.trained_on >= weights.trained_on"
+)
+
+
+def default_path() -> Path:
+    """Where the memory lies unless told otherwise: ``PRESHAPE_MEMORY``, or the user's data directory."""
+    chosen = os.environ.get("PRESHAPE_MEMORY")
+    if chosen:
+        return Path(chosen)
+    import platformdirs
+
+    return Path(platformdirs.user_data_dir("preshape", appauthor=False)) / "memory.sqlite"
+
+
+class Memory:
+    """Experiences and weights that last; a context manager. One memory serves one thread.
+
+    Make one with :meth:`open`. Every method may raise ``EnvironmentFailure`` (locked for over 10 s,
+    disk full, permission denied, closed) and ``MemoryFileError`` (the file is damaged).
+
+    Attributes:
+        where: the file's path as text, or ``:memory:``.
+        read_only: whether changes are refused.
+    """
+
+    def __init__(self, connection: sqlite3.Connection, where: str, *, read_only: bool) -> None:
+        self._connection = connection
+        self.where = where
+        self.read_only = read_only
+
+    @classmethod
+    def open(cls, path: Path | str | None = None, *, read_only: bool = False) -> Self:
+        """Open a memory; the file and its directories are made where they are missing.
+
+        Args:
+            path: the file; ``":memory:"`` for one that is forgotten when closed; None for
+                :func:`default_path`.
+            read_only: change nothing on disk. Where there is no file yet this gives an empty memory
+                that exists only until it is closed. An older version is brought up to date in a copy.
+
+        A file that this user may not write is opened read-only too: see ``read_only`` on the result.
+
+        Raises:
+            MemoryFileError: not a memory, damaged, or written by a newer version; the file is untouched.
+            EnvironmentFailure: it cannot be opened or made.
+        """
+        where = os.fspath(default_path() if path is None else path)
+        if not where or "\0" in where:
+            raise MemoryFileError(f"a memory needs the path of a file, got {where!r}; {ELSEWHERE}")
+        with translated(where):
+            if where == ":memory:":
+                return cls(schema.open_transient(), where, read_only=read_only)
+            file = _absolute(where)
+            if file.exists() and not (os.access(file, os.W_OK) and os.access(file.parent, os.W_OK)):
+                read_only = True
+            if not read_only:
+                return cls(schema.open_writable(file), str(file), read_only=False)
+            if not file.exists() or (file.is_file() and file.stat().st_size == 0):
+                return cls(schema.open_transient(), str(file), read_only=True)
+            return cls(schema.open_readable(file), str(file), read_only=True)
+
+    def close(self) -> None:
+        """Close; the last process to close writes the log back into the file. May be called twice."""
+        with translated(self.where):
+            self._connection.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def add(
+        self, experiences: Sequence[Experience], weights: NetworkWeights | None = None
+    ) -> tuple[int, ...]:
+        """Store experiences, and the weights trained with them, in one transaction.
+
+        Args:
+            experiences: what was met; ``created`` is stamped where it is empty.
+            weights: of the one hand that all these experiences share; kept as by :meth:`save_weights`.
+
+        Returns:
+            The experiences' numbers in the memory, never used twice. Once returned they are on disk.
+
+        Raises:
+            InputError: an experience is out of its ranges, or weights come without one single hand.
+        """
+        now = datetime.now(UTC).isoformat(timespec="microseconds")
+        rows = [records.experience_row(experience, now) for experience in experiences]
+        hands = {experience.hand for experience in experiences}
+        trained = None
+        if weights is not None:
+            if len(hands) != 1:
+                raise InputError(
+                    f"weights go with experiences of one hand, got {len(hands)} hands; use save_weights"
+                )
+            trained = records.weights_row(hands.pop(), weights)
+        with self._writing():
+            numbers = tuple(self._insert(rows))
+            if trained is not None:
+                self._connection.execute(_UPSERT, trained)
+        return numbers
+
+    def experiences(
+        self, hand: str | None = None, kinds: Collection[str] | None = None
+    ) -> tuple[Experience, ...]:
+        """The experiences in the order in which they were stored.
+
+        Args:
+            hand: only those of this hand.
+            kinds: only those of these kinds; see ``KINDS``.
+
+        Raises:
+            InputError: a kind that does not exist.
+        """
+        query, values = f"SELECT id, {_COLUMNS} FROM experiences WHERE 1", list[str]()
+        if hand is not None:
+            query, values = f"{query} AND hand = ?", [hand]
+        if kinds is not None:
+            wanted = [kinds] if isinstance(kinds, str) else list(kinds)
+            for kind in wanted:
+                if kind not in records.KINDS:
+                    raise InputError(f"no kind {kind!r:.60}; known: {', '.join(records.KINDS)}")
+            query, values = f"{query} AND kind IN ({', '.join('?' * len(wanted))})", values + wanted
+        with translated(self.where):
+            rows = self._connection.execute(f"{query} ORDER BY id", values).fetchall()
+        return tuple(self._experience(number, tuple(row)) for number, *row in rows)
+
+    def count(self, hand: str | None = None) -> int:
+        """How many experiences there are, or how many of one hand."""
+        with translated(self.where):
+            query = "SELECT count(*) FROM experiences WHERE ?1 IS NULL OR hand = ?1"
+            return int(self._connection.execute(query, (hand,)).fetchone()[0])
+
+    def weights(self, hand: str) -> NetworkWeights | None:
+        """The network weights of a hand, None before any were stored.
+
+        Raises:
+            MemoryFileError: what is stored does not have its shape.
+        """
+        with translated(self.where):
+            query = f"SELECT {_WEIGHT_COLUMNS} FROM weights WHERE hand = ?"
+            row = self._connection.execute(query, (hand,)).fetchone()
+        return None if row is None else self._weights(tuple(row))
+
+    def save_weights(self, hand: str, weights: NetworkWeights) -> bool:
+        """Store a hand's weights unless those there were trained on more samples.
+
+        Another process may have learnt more in the meantime; its weights stay.
+
+        Returns:
+            Whether these weights are now the stored ones.
+
+        Raises:
+            InputError: the layers do not fit together or a number is not finite.
+        """
+        row = records.weights_row(hand, weights)
+        with self._writing():
+            return self._connection.execute(_UPSERT, row).rowcount > 0
+
+    def reset(self, hand: str | None = None) -> int:
+        """Forget everything, or everything of one hand; returns how many experiences that were."""
+        where = "WHERE ?1 IS NULL OR hand = ?1"
+        with self._writing():
+            self._connection.execute(f"DELETE FROM weights {where}", (hand,))
+            return self._connection.execute(f"DELETE FROM experiences {where}", (hand,)).rowcount
+
+    def objects(self, hand: str | None = None) -> tuple[ObjectSummary, ...]:
+        """What is known about each object, sorted by name; of one hand or of all."""
+        with translated(self.where), transaction(self._connection, "BEGIN"):
+            return summary.objects(self._connection, hand)
+
+    def statistics(self) -> MemoryStatistics:
+        """The memory in numbers, all of the same moment."""
+        with translated(self.where), transaction(self._connection, "BEGIN"):
+            return summary.statistics(self._connection, self.where)
+
+    def export(self, path: Path | str) -> None:
+        """Write everything to one JSON document (see :mod:`.transfer`), whole or not at all.
+
+        Raises:
+            InputError: ``path`` is the memory itself.
+            EnvironmentFailure: it cannot be written.
+        """
+        target = Path(path)
+        with translated(str(target)):
+            if any(target.exists() and target.samefile(own) for own in self._own_files()):
+                raise InputError(f"{target} is the memory itself; export to another file")
+        with translated(self.where), transaction(self._connection, "BEGIN"):
+            experiences = self.experiences()
+            rows = self._connection.execute(f"SELECT {_WEIGHT_COLUMNS} FROM weights ORDER BY hand").fetchall()
+        transfer.write_document(
+            target, experiences, [(str(row[0]), self._weights(tuple(row))) for row in rows]
+        )
+
+    def import_(self, path: Path | str) -> int:
+        """Add what a document of :meth:`export` holds; all of it is checked first, one transaction.
+
+        Experiences that are here already, the time included, are skipped. Weights are kept as by
+        :meth:`save_weights`.
+
+        Returns:
+            How many experiences were added.
+
+        Raises:
+            MemoryFileError: not such a document, or of a newer format; nothing was added.
+            EnvironmentFailure: it cannot be read.
+        """
+        experiences, weights = transfer.read_document(Path(path))
+        rows = [records.experience_row(experience, experience.created) for experience in experiences]
+        with self._writing():
+            present = set(self._connection.execute(f"SELECT {_COLUMNS} FROM experiences"))
+            fresh = [row for row in dict.fromkeys(rows) if row not in present]
+            added = len(list(self._insert(fresh)))
+            for hand, content in weights:
+                self._connection.execute(_UPSERT, records.weights_row(hand, content))
+        return added
+
+    @contextmanager
+    def _writing(self) -> Iterator[None]:
+        if self.read_only:
+            raise EnvironmentFailure(
+                f"the memory {self.where} is open for reading only; check its permissions or {ELSEWHERE}"
+            )
+        with translated(self.where), transaction(self._connection):
+            yield
+
+    def _insert(self, rows: Iterable[records.Row]) -> Iterator[int]:
+        with closing(self._connection.cursor()) as cursor:
+            for row in rows:
+                cursor.execute(_INSERT, row)
+                yield int(cursor.lastrowid or 0)
+
+    def _experience(self, number: int, row: records.Row) -> Experience:
+        try:
+            return records.experience_from_row(row)
+        except InputError as error:
+            raise MemoryFileError(
+                f"the memory {self.where} is damaged: experience {number}: {error};"
+                f" restore a copy or {ELSEWHERE}"
+            ) from error
+
+    def _weights(self, row: records.Row) -> NetworkWeights:
+        try:
+            return records.weights_from_row(row)
+        except InputError as error:
+            raise MemoryFileError(
+                f"the memory {self.where} is damaged: weights of {row[0]!r:.60}: {error};"
+                f" restore a copy, reset that hand or {ELSEWHERE}"
+            ) from error
+
+    def _own_files(self) -> Iterator[Path]:
+        for suffix in ("", "-wal", "-shm"):
+            own = Path(self.where + suffix)
+            if own.exists():
+                yield own
+
+
+def _absolute(where: str) -> Path:
+    try:
+        return Path(where).expanduser().resolve()
+    except RuntimeError as error:  # no such user, or links in a circle
+        raise EnvironmentFailure(f"the memory {where} cannot be found ({error}); {ELSEWHERE}") from error

@@ -1,0 +1,159 @@
+"""The exported memory: one JSON document, to be kept, sent and read by people.
+
+::
+
+    {
+      "format": "preshape-memory",
+      "version": 1,
+      "experiences": [
+        {
+          "kind": "task", "object_name": "cube", "hand": "utah_mit",
+          "attributes": {"extents": [x, y, z], "vertices": 8, "vertex_normals": 6, "faces": 6,
+                         "triangles": 12, "area": m², "volume": m³},
+          "task": [Tx, Ty, Tz, Rx, Ry, Rz],
+          "plane": 1..12, "flip": false, "approach_value": -1..1, "approach_set": 0..6,
+          "fingers": 2..4, "wrench": [fx, fy, fz, mx, my, mz], "match": 0..6,
+          "created": "2025-01-31T12:00:00.000000+00:00"
+        }
+      ],
+      "weights": [
+        {"hand": "utah_mit", "w1": [[…] …], "b1": […], "w2": [[…] …], "b2": […],
+         "mean_square_error": 5e-4, "trained_on": 48, "epochs": 900}
+      ]
+    }
+
+Experiences stand in the order in which they were stored. The fields are those of
+:class:`~preshape.types.Experience` and :class:`~preshape.types.NetworkWeights`, all present, no others.
+Numbers are written with the digits that give the same double back.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import threading
+from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import Any, TypeVar
+
+from ..exceptions import EnvironmentFailure, InputError, MemoryFileError
+from ..types import Experience, NetworkWeights
+from . import checks, records
+
+FORMAT_NAME = "preshape-memory"
+FORMAT_VERSION = 1
+
+_KEYS = ("format", "version", "experiences", "weights")
+_T = TypeVar("_T")
+
+
+def write_document(
+    path: Path, experiences: Iterable[Experience], weights: Iterable[tuple[str, NetworkWeights]]
+) -> None:
+    """Write a document, whole or not at all: beside its place first, to disk, then renamed.
+
+    Raises:
+        EnvironmentFailure: it cannot be written; what was at ``path`` is still there.
+    """
+    document = {
+        "format": FORMAT_NAME,
+        "version": FORMAT_VERSION,
+        "experiences": [records.experience_fields(experience) for experience in experiences],
+        "weights": [records.weights_fields(hand, content) for hand, content in weights],
+    }
+    content = json.dumps(document, allow_nan=False, ensure_ascii=False, indent=1) + "\n"
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        if path.is_dir():
+            raise IsADirectoryError(None, "it is a directory")
+        unfinished = path.with_name(f".{path.name}.{os.getpid()}-{threading.get_ident()}.unfinished")
+        try:
+            with unfinished.open("w", encoding="utf-8", newline="\n") as file:
+                file.write(content)
+                file.flush()
+                os.fsync(file.fileno())
+            unfinished.replace(path)
+        finally:
+            with suppress(OSError):
+                unfinished.unlink()
+        _sync_directory(path.parent)
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise EnvironmentFailure(f"cannot export to {path} ({reason}); choose another file") from error
+
+
+def read_document(
+    path: Path,
+) -> tuple[tuple[Experience, ...], tuple[tuple[str, NetworkWeights], ...]]:
+    """Read a document and check every field of it.
+
+    Raises:
+        MemoryFileError: not such a document; the message says where it departs from the format.
+        EnvironmentFailure: the file cannot be read.
+    """
+    try:
+        raw = path.read_bytes()
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise EnvironmentFailure(f"cannot import {path} ({reason}); check the path") from error
+    try:
+        document = json.loads(
+            raw.decode("utf-8"), parse_constant=_no_constant, object_pairs_hook=_unique_names
+        )
+    except (ValueError, RecursionError) as error:
+        raise MemoryFileError(f"{path} is not a JSON document ({str(error)[:200]}); {_REMEDY}") from error
+    if not isinstance(document, dict) or document.get("format") != FORMAT_NAME:
+        raise MemoryFileError(f'{path} does not say "format": "{FORMAT_NAME}"; {_REMEDY}')
+    version = document.get("version")
+    if isinstance(version, int) and version > FORMAT_VERSION:
+        raise MemoryFileError(
+            f"{path} has format version {version}, newer than the {FORMAT_VERSION} known here;"
+            " upgrade preshape"
+        )
+    try:
+        checks.whole(version, "version", FORMAT_VERSION, FORMAT_VERSION)
+        checks.exactly(document, _KEYS, "the document")
+        experiences = _each(document["experiences"], "experience", records.experience_from)
+        weights = _each(document["weights"], "weights", records.weights_from)
+        if len({hand for hand, _ in weights}) != len(weights):
+            raise InputError("a hand has more than one set of weights")
+    except InputError as error:
+        raise MemoryFileError(f"{path}: {error}; nothing was imported") from error
+    return experiences, weights
+
+
+_REMEDY = "give a file written by memory export; nothing was imported"
+
+
+def _each(items: object, noun: str, build: Callable[[object], _T]) -> tuple[_T, ...]:
+    if not isinstance(items, list):
+        raise InputError(f"{noun}: a list was expected, got {items!r:.60}")
+    built = []
+    for position, item in enumerate(items, start=1):
+        try:
+            built.append(build(item))
+        except InputError as error:
+            raise InputError(f"{noun} {position}: {error}") from error
+    return tuple(built)
+
+
+def _no_constant(name: str) -> float:
+    raise ValueError(f"{name} is not a finite number")
+
+
+def _unique_names(pairs: Sequence[tuple[str, Any]]) -> dict[str, Any]:
+    result = dict(pairs)
+    if len(result) != len(pairs):
+        raise ValueError("a name appears twice in one object")
+    return result
+
+
+def _sync_directory(directory: Path) -> None:
+    """Make the rename durable where the system can; elsewhere it comes a little later."""
+    with suppress(OSError):
+        handle = os.open(directory, os.O_RDONLY)
+        try:
+            os.fsync(handle)
+        finally:
+            os.close(handle)

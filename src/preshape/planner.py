@@ -1,0 +1,189 @@
+"""From an object and a task to a plan: load, decide, try it with the hand.
+
+>>> from preshape import plan                                           # doctest: +SKIP
+>>> answer = plan("mug", "lift", memory=":memory:")                     # doctest: +SKIP
+>>> answer.grasp.plane.label, answer.hand_result.status                 # doctest: +SKIP
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+from .analyser import HandLayout, VirtualGrasp
+from .controller import Controller
+from .decision import Decision, Settings
+from .exceptions import InputError
+from .hand_simulation import HandResult, simulate_hand
+from .hands.model import Hand, load_hand
+from .memory import Memory
+from .objects.load import load_object
+from .objects.mesh import TriangleMesh
+from .tasks import Task, parse_task, task_from_numbers
+from .types import value
+
+ANALYSERS = ("rays", "closure")
+RAY_HAND = "utah_mit"
+"""The hand whose default analyser is the paper's; any other hand's is closure."""
+
+
+@value
+class Answer:
+    """A virtual grasp and what the hand could make of it.
+
+    Attributes:
+        grasp: the virtual grasp.
+        hand_result: the hand simulation; its status says whether the hand reached it.
+    """
+
+    grasp: VirtualGrasp
+    hand_result: HandResult
+
+
+@value
+class Plan:
+    """Everything about one run, for people, files and pictures.
+
+    Attributes:
+        mesh: the object as planned with [m].
+        source: the file or library name it came from.
+        hand: the hand.
+        settings: meta control's settings.
+        decision: the controller's report.
+        answer: the answer with the hand on it; ``None`` without one.
+        alternatives: further answers, best first.
+        seconds: ``load``, ``prepare``, ``search``, ``total``.
+    """
+
+    mesh: TriangleMesh
+    source: str
+    hand: Hand
+    settings: Settings
+    decision: Decision
+    answer: Answer | None
+    alternatives: tuple[Answer, ...]
+    seconds: dict[str, float]
+
+    @property
+    def grasp(self) -> VirtualGrasp | None:
+        """The answer's virtual grasp."""
+        return self.answer.grasp if self.answer else None
+
+    @property
+    def hand_result(self) -> HandResult | None:
+        """The answer's hand simulation."""
+        return self.answer.hand_result if self.answer else None
+
+
+def plan(
+    thing: str | Path | TriangleMesh,
+    task: str | Sequence[float] | Task,
+    *,
+    hand: str = RAY_HAND,
+    analyser: str | None = None,
+    scale: float = 1.0,
+    unit: str = "m",
+    memory: str | Path | Memory | None = None,
+    learn: bool = True,
+    seed: int = 0,
+    count: int = 1,
+    approaches: str | None = None,
+    settings: Settings | None = None,
+) -> Plan:
+    """Plan a preshape.
+
+    Args:
+        thing: a mesh file, the name of a library object, or a mesh.
+        task: a task's name, six numbers, or a task.
+        hand: the hand's name.
+        analyser: ``rays`` or ``closure``; by default the hand's own.
+        scale: factor on the object's size.
+        unit: of the file: ``m``, ``cm``, ``mm``, ``in``.
+        memory: its file, an open one, ``":memory:"``, or ``None`` for the user's.
+        learn: whether a new object is taught to the memory.
+        seed: of everything random.
+        count: how many different answers are wanted.
+        approaches: allowed approach axes, as ``+z,-x``.
+        settings: thresholds, membership functions and coefficients.
+
+    Raises:
+        InputError: any argument that cannot be used; the message says what to change.
+        EnvironmentFailure: a file could not be read or written.
+    """
+    start = time.perf_counter()
+    model = load_hand(hand)
+    check_analyser(analyser, hand)
+    asked = task if isinstance(task, Task) else _task(task)
+    mesh = thing if isinstance(thing, TriangleMesh) else load_object(thing, unit=unit, scale=scale)
+    loaded = time.perf_counter()
+    chosen = settings or Settings(seed=seed)
+    own = None if isinstance(memory, Memory) else Memory.open(memory, read_only=not learn)
+    try:
+        store = memory if isinstance(memory, Memory) else own
+        assert store is not None
+        controller = Controller(store, layout_of(model), settings=chosen)
+        element = controller.prepare(mesh)
+        prepared = time.perf_counter()
+        decision = controller.run(element, asked, approaches=approaches, count=count, may_learn=learn)
+    finally:
+        if own is not None:
+            own.close()
+    answer = execute(model, mesh, decision.grasp, seed=seed) if decision.grasp else None
+    others = tuple(execute(model, mesh, g, seed=seed) for g in decision.alternatives)
+    end = time.perf_counter()
+    return Plan(
+        mesh=mesh,
+        source=str(thing) if not isinstance(thing, TriangleMesh) else mesh.name,
+        hand=model,
+        settings=chosen,
+        decision=decision,
+        answer=answer,
+        alternatives=others,
+        seconds={
+            "load": loaded - start,
+            "prepare": prepared - loaded,
+            "search": end - prepared,
+            "total": end - start,
+        },
+    )
+
+
+def execute(hand: Hand, mesh: TriangleMesh, grasp: VirtualGrasp, *, seed: int = 0) -> Answer:
+    """Grasp simulation (§4): the hand tries the virtual grasp, or retracts."""
+    result = simulate_hand(
+        hand,
+        mesh,
+        approach_axis=grasp.plane.approach_axis,
+        opposition_axis=grasp.thumb_side,
+        contact_points=grasp.contacts.points,
+        normals_in=grasp.contacts.normals_in,
+        triangles=grasp.contacts.triangles,
+        seed=seed,
+    )
+    return Answer(grasp=grasp, hand_result=result)
+
+
+def layout_of(hand: Hand) -> HandLayout:
+    """What the analyser must know of a hand."""
+    return HandLayout(
+        name=hand.name, u=hand.u, finger_pitch=hand.finger_pitch, fingertip_width=hand.fingertip_width
+    )
+
+
+def check_analyser(analyser: str | None, hand: str) -> str:
+    """The analyser to be used, by name.
+
+    Raises:
+        InputError: no such analyser, or one that this version does not have.
+    """
+    name = analyser or ("rays" if hand == RAY_HAND else "closure")
+    if name not in ANALYSERS:
+        raise InputError(f"no analyser {name!r}; known: {', '.join(ANALYSERS)}")
+    if name != "rays":
+        raise InputError(f"this version has no {name} analyser yet; use --analyser rays")
+    return name
+
+
+def _task(task: str | Sequence[float]) -> Task:
+    return parse_task(task) if isinstance(task, str) else task_from_numbers(task)

@@ -1,0 +1,66 @@
+"""One palette for every picture: Okabe and Ito's eight colours, told apart by colour-blind readers too."""
+
+from __future__ import annotations
+
+from typing import Final, TypeAlias
+
+Colour: TypeAlias = tuple[float, float, float]
+"""Red, green, blue, each 0..1, as a display shows them (sRGB)."""
+
+
+def from_hex(text: str) -> Colour:
+    """The colour of a six-digit code.
+
+    >>> from_hex("#ff0033")
+    (1.0, 0.0, 0.2)
+    """
+    red, green, blue = (int(text.lstrip("#")[i : i + 2], 16) / 255 for i in (0, 2, 4))
+    return red, green, blue
+
+
+ORANGE: Final = from_hex("#E69F00")
+SKY: Final = from_hex("#56B4E9")
+GREEN: Final = from_hex("#009E73")
+YELLOW: Final = from_hex("#F0E442")
+BLUE: Final = from_hex("#0072B2")
+VERMILION: Final = from_hex("#D55E00")
+PURPLE: Final = from_hex("#CC79A7")
+BLACK: Final = from_hex("#000000")
+
+INK: Final = from_hex("#22262B")
+"""Text and lines."""
+QUIET: Final = from_hex("#6B7480")
+"""Text of second rank."""
+FAINT: Final = from_hex("#C9CFD6")
+"""Rules and the outlines of what was not chosen."""
+PAPER: Final = from_hex("#FFFFFF")
+SKY_TOP: Final = from_hex("#E3E8EE")
+SKY_BOTTOM: Final = from_hex("#FAFBFC")
+"""The studio's background, from the picture's top to its bottom."""
+
+OBJECT: Final = from_hex("#D9D2C5")
+HAND: Final = from_hex("#8FA3B8")
+APPROACH: Final = BLUE
+OPPOSITION: Final = VERMILION
+TRANSVERSE: Final = GREEN
+TASK: Final = from_hex("#4A4F57")
+WRENCH: Final = SKY
+
+FINGERS: Final[dict[str, Colour]] = {
+    "thumb": ORANGE,
+    "index": PURPLE,
+    "middle": SKY,
+    "ring": YELLOW,
+    "little": from_hex("#9A8BD0"),
+}
+"""One colour for each finger, so that the fingers of a picture are told apart."""
+
+
+def finger_colour(name: str, order: int) -> Colour:
+    """The colour of a finger: by name where it is known, otherwise by its place in the hand.
+
+    >>> finger_colour("Thumb", 3) == ORANGE
+    True
+    """
+    known = [colour for finger, colour in FINGERS.items() if finger in name.lower()]
+    return known[0] if known else list(FINGERS.values())[order % len(FINGERS)]

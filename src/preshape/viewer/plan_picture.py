@@ -1,0 +1,339 @@
+"""The picture of a plan: the grasp in space, the task beside the net wrench, and the reasons."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from ..exceptions import InputError
+from ..types import Array
+from .colours import (
+    APPROACH,
+    BLACK,
+    FAINT,
+    INK,
+    OPPOSITION,
+    PAPER,
+    QUIET,
+    TASK,
+    TRANSVERSE,
+    WRENCH,
+    Colour,
+    finger_colour,
+)
+from .labels import FONT, Label, draw_labels, text_width, wrap
+from .picture_file import Target, check_target, write_png
+from .plan_scene import (
+    PlaneCard,
+    PlanScene,
+    approach_arrow,
+    axis_tips,
+    plan_camera,
+    plan_shapes,
+    plane_cards,
+    strokes,
+)
+from .raycast import Image, project, render, visible
+
+__all__ = ["PlanScene", "PlaneCard", "plan_image", "plan_picture"]
+
+WIDTH, HEIGHT = 1400.0, 900.0
+"""The layout below is in these units; the picture is scaled to the size wanted."""
+
+LEFT = 870.0  # width of the large picture
+COLUMN = (905.0, 1365.0)  # left and right of the text beside it
+DIMENSIONS = ("Tx", "Ty", "Tz", "Rx", "Ry", "Rz"), ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
+
+
+def plan_picture(
+    scene: PlanScene, target: Target, *, title: str | None = None, size: tuple[int, int] = (1400, 900)
+) -> None:
+    """Draw a plan and write it as PNG, whole or not at all.
+
+    Args:
+        scene: what to show.
+        target: a path that ends in ``.png``, or a binary file open for writing.
+        title: the heading; the object's name unless given.
+        size: width and height [pixels], at least 700 × 450.
+
+    Raises:
+        InputError: a smaller size, or a name that does not end in ``.png``.
+        EnvironmentFailure: the file cannot be written.
+    """
+    check_target(target)
+    write_png(plan_image(scene, title=title, size=size), target)
+
+
+def plan_image(scene: PlanScene, *, title: str | None = None, size: tuple[int, int] = (1400, 900)) -> Image:
+    """The picture of :func:`plan_picture` as an image (h, w, 3).
+
+    Raises:
+        InputError: a size under 700 × 450.
+    """
+    if size[0] < 700 or size[1] < 450:
+        raise InputError(f"the picture of a plan must be 700×450 pixels or more, got {size[0]}×{size[1]}")
+    import matplotlib.style
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    style = {"font.family": FONT, "text.hinting": "none"}
+    with matplotlib.style.context("default"), matplotlib.rc_context(style):
+        scale = min(size[0] / WIDTH, size[1] / HEIGHT)
+        figure = Figure(figsize=(WIDTH / 100, HEIGHT / 100), dpi=100 * scale, facecolor=PAPER)
+        canvas = FigureCanvasAgg(figure)
+        page = _Page(figure, scale)
+        _space(page, scene)
+        y = _heading(page, scene, title or scene.mesh.name)
+        _comparison(page, scene, y)
+        _planes(page, scene)
+        canvas.draw()
+        drawn = np.asarray(canvas.buffer_rgba())[:, :, :3]
+    image = np.full((size[1], size[0], 3), 255, dtype=np.uint8)
+    height, width = (min(a, b) for a, b in zip(drawn.shape[:2], image.shape[:2], strict=True))
+    top, left = (size[1] - height) // 2, (size[0] - width) // 2
+    image[top : top + height, left : left + width] = drawn[:height, :width]
+    return image
+
+
+class _Page:
+    """A figure whose places are given in layout units from the left and from the top."""
+
+    def __init__(self, figure: Any, scale: float) -> None:
+        self.figure, self.scale = figure, scale
+        self.sheet = self.axes(0, 0, WIDTH, HEIGHT)
+
+    def axes(self, left: float, top: float, width: float, height: float) -> Any:
+        """Axes without frame that count layout units from their left and top."""
+        low = 1 - (top + height) / HEIGHT
+        axes = self.figure.add_axes((left / WIDTH, low, width / WIDTH, height / HEIGHT))
+        axes.set_axis_off()
+        axes.set(xlim=(0, width), ylim=(height, 0))
+        return axes
+
+    def picture(self, left: float, top: float, width: float, height: float) -> tuple[Any, tuple[int, int]]:
+        """Axes for a rendered picture, and the picture's size in true pixels."""
+        true = round(width * self.scale), round(height * self.scale)
+        return self.axes(left, top, width, height), true
+
+    def text(self, x: float, y: float, text: str, points: float, colour: Colour = INK, **style: Any) -> None:
+        """One line; y is its middle."""
+        style = {"ha": "left", "va": "center_baseline"} | style
+        self.sheet.text(x, y, text, fontsize=points, color=colour, parse_math=False, **style)
+
+    def rule(self, y: float) -> None:
+        """A horizontal line across the column."""
+        self.sheet.plot(COLUMN, (y, y), color=FAINT, lw=0.8, solid_capstyle="butt")
+
+
+def _space(page: _Page, scene: PlanScene) -> None:
+    axes, true = page.picture(0, 0, LEFT, HEIGHT)
+    shapes = plan_shapes(scene)
+    camera = plan_camera(scene, shapes, LEFT / HEIGHT)
+    floor = min(float(s.vertices[:, 2].min()) for s in shapes if s.lit)
+    image = render(shapes, camera, true, ground=floor)
+    axes.imshow(image, extent=(0, LEFT, HEIGHT, 0), interpolation="nearest", aspect="auto")
+
+    def at(point: Array) -> Array:
+        return np.asarray(project(camera, point[None], true)[0] / page.scale)
+
+    pins = _pins(scene)
+    seen = visible(shapes, camera, np.array([point for _, point, _ in pins]).reshape(-1, 3))
+    labels = [
+        Label(text=text, anchor=at(point), colour=colour, hidden=not clear)
+        for (text, point, colour), clear in zip(pins, seen, strict=True)
+    ]
+    for (_, point, colour), clear in zip(pins[:3] if scene.plane else [], seen, strict=False):
+        if not clear:  # the axis ends behind something: drawn as if through glass
+            line = np.array([at(scene.cog), at(point)]).T
+            axes.plot(*line, color=colour, lw=1.6, ls=(0, (3, 2)), alpha=0.8, zorder=3)
+    if scene.aim is not None:
+        axes.plot(*at(scene.aim), "+", ms=11, mew=1.6, color=INK, zorder=5)
+    along = np.linspace(0.1, 0.9, 9)[:, None]
+    dots = [at(start * (1 - share) + end * share) for start, end in strokes(scene) for share in along]
+    clear = np.array([[*(dot - 7), *(dot + 7)] for dot in dots]).reshape(-1, 4)
+    draw_labels(axes, labels, (LEFT, HEIGHT), points=11, keep_clear=clear)
+
+
+def _pins(scene: PlanScene) -> list[tuple[str, Array, Colour]]:
+    """Labels: text, the point it belongs to [m], colour. The axes come first, where there is a plane."""
+    pins: list[tuple[str, Array, Colour]] = []
+    if scene.plane is not None:
+        axes = {"a  approach": APPROACH, "o  opposition": OPPOSITION, "t  transverse": TRANSVERSE}
+        tips = axis_tips(scene).values()
+        pins += [(name, tip, colour) for (name, colour), tip in zip(axes.items(), tips, strict=True)]
+        text = f"plane {scene.plane.index}"
+        if scene.approach_value is not None:
+            name = f" ({scene.approach_set})" if scene.approach_set else ""
+            text += f"\napproach value {_number(scene.approach_value, '+.2f')}{name}"
+        start, tip = approach_arrow(scene)
+        pins.append((text, 0.75 * start + 0.25 * tip, APPROACH))
+    for i, name in enumerate(scene.fingers):
+        assert scene.points is not None
+        pins.append((wrap(name, 150, 11, lines=1)[0], scene.points[i], finger_colour(name, i)))
+    if scene.aim is not None:
+        pins.append(("aim", scene.aim, INK))
+    return pins
+
+
+def _heading(page: _Page, scene: PlanScene, title: str) -> float:
+    """Title, task and hand, what was found, and why; returns where it ends."""
+    left, right = COLUMN
+    width, y = right - left, 44.0
+    for line in wrap(title, width, 20, lines=2, bold=True):
+        page.text(left, y, line, 20, weight="bold")
+        y += 33
+    subtitle = f"Task {scene.task_name}  ·  hand {scene.hand_name}"
+    for line in wrap(subtitle, width, 11.5, lines=2):
+        page.text(left, y, line, 11.5, QUIET)
+        y += 20
+    y += 12
+    facts = [
+        ("mode", "–" if scene.mode is None else str(scene.mode)),
+        ("TFVADI of 6", "–" if scene.match is None else f"{scene.match:.2f}"),
+        ("stability of 6", "–" if scene.stability is None else str(scene.stability)),
+        ("manipulability of 6", "–" if scene.manipulability is None else str(scene.manipulability)),
+    ]
+    for x, (name, number) in zip(left + np.array([0, 85, 205, 325]), facts, strict=True):
+        page.text(x, y + 12, number, 19, weight="bold")
+        page.text(x, y + 38, name, 9.5, QUIET)
+    y += 66
+    page.rule(y)
+    y += 20
+    for line in wrap(scene.status, width, 11.5, lines=2, bold=True):
+        page.text(left, y, line, 11.5, weight="bold")
+        y += 20
+    y += 4
+    left_over = max(3, int((392 - y) / 17))
+    lines = [line for reason in scene.reasons for line in wrap(reason, width, 10, lines=left_over)]
+    if len(lines) > left_over:
+        lines = [*lines[: left_over - 1], "…"]
+    for line in lines:
+        page.text(left, y, line, 10)
+        y += 17
+    return 410.0
+
+
+def _comparison(page: _Page, scene: PlanScene, top: float) -> None:
+    """Bars of task and net wrench in each dimension, with their agreement beneath."""
+    left, right = COLUMN
+    page.rule(top - 8)
+    page.text(left, top + 12, "Task and net wrench", 11.5, weight="bold")
+    series: list[tuple[str, Array, Colour]] = [("task", scene.task, TASK)]
+    if scene.net_wrench is not None:
+        series.append(("net wrench", scene.net_wrench, WRENCH))
+    x = right
+    for name, _, colour in reversed(series):
+        x -= text_width(name, 10)
+        page.text(x, top + 12, name, 10, QUIET)
+        page.sheet.add_patch(_rectangle(x - 16, top + 7, 10, 10, colour))
+        x -= 34
+    height, begin = 150.0, top + 34
+    axes = page.axes(left, begin, right - left, height)
+    values = np.concatenate([numbers for _, numbers, _ in series])
+    span = max(1.0, float(np.abs(values).max()))
+    low = min(0.0, float(values.min())) - 0.17 * span
+    high = max(0.0, float(values.max())) + 0.17 * span
+    axes.set(xlim=(-0.75, 5.5), ylim=(low, high))
+    axes.axhline(0, xmin=0.06, color=INK, lw=0.9, zorder=3)
+    step = 10.0 ** np.floor(np.log10(span)) * (1 if span / 10 ** np.floor(np.log10(span)) < 3 else 2)
+    for tick in np.arange(np.ceil(low / step), np.floor(high / step) + 1) * step:
+        axes.axhline(tick, xmin=0.06, color=FAINT, lw=0.6, zorder=0)
+        axes.text(-0.45, tick, _number(tick, "g"), fontsize=9, color=QUIET, ha="right", va="center")
+    wide = 0.76 / len(series)
+    for k, (_, numbers, colour) in enumerate(series):
+        at = np.arange(6) + (k - (len(series) - 1) / 2) * wide
+        axes.bar(at, numbers, wide * 0.92, color=colour, zorder=2)
+        for place, number in zip(at, numbers, strict=True):
+            up = number >= 0
+            offset = (0.02 if up else -0.02) * (high - low)
+            axes.text(
+                place, number + offset, _number(number, ".2f"), fontsize=8, color=INK,
+                ha="center", va="bottom" if up else "top", parse_math=False,
+            )  # fmt: skip
+    _agreement(page, scene, begin + height)
+
+
+def _agreement(page: _Page, scene: PlanScene, top: float) -> None:
+    left, right = COLUMN
+    unit = (right - left) / 6.25
+    for i, (t, f) in enumerate(zip(*DIMENSIONS, strict=True)):
+        middle = left + (0.75 + i) * unit
+        page.text(middle, top + 14, f"{t} / {f}", 9.5, ha="center")
+        if scene.adi is None:
+            continue
+        share = float(np.clip(scene.adi[i], 0, 1))
+        width = 0.72 * unit
+        page.sheet.add_patch(_rectangle(middle - width / 2, top + 30, width, 6, FAINT))
+        page.sheet.add_patch(_rectangle(middle - width / 2, top + 30, width * share, 6, TRANSVERSE))
+        page.text(middle, top + 50, f"{scene.adi[i]:.2f}", 9.5, ha="center", weight="bold")
+    if scene.adi is not None:
+        page.text(left, top + 50, "ADI", 9.5, QUIET)
+
+
+def _rectangle(left: float, top: float, width: float, height: float, colour: Colour) -> Any:
+    from matplotlib.patches import Rectangle
+
+    return Rectangle((left, top), width, height, facecolor=colour, edgecolor="none")
+
+
+def _planes(page: _Page, scene: PlanScene) -> None:
+    """The small picture of all planes, with a key beside it."""
+    left, right = COLUMN
+    top, side = 672.0, 215.0
+    page.rule(top - 8)
+    x = left
+    if scene.planes:
+        axes, true = page.picture(left, top, side, side)
+        shapes, camera, places = plane_cards(scene, true)
+        axes.imshow(
+            render(shapes, camera, true, background=(PAPER, PAPER)),
+            extent=(0, side, side, 0), interpolation="nearest", aspect="auto",
+        )  # fmt: skip
+        for index, place in places.items():
+            chosen = scene.plane is not None and index == scene.plane.index
+            at = place / true * side
+            axes.text(
+                *at, str(index), ha="center", va="center", parse_math=False,
+                fontsize=11 if chosen else 8, color=APPROACH if chosen else QUIET,
+                weight="bold" if chosen else "normal",
+            )  # fmt: skip
+        x += side + 24
+    y = top + 16
+    if scene.plane is not None:
+        page.text(x, y, f"Approach plane {scene.plane.index}", 11.5, weight="bold")
+        y += 26
+        plane = scene.plane
+        rows: Sequence[tuple[str, Array, Colour]] = (
+            ("approach a", plane.approach_axis, APPROACH),
+            ("opposition o", plane.opposition_axis, OPPOSITION),
+            ("transverse t", plane.transverse_axis, TRANSVERSE),
+        )
+        for name, axis, colour in rows:
+            page.sheet.add_patch(_rectangle(x, y - 2, 16, 4, colour))
+            page.text(x + 24, y, name, 9.5)
+            page.text(right, y, _axis_text(axis), 9.5, QUIET, ha="right")
+            y += 20
+        y += 10
+    if scene.fingers:
+        page.text(x, y, "Contacts", 11.5, weight="bold")
+        y += 25
+        for i, name in enumerate(scene.fingers[:5]):
+            page.sheet.plot(x + 8, y, "o", ms=6, color=finger_colour(name, i), mec=BLACK, mew=0.4)
+            page.text(x + 24, y, wrap(name, 120, 9.5, lines=1)[0], 9.5)
+            if scene.forces is not None:
+                strength = float(np.linalg.norm(scene.forces[i]))
+                page.text(right, y, f"force {strength:.2f}", 9.5, QUIET, ha="right")
+            y += 20
+
+
+def _number(number: float, form: str) -> str:
+    return f"{number + 0.0:{form}}".replace("-", "−")
+
+
+def _axis_text(axis: Array) -> str:
+    i = int(np.argmax(np.abs(axis)))
+    if abs(axis[i]) > 1 - 1e-9:
+        return ("+" if axis[i] > 0 else "−") + "XYZ"[i]
+    return "  ".join(f"{c:+.2f}" for c in axis)

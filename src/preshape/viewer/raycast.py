@@ -1,0 +1,277 @@
+"""Pictures of triangles by rays on the CPU: no display, no GPU.
+
+The studio: a soft key light behind the viewer's left shoulder, a sky that open places see more of than
+hollows do (ambient occlusion), and a floor that takes shadow but is otherwise the background. Light is
+added and mixed in linear light and encoded as sRGB at the end. The same arguments give the same image.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..exceptions import InputError
+from ..types import Array, BoolArray, IntArray, freeze, frozen_array, value
+from .camera import Camera, directions, project
+from .colours import SKY_BOTTOM, SKY_TOP, Colour
+from .shading import corner_normals, guarded_blur, hemisphere, tangents, to_display, to_linear
+
+__all__ = ["Camera", "Image", "Shape", "project", "render", "visible"]
+
+Image: TypeAlias = NDArray[np.uint8]
+Rays: TypeAlias = NDArray[np.float32]
+
+LIGHT_RAYS = 4
+"""Rays to the sky and to the key light from each shaded point."""
+DIRECTIONS = 1024
+"""Different directions that neighbouring points share out among them."""
+EDGE = 0.03
+"""Difference to a neighbour [display units, 0..1] above which a pixel is sampled again, more finely."""
+MAX_LAYERS = 40
+"""Surfaces that a ray may pass through on its way to an opaque one."""
+
+
+@value
+class Shape:
+    """Triangles of one material.
+
+    A translucent shape (alpha < 1) covers a ray once, at its first surface, and casts no shadow.
+
+    Attributes:
+        vertices: (n, 3) positions [m].
+        triangles: (m, 3) indices into ``vertices``.
+        colour: red, green, blue, 0..1.
+        alpha: 0 invisible … 1 opaque.
+        smooth: interpolate the normals across all but sharp edges.
+        lit: shade it; otherwise it shows its plain colour.
+        name: for people.
+    """
+
+    vertices: Array
+    triangles: IntArray
+    colour: Colour
+    alpha: float = 1.0
+    smooth: bool = False
+    lit: bool = True
+    name: str = ""
+
+    def __post_init__(self) -> None:
+        triangles = np.array(self.triangles, dtype=np.int64)
+        vertices = frozen_array(self.vertices, (None, 3), "shape vertices")
+        if triangles.ndim != 2 or triangles.shape[1] != 3 or not len(triangles):
+            raise InputError(f"shape triangles must be m×3 with m > 0, got shape {triangles.shape}")
+        if triangles.min() < 0 or triangles.max() >= len(vertices):
+            raise InputError(f"shape triangles must index the {len(vertices)} vertices of the shape")
+        if not 0 <= self.alpha <= 1:
+            raise InputError(f"shape alpha must be 0..1, got {self.alpha}")
+        triangles.setflags(write=False)
+        freeze(self, vertices=vertices, triangles=triangles)
+        freeze(self, colour=tuple(frozen_array(self.colour, (3,), "shape colour").tolist()))
+
+
+class _Scene:
+    """The shapes as ray-casting geometry: everything, and the opaque part that casts shadow."""
+
+    def __init__(self, shapes: Sequence[Shape], camera: Camera, ground: float | None) -> None:
+        from embreex.mesh_construction import TriangleMesh
+        from embreex.rtcore_scene import EmbreeScene
+
+        corners = np.concatenate([s.vertices[s.triangles].reshape(-1, 3) for s in shapes])
+        self.scale = float(np.linalg.norm(np.ptp(corners, axis=0))) or 1.0
+        self.origin = corners.min(axis=0)
+        self.all, self.opaque = EmbreeScene(), EmbreeScene()
+        self.has_opaque = any(s.alpha == 1 for s in shapes)
+        normals = []
+        for shape in shapes:
+            # float32 rays: about the scene's own corner, in units of its diagonal
+            points = ((shape.vertices - self.origin) / self.scale).astype(np.float32)
+            indices = shape.triangles.astype(np.int32)
+            normals.append(corner_normals(points, indices, smooth=shape.smooth))
+            for scene in [self.all] + [self.opaque] * (shape.alpha == 1):
+                TriangleMesh(scene, points, indices)
+        self.first = np.cumsum([0] + [len(n) for n in normals])[:-1]
+        self.normals = np.concatenate(normals)
+        self.colour = to_linear(np.array([s.colour for s in shapes]))
+        self.alpha = np.array([s.alpha for s in shapes], dtype=np.float32)
+        self.lit = np.array([s.lit for s in shapes])
+        self.up = (camera.up / np.linalg.norm(camera.up)).astype(np.float32)
+        self.floor = None if ground is None else (ground - self.origin @ self.up) / self.scale
+        self.eye = ((camera.eye - self.origin) / self.scale).astype(np.float32)
+        key = camera.frame.T @ [-0.55, 0.55, -0.65] + 0.75 * self.up
+        self.key = (key / np.linalg.norm(key)).astype(np.float32)
+
+    def sun(self, normal: Rays) -> Rays:
+        """(n,) what each surface takes of the key light: Lambert's cosine."""
+        return np.asarray(np.maximum(normal @ self.key, 0))
+
+    def shade(self, normal: Rays, rays: Rays, sky: Rays, key: Rays) -> Rays:
+        """(n,) light that a surface sends to the eye, of which 1 is white."""
+        dome = 0.78 + 0.22 * (normal @ self.up)
+        facing = np.abs((normal * rays).sum(axis=1))
+        return np.asarray(0.56 * dome * sky + 0.52 * self.sun(normal) * key + 0.06 * facing)
+
+    def shine(self, normal: Rays, rays: Rays, key: Rays) -> Rays:
+        """(n,) the key light's soft reflection."""
+        half = self.key - rays
+        half /= np.linalg.norm(half, axis=1, keepdims=True)
+        return np.asarray(0.10 * key * np.maximum((normal * half).sum(axis=1), 0) ** 40)
+
+    def trace(self, rays: Rays) -> dict[str, Any]:
+        """Follow rays to their first opaque surface, collecting the translucent ones before it.
+
+        Returns:
+            ``front`` (n, 3) light of the translucent layers, ``through`` (n,) what they let pass,
+            ``shape`` (n,) opaque shape, -2 floor, -1 nothing, ``point`` and ``normal`` (n, 3) on it.
+        """
+        n = len(rays)
+        front, through = np.zeros((n, 3), np.float32), np.ones(n, np.float32)
+        shape = np.full(n, -1)
+        point, normal = np.zeros((n, 3), np.float32), np.zeros((n, 3), np.float32)
+        covered = np.zeros((n, len(self.alpha)), bool) if (self.alpha < 1).any() else None
+        alive, origin = np.arange(n), np.broadcast_to(self.eye, (n, 3)).astype(np.float32)
+        for _ in range(MAX_LAYERS):
+            hit = self.all.run(origin, rays[alive], query="INTERSECT", output=1)
+            seen = hit["geomID"] >= 0
+            alive, origin = alive[seen], origin[seen]
+            hit = {k: v[seen] for k, v in hit.items()}
+            which = hit["geomID"]
+            origin = origin + hit["tfar"][:, None] * rays[alive]
+            u, v = hit["u"][:, None], hit["v"][:, None]
+            corners = self.normals[self.first[which] + hit["primID"]]
+            across = corners[:, 0] * (1 - u - v) + corners[:, 1] * u + corners[:, 2] * v
+            across /= np.linalg.norm(across, axis=1, keepdims=True)
+            across *= np.where((hit["Ng"] * rays[alive]).sum(1) > 0, -1, 1)[:, None]  # both sides are lit
+            solid = self.alpha[which] == 1
+            done = alive[solid]
+            shape[done], point[done], normal[done] = which[solid], origin[solid], across[solid]
+            if solid.all() or covered is None:
+                break
+            alive, origin, which, across = alive[~solid], origin[~solid], which[~solid], across[~solid]
+            alpha = np.where(covered[alive, which], 0, self.alpha[which])
+            covered[alive, which] = True
+            ones = np.ones(len(alive), np.float32)
+            light = np.where(self.lit[which], self.shade(across, rays[alive], ones, ones), 1)
+            front[alive] += (through[alive] * alpha * light)[:, None] * self.colour[which]
+            through[alive] *= 1 - alpha
+            origin = origin + 1e-5 * rays[alive]
+        if self.floor is not None:
+            with np.errstate(divide="ignore", invalid="ignore"):
+                reach = (self.floor - self.eye @ self.up) / (rays @ self.up)
+            floor = (shape == -1) & (reach > 0) & (self.eye @ self.up > self.floor)
+            shape[floor] = -2
+            point[floor], normal[floor] = self.eye + reach[floor, None] * rays[floor], self.up
+        return {"front": front, "through": through, "shape": shape, "point": point, "normal": normal}
+
+    def light(self, point: Rays, normal: Rays, phase: IntArray) -> tuple[Rays, Rays]:
+        """(n,) shares of the sky and of the key light that reach each point past the opaque shapes."""
+        shares = np.ones((2, len(point)), np.float32)
+        if not (self.has_opaque and len(point)):
+            return shares[0], shares[1]
+        table = hemisphere(DIRECTIONS).astype(np.float32)
+        start = point + 2e-4 * normal
+        x, y = tangents(normal)
+        across, along = tangents(self.key[None])
+        for j in range(LIGHT_RAYS):
+            local = table[(phase * LIGHT_RAYS + j) % DIRECTIONS]
+            upward = local[:, :1] * x + local[:, 1:2] * y + local[:, 2:] * normal
+            disc = 0.16 * (local[:, :1] * across + local[:, 1:2] * along) + self.key
+            for i, ray, reach in ((0, upward, 0.45), (1, disc, 4.0)):
+                far = np.full(len(ray), reach, np.float32)
+                blocked = self.opaque.run(start, ray, dists=far, query="OCCLUDED")
+                shares[i] -= (blocked >= 0) / np.float32(LIGHT_RAYS)
+        return shares[0], shares[1]
+
+
+def visible(shapes: Sequence[Shape], camera: Camera, points: Array) -> BoolArray:
+    """(n,) whether the eye sees each point (n, 3) past the opaque shapes; on a surface counts as seen."""
+    scene = _Scene(shapes, camera, None)
+    if not scene.has_opaque:
+        return np.ones(len(points), dtype=np.bool_)
+    rays = (np.asarray(points) - scene.origin) / scene.scale - scene.eye
+    reach = np.linalg.norm(rays, axis=1)
+    start = np.broadcast_to(scene.eye, rays.shape).astype(np.float32)
+    ways = (rays / reach[:, None]).astype(np.float32)
+    far = (reach - 0.02).astype(np.float32)
+    return np.asarray(scene.opaque.run(start, ways, dists=far, query="OCCLUDED") < 0)
+
+
+def render(
+    shapes: Sequence[Shape],
+    camera: Camera,
+    size: tuple[int, int] = (900, 900),
+    *,
+    samples: int = 3,
+    background: tuple[Colour, Colour] = (SKY_TOP, SKY_BOTTOM),
+    ground: float | None = None,
+) -> Image:
+    """Draw shapes.
+
+    Every pixel gets one ray; where it differs from a neighbour it gets ``samples`` × ``samples`` rays
+    instead, so that edges are smooth at little cost.
+
+    Args:
+        shapes: what to draw; at least one.
+        camera: from where.
+        size: width and height [pixels].
+        samples: rays along each side of a pixel on an edge.
+        background: colours of the picture's top and bottom.
+        ground: height of the floor along the camera's ``up`` [m]; ``None`` for none.
+
+    Returns:
+        (height, width, 3) red, green, blue, 0..255.
+
+    Raises:
+        InputError: no shapes, or a size or number of samples below 1.
+    """
+    width, height = size
+    if not shapes or min(width, height, samples) < 1:
+        raise InputError("a picture needs at least one shape, one pixel and one sample")
+    scene = _Scene(shapes, camera, ground)
+    ends = to_linear(np.array(background))
+
+    def paint(pixels: Array, phase: IntArray, grid: tuple[int, int] | None = None) -> Rays:
+        rays = directions(camera, pixels, size).astype(np.float32)
+        hit = scene.trace(rays)
+        shape, point, normal = hit["shape"], hit["point"], hit["normal"]
+        needs = (shape == -2) | ((shape >= 0) & scene.lit[np.maximum(shape, 0)])
+        sky, key = np.ones(len(rays), np.float32), np.ones(len(rays), np.float32)
+        sky[needs], key[needs] = scene.light(point[needs], normal[needs], phase[needs])
+        if grid is not None:
+            light = np.stack([sky, key], axis=1)
+            for stride in (1, 4):
+                light = guarded_blur(light, shape, point, normal, grid, stride)
+            sky, key = light.T
+        share = (pixels[:, 1:] / height).astype(np.float32)
+        colour = ends[0] * (1 - share) + ends[1] * share
+        floor = shape == -2
+        colour[floor] *= (0.42 * sky + 0.58 * key)[floor, None] * 0.75 + 0.25
+        solid = shape >= 0
+        plain = scene.colour[shape[solid]]
+        n, r, k = normal[solid], rays[solid], key[solid]
+        lit = scene.shade(n, r, sky[solid], k)[:, None] * plain + scene.shine(n, r, k)[:, None]
+        colour[solid] = np.where(scene.lit[shape[solid], None], lit, plain)
+        return np.asarray(hit["front"] + hit["through"][:, None] * colour, dtype=np.float32)
+
+    y, x = (axis.ravel() for axis in np.mgrid[:height, :width])
+    centres = np.column_stack([x, y]) + 0.5
+    # 4 × 4 neighbours share out one even set of directions, 16 × 16 share out all of them
+    phase = x % 4 + 4 * (y % 4) + 16 * (x // 4 % 4 + 4 * (y // 4 % 4))
+    image = paint(centres, phase, (height, width))
+    if samples > 1:
+        shown = to_display(image).reshape(height, width, 3)
+        step = np.zeros((height, width), bool)
+        for axis in (0, 1):
+            differs = (np.abs(np.diff(shown, axis=axis)) > EDGE).any(axis=2)
+            low, high = np.swapaxes(step, 0, axis)[:-1], np.swapaxes(step, 0, axis)[1:]
+            low |= np.swapaxes(differs, 0, axis)
+            high |= np.swapaxes(differs, 0, axis)
+        edge = np.flatnonzero(step)
+        total = np.zeros((len(edge), 3), np.float32)
+        for k in range(samples**2):
+            inside = (np.array([k % samples, k // samples]) + 0.5) / samples - 0.5
+            total += paint(centres[edge] + inside, np.full(len(edge), k))
+        image[edge] = total / samples**2
+    return np.round(to_display(image) * 255).astype(np.uint8).reshape(height, width, 3)

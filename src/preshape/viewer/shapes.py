@@ -1,0 +1,166 @@
+"""Things to draw, as triangles: the object, the hand, arrows, cards, cones and tubes. Lengths in metres."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..exceptions import InputError
+from ..hands.kinematics import LinkShape
+from ..objects.mesh import TriangleMesh
+from ..types import Array, IntArray
+from .colours import APPROACH, HAND, OBJECT, OPPOSITION, TRANSVERSE, Colour
+from .raycast import Shape
+from .shading import tangents
+
+ROUND = 32
+"""Sides of whatever is round."""
+
+
+def _revolve(start: ArrayLike, end: ArrayLike, profile: ArrayLike) -> tuple[Array, IntArray]:
+    """Turn a profile about the axis start-end.
+
+    Args:
+        start: (3,) where height is 0.
+        end: (3,) where height is |end - start|; equal points turn about z.
+        profile: (k, 2) height and radius, along the axis.
+
+    Returns:
+        Vertices (k · ROUND, 3) and outward triangles.
+    """
+    start, end = np.asarray(start, dtype=np.float64), np.asarray(end, dtype=np.float64)
+    length = float(np.linalg.norm(end - start))
+    z = (end - start) / length if length > 0 else np.array([0.0, 0.0, 1.0])
+    x, y = (axis[0] for axis in tangents(z[None]))
+    height, radius = np.asarray(profile, dtype=np.float64).T
+    angle = 2 * np.pi * np.arange(ROUND) / ROUND
+    ring = np.cos(angle)[:, None] * x + np.sin(angle)[:, None] * y
+    vertices = start + height[:, None, None] * z + radius[:, None, None] * ring
+    i, j = (a.ravel() for a in np.mgrid[: len(height) - 1, :ROUND])
+    near, far = i * ROUND + j, i * ROUND + (j + 1) % ROUND
+    low = np.column_stack([near, far, far + ROUND])
+    high = np.column_stack([near, far + ROUND, near + ROUND])
+    keep = np.concatenate([radius[i] > 0, radius[i + 1] > 0])
+    return vertices.reshape(-1, 3), np.concatenate([low, high])[keep]
+
+
+def join(shapes: Iterable[Shape]) -> Shape:
+    """One shape of several, with the colour and the other properties of the first."""
+    parts = list(shapes)
+    if not parts:
+        raise InputError("there are no shapes to join")
+    offsets = np.cumsum([0] + [len(part.vertices) for part in parts[:-1]])
+    triangles = [part.triangles + n for part, n in zip(parts, offsets, strict=True)]
+    vertices = np.concatenate([part.vertices for part in parts])
+    return replace(parts[0], vertices=vertices, triangles=np.concatenate(triangles))
+
+
+def capsule(p0: ArrayLike, p1: ArrayLike, radius: float, colour: Colour, *, alpha: float = 1) -> Shape:
+    """A capsule between the centres ``p0`` and ``p1`` (3,) of its caps; the same point gives a sphere."""
+    angle = np.linspace(0, np.pi / 2, ROUND // 4 + 1)
+    length = float(np.linalg.norm(np.subtract(p1, p0)))
+    cap = radius * np.column_stack([np.sin(angle), np.cos(angle)])
+    cap[-1, 1] = 0
+    profile = np.concatenate([cap[::-1] * [-1, 1], cap + np.array([length, 0.0])])
+    vertices, triangles = _revolve(p0, p1, profile if length > 0 else np.delete(profile, len(cap), axis=0))
+    return Shape(vertices=vertices, triangles=triangles, colour=colour, alpha=alpha, smooth=True)
+
+
+def sphere(centre: ArrayLike, radius: float, colour: Colour, *, alpha: float = 1) -> Shape:
+    """A sphere about ``centre`` (3,)."""
+    return capsule(centre, centre, radius, colour, alpha=alpha)
+
+
+def arrow(start: ArrayLike, end: ArrayLike, radius: float, colour: Colour) -> Shape:
+    """An arrow from ``start`` to its tip at ``end`` (3,); ``radius`` is the shaft's."""
+    length = float(np.linalg.norm(np.subtract(end, start)))
+    neck = length - min(7 * radius, 0.6 * length)
+    profile = [(0, 0), (0, radius), (neck, radius), (neck, 2.6 * radius), (length, 0)]
+    vertices, triangles = _revolve(start, end, profile)
+    return Shape(vertices=vertices, triangles=triangles, colour=colour, smooth=True)
+
+
+def tube(points: Sequence[ArrayLike], radius: float, colour: Colour, *, alpha: float = 1) -> Shape:
+    """A line through ``points`` (n, 3), n ≥ 2, as thick as a rod of ``radius``."""
+    rods = (capsule(p, q, radius, colour, alpha=alpha) for p, q in pairwise(points))
+    return join(rods)
+
+
+def cone(
+    apex: ArrayLike, axis: ArrayLike, height: float, slope: float, colour: Colour, *, alpha: float
+) -> Shape:
+    """A friction cone.
+
+    Args:
+        apex: (3,) the contact.
+        axis: (3,) direction from the apex into the cone.
+        height: length along the axis [m].
+        slope: tangent of the half angle: the friction coefficient.
+        colour: its colour.
+        alpha: its opacity.
+    """
+    apex, axis = np.asarray(apex, dtype=np.float64), np.asarray(axis, dtype=np.float64)
+    vertices, triangles = _revolve(
+        apex, apex + height * axis / np.linalg.norm(axis), [(0, 0), (height, slope * height)]
+    )
+    return Shape(vertices=vertices, triangles=triangles, colour=colour, alpha=alpha, smooth=True)
+
+
+def card(centre: ArrayLike, u: ArrayLike, v: ArrayLike, colour: Colour, *, alpha: float = 0.3) -> Shape:
+    """A flat rectangle in its plain colour; ``u`` and ``v`` (3,) reach from its centre to two sides."""
+    centre, u, v = (np.asarray(a, dtype=np.float64) for a in (centre, u, v))
+    vertices = np.array([centre - u - v, centre + u - v, centre + u + v, centre - u + v])
+    triangles = np.array([[0, 1, 2], [0, 2, 3]])
+    return Shape(vertices=vertices, triangles=triangles, colour=colour, alpha=alpha, lit=False)
+
+
+def card_border(centre: ArrayLike, u: ArrayLike, v: ArrayLike, radius: float, colour: Colour) -> Shape:
+    """The border of :func:`card` as a thin tube."""
+    corners = card(centre, u, v, colour).vertices
+    return replace(tube([*corners, corners[0]], radius, colour), lit=False)
+
+
+def box(centre: ArrayLike, half: ArrayLike, rotation: ArrayLike | None, colour: Colour) -> Shape:
+    """A box; ``half`` (3,) sizes along its own axes, the columns of ``rotation`` (3, 3)."""
+    signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=np.float64)
+    turn = np.eye(3) if rotation is None else np.asarray(rotation, dtype=np.float64)
+    quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+    triangles = np.array([t for a, b, c, d in quads for t in ((a, b, c), (a, c, d))])
+    vertices = np.asarray(centre, dtype=np.float64) + (signs * np.asarray(half, dtype=np.float64)) @ turn.T
+    return Shape(vertices=vertices, triangles=triangles, colour=colour)
+
+
+def axes(origin: ArrayLike, rotation: ArrayLike, length: float) -> list[Shape]:
+    """The axes of a frame, the columns of ``rotation`` (3, 3), in the colours of a, o and t."""
+    start, turn = np.asarray(origin, dtype=np.float64), np.asarray(rotation, dtype=np.float64)
+    colours = (APPROACH, OPPOSITION, TRANSVERSE)
+    return [
+        arrow(start, start + length * axis, length / 40, colour)
+        for axis, colour in zip(turn.T, colours, strict=True)
+    ]
+
+
+def object_shape(mesh: TriangleMesh, colour: Colour = OBJECT) -> Shape:
+    """The object."""
+    return Shape(vertices=mesh.vertices, triangles=mesh.triangles, colour=colour, smooth=True, name=mesh.name)
+
+
+def hand_shape(parts: Sequence[LinkShape], *, colour: Colour = HAND, alpha: float = 1) -> Shape:
+    """The hand as one shape: translucent, its inner surfaces do not show.
+
+    Raises:
+        InputError: no parts, or one that is no capsule, sphere or box.
+    """
+    shapes = []
+    for part in parts:
+        if part.kind == "box":
+            shapes.append(box(part.p0, part.half, part.rotation, colour))
+        elif part.kind in ("capsule", "sphere"):
+            shapes.append(capsule(part.p0, part.p1, part.radius, colour))
+        else:
+            raise InputError(f"link {part.link!r} must be a capsule, sphere or box, got {part.kind!r}")
+    return replace(join(shapes), alpha=alpha, smooth=True, name="hand")
