@@ -1,5 +1,8 @@
 """Reading a large OBJ: seconds and peak memory, against trimesh, on a torus whose size is known exactly.
 
+All is single-threaded: CPU seconds are what an idle machine takes, and the target is for them; the seconds
+on the clock are given beside them and grow with whatever else the machine does.
+
 Run it: ``python benchmarks/bench_load.py``. It exits with 1 where the answer is wrong or a target is missed.
 """
 
@@ -35,11 +38,11 @@ answer = [len(mesh.faces), len(mesh.vertices), *mesh.extents, mesh.area, mesh.vo
 FRAME = """
 import json, resource, sys, time
 import numpy
-path, start = sys.argv[1], time.perf_counter()
+path, start, before = sys.argv[1], time.perf_counter(), time.process_time()
 {code}
 seconds = time.perf_counter() - start
 peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024) / 1e6
-print(json.dumps([seconds, peak, [float(number) for number in answer]]))
+print(json.dumps([time.process_time() - before, seconds, peak, [float(number) for number in answer]]))
 """
 
 
@@ -56,8 +59,8 @@ def torus(path: Path, side: int = SIDE) -> list[float]:
     c, d = (i + 1) % side * side + (j + 1) % side, i * side + (j + 1) % side
     faces = np.concatenate([np.stack([a, b, c], -1).reshape(-1, 3), np.stack([a, c, d], -1).reshape(-1, 3)])
     with path.open("w") as file:
-        file.writelines("v %.7f %.7f %.7f\n" % tuple(row) for row in points.tolist())
-        file.writelines("vn %.5f %.5f %.5f\n" % tuple(row) for row in normals.tolist())
+        file.writelines(f"v {x:.7f} {y:.7f} {z:.7f}\n" for x, y, z in points.tolist())
+        file.writelines(f"vn {x:.5f} {y:.5f} {z:.5f}\n" for x, y, z in normals.tolist())
         rows = (faces + 1).tolist()
         file.writelines(f"f {p}//{p} {q}//{q} {r}//{r}\n" for p, q, r in rows)
     corners = points[faces]
@@ -67,12 +70,12 @@ def torus(path: Path, side: int = SIDE) -> list[float]:
     return [len(faces), len(points), *np.ptp(points, axis=0), area, volume]
 
 
-def measure(code: str, path: Path) -> tuple[float, float, list[float]]:
-    """Seconds, peak memory [MB] and the answer of one reader."""
+def measure(code: str, path: Path) -> tuple[float, float, float, list[float]]:
+    """CPU seconds, seconds, peak memory [MB] and the answer of one reader."""
     command = [sys.executable, "-c", FRAME.format(code=code), str(path)]
     done = subprocess.run(command, capture_output=True, text=True, check=True)
-    seconds, peak, answer = json.loads(done.stdout)
-    return seconds, peak, answer
+    cpu, seconds, peak, answer = json.loads(done.stdout)
+    return cpu, seconds, peak, answer
 
 
 def run(side: int = SIDE) -> list[dict[str, Any]]:
@@ -80,19 +83,20 @@ def run(side: int = SIDE) -> list[dict[str, Any]]:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "torus.obj"
         truth = torus(path, side)
-        seconds, peak, answer = measure(OURS, path)
-        their_seconds, their_peak, _ = measure(TRIMESH, path)
+        cpu, seconds, peak, answer = measure(OURS, path)
+        their_cpu, their_seconds, their_peak, _ = measure(TRIMESH, path)
     error = float(np.abs(np.array(answer) / truth - 1).max())
     count = f"{truth[0] / 1e6:.2g} M triangles"
     return [
-        _row(f"load OBJ, {count}", seconds, "s", SECONDS, their_seconds),
+        _row(f"load OBJ, {count}: CPU", cpu, "s", SECONDS, their_cpu),
+        _row(f"load OBJ, {count}: clock", seconds, "s", None, their_seconds),
         _row(f"load OBJ, {count}: peak memory", peak, "MB", MEGABYTES, their_peak),
         _row(f"load OBJ, {count}: error of counts, extents, area, volume", error, "", 1e-9, None),
     ]
 
 
-def _row(name: str, value: float, unit: str, target: float, baseline: float | None) -> dict[str, Any]:
-    ok = value <= target
+def _row(name: str, value: float, unit: str, target: float | None, baseline: float | None) -> dict[str, Any]:
+    ok = target is None or value <= target
     return {"name": name, "value": value, "unit": unit, "target": target, "baseline": baseline, "ok": ok}
 
 
@@ -104,7 +108,8 @@ def main() -> int:
     rows = run()
     for row in rows:
         baseline = "" if row["baseline"] is None else f"{row['baseline']:.3g} {row['unit']}"
-        value, target = f"{row['value']:.3g} {row['unit']}", f"≤ {row['target']:g} {row['unit']}"
+        target = "" if row["target"] is None else f"≤ {row['target']:g} {row['unit']}"
+        value = f"{row['value']:.3g} {row['unit']}"
         table.add_row(row["name"], value, target, baseline, "ok" if row["ok"] else "MISSED")
     Console().print(table)
     return 0 if all(row["ok"] for row in rows) else 1

@@ -77,8 +77,8 @@ def load_object(source: str | Path, *, unit: str = "m", scale: float = 1.0) -> T
     data = _content(path, name, suffix)
     _refuse_other_kinds(name, suffix, data)
     try:
-        raw = _READERS[suffix](name, data, path)
-        return _finish(name, path.stem, raw, factor)
+        with np.errstate(all="ignore"):  # the checks look for what is not finite, and say where
+            return _finish(name, path.stem, _READERS[suffix](name, data, path), factor)
     except (PreshapeError, KeyboardInterrupt):
         raise
     except MemoryError as error:
@@ -171,8 +171,7 @@ def _refuse_other_kinds(name: str, suffix: str, data: bytes) -> None:
 
 def _finish(name: str, stem: str, raw: RawMesh, factor: float) -> TriangleMesh:
     """Scale, clean and check."""
-    with np.errstate(over="ignore"):
-        vertices = raw.vertices * factor
+    vertices = raw.vertices * factor
     triangles = checks.solid_triangles(name, vertices, raw.triangles)
     a, b, c = triangles.T
     turned = triangles.copy()  # each begins with its lowest corner, so that equal ones look equal

@@ -42,7 +42,7 @@ class Element(NamedTuple):
 
 
 def read_ply(name: str, data: bytes) -> RawMesh:
-    """Read a PLY file. Its vertices are counted as they stand, with normals where it has ``nx``.
+    """Read a PLY file. Its vertices are counted as they stand, with one normal each [C].
 
     Raises:
         ObjectError: see :func:`preshape.objects.load.load_object`.

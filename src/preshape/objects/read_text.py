@@ -132,9 +132,11 @@ class Lines:
     ) -> None:
         """Read some lines and append what they hold."""
         begin, end = int(self.starts[lines[0]]), int(self.starts[lines[-1]] + self.lengths[lines[-1]])
-        chosen = np.zeros(lines[-1] - lines[0] + 1, dtype=bool)
-        chosen[lines - lines[0]] = True
-        text = self.bytes[begin:end][np.repeat(chosen, self.lengths[lines[0] : lines[-1] + 1])]
+        text = self.bytes[begin:end].copy()
+        if len(lines) < lines[-1] - lines[0] + 1:  # other lines stand between
+            chosen = np.zeros(lines[-1] - lines[0] + 1, dtype=bool)
+            chosen[lines - lines[0]] = True
+            text = text[np.repeat(chosen, self.lengths[lines[0] : lines[-1] + 1])]
         lengths = self.lengths[lines]
         starts = np.cumsum(lengths) - lengths
         for k in range(skip):
