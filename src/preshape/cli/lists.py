@@ -36,7 +36,7 @@ def objects(as_json: bool) -> None:
     from rich.table import Table
 
     table = Table(box=None, header_style="bold", pad_edge=False)
-    for heading, justify in (("object", "left"), ("W × H × D [mm]", "right"), ("mass [g]", "right")):
+    for heading, justify in (("object", "left"), ("W × H × D, mm", "right"), ("mass, g", "right")):
         table.add_column(heading, justify=justify, no_wrap=True)  # type: ignore[arg-type]
     table.add_column("what it is")
     table.add_column("tasks", style="dim")
@@ -112,19 +112,18 @@ def hands(as_json: bool) -> None:
         return
     from rich.table import Table
 
-    table = Table(box=None, header_style="bold", pad_edge=False)
-    for heading in ("hand", "fingers", "joints", "U [mm]", "largest object [mm]", "source and licence"):
-        table.add_column(heading)
     for row in rows:
-        table.add_row(
-            f"{row['name']}\n[dim]{row['title']}[/]",
-            " ".join(row["fingers"]),
-            str(row["joints"]),
-            f"{1000 * row['U']:.0f}",
-            f"{1000 * row['largest_object']:.0f}",
-            f"{row['source']} {row['licence']}",
-        )
-    _print(table)
+        table = Table.grid(padding=(0, 2))
+        table.add_column(style="dim", no_wrap=True)
+        table.add_column()
+        table.add_row("[bold default]" + row["name"] + "[/]", row["title"])
+        table.add_row("fingers", ", ".join(row["fingers"]) + f"; {row['joints']} joints")
+        table.add_row("U", f"{1000 * row['U']:.0f} mm, the middle finger's proximal phalanx")
+        table.add_row("objects", f"up to {1000 * row['largest_object']:.0f} mm (4U) with the ray analyser")
+        table.add_row("fingertips", f"radius {1000 * row['fingertip_radius']:.0f} mm")
+        table.add_row("source", row["source"])
+        table.add_row("licence", row["licence"])
+        _print(table)
 
 
 def _print(table: object) -> None:
