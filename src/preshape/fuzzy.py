@@ -120,7 +120,7 @@ class FuzzySets:
 
     def name_index(self, x: float) -> int:
         """Index of the set to which ``x`` belongs most."""
-        return int(np.argmax(self.membership(x)))
+        return int(np.argmax(self.layers(x)))
 
 
 _STEP = 1e-12

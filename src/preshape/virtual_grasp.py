@@ -15,7 +15,7 @@ import numpy as np
 from .analyser import Aim, Contacts, Exploration, HandLayout, VirtualGrasp
 from .exceptions import InputError, ObjectError
 from .fuzzy import FuzzySets, approaching_degrees
-from .kernels.rays import MISS, Hits, RayCaster
+from .kernels.rays import MISS, Hits, RayCaster, distance_to
 from .objects.mesh import TriangleMesh
 from .planes import APPROACH_AXES, OPPOSITION_AXES, TRANSVERSE_AXES, plane
 from .types import Array, BoolArray, ContactCoefficients, IntArray, value
@@ -25,6 +25,10 @@ MAX_EXTENT = 4.0
 """No extent of the object may exceed this many U [P]."""
 
 MAX_FINGERS = 4
+
+# A symmetric object is hit exactly on its edges, where either neighbour's normal would do. The triangle is
+# picked by a ray this much aside (of the largest extent) and hit by the true one, so that the choice is settled.
+_NUDGE = 1e-5 * np.array([0.62, 0.48, 0.62])
 
 # Places along t that a finger can aim at: the middle, two beside each other, two with one between.
 _MIDDLE, _PAIR, _OUTER = [0], [1, 2], [3, 4]
@@ -86,6 +90,7 @@ class RayAnalyser:
         self.coefficients = coefficients or ContactCoefficients()
         self.sets = sets or FuzzySets()
         self._cast = cast or RayCaster(mesh).cast
+        self._nudge = mesh.extents.max() * _NUDGE
         self._last: _Survey | None = None
 
     def explore(self, q: Array, aim: Aim) -> Exploration:
@@ -205,11 +210,12 @@ class RayAnalyser:
             + offsets[:, :, None, :, None] * t[:, None, None, None]
         )
         direction = np.broadcast_to(-sides[:, None, :, None], origin.shape)
-        hits = self._cast(origin.reshape(-1, 3), direction.reshape(-1, 3))
+        starts, along_o = origin.reshape(-1, 3), direction.reshape(-1, 3)
+        nearest = self._cast(starts + self._nudge, along_o).triangle
         shape = origin.shape[:-1]
-        triangle = hits.triangle.reshape(shape)
+        triangle = nearest.reshape(shape)
         hit = triangle != MISS
-        distance = np.where(hit, hits.distance.reshape(shape), 0.0)
+        distance = np.where(hit, distance_to(self.mesh, nearest, starts, along_o).reshape(shape), 0.0)
         normal = self.mesh.normals[triangle]
         # Inward = with the ray, whichever way a scan's triangles happen to be wound.
         along = np.einsum("...i,...i->...", normal, direction)
@@ -232,7 +238,7 @@ class RayAnalyser:
         sides = np.stack([t, -t], axis=1)  # (P, 2, 3)
         origin = target[:, :, None] + (sides * (2.0 * half_t)[:, None, None])[:, None]
         direction = np.broadcast_to(-sides[:, None], origin.shape)
-        hits = self._cast(origin.reshape(-1, 3), direction.reshape(-1, 3))
+        hits = self._cast(origin.reshape(-1, 3) + self._nudge, direction.reshape(-1, 3))
         distance = hits.distance.reshape(origin.shape[:-1])
         reach = 2.0 * half_t[:, None] - distance.max(axis=2)  # the nearer of the two sides
         return np.where(np.isfinite(reach) & (reach > 0), reach, half_t[:, None])

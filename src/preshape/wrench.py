@@ -51,7 +51,14 @@ def contact_wrenches(
     sign = np.asarray(transverse_sign)[..., None]
     force = k.kn * normals_in + k.ka * tangential(a) + k.ko * sign * tangential(t)  # eq. 11-12
     moment = k.mn * normals_in
-    return np.concatenate([force, moment + np.cross(positions, force)], axis=-1)  # eq. 13
+    return np.concatenate([force, moment + _cross(positions, force)], axis=-1)  # eq. 13
+
+
+def _cross(a: Array, b: Array) -> Array:
+    """a × b over the last axis; for a few vectors several times quicker than ``np.cross``."""
+    ax, ay, az = a[..., 0], a[..., 1], a[..., 2]
+    bx, by, bz = b[..., 0], b[..., 1], b[..., 2]
+    return np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=-1)
 
 
 def net_wrench(wrenches: Array) -> Array:
@@ -152,6 +159,6 @@ def screw_measures(
         union = soft_finger_basis(positions, normals_in)
     else:
         union = np.asarray(wrenches, dtype=np.float64).reshape(-1, 6)
-    manipulability = rank(union, tolerance)
     hidden = len(reciprocal_twists(union, tolerance))
+    manipulability = 6 - hidden  # = rank(WU), as TI is the null space of WU
     return max(manipulability - hidden, 0), manipulability

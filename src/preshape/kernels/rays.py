@@ -14,6 +14,9 @@ from ..types import Array, IntArray, value
 MISS = -1
 """Triangle index of a ray that hits nothing; its distance is infinite."""
 
+GRAZING = 1e-6
+"""A surface steeper than this (cosine to the ray) is an edge seen from the side: no area to land on."""
+
 
 @value
 class Hits:
@@ -58,15 +61,25 @@ class RayCaster:
         start = np.ascontiguousarray((origins - self._mesh.cog) * self._scale, dtype=np.float32)
         aim = np.ascontiguousarray(directions, dtype=np.float32)
         triangle = self._scene.run(start, aim, query="INTERSECT").astype(np.int64)
-        return Hits(distance=_plane_distance(self._mesh, origins, directions, triangle), triangle=triangle)
+        slope = np.einsum("ij,ij->i", directions, self._mesh.normals[triangle])
+        triangle[np.abs(slope) <= GRAZING] = MISS
+        return Hits(distance=distance_to(self._mesh, triangle, origins, directions), triangle=triangle)
 
 
-def _plane_distance(mesh: TriangleMesh, origins: Array, directions: Array, triangle: IntArray) -> Array:
-    """Distance along each ray to the plane of its triangle [m], infinite for a miss."""
+def distance_to(mesh: TriangleMesh, triangle: IntArray, origins: Array, directions: Array) -> Array:
+    """Distance along each ray to the plane of its triangle.
+
+    Args:
+        mesh: the object.
+        triangle: (n,) one for each ray, -1 for none.
+        origins: (n, 3) [m].
+        directions: (n, 3) unit vectors.
+
+    Returns:
+        (n,) [m], infinite without a triangle.
+    """
     normal = mesh.normals[triangle]
     slope = np.einsum("ij,ij->i", directions, normal)
-    # A hit at less than a millionth of a right angle is an edge seen from the side: no area to land on.
-    triangle[np.abs(slope) <= 1e-6] = MISS
     rise = np.einsum("ij,ij->i", mesh.corners[triangle, 0] - origins, normal)
     return np.divide(rise, slope, out=np.full(len(origins), np.inf), where=triangle != MISS)
 
@@ -80,19 +93,20 @@ def cast_plain(mesh: TriangleMesh, origins: Array, directions: Array) -> Hits:
     e1, e2 = mesh.corners[:, 1] - a, mesh.corners[:, 2] - a
     distance = np.full(len(origins), np.inf)
     triangle = np.full(len(origins), MISS, dtype=np.int64)
+    faced = mesh.normals @ directions.T
     for i, (origin, direction) in enumerate(zip(origins, directions, strict=True)):
         p = np.cross(direction, e2)
         determinant = np.einsum("ij,ij->i", e1, p)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            inverse = 1.0 / determinant
-            s = origin - a
-            u = np.einsum("ij,ij->i", s, p) * inverse
-            q = np.cross(s, e1)
-            v = q @ direction * inverse
-            t = np.einsum("ij,ij->i", e2, q) * inverse
+        seen = (np.abs(faced[:, i]) > GRAZING) & (determinant != 0)
+        inverse = np.divide(1.0, determinant, out=np.zeros_like(determinant), where=seen)
+        s = origin - a
+        u = np.einsum("ij,ij->i", s, p) * inverse
+        q = np.cross(s, e1)
+        v = q @ direction * inverse
+        t = np.einsum("ij,ij->i", e2, q) * inverse
         slack = 1e-7
-        inside = (u >= -slack) & (v >= -slack) & (u + v <= 1 + slack) & (t > 0)
-        t = np.where(inside & (np.abs(mesh.normals @ direction) > 1e-6), t, np.inf)
+        inside = seen & (u >= -slack) & (v >= -slack) & (u + v <= 1 + slack) & (t > 0)
+        t = np.where(inside, t, np.inf)
         best = int(np.argmin(t))
         if np.isfinite(t[best]):
             distance[i], triangle[i] = t[best], best
