@@ -3,9 +3,9 @@
 The same from the command line (add --memory FILE to each):
 
     preshape plan cube --task "1 1 .1 .05 .8 .05"           mode 0: object and task are known
-    preshape plan ring --task strike                        mode 3: unknown; explored, learnt, answered
-    preshape plan ring --task strike                        mode 1: known; found by searching the plane
-    preshape plan ring --task "1 .9 1.1 .8 .9 .7"           mode 2: known, but the task does not fit
+    preshape plan jar --task insert                         mode 3: unknown; explored, learnt, answered
+    preshape plan jar --task insert                         mode 1: known; found by searching the plane
+    preshape plan cube --task "1 .9 1.1 .8 .9 .7"           mode 2: known, but the task does not fit
     preshape plan cone --task lift                          deadlock: nothing fits, even after learning
 """
 
@@ -13,9 +13,9 @@ import preshape
 
 QUESTIONS = (
     ("cube", "1 1 .1 .05 .8 .05"),
-    ("ring", "strike"),
-    ("ring", "strike"),
-    ("ring", "1 .9 1.1 .8 .9 .7"),
+    ("jar", "insert"),
+    ("jar", "insert"),
+    ("cube", "1 .9 1.1 .8 .9 .7"),
     ("cone", "lift"),
 )
 

@@ -45,6 +45,10 @@ def show_plan(plan: Plan, written: Sequence[Path] = ()) -> None:
     )
     if plan.answer is None:
         console.print(decision.status.help, highlight=False)
+    elif not plan.answer.hand_result.reached and not plan.alternatives:
+        console.print(
+            "This hand cannot execute it as it stands: --count 5 shows other answers.", highlight=False
+        )
     for path in written:
         console.print(f"wrote {path}", highlight=False, soft_wrap=True)
 

@@ -94,7 +94,7 @@ def open_writable(path: Path) -> sqlite3.Connection:
     try:
         connection.execute("PRAGMA synchronous = FULL")
         connection.execute("PRAGMA trusted_schema = OFF")
-        if _version(connection, path) < SCHEMA_VERSION:
+        if _snapshot_version(connection, path) < SCHEMA_VERSION:
             with transaction(connection):
                 _bring_up_to_date(connection, path)
         _write_ahead(connection)
@@ -134,7 +134,7 @@ def open_readable(path: Path) -> sqlite3.Connection:
 def _readable(path: Path, way: str) -> sqlite3.Connection:
     connection = connect(f"{path.as_uri()}?{way}")
     try:
-        if _version(connection, path) == SCHEMA_VERSION:
+        if _snapshot_version(connection, path) == SCHEMA_VERSION:
             return connection
         copy = connect("file::memory:")
         _copy(connection, copy)
@@ -174,7 +174,7 @@ def _inspect(path: Path) -> None:
     for way in ("mode=ro&immutable=1", "mode=ro"):
         try:
             with closing(connect(f"{path.as_uri()}?{way}")) as connection:
-                if _version(connection, path) or not _has_log(path):
+                if _snapshot_version(connection, path) or not _has_log(path):
                     return
         except sqlite3.DatabaseError as error:
             # Another process may be making the file or writing its log back: look again, with locks.
@@ -182,8 +182,14 @@ def _inspect(path: Path) -> None:
                 raise
 
 
+def _snapshot_version(connection: sqlite3.Connection, path: Path) -> int:
+    """:func:`_version` in a transaction of its own: another process may be making the file just now."""
+    with transaction(connection, "BEGIN"):
+        return _version(connection, path)
+
+
 def _version(connection: sqlite3.Connection, path: Path) -> int:
-    """The schema version, 0 for an empty database.
+    """The schema version, 0 for an empty database; inside a transaction, since it looks twice.
 
     Raises:
         MemoryFileError: another application's file, or one of a newer version.

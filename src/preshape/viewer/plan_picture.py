@@ -240,16 +240,16 @@ def _comparison(page: _Page, scene: PlanScene, top: float) -> None:
     step = 10.0 ** np.floor(np.log10(span)) * (1 if span / 10 ** np.floor(np.log10(span)) < 3 else 2)
     for tick in np.arange(np.ceil(low / step), np.floor(high / step) + 1) * step:
         axes.axhline(tick, xmin=0.06, color=FAINT, lw=0.6, zorder=0)
-        axes.text(-0.45, tick, _number(tick, "g"), fontsize=9, color=QUIET, ha="right", va="center")
+        axes.text(-0.45, tick, _number(tick, ".4g"), fontsize=9, color=QUIET, ha="right", va="center")
     wide = 0.76 / len(series)
     for k, (_, numbers, colour) in enumerate(series):
         at = np.arange(6) + (k - (len(series) - 1) / 2) * wide
         axes.bar(at, numbers, wide * 0.92, color=colour, zorder=2)
         for place, number in zip(at, numbers, strict=True):
-            up = number >= 0
+            up, words = number >= 0, _number(number, ".2f" if abs(number) < 100 else ".2g")
             offset = (0.02 if up else -0.02) * (high - low)
             axes.text(
-                place, number + offset, _number(number, ".2f"), fontsize=8, color=INK,
+                place, number + offset, words, fontsize=8, color=INK,
                 ha="center", va="bottom" if up else "top", parse_math=False,
             )  # fmt: skip
     _agreement(page, scene, begin + height)

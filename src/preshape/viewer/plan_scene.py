@@ -211,7 +211,9 @@ def plane_cards(scene: PlanScene, size: tuple[int, int]) -> tuple[list[Shape], C
     Returns:
         Shapes, camera, and where each plane's number belongs [pixels from the left and from the top].
     """
-    shapes, corners, spread = [object_shape(scene.mesh, OBJECT)], {}, [scene.mesh.vertices[::50]]
+    low, high = scene.mesh.bounds
+    inside = np.stack(np.meshgrid(*np.linspace(low, high, 6).T), axis=-1).reshape(-1, 3)
+    shapes, corners, spread = [object_shape(scene.mesh, OBJECT)], {}, [inside]
     for entry in scene.planes:
         a, o = entry.approach_axis, entry.opposition_axis
         chosen = scene.plane is not None and entry.index == scene.plane.index

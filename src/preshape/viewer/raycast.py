@@ -26,7 +26,7 @@ Rays: TypeAlias = NDArray[np.float32]
 
 LIGHT_RAYS = 4
 """Rays to the sky and to the key light from each shaded point."""
-DIRECTIONS = 1024
+DIRECTIONS = 256
 """Different directions that neighbouring points share out among them."""
 EDGE = 0.03
 """Difference to a neighbour [display units, 0..1] above which a pixel is sampled again, more finely."""
@@ -46,7 +46,7 @@ class Shape:
         colour: red, green, blue, 0..1.
         alpha: 0 invisible … 1 opaque.
         smooth: interpolate the normals across all but sharp edges.
-        lit: shade it; otherwise it shows its plain colour.
+        lit: shade it; otherwise it shows its plain colour and casts no shadow.
         name: for people.
     """
 
@@ -83,14 +83,14 @@ class _Scene:
         self.scale = float(np.linalg.norm(np.ptp(corners, axis=0))) or 1.0
         self.origin = corners.min(axis=0)
         self.all, self.opaque = EmbreeScene(), EmbreeScene()
-        self.has_opaque = any(s.alpha == 1 for s in shapes)
+        self.has_opaque = any(s.alpha == 1 and s.lit for s in shapes)
         normals = []
         for shape in shapes:
             # float32 rays: about the scene's own corner, in units of its diagonal
             points = ((shape.vertices - self.origin) / self.scale).astype(np.float32)
             indices = shape.triangles.astype(np.int32)
             normals.append(corner_normals(points, indices, smooth=shape.smooth))
-            for scene in [self.all] + [self.opaque] * (shape.alpha == 1):
+            for scene in [self.all] + [self.opaque] * (shape.alpha == 1 and shape.lit):
                 TriangleMesh(scene, points, indices)
         self.first = np.cumsum([0] + [len(n) for n in normals])[:-1]
         self.normals = np.concatenate(normals)
@@ -165,28 +165,42 @@ class _Scene:
             point[floor], normal[floor] = self.eye + reach[floor, None] * rays[floor], self.up
         return {"front": front, "through": through, "shape": shape, "point": point, "normal": normal}
 
-    def light(self, point: Rays, normal: Rays, phase: IntArray) -> tuple[Rays, Rays]:
-        """(n,) shares of the sky and of the key light that reach each point past the opaque shapes."""
-        shares = np.ones((2, len(point)), np.float32)
-        if not (self.has_opaque and len(point)):
-            return shares[0], shares[1]
+    def light(self, hit: dict[str, Any], phase: IntArray) -> Rays:
+        """(n, 2) shares of the sky and of the key light that reach each hit past the opaque shapes."""
+        shares = np.ones((len(phase), 2), np.float32)
+        shape = hit["shape"]
+        at = np.flatnonzero((shape == -2) | ((shape >= 0) & self.lit[np.maximum(shape, 0)]))
+        if not (self.has_opaque and len(at)):
+            return shares
         table = hemisphere(DIRECTIONS).astype(np.float32)
-        start = point + 2e-4 * normal
+        normal = hit["normal"][at]
+        start = hit["point"][at] + 2e-4 * normal
         x, y = tangents(normal)
         across, along = tangents(self.key[None])
         for j in range(LIGHT_RAYS):
-            local = table[(phase * LIGHT_RAYS + j) % DIRECTIONS]
+            local = table[(phase[at] * LIGHT_RAYS + j) % DIRECTIONS]
             upward = local[:, :1] * x + local[:, 1:2] * y + local[:, 2:] * normal
             disc = 0.16 * (local[:, :1] * across + local[:, 1:2] * along) + self.key
             for i, ray, reach in ((0, upward, 0.45), (1, disc, 4.0)):
-                far = np.full(len(ray), reach, np.float32)
+                far = np.full(len(at), reach, np.float32)
                 blocked = self.opaque.run(start, ray, dists=far, query="OCCLUDED")
-                shares[i] -= (blocked >= 0) / np.float32(LIGHT_RAYS)
-        return shares[0], shares[1]
+                shares[at, i] -= (blocked >= 0) / np.float32(LIGHT_RAYS)
+        return shares
+
+    def mix(self, hit: dict[str, Any], rays: Rays, behind: Rays, light: Rays) -> Rays:
+        """(n, 3) linear light that each ray brings to the eye; ``behind`` (n, 3) is the background."""
+        colour, shape = behind.copy(), hit["shape"]
+        floor, solid = shape == -2, shape >= 0
+        colour[floor] *= light[floor] @ np.array([[0.315], [0.435]], np.float32) + 0.25
+        plain, lit = self.colour[shape[solid]], self.lit[shape[solid], None]
+        normal, ray, (sky, key) = hit["normal"][solid], rays[solid], light[solid].T
+        shaded = self.shade(normal, ray, sky, key)[:, None] * plain + self.shine(normal, ray, key)[:, None]
+        colour[solid] = np.where(lit, shaded, plain)
+        return np.asarray(hit["front"] + hit["through"][:, None] * colour, dtype=np.float32)
 
 
 def visible(shapes: Sequence[Shape], camera: Camera, points: Array) -> BoolArray:
-    """(n,) whether the eye sees each point (n, 3) past the opaque shapes; on a surface counts as seen."""
+    """(n,) whether the eye sees each point (n, 3) past opaque lit shapes; on a surface counts as seen."""
     scene = _Scene(shapes, camera, None)
     if not scene.has_opaque:
         return np.ones(len(points), dtype=np.bool_)
@@ -231,47 +245,39 @@ def render(
         raise InputError("a picture needs at least one shape, one pixel and one sample")
     scene = _Scene(shapes, camera, ground)
     ends = to_linear(np.array(background))
-
-    def paint(pixels: Array, phase: IntArray, grid: tuple[int, int] | None = None) -> Rays:
-        rays = directions(camera, pixels, size).astype(np.float32)
-        hit = scene.trace(rays)
-        shape, point, normal = hit["shape"], hit["point"], hit["normal"]
-        needs = (shape == -2) | ((shape >= 0) & scene.lit[np.maximum(shape, 0)])
-        sky, key = np.ones(len(rays), np.float32), np.ones(len(rays), np.float32)
-        sky[needs], key[needs] = scene.light(point[needs], normal[needs], phase[needs])
-        if grid is not None:
-            light = np.stack([sky, key], axis=1)
-            for stride in (1, 4):
-                light = guarded_blur(light, shape, point, normal, grid, stride)
-            sky, key = light.T
-        share = (pixels[:, 1:] / height).astype(np.float32)
-        colour = ends[0] * (1 - share) + ends[1] * share
-        floor = shape == -2
-        colour[floor] *= (0.42 * sky + 0.58 * key)[floor, None] * 0.75 + 0.25
-        solid = shape >= 0
-        plain = scene.colour[shape[solid]]
-        n, r, k = normal[solid], rays[solid], key[solid]
-        lit = scene.shade(n, r, sky[solid], k)[:, None] * plain + scene.shine(n, r, k)[:, None]
-        colour[solid] = np.where(scene.lit[shape[solid], None], lit, plain)
-        return np.asarray(hit["front"] + hit["through"][:, None] * colour, dtype=np.float32)
-
     y, x = (axis.ravel() for axis in np.mgrid[:height, :width])
     centres = np.column_stack([x, y]) + 0.5
-    # 4 × 4 neighbours share out one even set of directions, 16 × 16 share out all of them
-    phase = x % 4 + 4 * (y % 4) + 16 * (x // 4 % 4 + 4 * (y // 4 % 4))
-    image = paint(centres, phase, (height, width))
+
+    def look(pixels: Array) -> tuple[dict[str, Any], Rays, Rays]:
+        rays = directions(camera, pixels, size).astype(np.float32)
+        share = (pixels[:, 1:] / height).astype(np.float32)
+        return scene.trace(rays), rays, ends[0] * (1 - share) + ends[1] * share
+
+    hit, rays, behind = look(centres)
+    # 4 × 4 neighbours share out one even set of directions, 8 × 8 share out all of them
+    light = scene.light(hit, x % 4 + 4 * (y % 4) + 16 * (x // 4 % 2 + 2 * (y // 4 % 2)))
+    for stride in (1, 2):
+        light = guarded_blur(light, hit["shape"], hit["point"], hit["normal"], (height, width), stride)
+    image = scene.mix(hit, rays, behind, light)
     if samples > 1:
-        shown = to_display(image).reshape(height, width, 3)
-        step = np.zeros((height, width), bool)
-        for axis in (0, 1):
-            differs = (np.abs(np.diff(shown, axis=axis)) > EDGE).any(axis=2)
-            low, high = np.swapaxes(step, 0, axis)[:-1], np.swapaxes(step, 0, axis)[1:]
-            low |= np.swapaxes(differs, 0, axis)
-            high |= np.swapaxes(differs, 0, axis)
-        edge = np.flatnonzero(step)
+        even = to_display(scene.mix(hit, rays, behind, np.ones_like(light)))  # shadows are soft: no edges
+        edge = np.flatnonzero(_edges(even.reshape(height, width, 3)))
         total = np.zeros((len(edge), 3), np.float32)
         for k in range(samples**2):
             inside = (np.array([k % samples, k // samples]) + 0.5) / samples - 0.5
-            total += paint(centres[edge] + inside, np.full(len(edge), k))
+            hit, rays, behind = look(centres[edge] + inside)
+            total += scene.mix(hit, rays, behind, scene.light(hit, np.full(len(edge), k)))
         image[edge] = total / samples**2
     return np.round(to_display(image) * 255).astype(np.uint8).reshape(height, width, 3)
+
+
+def _edges(image: Rays) -> BoolArray:
+    """(h, w) whether a pixel differs visibly from the next one on any side."""
+    result = np.zeros(image.shape[:2], dtype=np.bool_)
+    down = (np.abs(np.diff(image, axis=0)) > EDGE).any(axis=2)
+    across = (np.abs(np.diff(image, axis=1)) > EDGE).any(axis=2)
+    result[:-1] |= down
+    result[1:] |= down
+    result[:, :-1] |= across
+    result[:, 1:] |= across
+    return result

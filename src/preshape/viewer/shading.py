@@ -102,7 +102,7 @@ def guarded_blur(
         point: (n, 3) its place.
         normal: (n, 3) its unit normal.
         grid: height and width, n = height × width.
-        stride: 1 takes neighbours; 4 then joins such neighbourhoods to 16 × 16.
+        stride: 1 takes neighbours; 2 then joins them to 10 × 10, weighing the middle most.
     """
     height, width = grid
     planes = [np.ascontiguousarray(a).reshape(grid) for a in (*normal.T, *point.T)]

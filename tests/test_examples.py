@@ -1,0 +1,60 @@
+"""The examples and the README are run as they stand; the documents' links and commands lead somewhere."""
+
+from __future__ import annotations
+
+import re
+import runpy
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parent.parent
+EXAMPLES = sorted((ROOT / "examples").glob("[0-9]*.py"))
+
+
+def test_there_are_examples():
+    assert len(EXAMPLES) >= 5
+    assert [int(path.name[:2]) for path in EXAMPLES] == list(range(1, len(EXAMPLES) + 1))
+
+
+@pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
+def test_example_runs(path, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("PRESHAPE_MEMORY", str(tmp_path / "memory.sqlite"))
+    runpy.run_path(str(path), run_name="__main__")
+    assert capsys.readouterr().out.strip()
+
+
+def test_four_modes_example_reaches_all_of_them(capsys):
+    runpy.run_path(str(ROOT / "examples" / "02_four_modes.py"), run_name="__main__")
+    lines = capsys.readouterr().out.splitlines()
+    modes = [re.search(r"mode (\d), (\w+)", line) for line in lines]
+    seen = [(int(m[1]), m[2]) for m in modes if m]
+    assert seen == [(0, "answer"), (3, "answer"), (1, "answer"), (2, "task_correction"), (3, "deadlock")]
+    assert any("corrected: answer" in line for line in lines)
+
+
+def test_readme_python_runs(tmp_path, monkeypatch, capsys):
+    blocks = re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), re.DOTALL)
+    assert len(blocks) == 1
+    monkeypatch.chdir(tmp_path)
+    exec(compile(blocks[0], "README.md", "exec"), {})
+    assert "plane" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    "document", sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/*.md")]), ids=lambda p: p.name
+)
+def test_links_lead_somewhere(document):
+    for target in re.findall(r"\]\(([^)#]+)\)", document.read_text()):
+        if "://" not in target:
+            assert (document.parent / target).exists(), f"{document.name} links to {target}"
+
+
+def test_module_runs_as_a_program():
+    done = subprocess.run(
+        [sys.executable, "-m", "preshape", "--version"], capture_output=True, text=True, check=True
+    )
+    assert re.fullmatch(r"preshape, version \d+\.\d+\.\d+\n", done.stdout)
