@@ -42,7 +42,8 @@ class Estimate:
 def inputs(task: Array, attributes: Attributes, u: float) -> Array:
     """The input vector IV (eq. 5), scaled to about unit range [C].
 
-    Lengths are taken in U and divided by 4, counts as logarithms divided by six decades.
+    Lengths are taken in U and divided by 4, counts as logarithms divided by six decades; task components
+    are cut at ±10, far beyond any presence.
 
     Args:
         task: (6,) Q.
@@ -54,7 +55,9 @@ def inputs(task: Array, attributes: Attributes, u: float) -> Array:
     """
     counts = (attributes.vertices, attributes.vertex_normals, attributes.faces, attributes.triangles)
     sizes = attributes.extents / (u * _LARGEST)
-    return np.concatenate([task, sizes, np.log10(np.maximum(counts, 1)) / _COUNT_DECADES])
+    return np.concatenate(
+        [np.clip(task, -10.0, 10.0), sizes, np.log10(np.maximum(counts, 1)) / _COUNT_DECADES]
+    )
 
 
 def encode(plane: int, approach_set: int, fingers: int) -> Array:

@@ -90,7 +90,7 @@ class UnknownName(InputError):
 class UnknownObject(UnknownName):
     """No library object of that name, and no file either."""
 
-    noun = "object"
+    noun = "file or built-in object"
 
 
 class UnknownTask(UnknownName):

@@ -89,7 +89,8 @@ class FuzzySets:
 
     def layers(self, x: ArrayLike) -> Array:
         """As :meth:`membership`, one layer a set: (7, ...). The faster layout for many numbers."""
-        x = np.asarray(x, dtype=np.float64)
+        # Far beyond the shoulders nothing changes any more, and the largest numbers would overflow.
+        x = np.clip(np.asarray(x, dtype=np.float64), -_FAR, _FAR)
         a, b, c, d = (corner.reshape(7, *[1] * x.ndim) for corner in self.corners.T)
         if self.shape == "trapezoid":
             # A foot of no width is a step, closed at its corner.
@@ -124,6 +125,7 @@ class FuzzySets:
 
 
 _STEP = 1e-12
+_FAR = 1e6
 
 
 def _ramp(rise: Array, width: Array) -> Array:
@@ -174,5 +176,15 @@ def approaching_degrees(q: ArrayLike, w: ArrayLike, sets: FuzzySets | None = Non
 
 
 def tfvadi(q: ArrayLike, w: ArrayLike, sets: FuzzySets | None = None) -> Array:
-    """Total fuzzy vector approaching degree index (eq. 22): the sum of the six ADIs, 0..6, symmetric."""
+    """Total fuzzy vector approaching degree index (eq. 22): the sum of the six ADIs, 0..6, symmetric.
+
+    Arguments as of :func:`approaching_degrees`.
+
+    Raises:
+        InputError: the last axis of either is not six numbers.
+    """
+    for name, pattern in (("task", q), ("wrench", w)):
+        shape = np.shape(pattern)
+        if not shape or shape[-1] != 6:
+            raise InputError(f"a {name} is six numbers, got shape {shape}")
     return approaching_degrees(q, w, sets).sum(axis=-1)

@@ -132,14 +132,15 @@ def seed_tasks() -> Array:
     """(48, 6) the tasks of the first training: Q1- and Q2-type tasks of the twelve planes, both signs [C].
 
     For a plane (a, o) and a sign s: Q1 = translations along a and s·o, rotation about s·o; Q2 = the same
-    translations, rotation about s·a (table 1 has both for a = X, o = Y, s = +1).
+    translations, rotation about -a. Table 1 has o = Y, s = +1 and a = X; its Q2, with the rotation about
+    +a, is here as the Q1 of the plane that approaches along s·o, so that all 48 are different.
     """
     tasks = []
     for p in PLANES:
         a, o = p.approach_axis, p.opposition_axis
         for sign in (1.0, -1.0):
             move = a + sign * o
-            tasks += [_task(move, sign * o), _task(move, sign * a)]
+            tasks += [_task(move, sign * o), _task(move, -a)]
     return np.array(tasks)
 
 

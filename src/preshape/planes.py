@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from .exceptions import InputError
-from .types import Array, BoolArray, frozen_array, value
+from .types import Array, BoolArray, frozen_array, read_only, value
 
 AXIS_NAMES = ("+x", "-x", "+y", "-y", "+z", "-z")
 
@@ -75,9 +75,9 @@ PLANES: tuple[ApproachPlane, ...] = tuple(
     for i, code in enumerate(_TABLE, start=1)
 )
 
-APPROACH_AXES: Array = np.array([p.approach_axis for p in PLANES])
-OPPOSITION_AXES: Array = np.array([p.opposition_axis for p in PLANES])
-TRANSVERSE_AXES: Array = np.array([p.transverse_axis for p in PLANES])
+APPROACH_AXES: Array = read_only(np.array([p.approach_axis for p in PLANES]))
+OPPOSITION_AXES: Array = read_only(np.array([p.opposition_axis for p in PLANES]))
+TRANSVERSE_AXES: Array = read_only(np.array([p.transverse_axis for p in PLANES]))
 
 
 def plane(index: int) -> ApproachPlane:

@@ -6,6 +6,7 @@ The error reported is always the paper's: the squared error, averaged over sampl
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
@@ -60,10 +61,12 @@ def loss_and_gradient(
     if loss == "squared":
         value = float(np.mean((out - y) ** 2))
         delta2 = 2.0 * (out - y) * out * (1 - out) / y.size
-    else:
+    elif loss == "entropy":
         # log(1 + exp(-|z|)) + max(z, 0) - z·y is the cross-entropy without overflow.
         value = float(np.mean(np.log1p(np.exp(-np.abs(z))) + np.maximum(z, 0) - z * y))
         delta2 = (out - y) / y.size
+    else:
+        raise InputError(f"a loss must be squared or entropy, got {loss!r}")
     delta1 = (delta2 @ w2) * hidden * (1 - hidden)
     gradient = np.concatenate(
         [(delta1.T @ x).ravel(), delta1.sum(axis=0), (delta2.T @ hidden).ravel(), delta2.sum(axis=0)]
@@ -159,10 +162,7 @@ def back_propagation(
             progress(epoch, error)
         if all(r is not None for r in reached):
             break
-    weights = NetworkWeights(
-        w1=w1, b1=b1, w2=w2, b2=b2, mean_square_error=error, trained_on=len(x), epochs=epoch
-    )
-    return reached, weights
+    return reached, _measured(w1, b1, w2, b2, x, y, epoch)
 
 
 class _Reached(Exception):
@@ -180,14 +180,7 @@ def _descend(x: Array, y: Array, begin: NetworkWeights, target: float) -> Networ
     iterations = 0
 
     def pack(theta: Array) -> NetworkWeights:
-        w1, b1, w2, b2 = _unpack(theta, n_in, n_out)
-        done = NetworkWeights(
-            w1=w1, b1=b1, w2=w2, b2=b2, mean_square_error=1.0, trained_on=len(x), epochs=iterations
-        )
-        error = mean_square_error(done, x, y)
-        return NetworkWeights(
-            w1=w1, b1=b1, w2=w2, b2=b2, mean_square_error=error, trained_on=len(x), epochs=iterations
-        )
+        return _measured(*_unpack(theta, n_in, n_out), x, y, iterations)
 
     def check(theta: Array) -> None:
         nonlocal iterations
@@ -212,6 +205,12 @@ def _descend(x: Array, y: Array, begin: NetworkWeights, target: float) -> Networ
     except _Reached as stop:
         theta = stop.theta
     return pack(theta)
+
+
+def _measured(w1: Array, b1: Array, w2: Array, b2: Array, x: Array, y: Array, epochs: int) -> NetworkWeights:
+    """Weights with their error on the training set."""
+    bare = NetworkWeights(w1=w1, b1=b1, w2=w2, b2=b2, mean_square_error=1.0, trained_on=len(x), epochs=epochs)
+    return replace(bare, mean_square_error=mean_square_error(bare, x, y))
 
 
 def _learned(weights: NetworkWeights, x: Array, y: Array, target: float) -> bool:

@@ -13,7 +13,8 @@ preshape.exceptions.InputError: point must be finite, got [ 1.  2. nan]
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from dataclasses import dataclass, field, fields
 from typing import Any, TypeVar, dataclass_transform
 
 import numpy as np
@@ -26,12 +27,32 @@ IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
 
 _T = TypeVar("_T")
+_A = TypeVar("_A", bound=NDArray[Any])
 
 
 @dataclass_transform(frozen_default=True, kw_only_default=True, eq_default=False, field_specifiers=(field,))
 def value(cls: type[_T]) -> type[_T]:
-    """Make ``cls`` a value: frozen, slotted, keyword-only, compared by identity."""
+    """Make ``cls`` a value: frozen, slotted, keyword-only, compared by identity.
+
+    Copies go through the constructor, so that they are checked and read-only too.
+    """
+    cls.__reduce__ = rebuilt  # type: ignore[method-assign]
     return dataclass(frozen=True, slots=True, kw_only=True, eq=False)(cls)
+
+
+def rebuilt(self: Any) -> tuple[Any, ...]:
+    """How a value is copied: its fields, through its constructor."""
+    return _rebuild, (type(self), {f.name: getattr(self, f.name) for f in fields(self)})
+
+
+def _rebuild(cls: Callable[..., Any], content: dict[str, Any]) -> Any:
+    return cls(**content)
+
+
+def read_only(array: _A) -> _A:
+    """The same array, which can no longer be written."""
+    array.setflags(write=False)
+    return array
 
 
 def frozen_array(data: ArrayLike, shape: tuple[int | None, ...], name: str) -> Array:
@@ -57,8 +78,7 @@ def frozen_array(data: ArrayLike, shape: tuple[int | None, ...], name: str) -> A
         raise InputError(f"{name} must be {wanted} numbers, got {got}")
     if not np.isfinite(array).all():
         raise InputError(f"{name} must be finite, got {array!s:.80}")
-    array.setflags(write=False)
-    return array
+    return read_only(array)
 
 
 def freeze(instance: Any, **fields: Any) -> None:

@@ -7,6 +7,7 @@ ray meets from outside is the contact. All aimed fingers must hit, or there is n
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -26,8 +27,10 @@ MAX_EXTENT = 4.0
 
 MAX_FINGERS = 4
 
-# A symmetric object is hit exactly on its edges, where either neighbour's normal would do. The triangle is
-# picked by a ray this much aside (of the largest extent) and hit by the true one, so that the choice is settled.
+_KEPT = 40  # aims: the offers of mode 2 go to and fro between the planes
+
+# Aimed exactly, a symmetric object is hit exactly on its edges, where either neighbour's normal would do. So the
+# triangle is picked by a ray that stands this much aside (of the largest extent: a micrometre or two).
 _NUDGE = 1e-5 * np.array([0.62, 0.48, 0.62])
 
 # Places along t that a finger can aim at: the middle, two beside each other, two with one between.
@@ -52,9 +55,8 @@ class _Field:
 
 @value
 class _Survey:
-    """What an aim found; the last one is kept, as modes and tasks often share it."""
+    """What an aim found; the last few are kept, as modes and tasks often share them."""
 
-    aim: tuple[bytes, ...]
     index: IntArray
     values: Array
     field: _Field
@@ -91,7 +93,7 @@ class RayAnalyser:
         self.sets = sets or FuzzySets()
         self._cast = cast or RayCaster(mesh).cast
         self._nudge = mesh.extents.max() * _NUDGE
-        self._last: _Survey | None = None
+        self._kept: dict[tuple[bytes, ...], _Survey] = {}
 
     def explore(self, q: Array, aim: Aim) -> Exploration:
         """All virtual grasps of an aim, best match first.
@@ -108,8 +110,8 @@ class RayAnalyser:
         return replace(found, match=match).ranked()
 
     def forget(self) -> None:
-        """Drop what is kept from the last aim."""
-        self._last = None
+        """Drop what is kept from earlier aims."""
+        self._kept.clear()
 
     def _survey(self, aim: Aim) -> _Survey:
         """All virtual grasps of an aim, not matched yet."""
@@ -118,8 +120,8 @@ class RayAnalyser:
         counts = np.array(aim.fingers, dtype=np.int64)
         flips = np.array(aim.flips, dtype=bool)
         key = (index.tobytes(), values.tobytes(), counts.tobytes(), flips.tobytes())
-        if self._last is not None and self._last.aim == key:
-            return self._last
+        if key in self._kept:
+            return self._kept[key]
         _check_aim(index, values, counts)
         field = self._aim(index, values)
         shape = (len(index), len(values), len(flips), len(counts))
@@ -145,8 +147,10 @@ class RayAnalyser:
             match=np.zeros(len(p)),
             aimed=valid.size,
         )
-        self._last = _Survey(aim=key, index=index, values=values, field=field, found=found)
-        return self._last
+        if len(self._kept) >= _KEPT:
+            del self._kept[next(iter(self._kept))]
+        self._kept[key] = survey = _Survey(index=index, values=values, field=field, found=found)
+        return survey
 
     def grasp(self, q: Array, found: Exploration, index: int = 0) -> VirtualGrasp:
         """One virtual grasp in full: contacts, wrenches, matching degrees, screw measures."""
@@ -187,11 +191,11 @@ class RayAnalyser:
 
     def _at(self, number: int, v: float) -> tuple[_Field, tuple[int, int]]:
         """A field that holds this plane and approach value, and where in it they are."""
-        if self._last is not None:
-            p = np.flatnonzero(self._last.index == number)
-            i = np.flatnonzero(self._last.values == v)
+        for survey in reversed(self._kept.values()):
+            p = np.flatnonzero(survey.index == number)
+            i = np.flatnonzero(survey.values == v)
             if len(p) and len(i):
-                return self._last.field, (int(p[0]), int(i[0]))
+                return survey.field, (int(p[0]), int(i[0]))
         return self._aim(np.array([number]), np.array([v])), (0, 0)
 
     def _aim(self, index: IntArray, values: Array) -> _Field:
@@ -210,24 +214,18 @@ class RayAnalyser:
             + offsets[:, :, None, :, None] * t[:, None, None, None]
         )
         direction = np.broadcast_to(-sides[:, None, :, None], origin.shape)
-        starts, along_o = origin.reshape(-1, 3), direction.reshape(-1, 3)
-        nearest = self._cast(starts + self._nudge, along_o).triangle
-        shape = origin.shape[:-1]
-        triangle = nearest.reshape(shape)
-        hit = triangle != MISS
-        distance = np.where(hit, distance_to(self.mesh, nearest, starts, along_o).reshape(shape), 0.0)
+        point, triangle = self._hit(origin, direction)
         normal = self.mesh.normals[triangle]
         # Inward = with the ray, whichever way a scan's triangles happen to be wound.
         along = np.einsum("...i,...i->...", normal, direction)
         normal = np.where(along[..., None] < 0, -normal, normal)
-        point = origin + distance[..., None] * direction
         as_finger, as_thumb = self._wrenches(point, normal, a, t)
         return _Field(
             origin=origin,
             point=point,
             normal=normal,
             triangle=triangle,
-            hit=hit,
+            hit=triangle != MISS,
             fits=fits,
             as_finger=as_finger,
             as_thumb=as_thumb,
@@ -238,10 +236,24 @@ class RayAnalyser:
         sides = np.stack([t, -t], axis=1)  # (P, 2, 3)
         origin = target[:, :, None] + (sides * (2.0 * half_t)[:, None, None])[:, None]
         direction = np.broadcast_to(-sides[:, None], origin.shape)
-        hits = self._cast(origin.reshape(-1, 3) + self._nudge, direction.reshape(-1, 3))
-        distance = hits.distance.reshape(origin.shape[:-1])
-        reach = 2.0 * half_t[:, None] - distance.max(axis=2)  # the nearer of the two sides
-        return np.where(np.isfinite(reach) & (reach > 0), reach, half_t[:, None])
+        point, triangle = self._hit(origin, direction)
+        aside = np.einsum("pvsi,pvsi->pvs", point - target[:, :, None], -direction)
+        reach = aside.min(axis=2)  # of the nearer side
+        met = (triangle != MISS).all(axis=2) & (reach > 0)
+        return np.where(met, reach, half_t[:, None])
+
+    def _hit(self, origin: Array, direction: Array) -> tuple[Array, IntArray]:
+        """Where each ray first hits [m], and the triangle; without one, its origin and -1."""
+        origins, directions = origin.reshape(-1, 3), direction.reshape(-1, 3)
+        aside = origins + self._nudge
+        picked = self._cast(aside, directions)
+        hit = (picked.triangle != MISS)[:, None]
+        reach = np.where(hit, picked.distance[:, None], 0.0)
+        true = np.where(hit, distance_to(self.mesh, picked.triangle, origins, directions)[:, None], 0.0)
+        # Beside a wall along the ray the picked triangle's plane says nothing about the true ray.
+        flat = np.abs(true - reach) <= 10 * self._nudge.max()
+        point = np.where(flat, origins + true * directions, aside + reach * directions)
+        return np.where(hit, point, origins).reshape(origin.shape), picked.triangle.reshape(origin.shape[:-1])
 
     def _spread(self, room: Array, half_t: Array) -> tuple[Array, BoolArray]:
         """Offsets along t of the five places, and which finger counts fit.
@@ -283,8 +295,16 @@ def _refuse_large(mesh: TriangleMesh, layout: HandLayout) -> None:
     largest = float(mesh.extents.max())
     if largest > limit * (1 + 1e-9):
         axis = "xyz"[int(np.argmax(mesh.extents))]
-        scale = np.floor(limit / largest * 1000) / 1000
+        digits = next(n for n in range(16) if round(largest * 1000, n) > round(limit * 1000, n))
+        fits = _rounded_down(mesh.scale * limit / largest)
         raise ObjectError(
-            f"{mesh.name} measures {largest * 1000:.0f} mm along {axis}, over the {limit * 1000:.0f} mm "
-            f"(4U) that the ray analyser allows the {layout.name} hand; --scale {scale:.3f} would fit"
+            f"{mesh.name} measures {largest * 1000:.{digits}f} mm along {axis}, over the "
+            f"{limit * 1000:.{digits}f} mm (4U) that the ray analyser allows the {layout.name} hand; "
+            f"--scale {fits} would fit"
         )
+
+
+def _rounded_down(number: float) -> str:
+    """Three digits, never more than the number itself."""
+    power = 10.0 ** (2 - math.floor(math.log10(number)))
+    return f"{math.floor(number * power) / power:.3g}"

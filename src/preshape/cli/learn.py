@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import click
@@ -49,15 +50,18 @@ def learn(
     from ..controller import Controller
     from ..hands.model import load_hand
     from ..memory import Memory
+    from ..objects.library import names
     from ..objects.load import load_object
     from ..planner import check_analyser, layout_of
     from ..tasks import parse_task
 
-    check_analyser(analyser, hand)
     model = load_hand(hand)
+    check_analyser(analyser, hand)
     lessons = [(name, task) for name in _names(things) for task in (tasks or _own_tasks(name))]
-    for _, task in lessons:
-        parse_task(task)  # a wrong name is refused before anything is learnt
+    for name, task in lessons:  # a wrong name is refused before anything is learnt
+        parse_task(task)
+        if name not in names() and not Path(name).is_file():
+            load_object(name)
     console = Console(stderr=as_json)
     rows: list[dict[str, Any]] = []
     with Memory.open(memory) as store:
@@ -75,7 +79,7 @@ def learn(
                 row = _row(name, task, decision, controller)
                 rows.append(row)
                 if not as_json:
-                    console.print(_line(row), highlight=False)
+                    console.print(_line(row), highlight=False, soft_wrap=True)
                 bar.advance(step)
     good = sum(row["status"] == "answer" for row in rows)
     if as_json:

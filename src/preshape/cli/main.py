@@ -49,16 +49,22 @@ class _Lazy(click.Group):
 
 @click.group(
     cls=_Lazy,
+    no_args_is_help=False,
+    invoke_without_command=True,
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
     epilog="Example: preshape plan mug --task pour",
 )
 @click.version_option(__version__, prog_name="preshape")
-def app() -> None:
+@click.pass_context
+def app(context: click.Context) -> None:
     """Task-oriented grasp planning for multifingered robot hands.
 
     Give it an object and what the hand is to do with it; it answers with approach plane, wrist pose,
     preshape, contacts and squeeze, says why, and learns from every object it meets.
     """
+    if context.invoked_subcommand is None:
+        click.echo(context.get_help(), err=True)
+        context.exit(2)
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -71,29 +77,36 @@ def run(arguments: list[str]) -> int:
     """Run the command line; returns the exit code. No traceback reaches the user."""
     as_json = "--json" in arguments
     try:
-        code = app.main(args=arguments, prog_name="preshape", standalone_mode=False)
-        sys.stdout.flush()
-        return int(code or 0)
-    except click.exceptions.Exit as stop:
-        return int(stop.exit_code)
+        code = _run(arguments)
+    except PreshapeError as error:
+        return _report(str(error), error.exit_code, as_json)
+    except click.UsageError as error:
+        return _report(_usage(error), 2, as_json)
     except (KeyboardInterrupt, click.Abort):
         click.echo("interrupted; everything that was acknowledged is kept", err=True)
         return EXIT_INTERRUPTED
-    except click.UsageError as error:
-        return _report(_usage(error), 2, as_json)
-    except PreshapeError as error:
-        return _report(str(error), error.exit_code, as_json)
-    except BrokenPipeError:
-        # The reader has gone (as with `| head`): there is nobody left to tell.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 0
     except (OSError, MemoryError) as error:
-        return _report(f"the environment failed: {str(error) or type(error).__name__}", 3, as_json)
+        reason = getattr(error, "strerror", None) or str(error) or type(error).__name__
+        return _report(f"the environment failed: {reason}", 3, as_json)
     except Exception as error:
         if os.environ.get("PRESHAPE_DEBUG"):
             raise
         text = f"{type(error).__name__}: {error}"
         return _report(f"internal fault ({text}); PRESHAPE_DEBUG=1 shows where, please report it", 3, as_json)
+    return code
+
+
+def _run(arguments: list[str]) -> int:
+    try:
+        code = app.main(args=arguments, prog_name="preshape", standalone_mode=False)
+        sys.stdout.flush()
+        return int(code or 0)
+    except click.exceptions.Exit as stop:
+        return int(stop.exit_code)
+    except (SystemExit, BrokenPipeError):
+        # The reader has gone (as with `| head`; click turns that into SystemExit): nobody is left to tell.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
 
 
 def _usage(error: click.UsageError) -> str:
@@ -104,9 +117,13 @@ def _usage(error: click.UsageError) -> str:
 
 def _report(reason: str, code: int, as_json: bool) -> int:
     if as_json:
-        click.echo(json.dumps({"status": "error", "reason": reason}))
-    else:
-        click.echo(click.style("error: ", fg="red", bold=True) + reason, err=True)
+        try:
+            click.echo(json.dumps({"status": "error", "reason": reason}))
+            sys.stdout.flush()
+            return code
+        except OSError:  # standard output itself has failed: say it where it can be read
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    click.echo(click.style("error: ", fg="red", bold=True) + reason, err=True)
     return code
 
 

@@ -61,9 +61,18 @@ class RayCaster:
         start = np.ascontiguousarray((origins - self._mesh.cog) * self._scale, dtype=np.float32)
         aim = np.ascontiguousarray(directions, dtype=np.float32)
         triangle = self._scene.run(start, aim, query="INTERSECT").astype(np.int64)
-        slope = np.einsum("ij,ij->i", directions, self._mesh.normals[triangle])
-        triangle[np.abs(slope) <= GRAZING] = MISS
+        self._look_behind(triangle, origins, directions)
         return Hits(distance=distance_to(self._mesh, triangle, origins, directions), triangle=triangle)
+
+    def _look_behind(self, triangle: IntArray, origins: Array, directions: Array) -> None:
+        """Where a ray has hit an edge seen from the side, go on to what is behind it."""
+        normals = self._mesh.normals
+        slope = np.einsum("ij,ij->i", directions, normals[triangle])
+        edge = np.flatnonzero((np.abs(slope) <= GRAZING) & (triangle != MISS))
+        if not len(edge):
+            return
+        plain = cast_plain(self._mesh, origins[edge], directions[edge])
+        triangle[edge] = plain.triangle
 
 
 def distance_to(mesh: TriangleMesh, triangle: IntArray, origins: Array, directions: Array) -> Array:

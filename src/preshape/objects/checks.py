@@ -106,12 +106,7 @@ def solid_triangles(name: str, vertices: Array, triangles: IntArray) -> IntArray
     empty = f"{name}: all {len(triangles)} triangles have zero area; give a surface mesh"
     if largest == 0:
         raise ObjectError(empty)
-    if not SMALLEST <= largest <= LARGEST:
-        size = " × ".join(f"{extent:.3g}" for extent in extents)
-        raise ObjectError(
-            f"{name}: the object is {size} m, its largest extent must lie between {SMALLEST:g} and "
-            f"{LARGEST:g} m; give the file's unit (such as --unit mm) or a factor (--scale)"
-        )
+    size(name, extents)
     a, b, c = corners
     u = [q - p for p, q in zip(a, b, strict=True)]
     v = [q - p for p, q in zip(a, c, strict=True)]
@@ -126,6 +121,20 @@ def solid_triangles(name: str, vertices: Array, triangles: IntArray) -> IntArray
 
 def _dot(a: list[Array], b: list[Array]) -> Array:
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+def size(name: str, extents: Array) -> None:
+    """Refuse a size that makes no sense in metres.
+
+    Raises:
+        ObjectError: the largest extent is under 0.1 mm or over 10 m.
+    """
+    if not SMALLEST <= float(extents.max()) <= LARGEST:
+        sizes = " × ".join(f"{extent:.3g}" for extent in extents)
+        raise ObjectError(
+            f"{name}: the object is {sizes} m, its largest extent must lie between {SMALLEST:g} and "
+            f"{LARGEST:g} m; give the file's unit (such as --unit mm) or a factor (--scale)"
+        )
 
 
 def body(name: str, extents: Array) -> None:

@@ -179,4 +179,6 @@ def load_library_object(name: str, *, scale: float = 1.0) -> TriangleMesh:
     if not (math.isfinite(scale) and scale > 0):
         raise ObjectError(f"scale must be a positive number, got {scale!r}")
     vertices, triangles = _arrays(name)
-    return TriangleMesh(name=name, vertices=vertices * scale, triangles=triangles, mass=thing.mass * scale**3)
+    return TriangleMesh(
+        name=name, vertices=vertices * scale, triangles=triangles, mass=thing.mass * scale**3, scale=scale
+    )

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ..exceptions import EnvironmentFailure, InputError, ObjectError, PreshapeError, UnknownObject
-from . import checks, read_gltf, read_obj, read_off, read_ply, read_stl
+from ..exceptions import EnvironmentFailure, InputError, ObjectError, PreshapeError
+from . import checks, read_gltf, read_obj, read_ply, read_trimesh
 from .mesh import TriangleMesh
 from .read_raw import RawMesh, group_rows
 
@@ -18,9 +18,9 @@ _Reader = Callable[[str, bytes, Path], RawMesh]
 
 _READERS: dict[str, _Reader] = {
     ".obj": lambda name, data, path: read_obj.read_obj(name, data),
-    ".stl": lambda name, data, path: read_stl.read_stl(name, data),
+    ".stl": lambda name, data, path: read_trimesh.read_stl(name, data),
     ".ply": lambda name, data, path: read_ply.read_ply(name, data),
-    ".off": lambda name, data, path: read_off.read_off(name, data),
+    ".off": lambda name, data, path: read_ply.read_off(name, data),
     ".glb": read_gltf.read_gltf,
     ".gltf": read_gltf.read_gltf,
 }
@@ -38,10 +38,6 @@ _SIGNATURES = {
     b"\x1f\x8b": "a gzip archive",
     b"\x7fELF": "a program",
 }
-
-
-class _UnknownSource(UnknownObject):
-    noun = "file or built-in object"
 
 
 def load_object(source: str | Path, *, unit: str = "m", scale: float = 1.0) -> TriangleMesh:
@@ -78,7 +74,8 @@ def load_object(source: str | Path, *, unit: str = "m", scale: float = 1.0) -> T
     _refuse_other_kinds(name, suffix, data)
     try:
         with np.errstate(all="ignore"):  # the checks look for what is not finite, and say where
-            return _finish(name, path.stem, _READERS[suffix](name, data, path), factor)
+            raw = _READERS[suffix](name, data, path)
+            return _finish(name, path.stem, raw, factor, float(scale))
     except (PreshapeError, KeyboardInterrupt):
         raise
     except MemoryError as error:
@@ -90,7 +87,7 @@ def load_object(source: str | Path, *, unit: str = "m", scale: float = 1.0) -> T
     except Exception as error:
         reason = f"{type(error).__name__}: {error}".splitlines()[0][:120]
         raise ObjectError(
-            f"{name}: not a {suffix[1:].upper()} mesh, or a damaged one ({reason}); "
+            f"{name}: no {suffix[1:].upper()} mesh, or a damaged one ({reason}); "
             "re-export it or convert it to OBJ"
         ) from error
 
@@ -113,10 +110,9 @@ def _from_library(name: str, unit: str, scale: float) -> TriangleMesh:
         raise InputError(
             f"library objects such as {name!r} are in metres, a unit of {unit!r} is for files; use scale"
         )
-    try:
-        return load_library_object(name, scale=scale)
-    except UnknownObject as error:
-        raise _UnknownSource(error.name, error.known) from None
+    mesh = load_library_object(name, scale=scale)
+    checks.size(name, mesh.extents)
+    return mesh
 
 
 def _content(path: Path, name: str, suffix: str) -> bytes:
@@ -148,7 +144,7 @@ def _content(path: Path, name: str, suffix: str) -> bytes:
 
 def _refuse_other_kinds(name: str, suffix: str, data: bytes) -> None:
     """Say what a file with the wrong suffix really is."""
-    if suffix == ".stl" and read_stl.fits(data):  # its first 80 bytes are free
+    if suffix == ".stl" and read_trimesh.is_binary_stl(data):  # its first 80 bytes are free
         return
     for start, kind in _SIGNATURES.items():
         if data.startswith(start):
@@ -158,9 +154,9 @@ def _refuse_other_kinds(name: str, suffix: str, data: bytes) -> None:
         actual = ".glb"
     elif data[:4] in (b"ply\n", b"ply\r"):
         actual = ".ply"
-    elif read_off.is_off(data):
+    elif read_ply.is_off(data):
         actual = ".off"
-    elif read_stl.is_text(data) and b"facet" in data[:4096]:
+    elif read_trimesh.is_text_stl(data) and b"facet" in data[:4096]:
         actual = ".stl"
     if actual != suffix and {actual, suffix} != {".glb", ".gltf"}:
         raise ObjectError(
@@ -169,7 +165,7 @@ def _refuse_other_kinds(name: str, suffix: str, data: bytes) -> None:
         )
 
 
-def _finish(name: str, stem: str, raw: RawMesh, factor: float) -> TriangleMesh:
+def _finish(name: str, stem: str, raw: RawMesh, factor: float, scale: float) -> TriangleMesh:
     """Scale, clean and check."""
     vertices = raw.vertices * factor
     triangles = checks.solid_triangles(name, vertices, raw.triangles)
@@ -183,4 +179,6 @@ def _finish(name: str, stem: str, raw: RawMesh, factor: float) -> TriangleMesh:
     place = np.cumsum(used) - 1
     vertices = vertices[used]
     checks.body(name, vertices.max(axis=0) - vertices.min(axis=0))
-    return TriangleMesh(name=stem, vertices=vertices, triangles=place[triangles], counts=raw.counts)
+    return TriangleMesh(
+        name=stem, vertices=vertices, triangles=place[triangles], counts=raw.counts, scale=scale
+    )

@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from ..exceptions import ObjectError
-from ..types import Array, Attributes, IntArray
+from ..types import Array, Attributes, IntArray, read_only, rebuilt
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -26,6 +26,7 @@ class TriangleMesh:
         counts: vertices, vertex normals, faces and triangles **as the file has them** (table 2);
             ``None`` takes them from the arrays.
         mass: [kg], where it is known.
+        scale: factor on the file's size that is already in the vertices, for messages.
 
     Raises:
         ObjectError: see :func:`preshape.objects.load.load_object` for what is refused.
@@ -36,39 +37,52 @@ class TriangleMesh:
     triangles: IntArray
     counts: tuple[int, int, int, int] | None = None
     mass: float | None = None
+    scale: float = 1.0
 
     def __post_init__(self) -> None:
-        vertices = np.array(self.vertices, dtype=np.float64)
-        triangles = np.array(self.triangles, dtype=np.int64)
+        try:
+            vertices = np.array(self.vertices, dtype=np.float64)
+            triangles = np.array(self.triangles, dtype=np.int64)
+        except (TypeError, ValueError, OverflowError) as error:
+            raise ObjectError(f"{self.name}: vertices and triangles must be numbers: {error}") from error
         if vertices.ndim != 2 or vertices.shape[1] != 3:
             raise ObjectError(f"{self.name}: vertices must be n×3, got shape {vertices.shape}")
         if triangles.ndim != 2 or triangles.shape[1] != 3:
             raise ObjectError(f"{self.name}: triangles must be m×3, got shape {triangles.shape}")
-        vertices.setflags(write=False)
-        triangles.setflags(write=False)
-        object.__setattr__(self, "vertices", vertices)
-        object.__setattr__(self, "triangles", triangles)
+        if not len(triangles):
+            raise ObjectError(f"{self.name}: a mesh needs at least one triangle")
+        if not np.isfinite(vertices).all():
+            raise ObjectError(f"{self.name}: every vertex must be finite")
+        if triangles.min() < 0 or triangles.max() >= len(vertices):
+            raise ObjectError(
+                f"{self.name}: triangles must name vertices 0 to {len(vertices) - 1}, "
+                f"got {triangles.min()} to {triangles.max()}"
+            )
+        object.__setattr__(self, "vertices", read_only(vertices))
+        object.__setattr__(self, "triangles", read_only(triangles))
+
+    __reduce__ = rebuilt
 
     @cached_property
     def corners(self) -> Array:
         """(m, 3, 3) the corners of each triangle [m]."""
-        return self.vertices[self.triangles]
+        return read_only(self.vertices[self.triangles])
 
     @cached_property
     def bounds(self) -> Array:
         """(2, 3) lower and upper corner of the bounding box [m], of the vertices that are used."""
         flat = self.corners.reshape(-1, 3)
-        return np.array([flat.min(axis=0), flat.max(axis=0)])
+        return read_only(np.array([flat.min(axis=0), flat.max(axis=0)]))
 
     @cached_property
     def extents(self) -> Array:
         """(3,) W, H, D [m]."""
-        return self.bounds[1] - self.bounds[0]
+        return read_only(self.bounds[1] - self.bounds[0])
 
     @cached_property
     def cog(self) -> Array:
         """(3,) centre of the bounding box [m] (eq. 1-2)."""
-        return (self.bounds[0] + self.bounds[1]) / 2
+        return read_only((self.bounds[0] + self.bounds[1]) / 2)
 
     @cached_property
     def _crosses(self) -> Array:
@@ -78,13 +92,14 @@ class TriangleMesh:
     @cached_property
     def areas(self) -> Array:
         """(m,) triangle areas [m²]."""
-        return np.linalg.norm(self._crosses, axis=1) / 2
+        return read_only(np.linalg.norm(self._crosses, axis=1) / 2)
 
     @cached_property
     def normals(self) -> Array:
         """(m, 3) unit normals by the right-hand rule; zero for a triangle without area."""
         length = 2 * self.areas[:, None]
-        return np.divide(self._crosses, length, out=np.zeros_like(self._crosses), where=length > 0)
+        zero = np.zeros_like(self._crosses)
+        return read_only(np.divide(self._crosses, length, out=zero, where=length > 0))
 
     @cached_property
     def area(self) -> float:

@@ -17,6 +17,25 @@ _INDENT = (9, 11, 12, 32)
 _CHUNK = 1 << 21
 
 
+def plain_text(name: str, data: bytes, kind: str) -> bytes:
+    """A text file without byte order mark and carriage returns.
+
+    Args:
+        name: the file, for messages.
+        data: its content.
+        kind: what it should be, for messages ("an OBJ mesh").
+
+    Raises:
+        ObjectError: the content is binary.
+    """
+    if b"\0" in data:
+        raise ObjectError(
+            f"{name}: expected {kind} as text, found binary data; check that the file is whole "
+            "and that its suffix says what it is"
+        )
+    return data.removeprefix(b"\xef\xbb\xbf").replace(b"\r\n", b"\n").replace(b"\r", b"\n")
+
+
 @value
 class Table:
     """The numbers of some lines.
@@ -56,14 +75,7 @@ class Lines:
     """
 
     def __init__(self, name: str, data: bytes, kind: str) -> None:
-        if b"\0" in data:
-            raise ObjectError(
-                f"{name}: expected {kind} as text, found binary data; check that the file is whole "
-                "and that its suffix says what it is"
-            )
-        data = data.removeprefix(b"\xef\xbb\xbf")
-        if b"\r" in data:
-            data = data.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
+        data = plain_text(name, data, kind)
         if not data.endswith(b"\n"):
             data += b"\n"
         self.name = name
@@ -85,12 +97,6 @@ class Lines:
         for k, letter in enumerate(word):
             hit &= self.bytes[np.minimum(self.starts + k, last)] == letter
         return hit
-
-    def with_content(self) -> BoolArray:
-        """(lines,) which lines are neither blank nor a comment (#)."""
-        first = self.bytes[self.starts]
-        content: BoolArray = (first > _BLANK) & (first != _HASH)
-        return content
 
     def text(self, line: int | np.int64) -> str:
         """One line, counted from 0, fit for a message."""

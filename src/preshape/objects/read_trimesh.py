@@ -1,0 +1,101 @@
+"""What trimesh reads as a scene of meshes, and STL; checked wherever it would let a damaged file through."""
+
+from __future__ import annotations
+
+import io
+import re
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from logging import WARNING, LogRecord, getLogger
+from logging.handlers import BufferingHandler
+from typing import Any
+
+import numpy as np
+
+from ..exceptions import ObjectError
+from .read_raw import RawMesh, assemble, merge_equal
+from .read_text import plain_text
+
+
+@contextmanager
+def quietly() -> Iterator[list[LogRecord]]:
+    """Collect trimesh's notes instead of showing them; words where numbers should be are an error."""
+    log, notes = getLogger("trimesh"), BufferingHandler(1_000_000)
+    level, propagate = log.level, log.propagate
+    log.addHandler(notes)
+    log.setLevel("DEBUG")
+    log.propagate = False
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            warnings.filterwarnings("error", message="string or file could not be read")
+            yield notes.buffer
+    finally:
+        log.removeHandler(notes)
+        log.setLevel(level)
+        log.propagate = propagate
+
+
+def _stl_size(data: bytes) -> int:
+    return 84 + 50 * int.from_bytes(data[80:84], "little")
+
+
+def is_binary_stl(data: bytes) -> bool:
+    """Whether the file is exactly as long as a binary STL of its number of triangles."""
+    return len(data) == _stl_size(data)
+
+
+def is_text_stl(data: bytes) -> bool:
+    """Whether this is a text STL; some binary ones begin with ``solid`` too, but fit their length."""
+    return not is_binary_stl(data) and data[:512].lstrip().lower().startswith(b"solid")
+
+
+def read_stl(name: str, data: bytes) -> RawMesh:
+    """Read an STL file; the format has no vertices of its own, equal positions are counted once [C].
+
+    Raises:
+        ObjectError: see :func:`preshape.objects.load.load_object`.
+    """
+    size, facets = _stl_size(data), int.from_bytes(data[80:84], "little")
+    if is_text_stl(data):
+        # In names any byte may stand; trimesh would guess at an encoding.
+        data = plain_text(name, data, "an STL mesh").decode("ascii", "replace").encode()
+        size, facets = len(data), len(re.findall(rb"(?mi)^[ \t]*facet\b", data))
+    if len(data) < size:
+        raise ObjectError(
+            f"{name}: an STL of {facets} triangles needs {size} bytes, the file has {len(data)}; "
+            "it is cut short or not an STL mesh"
+        )
+    return read_scene(name, data[:size], "stl", {}, facets)
+
+
+def read_scene(name: str, data: bytes, kind: str, files: dict[str, bytes], facets: int = -1) -> RawMesh:
+    """All meshes of a scene, each where its node puts it, checked, with equal positions made one."""
+    import trimesh
+
+    with quietly() as notes:
+        scene = trimesh.load_scene(
+            io.BytesIO(data), file_type=kind, resolver=files, process=False, skip_materials=True
+        )
+        parts: list[Any] = scene.dump()
+    for note in notes:
+        text = note.getMessage()
+        if kind != "stl" and (note.levelno >= WARNING or text.startswith("skipping primitive")):
+            raise ObjectError(f"{name}: a part is not read ({text:.80}); export it as plain triangles")
+    vertices, triangles, count = [np.zeros((0, 3))], [np.zeros((0, 3), dtype=np.int64)], 0
+    for part in parts:
+        own = np.asarray(getattr(part, "faces", np.zeros((0, 3))), dtype=np.int64)  # lines, points: none
+        outside = (own < 0) | (own >= len(part.vertices))
+        triangles.append(np.where(outside, -1, own + count))  # else it would reach into another part
+        vertices.append(np.asarray(part.vertices, dtype=np.float64))
+        count += len(part.vertices)
+    corners = np.concatenate(triangles)
+    if facets not in (-1, len(corners)):
+        raise ObjectError(
+            f"{name}: expected three vertices a facet and a closing endsolid, found {len(corners)} whole "
+            f"ones of {facets} facets; the file is damaged or cut short"
+        )
+    raw = assemble(name, np.concatenate(vertices), corners.reshape(-1), np.full(len(corners), 3))
+    merged, indices = merge_equal(raw.vertices, raw.triangles)
+    return RawMesh(vertices=merged, triangles=indices, normals=len(merged), faces=len(indices))

@@ -1,0 +1,650 @@
+"""The ray analyser against the paper's numbers, closed forms, and a plain twin made of loops."""
+
+from __future__ import annotations
+
+import re
+from itertools import product
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from preshape.analyser import Aim, Exploration, HandLayout
+from preshape.exceptions import InputError, ObjectError
+from preshape.fuzzy import FuzzySets, tfvadi
+from preshape.kernels.rays import MISS, Hits, cast_plain
+from preshape.objects.library import load_library_object
+from preshape.objects.mesh import TriangleMesh
+from preshape.planes import PLANES, plane
+from preshape.types import ContactCoefficients
+from preshape.virtual_grasp import RayAnalyser
+from preshape.wrench import screw_measures
+
+Array = NDArray[np.float64]
+
+Q1 = (1.0, 1.0, 0.1, 0.05, 0.8, 0.05)
+Q2 = (1.0, 1.0, 0.1, 0.8, 0.05, 0.05)
+U = 0.043
+UTAH = HandLayout(name="utah_mit", u=U, finger_pitch=0.022, fingertip_width=0.014)
+SLIM = HandLayout(name="slim", u=U, finger_pitch=0.1 * U, fingertip_width=0.02 * U)
+CRISP = FuzzySets().crisp()
+
+BOX_TRIANGLES = [
+    [0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1],
+    [2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4], [1, 5, 7], [1, 7, 3],
+]  # fmt: skip
+
+
+def box(
+    half: tuple[float, ...], centre: tuple[float, ...] = (0.0, 0.0, 0.0), name: str = "box"
+) -> TriangleMesh:
+    """A box mesh; half-extents [m]."""
+    signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
+    return TriangleMesh(
+        name=name, vertices=signs * half + np.array(centre), triangles=np.array(BOX_TRIANGLES)
+    )
+
+
+def small_box() -> TriangleMesh:
+    """The paper's: half-extents 0.2 U."""
+    return box((0.2 * U,) * 3)
+
+
+def row(found: Exploration, k: int) -> tuple[int, bool, float, int]:
+    return int(found.plane[k]), bool(found.flip[k]), round(float(found.value[k]), 9), int(found.fingers[k])
+
+
+def table(found: Exploration) -> dict[tuple[int, bool, float, int], tuple[Array, float]]:
+    made = {row(found, k): (found.wrench[k], float(found.match[k])) for k in range(len(found))}
+    assert len(made) == len(found)  # no way of grasping comes twice
+    return made
+
+
+def frame(index: int) -> Array:
+    p = plane(index)
+    return np.column_stack([p.approach_axis, p.opposition_axis, p.transverse_axis])
+
+
+# --- the paper's numbers ------------------------------------------------------------------------------
+
+ROWS = {
+    "fig. 14 row 1": (
+        5, (0.30, 0.20, 1.0, 0.90), 0.01,
+        (0.86, 1.1, -0.22, -0.03, 0.96, 0.06), (0.90, 1.0, -0.20, -0.04, 0.90, 0.07),
+    ),
+    "fig. 14 row 2": (
+        5, (0.45, 0.30, 1.0, 0.80), 0.01,
+        (1.3, 1.1, -0.27, -0.06, 0.86, 0.11), (1.35, 1.0, -0.30, -0.06, 0.80, 0.10),
+    ),
+    "fig. 15 rows 3-4": (
+        7, (0.45, 0.30, 1.0, 0.80), 0.08,
+        (0.27, 1.1, 1.3, -0.18, 0.87, 0.05), (0.30, 1.0, 1.35, -0.17, 0.82, -0.06),
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", ROWS)
+def test_the_papers_net_wrenches_through_the_whole_pipeline(name: str) -> None:
+    index, four, x, paper, formula = ROWS[name]
+    k = ContactCoefficients(ka=four[0], ko=four[1], kn=four[2], mn=four[3])
+    analyser = RayAnalyser(small_box(), SLIM, coefficients=k)
+    found = analyser.explore(np.array(Q1), Aim(planes=[index], values=[x / 0.2], fingers=[3], flips=[False]))
+    assert len(found) == 1
+    grasp = analyser.grasp(np.array(Q1), found)
+    for wrench in (found.wrench[0], grasp.net_wrench):
+        assert np.abs(wrench - formula).max() <= 0.005 + 1e-9  # to the printed precision
+        assert np.abs(wrench - paper).max() <= 0.12
+    assert grasp.contacts.points.shape == (3, 3)
+    assert found.match[0] == grasp.tfvadi == pytest.approx(grasp.adi.sum())
+    assert found.match[0] == pytest.approx(float(tfvadi(Q1, wrench)), abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("q", "best_plane", "best"),
+    [
+        (Q1, 5, 4.900),
+        (Q2, 6, 5.400),
+        ((1.05, 0.13, 0.96, 0.84, 0.05, 0.05), 10, 4.500),
+        ((1.03, 0.05, 1.15, 0.05, 0.05, 0.91), 9, 4.900),
+        ((1.48, 1.28, 0.05, 0.84, 0.05, 0.05), 6, 4.500),
+    ],
+)
+def test_cross_check_with_the_second_implementation(
+    q: tuple[float, ...], best_plane: int, best: float
+) -> None:
+    analyser = RayAnalyser(small_box(), SLIM)
+    found = analyser.explore(np.array(q), Aim(values=np.linspace(-1, 1, 41), flips=[False]))
+    assert found.match[0] == pytest.approx(best, abs=1e-9)
+    ties = found.match >= found.match[0] - 1e-9
+    assert set(found.plane[ties]) == {best_plane}
+    assert row(found, 0)[0] == best_plane
+
+
+# --- closed forms on boxes ----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("index", range(1, 13))
+@pytest.mark.parametrize("flip", [False, True])
+def test_every_plane_flip_and_finger_count_on_a_box_in_closed_form(index: int, flip: bool) -> None:
+    half = np.array([0.3, 0.5, 0.4]) * U
+    mesh = box(tuple(half), centre=(0.3, -0.2, 0.1))
+    k = ContactCoefficients(ka=0.4, ko=0.25, kn=1.1, mn=0.7)
+    analyser = RayAnalyser(mesh, SLIM, coefficients=k)
+    found = table(analyser.explore(np.array(Q1), Aim(planes=[index], values=CRISP, flips=[flip])))
+    assert len(found) == 7 * 3
+    axes = frame(index)
+    half_a, h = np.abs(axes[:, :2].T @ half) / U
+    side = -1.0 if flip else 1.0
+    for (_, _, v, fingers), (wrench, _) in found.items():
+        n, x = fingers - 1, v * half_a
+        force = [(n + 1) * k.ka, side * (n - 1) * k.kn, -k.ko]
+        torque = [-side * h * k.ko, side * (n - 1) * k.mn + x * k.ko, side * (n - 1) * (x * k.kn + h * k.ka)]
+        assert axes.T @ wrench[:3] == pytest.approx(force, abs=1e-9)
+        assert axes.T @ wrench[3:] == pytest.approx(torque, abs=1e-9)
+
+
+def test_a_box_turned_by_half_a_turn_gives_the_turned_planes() -> None:
+    # Half a turn about o keeps the box and the thumb, and turns plane (a, o) into plane (-a, o).
+    analyser = RayAnalyser(box((0.02, 0.03, 0.025)), UTAH)
+    found = table(analyser.explore(np.array(Q1), Aim(values=CRISP)))
+    by_axes = {(tuple(p.approach_axis), tuple(p.opposition_axis)): p.index for p in PLANES}
+    for p in PLANES:
+        o = p.opposition_axis
+        turn = 2 * np.outer(o, o) - np.eye(3)
+        other = by_axes[tuple(-p.approach_axis + 0.0), tuple(o)]
+        for flip, v, n in product((False, True), CRISP, (2, 3)):
+            here, there = (found[i, flip, round(v, 9), n][0] for i in (p.index, other))
+            assert there == pytest.approx(np.concatenate([turn @ here[:3], turn @ here[3:]]), abs=1e-9)
+
+
+def test_flip_on_a_box_reverses_the_opposition() -> None:
+    analyser = RayAnalyser(box((0.02, 0.03, 0.025)), UTAH)
+    found = table(analyser.explore(np.array(Q1), Aim(values=CRISP)))
+    for (index, flip, v, n), (wrench, _) in found.items():
+        if flip:
+            continue
+        axes, other = frame(index), found[index, True, v, n][0]
+        assert axes.T @ other[:3] == pytest.approx((axes.T @ wrench[:3]) * [1, -1, 1], abs=1e-9)
+        a, _, t = axes.T @ wrench[3:]
+        assert (axes.T @ other[3:])[[0, 2]] == pytest.approx([-a, -t], abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("widths", "most"), [(0.5, 2), (1.9, 2), (1.99, 2), (2.01, 3), (2.9, 3), (2.99, 3), (3.01, 4), (9.0, 4)]
+)
+def test_the_extent_along_t_gives_the_number_of_fingers(widths: float, most: int) -> None:
+    # Plane 5: t = Z. The middle one of two neighbours needs a fingertip's width, two pairs need two.
+    mesh = box((0.02, 0.02, widths * UTAH.fingertip_width / 2))
+    found = RayAnalyser(mesh, UTAH).explore(np.array(Q1), Aim(planes=[5], values=CRISP))
+    assert set(found.fingers) == set(range(2, most + 1))
+    assert found.aimed == 7 * 2 * 3
+
+
+def test_fingers_stand_at_the_pitch_where_there_is_room_and_closer_where_not() -> None:
+    for depth, pair, triple in (
+        (0.080, 0.022, 0.022),  # room for all at the hand's pitch
+        (0.050, 0.022, 0.018),  # three: (0.050 - 0.014) / 2
+        (0.030, 0.016, None),  # two: 0.030 - 0.014
+    ):
+        analyser = RayAnalyser(box((0.02, 0.02, depth / 2)), UTAH)
+        found = analyser.explore(np.array(Q1), Aim(planes=[5], values=[0.0], flips=[False]))
+        for k in range(len(found)):
+            grasp = analyser.grasp(np.array(Q1), found, k)
+            t = np.sort(grasp.contacts.points[1:] @ grasp.plane.transverse_axis)
+            assert t == pytest.approx(-t[::-1], abs=1e-12)
+            gap = {2: None, 3: pair, 4: triple}[grasp.fingers]
+            if gap is not None:
+                assert np.diff(t) == pytest.approx(np.full(grasp.fingers - 2, gap), abs=1e-9)
+        assert (4 in found.fingers) == (triple is not None)
+
+
+# --- the plain twin -----------------------------------------------------------------------------------
+
+
+def plain_cast(mesh: TriangleMesh, origins: Array, directions: Array) -> Hits:
+    with np.errstate(invalid="ignore"):
+        return cast_plain(mesh, origins, directions)
+
+
+def plain_hit(mesh: TriangleMesh, origin: Array, direction: Array) -> tuple[Array, Array] | None:
+    """Contact point and inward normal of one ray."""
+    hits = plain_cast(mesh, origin[None], direction[None])
+    k = int(hits.triangle[0])
+    if k == MISS:
+        return None
+    a, b, c = mesh.vertices[mesh.triangles[k]]
+    n = np.cross(b - a, c - a)
+    n = n / np.linalg.norm(n)
+    return origin + hits.distance[0] * direction, n if n @ direction > 0 else -n
+
+
+def plain_grasps(
+    mesh: TriangleMesh, layout: HandLayout, k: ContactCoefficients, index: int, v: float, flip: bool
+) -> dict[int, tuple[Array, Array]]:
+    """Finger count -> contact points and net wrench, one ray at a time, from PAPER.md §5."""
+    low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
+    cog, half = (low + high) / 2, (high - low) / 2
+    a, o = PLANES[index - 1].approach_axis, PLANES[index - 1].opposition_axis
+    t = np.cross(a, o)
+    half_a, half_o, half_t = (float(np.abs(axis) @ half) for axis in (a, o, t))
+    target = cog + v * half_a * a
+    # How wide the object is here: looked at along t from both sides, the nearer outline counts.
+    room = half_t
+    ends = [plain_hit(mesh, target + side * 2 * half_t * t, -side * t) for side in (1.0, -1.0)]
+    if ends[0] is not None and ends[1] is not None:
+        reach = min((ends[0][0] - target) @ t, (target - ends[1][0]) @ t)
+        room = reach if reach > 0 else half_t
+    thumb_side = -o if flip else o
+    made: dict[int, tuple[Array, Array]] = {}
+    for fingers in (2, 3, 4):
+        n = fingers - 1
+        gap = 0.0 if n == 1 else min(layout.finger_pitch, (2 * room - layout.fingertip_width) / (n - 1))
+        if n > 1 and gap < layout.fingertip_width - 1e-9:
+            continue
+        aims = [(0.0, thumb_side, -1.0)]
+        for i in range(n):
+            ti = (i - (n - 1) / 2) * gap
+            aims.append((ti, -thumb_side, 0.0 if abs(ti) < 1e-12 else -float(np.sign(ti))))
+        net, points = np.zeros(6), []
+        for ti, side, s in aims:
+            hit = plain_hit(mesh, target + ti * t + 2 * half_o * side, -side)
+            if hit is None:
+                break
+            point, normal = hit
+            force = (
+                k.kn * normal + k.ka * (a - (a @ normal) * normal) + s * k.ko * (t - (t @ normal) * normal)
+            )
+            moment = k.mn * normal + np.cross((point - cog) / layout.u, force)
+            net += np.concatenate([force, moment])
+            points.append(point)
+        else:
+            made[fingers] = np.array(points), net
+    return made
+
+
+def tilted(mesh: TriangleMesh) -> TriangleMesh:
+    """Turned a little about all axes, so that no ray runs along an edge, where rounding would decide."""
+    turn = np.eye(3)
+    for i, j, angle in ((0, 1, 0.113), (1, 2, -0.207), (0, 2, 0.151)):
+        step = np.eye(3)
+        step[[i, i, j, j], [i, j, i, j]] = np.cos(angle), -np.sin(angle), np.sin(angle), np.cos(angle)
+        turn = turn @ step
+    return remade(mesh, mesh.vertices @ turn.T, mesh.triangles)
+
+
+@pytest.mark.parametrize(
+    ("name", "turned"),
+    [
+        *((name, False) for name in ("cube", "pyramid", "wedge")),
+        *((name, True) for name in ("cube", "wedge", "ring", "hammer", "mug")),
+    ],
+)
+def test_the_explorer_equals_its_plain_twin(name: str, turned: bool) -> None:
+    mesh = load_library_object(name)
+    mesh = tilted(mesh) if turned else mesh
+    k = ContactCoefficients()
+    q = np.array(Q2)
+    values = [0.0137, 0.6421] if len(mesh.triangles) > 2000 else [-0.9173, -0.3519, 0.0137, 0.6421]
+    indices = [2, 5, 7, 11] if len(mesh.triangles) > 2000 else [p.index for p in PLANES]
+    analyser = RayAnalyser(mesh, UTAH)
+    explored = analyser.explore(q, Aim(planes=indices, values=values))
+    found = table(explored)
+    place = {row(explored, i): i for i in range(len(explored))}
+    wanted, exact = 0, []
+    for index, v, flip in product(indices, values, (False, True)):
+        twin = plain_grasps(mesh, UTAH, k, index, v, flip)
+        for fingers in (2, 3, 4):
+            key = (index, flip, round(v, 9), fingers)
+            assert (key in found) == (fingers in twin), key
+            if fingers not in twin:
+                continue
+            points, net = twin[fingers]
+            wanted += 1
+            # The analyser may look a micrometre aside, which tells where the surface is steep.
+            assert found[key][0] == pytest.approx(net, abs=2e-3), key
+            exact.append(np.abs(found[key][0] - net).max() < 1e-7)
+            assert found[key][1] == pytest.approx(float(tfvadi(q, found[key][0])), abs=1e-9), key
+            if wanted % 5 == 0:
+                grasp = analyser.grasp(q, explored, place[key])
+                apart = np.linalg.norm(grasp.contacts.points[:, None] - points[None], axis=2)
+                assert apart.min(axis=1).max() < 1e-4
+                assert apart[0, 0] < 1e-4  # the thumb first
+    assert wanted == len(found) > 0
+    assert np.mean(exact) > 0.9
+
+
+@pytest.mark.parametrize("name", ["cube", "mug", "dolphin", "scissors"])
+def test_a_grasp_in_full_says_what_the_exploration_said(name: str) -> None:
+    mesh = load_library_object(name)
+    analyser = RayAnalyser(mesh, UTAH)
+    q = np.array(Q1)
+    aside = 1e-5 * mesh.extents.max()  # so much may the ray stand beside its aim
+    found = analyser.explore(q, Aim(values=CRISP))
+    for k in range(0, len(found), max(1, len(found) // 25)):
+        g = analyser.grasp(q, found, k)
+        assert (g.plane.index, g.flip, round(g.approach_value, 9), g.fingers) == row(found, k)
+        assert g.net_wrench == pytest.approx(found.wrench[k], abs=1e-12)
+        assert g.contacts.wrenches.sum(axis=0) == pytest.approx(g.net_wrench, abs=1e-12)
+        assert g.tfvadi == pytest.approx(found.match[k], abs=1e-9)
+        assert g.approach_set == int(np.flatnonzero(np.isclose(CRISP, g.approach_value))[0])
+        assert (g.stability, g.manipulability) == screw_measures(g.contacts.wrenches)
+        o, t = g.plane.opposition_axis, g.plane.transverse_axis
+        side = -o if g.flip else o
+        assert np.array_equal(g.thumb_side, side)
+        for i, (point, normal, triangle, start) in enumerate(
+            zip(
+                g.contacts.points,
+                g.contacts.normals_in,
+                g.contacts.triangles,
+                g.contacts.ray_origins,
+                strict=True,
+            )
+        ):
+            came = side if i == 0 else -side
+            assert np.cross(point - start, o) == pytest.approx(np.zeros(3), abs=aside)  # straight along o
+            assert (start - mesh.cog) @ came > mesh.extents @ np.abs(o) / 2  # from outside
+            assert (start - point) @ came >= 0
+            assert np.linalg.norm(normal) == pytest.approx(1)
+            assert normal @ came < 0  # inward, whoever wound the triangle
+            assert abs(normal @ mesh.normals[triangle]) == pytest.approx(1)
+            assert abs((point - mesh.corners[triangle, 0]) @ normal) < 1e-9  # on that triangle's plane
+            assert (point - mesh.cog) @ g.plane.approach_axis == pytest.approx(
+                g.approach_value * mesh.extents @ np.abs(g.plane.approach_axis) / 2, abs=aside
+            )
+        along = (g.contacts.points - mesh.cog) @ t
+        assert along[0] == pytest.approx(0, abs=aside)
+        assert np.sort(along[1:]) == pytest.approx(-np.sort(along[1:])[::-1], abs=2 * aside)
+        if g.fingers > 2:
+            assert np.diff(np.sort(along[1:])).min() >= UTAH.fingertip_width - 2 * aside
+            assert np.diff(np.sort(along[1:])).max() <= UTAH.finger_pitch + 2 * aside
+
+
+# --- what must not matter -----------------------------------------------------------------------------
+
+
+def same(first: Exploration, second: Exploration, tolerance: float = 1e-6) -> None:
+    one, other = table(first), table(second)
+    assert set(one) == set(other)
+    for key, (wrench, match) in one.items():
+        assert other[key][0] == pytest.approx(wrench, abs=tolerance), key
+        assert other[key][1] == pytest.approx(match, abs=20 * tolerance), key
+
+
+def remade(mesh: TriangleMesh, vertices: Array, triangles: Array) -> TriangleMesh:
+    return TriangleMesh(name=mesh.name, vertices=vertices, triangles=triangles)
+
+
+@pytest.mark.parametrize("name", ["cube", "wedge", "mug", "hammer"])
+@pytest.mark.parametrize("shift", [(0.1, -0.05, 0.02), (10.0, -7.0, 3.0)])
+def test_moving_the_mesh_in_its_file_changes_nothing(name: str, shift: tuple[float, ...]) -> None:
+    mesh = load_library_object(name)
+    moved = remade(mesh, mesh.vertices + shift, mesh.triangles)
+    q = np.array(Q1)
+    aim = Aim(values=CRISP)
+    same(RayAnalyser(mesh, UTAH).explore(q, aim), RayAnalyser(moved, UTAH).explore(q, aim))
+
+
+@pytest.mark.parametrize("name", ["cube", "wedge", "ring", "hammer"])
+def test_a_finer_triangulation_of_the_same_surface_changes_nothing(name: str) -> None:
+    mesh = load_library_object(name)
+    a, b, c = (mesh.corners[:, k] for k in range(3))
+    ab, bc, ca = (a + b) / 2, (b + c) / 2, (c + a) / 2
+    quarters = np.concatenate(
+        [np.stack(x, axis=1) for x in ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))]
+    )
+    finer = remade(mesh, quarters.reshape(-1, 3), np.arange(3 * len(quarters)).reshape(-1, 3))
+    q = np.array(Q1)
+    aim = Aim(values=CRISP)
+    same(RayAnalyser(mesh, UTAH).explore(q, aim), RayAnalyser(finer, UTAH).explore(q, aim))
+
+
+@pytest.mark.parametrize("name", ["cube", "bowl", "hammer"])
+def test_the_winding_of_the_triangles_does_not_matter(name: str) -> None:
+    mesh = load_library_object(name)
+    inside_out = remade(mesh, mesh.vertices, mesh.triangles[:, ::-1])
+    mixed = mesh.triangles.copy()
+    mixed[::2] = mixed[::2, ::-1]
+    q = np.array(Q1)
+    aim = Aim(values=CRISP)
+    first = RayAnalyser(mesh, UTAH).explore(q, aim)
+    for triangles in (inside_out.triangles, mixed):
+        other = RayAnalyser(remade(mesh, mesh.vertices, triangles), UTAH)
+        same(first, other.explore(q, aim))
+        g, h = RayAnalyser(mesh, UTAH).grasp(q, first), other.grasp(q, first)
+        assert np.allclose(g.contacts.normals_in, h.contacts.normals_in, atol=1e-12)
+
+
+def test_the_task_chooses_the_order_and_nothing_else() -> None:
+    analyser = RayAnalyser(load_library_object("mug"), UTAH)
+    aim = Aim(values=CRISP)
+    first, second = analyser.explore(np.array(Q1), aim), analyser.explore(np.array(Q2), aim)
+    one, other = table(first), table(second)
+    assert set(one) == set(other)
+    for key in one:
+        assert np.array_equal(one[key][0], other[key][0])
+        assert one[key][1] == pytest.approx(float(tfvadi(Q1, one[key][0])), abs=1e-12)
+        assert other[key][1] == pytest.approx(float(tfvadi(Q2, one[key][0])), abs=1e-12)
+    again = analyser.explore(np.array(Q1), aim)
+    for field in ("plane", "flip", "value", "fingers", "wrench", "match"):
+        assert np.array_equal(getattr(first, field), getattr(again, field))
+
+
+def test_what_a_caller_writes_into_a_result_does_not_reach_the_next_one() -> None:
+    analyser = RayAnalyser(small_box(), SLIM)
+    aim = Aim(values=CRISP)
+    first = analyser.explore(np.array(Q1), aim)
+    kept = first.wrench.copy()
+    for array in (first.wrench, first.plane, first.match):
+        if array.flags.writeable:
+            array[:] = 0
+    assert np.array_equal(analyser.explore(np.array(Q1), aim).wrench, kept)
+
+
+def test_another_aim_is_not_answered_from_the_last_one() -> None:
+    analyser = RayAnalyser(small_box(), SLIM)
+    q = np.array(Q1)
+    wide = analyser.explore(q, Aim(values=CRISP))
+    for aim, keep in (
+        (Aim(planes=[5], values=CRISP), wide.plane == 5),
+        (Aim(values=CRISP[:3]), wide.value <= CRISP[2]),
+        (Aim(values=CRISP, fingers=[3]), wide.fingers == 3),
+        (Aim(values=CRISP, flips=[True]), wide.flip),
+    ):
+        same(analyser.explore(q, aim), wide.where(keep))
+        assert analyser.explore(q, Aim(values=CRISP)).aimed == wide.aimed == 12 * 7 * 2 * 3
+
+
+# --- order --------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["cube", "mug", "ring"])
+def test_best_match_first_and_among_equals_the_plainest(name: str) -> None:
+    found = RayAnalyser(load_library_object(name), UTAH).explore(np.array(Q1), Aim(values=CRISP))
+    keys = [
+        (-round(m, 9), round(abs(v), 9), -n, f, p)
+        for m, v, n, f, p in zip(
+            found.match.tolist(), found.value.tolist(), found.fingers.tolist(), found.flip.tolist(),
+            found.plane.tolist(), strict=True,
+        )
+    ]  # fmt: skip
+    assert keys == sorted(keys)
+    assert (np.diff(found.match) <= 1e-9).all()
+
+
+def test_the_order_does_not_depend_on_the_order_of_the_aim() -> None:
+    analyser = RayAnalyser(load_library_object("mug"), UTAH)
+    q = np.array(Q1)
+    first = analyser.explore(q, Aim(values=CRISP))
+    second = analyser.explore(
+        q, Aim(planes=range(12, 0, -1), values=CRISP[::-1], fingers=[4, 2, 3], flips=[True, False])
+    )
+    # +v and -v may be equally good; everything else is ordered.
+    assert [(r[0], r[1], abs(r[2]), r[3]) for r in (row(first, k) for k in range(len(first)))] == [
+        (r[0], r[1], abs(r[2]), r[3]) for r in (row(second, k) for k in range(len(second)))
+    ]
+    assert row(first, 0) == row(second, 0)
+
+
+# --- no grasp -----------------------------------------------------------------------------------------
+
+
+def test_no_grasp_through_the_hole_of_a_ring() -> None:
+    # Library ring: tube of 9 mm about a circle of 34 mm, lying flat. Plane 9 comes along X, opposes along Z.
+    analyser = RayAnalyser(load_library_object("ring"), UTAH)
+    values = np.linspace(-0.99, 0.99, 67)
+    found = analyser.explore(np.array(Q1), Aim(planes=[9], values=values, flips=[False]))
+    x = np.abs(values) * 43
+    hole, tube = x < 24.9, (x > 25.1) & (x < 42.9)
+    assert (hole | tube).sum() >= 64
+    two = found.where(found.fingers == 2)
+    assert not np.isin(values[hole], two.value).any()
+    assert np.isin(values[tube], two.value).all()
+    assert not np.isin(found.value, values[hole]).any()  # the thumb misses: no count helps
+    # Opposed along Y the ring is met everywhere.
+    sideways = analyser.explore(np.array(Q1), Aim(planes=[5], values=values, fingers=[2]))
+    assert len(sideways) == 2 * len(values)
+
+
+def test_no_grasp_in_the_empty_corner_of_an_l() -> None:
+    # An L in the plane of X and Z: a foot along X, a post along Z at -X. Opposition along Y, approach +X.
+    foot = box((0.03, 0.01, 0.01), (0.0, 0.0, -0.02))
+    post = box((0.01, 0.01, 0.02), (-0.02, 0.0, 0.01))
+    mesh = TriangleMesh(
+        name="L",
+        vertices=np.vstack([foot.vertices, post.vertices]),
+        triangles=np.vstack([foot.triangles, post.triangles + 8]),
+    )
+    assert mesh.extents == pytest.approx([0.06, 0.02, 0.06])
+    values = np.array([-0.95, -0.7, -0.5, -0.36, -0.3, 0.0, 0.3, 0.65, 0.95])
+    found = RayAnalyser(mesh, UTAH).explore(np.array(Q1), Aim(planes=[5], values=values, fingers=[2]))
+    # The middle height is z = 0: above the foot, so only the post, x < -0.01, v < -1/3, is there.
+    assert sorted(set(found.value)) == pytest.approx([-0.95, -0.7, -0.5, -0.36])
+    along_z = RayAnalyser(mesh, UTAH).explore(np.array(Q1), Aim(planes=[9], values=values, fingers=[2]))
+    assert sorted(set(along_z.value)) == pytest.approx(values.tolist())
+
+
+def test_one_finger_beside_the_object_is_no_grasp() -> None:
+    # A T: wide at +o, where the fingers must not land, narrow at -o. Two of three rays miss the stem's side.
+    bar = box((0.02, 0.01, 0.03), (0.0, 0.02, 0.0))
+    stem = box((0.02, 0.02, 0.004), (0.0, -0.01, 0.0))
+    mesh = TriangleMesh(
+        name="T",
+        vertices=np.vstack([bar.vertices, stem.vertices]),
+        triangles=np.vstack([bar.triangles, stem.triangles + 8]),
+    )
+    analyser = RayAnalyser(mesh, UTAH)
+    found = analyser.explore(np.array(Q1), Aim(planes=[5], values=[0.0]))
+    for k in range(len(found)):
+        g = analyser.grasp(np.array(Q1), found, k)
+        assert np.isfinite(g.contacts.points).all()
+        assert (g.contacts.triangles >= 0).all()
+        t = np.abs(g.contacts.points @ g.plane.transverse_axis)
+        assert t.max() <= 0.03
+
+
+def test_an_object_that_no_ray_meets_has_no_grasp() -> None:
+    # Two small triangles in opposite corners of the bounding box.
+    corners = (
+        np.array([[-1, -1, -1], [-0.98, -1, -1], [-1, -0.98, -1], [1, 1, 1], [0.98, 1, 1], [1, 0.98, 1]])
+        * 0.05
+    )
+    mesh = TriangleMesh(name="crumbs", vertices=corners, triangles=np.array([[0, 1, 2], [3, 4, 5]]))
+    found = RayAnalyser(mesh, UTAH).explore(np.array(Q1), Aim(values=CRISP))
+    assert len(found) == 0
+    assert found.wrench.shape == (0, 6)
+    assert found.aimed == 12 * 7 * 2 * 3
+
+
+def test_a_contact_lies_on_the_object_beside_a_wall_along_the_ray() -> None:
+    # A plate and, on it, a fin that leans by a hundred-thousandth. The ray passes a few micrometres beside
+    # the fin and lands on the plate: 20 mm of air above it are no contact.
+    size = 0.06
+    plate = box((size / 2, 0.005, size / 2))
+    for lean, aside in product((1e-5, 1e-4, 1e-3), np.linspace(-2e-6, 2e-6, 9)):
+        top = 0.025
+        fin = [[aside, 0.005, -size / 2], [aside, 0.005, size / 2], [aside - lean * 0.02, top, 0.0]]
+        mesh = TriangleMesh(
+            name="fin",
+            vertices=np.vstack([plate.vertices, fin]),
+            triangles=np.vstack([plate.triangles, [[8, 9, 10]]]),
+        )
+        analyser = RayAnalyser(mesh, UTAH)
+        found = analyser.explore(np.array(Q1), Aim(planes=[5, 1], values=[0.0]))
+        for k in range(len(found)):
+            contacts = analyser.grasp(np.array(Q1), found, k).contacts
+            for point, triangle in zip(contacts.points, contacts.triangles, strict=True):
+                corners = mesh.corners[triangle]
+                slack = 1e-4 * size
+                assert (point >= corners.min(axis=0) - slack).all(), (lean, aside)
+                assert (point <= corners.max(axis=0) + slack).all(), (lean, aside)
+
+
+# --- refusals -----------------------------------------------------------------------------------------
+
+
+@settings(derandomize=True, deadline=None, max_examples=100)
+@given(
+    sizes=st.tuples(*[st.one_of(st.floats(0.01, 10.0), st.floats(0.1715, 0.1745))] * 3),
+    u=st.sampled_from([0.043, 0.0545, 0.0243]),
+)
+def test_over_4u_is_refused_with_extent_limit_hand_and_a_scale_that_fits(
+    sizes: tuple[float, ...], u: float
+) -> None:
+    mesh = box(tuple(s / 2 for s in sizes), name="crate")
+    layout = HandLayout(name="some_hand", u=u, finger_pitch=0.022, fingertip_width=0.014)
+    limit = 4 * u
+    if mesh.extents.max() <= limit:
+        RayAnalyser(mesh, layout)
+        return
+    if mesh.extents.max() <= limit * (1 + 1e-6):
+        return
+    with pytest.raises(ObjectError) as refused:
+        RayAnalyser(mesh, layout)
+    text = str(refused.value)
+    assert "crate" in text
+    assert "some_hand" in text
+    axis = re.search(r"along ([xyz])", text)
+    assert axis is not None
+    assert mesh.extents["xyz".index(axis[1])] == mesh.extents.max()
+    extent, most = (float(x) for x in re.findall(r"([\d.]+) mm", text))
+    assert extent == pytest.approx(mesh.extents.max() * 1000, abs=0.51)
+    assert most == pytest.approx(limit * 1000, abs=0.51)
+    assert extent > most  # "172 mm, over the 172 mm" helps nobody
+    scale = float(re.findall(r"--scale ([\d.]+)", text)[0])
+    assert 0 < scale < 1
+    assert scale >= 0.9 * limit / mesh.extents.max()
+    RayAnalyser(box(tuple(s * scale / 2 for s in sizes)), layout)
+
+
+def test_exactly_4u_is_accepted() -> None:
+    RayAnalyser(box((2 * U, 0.02, 0.02)), UTAH)
+
+
+@pytest.mark.parametrize(
+    ("aim", "message"),
+    [
+        ({"planes": [0]}, r"1 to 12, got \[0\]"),
+        ({"planes": [5, 13]}, r"1 to 12"),
+        ({"fingers": [1]}, r"2 to 4, got \[1\]"),
+        ({"fingers": [2, 5]}, r"2 to 4"),
+        ({"values": [1.5]}, r"-1\.\.1"),
+        ({"values": [np.nan]}, r"-1\.\.1"),
+    ],
+)
+def test_an_aim_that_does_not_exist_is_refused(aim: dict[str, list[float]], message: str) -> None:
+    whole = {"planes": [5], "values": [0.0], "fingers": [2], "flips": [False], **aim}
+    with pytest.raises(InputError, match=message):
+        RayAnalyser(small_box(), SLIM).explore(np.array(Q1), Aim(**whole))  # type: ignore[arg-type]
+
+
+def test_an_empty_aim_finds_nothing() -> None:
+    analyser = RayAnalyser(small_box(), SLIM)
+    for aim in (
+        Aim(planes=[], values=CRISP),
+        Aim(values=[]),
+        Aim(values=CRISP, fingers=[]),
+        Aim(values=CRISP, flips=[]),
+    ):
+        assert len(analyser.explore(np.array(Q1), aim)) == 0
