@@ -21,5 +21,6 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
     count = sum(reason in str(report.longrepr) for report in skipped)
     if count:
         terminalreporter.write_line(
-            f"{count} checks against reference data were left out: set PRESHAPE_REFERENCE to the folder with them"
+            f"{count} checks against reference data were left out: "
+            "set PRESHAPE_REFERENCE to the folder with them"
         )

@@ -40,7 +40,9 @@ def test_readme_python_runs(tmp_path, monkeypatch, capsys):
     blocks = re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), re.DOTALL)
     assert len(blocks) == 1
     monkeypatch.chdir(tmp_path)
-    exec(compile(blocks[0], "README.md", "exec"), {})
+    script = tmp_path / "readme.py"
+    script.write_text(blocks[0])
+    runpy.run_path(str(script))
     assert "plane" in capsys.readouterr().out
 
 

@@ -27,7 +27,8 @@ MAX_EXTENT = 4.0
 
 MAX_FINGERS = 4
 
-_KEPT = 40  # aims: the offers of mode 2 go to and fro between the planes
+_KEPT = 40
+"""Aims that are kept: the offers of mode 2 go to and fro between the planes."""
 
 # Aimed exactly, a symmetric object is hit exactly on its edges, where either neighbour's normal would do. So the
 # triangle is picked by a ray that stands this much aside (of the largest extent: a micrometre or two).
