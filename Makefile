@@ -28,8 +28,8 @@ $(STAMP): pyproject.toml constraints.txt
 	@touch $@
 
 demo: setup
-	@echo; echo '$$ preshape plan mug --task lift --count 3 --memory $(OUT)/demo/memory.sqlite --out $(OUT)/demo'
-	@$(BIN)/preshape plan mug --task lift --count 3 --memory $(OUT)/demo/memory.sqlite --out $(OUT)/demo
+	@echo; echo '$$ preshape plan mug --task pour --count 3 --memory $(OUT)/demo/memory.sqlite --out $(OUT)/demo'
+	@$(BIN)/preshape plan mug --task pour --count 3 --memory $(OUT)/demo/memory.sqlite --out $(OUT)/demo
 	@echo; echo "Look at $(OUT)/demo/plan.png, then try: $(BIN)/preshape plan hammer --task strike"
 
 test: setup

@@ -30,8 +30,8 @@ MAX_FINGERS = 4
 _KEPT = 40
 """Aims that are kept: the offers of mode 2 go to and fro between the planes."""
 
-# Aimed exactly, a symmetric object is hit exactly on its edges, where either neighbour's normal would do. So the
-# triangle is picked by a ray that stands this much aside (of the largest extent: a micrometre or two).
+# Aimed exactly, a symmetric object is hit exactly on its edges, where either neighbour's normal would do. So
+# the triangle is picked by a ray that stands this much aside (of the largest extent: a micrometre or two).
 _NUDGE = 1e-5 * np.array([0.62, 0.48, 0.62])
 
 # Places along t that a finger can aim at: the middle, two beside each other, two with one between.
