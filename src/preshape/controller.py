@@ -138,6 +138,8 @@ class Controller:
         recognition = self._mode_2(pa)
         steps.append(_step(2, recognition.verdict, met="known", missed="unknown"))
         if recognition.verdict.reward:
+            if approaches is not None:
+                steps[-1] = replace(steps[-1], reason=f"{steps[-1].reason}; approaches allowed: {approaches}")
             offers = self._offers(pa, task, allowed)
             return _decision(task, 2, Status.CORRECTION, steps, estimate, offers=offers)
         return self._mode_3(pa, task, allowed, count, steps, may_learn)
@@ -156,11 +158,13 @@ class Controller:
     def _mode_0(
         self, pa: Analyser, q: Array, allowed: BoolArray
     ) -> tuple[Estimate, VirtualGrasp | None, Verdict]:
-        """AE → PA: the grasp that the estimator names, if there is one."""
+        """AE → PA: the grasp that the estimator names, if there is one.
+
+        With as many fingers as estimated, or as many as fit and meet the object there [C].
+        """
         x = inputs(q, pa.mesh.attributes, self.layout.u)
         estimate = decode(predict(self.weights, x), allowed)
         value = float(self.settings.sets.crisp()[estimate.approach_set])
-        # As many fingers as estimated, or as many as the object has room for.
         fingers = range(2, estimate.fingers + 1)
         found = pa.explore(q, Aim(planes=[estimate.plane], values=[value], fingers=fingers))
         if len(found):
@@ -195,12 +199,15 @@ class Controller:
             return _decision(task, 3, Status.NO_GRASP, steps, None)
         best = discovery.answer
         steps.append(Transition(mode=3, outcome="explored", reason=_explored(discovery)))
+        verdict = judge(best.tfvadi, threshold)
         if may_learn and not self.memory.read_only:
-            learnt = self._learn(pa, task, discovery)
+            # What stands in the way today must not become what is known of the object [C].
+            whole = discovery if allowed.all() else explore(pa, task.q, self.settings.sets, enough=threshold)
+            assert whole is not None
+            learnt = self._learn(pa, task, whole)
             steps.append(Transition(mode=3, outcome="learned", reason=learnt))
-            verdict = self._self_test(pa, task.q, allowed)
-        else:
-            verdict = judge(best.tfvadi, threshold)
+            if allowed.all():
+                verdict = self._self_test(pa, task.q, allowed)
         steps.append(_step(3, verdict, missed="deadlock"))
         if not verdict.reward:
             self.deadlock = True

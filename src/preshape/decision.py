@@ -30,7 +30,7 @@ class Status(Enum):
 _HELP = {
     Status.ANSWER: "The preshape below matches the task.",
     Status.CORRECTION: "The object is known, but the task does not fit: ask for another, or teach this one.",
-    Status.DEADLOCK: "Even the best grasp does not match the task: ask for another, or lower the threshold.",
+    Status.DEADLOCK: "No grasp that matches well enough was found and recalled: ask for another task.",
     Status.NO_GRASP: "No fingers find the object: allow other approaches, or another size.",
 }
 

@@ -77,14 +77,17 @@ class UnknownName(InputError):
 
     def nearest(self, count: int = 3) -> tuple[str, ...]:
         """The known names most like the one asked for, best first."""
+        if not self.name.strip():
+            return ()
         close = difflib.get_close_matches(self.name.lower(), self.known, n=count, cutoff=0.4)
         inside = [known for known in self.known if self.name.lower() in known.lower()]
         return tuple(dict.fromkeys([*inside, *close]))[:count]
 
     def __str__(self) -> str:
         hint = self.nearest()
-        guess = f"; did you mean {' or '.join(hint)}?" if hint else ";"
-        return f"no {self.noun} {self.name!r}{guess} Known: {', '.join(self.known)}"
+        known = ", ".join(self.known)
+        guess = f"did you mean {' or '.join(hint)}? Known: {known}" if hint else f"known: {known}"
+        return f"no {self.noun} {self.name!r}; {guess}"
 
 
 class UnknownObject(UnknownName):

@@ -19,7 +19,7 @@ from .analyser import VirtualGrasp
 from .exceptions import EnvironmentFailure
 from .fuzzy import SET_NAMES
 from .hand_simulation import HandPose
-from .planner import Answer, Plan
+from .planner import Answer, Plan, shortfalls
 
 GRASP_KEYS = (
     "plane", "flip", "approach_axis", "opposition_axis", "transverse_axis", "approach_value",
@@ -103,6 +103,7 @@ def _answer(plan: Plan, answer: Answer | None) -> dict[str, Any]:
         "cog": mesh.cog.tolist(),
         "U": plan.hand.u,
         "contacts": _contacts(answer) if answer else [],
+        "warnings": list(shortfalls(plan, answer)) if answer else [],
         "transitions": [
             {"mode": t.mode, "outcome": t.outcome, "reason": t.reason} for t in decision.transitions
         ],
@@ -151,8 +152,11 @@ def _grasp(g: VirtualGrasp) -> dict[str, Any]:
 
 def _contacts(answer: Answer) -> list[dict[str, Any]]:
     contacts = answer.grasp.contacts
-    rows = zip(answer.hand_result.fingers, contacts.points, contacts.normals_in, strict=True)
-    return [{"finger": name, "point": p.tolist(), "normal_in": n.tolist()} for name, p, n in rows]
+    columns = (contacts.points, contacts.normals_in, contacts.wrenches)
+    return [
+        {"finger": name, "point": p.tolist(), "normal_in": n.tolist(), "wrench": w.tolist()}
+        for name, p, n, w in zip(answer.hand_result.fingers, *columns, strict=True)
+    ]
 
 
 def _hand(plan: Plan, answer: Answer | None) -> dict[str, Any]:

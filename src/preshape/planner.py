@@ -11,6 +11,8 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
+
 from .analyser import HandLayout, VirtualGrasp
 from .controller import Controller
 from .decision import Decision, Settings
@@ -21,6 +23,7 @@ from .memory import Memory
 from .objects.load import load_object
 from .objects.mesh import TriangleMesh
 from .tasks import Task, parse_task, task_from_numbers
+from .tasks.task import COMPONENTS
 from .types import value
 
 ANALYSERS = ("rays", "closure")
@@ -162,6 +165,20 @@ def execute(hand: Hand, mesh: TriangleMesh, grasp: VirtualGrasp, *, seed: int = 
         seed=seed,
     )
     return Answer(grasp=grasp, hand_result=result)
+
+
+def shortfalls(plan: Plan, answer: Answer) -> tuple[str, ...]:
+    """What the task asks for and the grasp does not give: present components with ADI 0.
+
+    TFVADI sums six components, so a grasp can pass without the one that matters most.
+    """
+    present = np.array([0.1, 0.1, 0.1, 0.05, 0.05, 0.05])
+    q, g = plan.decision.task.q, answer.grasp
+    return tuple(
+        f"{name}: the task asks {asked:+.2f}, the grasp gives {given:+.2f}"
+        for name, asked, given, degree, limit in zip(COMPONENTS, q, g.net_wrench, g.adi, present, strict=True)
+        if abs(asked) > limit + 1e-9 and degree <= 1e-9
+    )
 
 
 def layout_of(hand: Hand) -> HandLayout:

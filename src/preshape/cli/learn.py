@@ -45,6 +45,7 @@ def learn(
     """
     settings = settings_from(estimation_threshold, recognition_threshold, seed)
     from rich.console import Console
+    from rich.markup import escape
     from rich.progress import Progress, SpinnerColumn, TextColumn, TimeRemainingColumn
 
     from ..controller import Controller
@@ -71,7 +72,7 @@ def learn(
             step = bar.add_task("learning", total=len(lessons))
             prepared: tuple[str, Any] = ("", None)
             for name, task in lessons:
-                bar.update(step, description=f"learning {name}, {task}")
+                bar.update(step, description=escape(f"learning {name}, {task}"))
                 if prepared[0] != name:
                     prepared = (name, controller.prepare(load_object(name, unit=unit, scale=scale)))
                 decision = controller.teach(prepared[1], parse_task(task), approaches=approach)
@@ -87,7 +88,9 @@ def learn(
 
         emit({"status": "answer" if good == len(rows) else "incomplete", "lessons": rows})
     else:
-        console.print(f"{good} of {len(rows)} learnt and recalled; memory: {store.where}", highlight=False)
+        console.print(
+            f"{good} of {len(rows)} learnt and recalled; memory: {store.where}", highlight=False, markup=False
+        )
     return 0 if good == len(rows) else 1
 
 
@@ -118,6 +121,9 @@ def _row(name: str, task: str, decision: Any, controller: Any) -> dict[str, Any]
 
 
 def _line(row: dict[str, Any]) -> str:
+    from rich.markup import escape
+
+    row = {key: escape(text) if isinstance(text, str) else text for key, text in row.items()}
     mark = "[green]✓[/]" if row["status"] == "answer" else "[yellow]✗[/]"
     if row["plane"] is None:
         return f"{mark} {row['object']:<14} {row['task']:<12} {row['reason']}"

@@ -71,11 +71,17 @@ def show(memory: str | None, as_json: bool) -> None:
                 o.name, str(o.experiences), str(o.tasks), f"{o.best_match:.2f}", when, " ".join(o.hands)
             )
         console.print(table, highlight=False)
+    if numbers.path != ":memory:" and not Path(numbers.path).exists():
+        console.print(
+            f"there is no memory yet at {numbers.path}", highlight=False, markup=False, soft_wrap=True
+        )
+        return
     trained = ", ".join(f"{hand}: {n} samples" for hand, n in numbers.trained) or "not trained yet"
     console.print(
         f"{numbers.experiences} experiences of {numbers.objects} objects; network {trained}\n{numbers.path} "
         f"(version {numbers.version}, {numbers.size / 1024:.0f} KiB)",
         highlight=False,
+        markup=False,
         soft_wrap=True,
     )
 

@@ -28,7 +28,7 @@ def object_options(command: Command) -> Command:
         click.option(
             "--hand", default="utah_mit", show_default=True, metavar="HAND", help="See preshape hands."
         ),
-        click.option("--analyser", metavar="rays|closure", help="Default: rays for utah_mit, else closure."),
+        click.option("--analyser", metavar="NAME", help="rays, the paper's; the only one in this version."),
         click.option(
             "--scale", type=float, default=1.0, show_default=True, help="Factor on the object's size."
         ),

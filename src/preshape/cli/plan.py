@@ -6,6 +6,7 @@ from pathlib import Path
 
 import click
 
+from ..exceptions import InputError
 from .options import json_option, memory_option, object_options, settings_from
 
 
@@ -42,6 +43,8 @@ def plan(
 
     Exit code 0: an answer. 1: none (task correction asked for, deadlock, or no grasp). 2: bad input.
     """
+    if out is not None and not out.strip():
+        raise InputError("--out needs a folder, got an empty name")
     settings = settings_from(estimation_threshold, recognition_threshold, seed)
     from ..io import plan_to_json, write_json, write_whole
     from ..planner import plan as make_plan

@@ -34,11 +34,16 @@ def reproduce(out: str, only: tuple[str, ...], quick: bool, fresh: bool, seed: i
         TimeRemainingColumn(),
         TextColumn("{task.description}"),
     )
-    with Progress(*columns, console=Console(stderr=True)) as bar:
+    console = Console(stderr=True)
+    said = [-1]
+    with Progress(*columns, console=console, disable=not console.is_terminal) as bar:
         step = bar.add_task("starting", total=1.0)
 
         def progress(fraction: float, label: str) -> None:
             bar.update(step, completed=fraction, description=label)
+            if not console.is_terminal and int(20 * fraction) > said[0]:  # a log gets a line every 5 %
+                said[0] = int(20 * fraction)
+                click.echo(f"{100 * fraction:3.0f} % {label}", err=True)
 
         result = run_all(
             Path(out), only=only or None, seed=seed, quick=quick, resume=not fresh, progress=progress

@@ -13,7 +13,7 @@ from rich.text import Text
 from ..decision import Decision, Status
 from ..fuzzy import SET_NAMES
 from ..planes import axis_name
-from ..planner import Answer, Plan
+from ..planner import Answer, Plan, shortfalls
 
 _COMPONENTS = ("Tx", "Ty", "Tz", "Rx", "Ry", "Rz")
 _COLOURS = {"reward": "green", "learned": "green", "known": "yellow", "deadlock": "red", "no grasp": "red"}
@@ -32,6 +32,7 @@ def show_plan(plan: Plan, written: Sequence[Path] = ()) -> None:
     parts: list[object] = [_what(plan)]
     if plan.answer is not None:
         parts += ["", _answer(plan, plan.answer), "", _match(plan, plan.answer)]
+        parts += [Text(f"! {warning}", style="yellow") for warning in shortfalls(plan, plan.answer)]
     parts += ["", _why(decision)]
     if decision.offers:
         parts += ["", _offers(plan)]
@@ -50,15 +51,15 @@ def show_plan(plan: Plan, written: Sequence[Path] = ()) -> None:
             "This hand cannot execute it as it stands: --count 5 shows other answers.", highlight=False
         )
     for path in written:
-        console.print(f"wrote {path}", highlight=False, soft_wrap=True)
+        console.print(f"wrote {path}", highlight=False, markup=False, soft_wrap=True)
 
 
 def _grid(*rows: tuple[str, str | Text]) -> Table:
     grid = Table.grid(padding=(0, 2))
     grid.add_column(style="bold", no_wrap=True)
     grid.add_column()
-    for row in rows:
-        grid.add_row(*row)
+    for heading, content in rows:  # names and paths are no markup
+        grid.add_row(heading, Text(content) if isinstance(content, str) else content)
     return grid
 
 
