@@ -13,9 +13,9 @@ import numpy as np
 
 from ..types import Array, IntArray, value
 from .collision import ObjectCollision
+from .hand import Finger
 from .inverse import Placement, Reach
 from .kinematics import HandKinematics, LinkShape, move_shape
-from .model import Finger
 
 TOUCH_TOLERANCE = 1e-3
 """How far a fingertip's surface may be from its contact, and a last phalanx inside the object [m] [C]."""
@@ -213,9 +213,17 @@ class Clearance:
     def _aside(self, finger: Finger, neighbour: Array) -> list[Array]:
         """Open, half as bent as a finger in use, closed, half closed; straight or turned to a side."""
         low, high = self.hand.limits[self.hand.columns(finger.name)].T
-        bent = (finger.open, 0.5 * neighbour, finger.closed, 0.5 * (finger.open + finger.closed))
-        return [
-            np.concatenate([[turn], np.clip(posture, low, high)[1:]])
-            for turn in (0.0, low[0], high[0])
-            for posture in bent
-        ]
+        alike = 0.5 * neighbour if len(neighbour) == len(low) else finger.at(0.25)
+        bent = [finger.open, alike, finger.closed, 0.5 * (finger.open + finger.closed)]
+        bent = [np.clip(posture, low, high) for posture in bent]
+        # The joint that spreads is the last one that closing leaves alone; a finger may have none.
+        still = np.flatnonzero(np.ptp(finger.closing, axis=0) == 0)
+        if not len(still):
+            return bent
+        side = int(still[-1])
+        turned = []
+        for turn in (0.0, low[side], high[side]):
+            for posture in bent:
+                turned.append(posture.copy())
+                turned[-1][side] = turn
+        return turned

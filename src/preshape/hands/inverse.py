@@ -14,8 +14,8 @@ import numpy as np
 
 from ..types import Array, IntArray, value
 from .collision import ObjectCollision
+from .hand import Finger
 from .kinematics import HandKinematics, cross
-from .model import Finger
 
 TILT_LIMITS = np.radians([25.0, 11.5, 11.5])
 """Bounds of the tilt's rotation vector about the palm's x (transverse), y and z: together under 30° [C]."""
@@ -175,7 +175,7 @@ class InverseKinematics:
             rows += [(geom, fraction) for fraction in fractions]
         geoms = np.array([geom for geom, _ in rows], dtype=np.int64)
         fraction = np.array([fraction for _, fraction in rows])
-        return geoms, fraction, np.array(model.geom_bodyid[geoms]), np.array(model.geom_size[geoms, 0])
+        return geoms, fraction, np.array(model.geom_bodyid[geoms]), self.kinematics.radii[geoms]
 
 
 class _Problem:

@@ -12,8 +12,9 @@ from typing import Any
 import numpy as np
 
 from ..exceptions import HandError
+from ..spatial import inverse, quaternion_from_rotation
 from ..types import Array, IntArray, value
-from .model import Finger, Hand
+from .hand import Finger, Hand
 
 _NEXT, _LAST = [1, 2, 0], [2, 0, 1]
 
@@ -47,6 +48,8 @@ class LinkShape:
 def compile_hand(hand: Hand) -> Any:
     """The hand's ``mujoco.MjModel``, compiled once per process; do not change it.
 
+    Its root body is placed so that the palm frame is the world's; the MJCF itself is left as it is.
+
     Raises:
         HandError: MuJoCo refuses the MJCF, or the joints of the model are not in the hand's order.
     """
@@ -59,6 +62,12 @@ def compile_hand(hand: Hand) -> Any:
     names = tuple(model.joint(i).name for i in range(model.njnt))
     if names != hand.joints or model.nq != len(names):
         raise HandError(f"hand {hand.name!r}: the MJCF must have exactly the hinges {', '.join(hand.joints)}")
+    if not np.array_equal(hand.T_root_palm, np.eye(4)):
+        T_palm_root = inverse(hand.T_root_palm)
+        model.body_pos[1], model.body_quat[1] = (
+            T_palm_root[:3, 3],
+            quaternion_from_rotation(T_palm_root[:3, :3]),
+        )
     return model
 
 
@@ -96,6 +105,9 @@ class HandKinematics:
         self._tip_bodies = {finger.name: self.model.body(finger.tip_body).id for finger in hand.fingers}
         capsule = self.model.geom_type == mujoco.mjtGeom.mjGEOM_CAPSULE
         self.half_lengths = np.where(capsule, self.model.geom_size[:, 1], 0.0)
+        # Of a box the largest sphere inside: it steers, the exact check decides.
+        box = self.model.geom_type == mujoco.mjtGeom.mjGEOM_BOX
+        self.radii = np.where(box, self.model.geom_size.min(axis=1), self.model.geom_size[:, 0])
         self._moves = _moves(self.model)
 
     def set_posture(self, q: Array) -> None:

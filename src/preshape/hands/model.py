@@ -1,11 +1,15 @@
-"""A hand as a value: what the planner needs to know of it, beside its MJCF.
+"""Hands by name or file: what the planner needs to know of each, beside its MJCF.
 
-A hand is two files in ``preshape/hands/data``: ``NAME.toml`` (fingers, U, pitch, postures) and the MJCF it
-names. Reading them imports neither MuJoCo nor any other heavy library:
+A hand of the package is two files in ``preshape/hands/data``: ``NAME.toml`` (fingers, U, pitch, postures) and
+the MJCF it names. Reading them imports neither MuJoCo nor any other heavy library:
 
 >>> hand = load_hand("utah_mit")
 >>> hand.u, len(hand.joints), [finger.name for finger in hand.fingers]
 (0.043, 16, ['thumb', 'index', 'middle', 'ring'])
+>>> load_hand("shadow:left").side
+'left'
+
+Any other hand is a TOML of its own that names an MJCF or a URDF (:mod:`preshape.hands.foreign`).
 """
 
 from __future__ import annotations
@@ -13,146 +17,56 @@ from __future__ import annotations
 import tomllib
 from functools import cache
 from importlib import resources
+from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
-import numpy as np
-
 from ..exceptions import EnvironmentFailure, HandError, InputError, UnknownHand
-from ..types import Array, freeze, frozen_array, value
+from .description import build_hand
+from .hand import Finger, Hand
+from .mirror import mirrored
 
+__all__ = ["Finger", "Hand", "hand_names", "load_hand", "parse_hand", "read_description"]
 
-@value
-class Finger:
-    """One finger of a hand; the joints in order from the palm outwards.
-
-    Attributes:
-        name: ``thumb``, ``index`` …
-        joints: joint names of the MJCF, palm outwards.
-        tip_body: body of the last phalanx.
-        tip_site: site at the centre of the spherical fingertip.
-        tip_radius: radius of the fingertip [m].
-        open: (n,) joint angles [rad], as far from the opposite finger as it goes.
-        rest: (n,) joint angles [rad] in the middle of the working space.
-        closed: (n,) joint angles [rad] into the palm.
-    """
-
-    name: str
-    joints: tuple[str, ...]
-    tip_body: str
-    tip_site: str
-    tip_radius: float
-    open: Array
-    rest: Array
-    closed: Array
-
-    def __post_init__(self) -> None:
-        for posture in ("open", "rest", "closed"):
-            label = f"finger {self.name}: {posture}"
-            freeze(self, **{posture: frozen_array(getattr(self, posture), (len(self.joints),), label)})
-
-
-@value
-class Hand:
-    """A hand: palm frame, fingers, sizes and limits. The thumb is the first finger.
-
-    The palm frame has +z the way the fingers point, the thumb on the -y side and +x towards the index
-    finger of a right hand.
-
-    Attributes:
-        name: short name, unique.
-        title: name for people.
-        description: one sentence.
-        licence: of the model.
-        source: where the model and its sizes come from.
-        u: length of the middle finger's proximal phalanx [m]; the unit of length in wrenches.
-        finger_pitch: distance between neighbouring fingers' abduction axes [m].
-        fingertip_width: least distance of two neighbouring fingertips' centres [m].
-        palm_body: body of the palm in the MJCF; its root.
-        palm_site: site of the palm frame.
-        fingers: the thumb, then the others from the index side.
-        joints: names of all joints, finger by finger; the order of every posture ``q``.
-        limits: (n, 2) lower and upper joint limit [rad], in the order of ``joints``.
-        actuator_gain: of the position servos [N m/rad].
-        actuator_damping: [N m s/rad].
-        torque_limit: [N m].
-        mjcf: text of the MJCF.
-    """
-
-    name: str
-    title: str
-    description: str
-    licence: str
-    source: str
-    u: float
-    finger_pitch: float
-    fingertip_width: float
-    palm_body: str
-    palm_site: str
-    fingers: tuple[Finger, ...]
-    joints: tuple[str, ...]
-    limits: Array
-    actuator_gain: float
-    actuator_damping: float
-    torque_limit: float
-    mjcf: str
-
-    def __post_init__(self) -> None:
-        freeze(self, limits=frozen_array(self.limits, (len(self.joints), 2), f"{self.name}: joint limits"))
-
-    def finger(self, name: str) -> Finger:
-        """The finger of that name.
-
-        Raises:
-            HandError: the hand has none; lists those it has.
-        """
-        for finger in self.fingers:
-            if finger.name == name:
-                return finger
-        known = ", ".join(finger.name for finger in self.fingers)
-        raise HandError(f"{self.name} has no finger {name!r}; it has {known}")
-
-    def columns(self, name: str) -> slice:
-        """Where a finger's joints stand in ``joints`` and in every posture ``q``."""
-        finger = self.finger(name)
-        start = self.joints.index(finger.joints[0])
-        return slice(start, start + len(finger.joints))
-
-    def posture(self, kind: str) -> Array:
-        """(n,) joint angles [rad] of the whole hand: ``open``, ``rest`` or ``closed``."""
-        if kind not in ("open", "rest", "closed"):
-            raise HandError(f"no posture {kind!r}; known: open, rest, closed")
-        return np.concatenate([getattr(finger, kind) for finger in self.fingers])
+SIDES = ("right", "left")
+MENAGERIE = "menagerie:"
 
 
 def hand_names() -> tuple[str, ...]:
-    """Names of the hands that :func:`load_hand` knows, sorted."""
+    """Names of the hands that come with the package, sorted."""
     folder = resources.files("preshape.hands") / "data"
     return tuple(sorted(file.name[:-5] for file in folder.iterdir() if file.name.endswith(".toml")))
 
 
-@cache
-def load_hand(name: str) -> Hand:
-    """Read a hand of the package; the same value at every call.
+def load_hand(name: str | Path, *, side: str | None = None) -> Hand:
+    """The hand of a name or a file; of a name the same value at every call.
+
+    Args:
+        name: a built-in hand (:func:`hand_names`); a path that ends in ``.toml``; or ``menagerie:NAME``, by
+            the package ``mujoco-menagerie``. ``:left`` or ``:right`` at the end asks for a side.
+        side: the side wanted, ``right`` or ``left``; default the hand's own. The other is its mirror image.
 
     Raises:
         UnknownHand: no hand of that name.
-        HandError: its files contradict each other.
-        EnvironmentFailure: its files cannot be read.
+        HandError: its files contradict each other, or ask for what there is not.
+        EnvironmentFailure: its files cannot be read, or a model cannot be fetched.
     """
-    known = hand_names()
-    if name not in known:
-        raise UnknownHand(name, known)
-    folder = resources.files("preshape.hands") / "data"
-    try:
-        description = (folder / f"{name}.toml").read_text(encoding="utf-8")
-        mjcf_name = tomllib.loads(description).get("mjcf", f"{name}.xml")
-        mjcf = (folder / str(mjcf_name)).read_text(encoding="utf-8")
-    except OSError as error:
-        raise EnvironmentFailure(f"the files of hand {name!r} cannot be read: {error}") from error
-    except tomllib.TOMLDecodeError as error:
-        raise HandError(f"hand {name!r}: the description is not valid TOML: {error}") from error
-    return parse_hand(description, mjcf)
+    text, asked = _split_side(str(name), side)
+    if text.startswith(MENAGERIE):
+        return _sided(_menagerie(text), asked, _rename(text))
+    if text.lower().endswith(".toml"):
+        from .foreign import load_foreign
+
+        path = Path(text)
+        return _sided(load_foreign(path), asked, _rename_in(read_description(path)))
+    if text not in hand_names():
+        if Path(text).suffix.lower() in (".urdf", ".xml", ".mjcf"):
+            raise HandError(
+                f"{text} is a model; a hand is a TOML file that names its model, fingers and palm: "
+                "see docs/your-own-hand.md"
+            )
+        raise UnknownHand(text, hand_names())
+    return _built_in(text, asked)
 
 
 def parse_hand(description: str, mjcf: str) -> Hand:
@@ -163,90 +77,104 @@ def parse_hand(description: str, mjcf: str) -> Hand:
     """
     try:
         data = tomllib.loads(description)
-        root = ElementTree.fromstring(mjcf)
-    except (tomllib.TOMLDecodeError, ElementTree.ParseError) as error:
+    except tomllib.TOMLDecodeError as error:
         raise HandError(f"the hand's description cannot be read: {error}") from error
+    return hand_from(data, mjcf)
+
+
+def hand_from(data: dict[str, Any], mjcf: str, *, name: str | None = None) -> Hand:
+    """As :func:`parse_hand`, from a description that was read; ``name`` replaces the description's."""
+    called = name or data.get("name", "?")
     try:
-        return _build(data, root, mjcf)
+        return build_hand(data, ElementTree.fromstring(mjcf), mjcf, name=name)
+    except ElementTree.ParseError as error:
+        raise HandError(f"the hand's description cannot be read: {error}") from error
     except KeyError as error:
-        raise HandError(f"hand {data.get('name', '?')!r}: the description lacks {error}") from error
-    except (TypeError, ValueError) as error:
-        raise HandError(f"hand {data.get('name', '?')!r}: {error}") from error
+        raise HandError(f"hand {called!r}: the description lacks {error}") from error
+    except (TypeError, ValueError, AttributeError) as error:
+        raise HandError(f"hand {called!r}: {error}") from error
+    except HandError:
+        raise
     except InputError as error:
         raise HandError(str(error)) from error
 
 
-def _build(data: dict[str, Any], root: ElementTree.Element, mjcf: str) -> Hand:
-    name = str(data["name"])
-    ranges = {joint.get("name", ""): joint.get("range") for joint in root.iter("joint") if joint.get("name")}
-    bodies = {body.get("name") for body in root.iter("body")}
-    sites = {site.get("name") for site in root.iter("site")}
-    fingers = tuple(
-        Finger(
-            name=str(entry["name"]),
-            joints=tuple(str(joint) for joint in entry["joints"]),
-            tip_body=str(entry["tip_body"]),
-            tip_site=str(entry["tip_site"]),
-            tip_radius=float(entry["tip_radius"]),
-            open=entry["open"],
-            rest=entry["rest"],
-            closed=entry["closed"],
-        )
-        for entry in data["finger"]
-    )
-    joints = tuple(joint for finger in fingers for joint in finger.joints)
-    palm = data["palm"]
-    _same(name, "joints", set(joints), set(ranges))
-    _named(name, "body", [palm["body"], *(finger.tip_body for finger in fingers)], bodies)
-    _named(name, "site", [palm["site"], *(finger.tip_site for finger in fingers)], sites)
-    if len(set(joints)) != len(joints) or len({finger.name for finger in fingers}) != len(fingers):
-        raise HandError(f"hand {name!r}: a finger or a joint is named twice")
-    if len(fingers) < 2:
-        raise HandError(f"hand {name!r}: two fingers at least, the thumb first; got {len(fingers)}")
-    limits = np.array([[float(bound) for bound in (ranges[joint] or "").split()] for joint in joints])
-    hand = Hand(
-        name=name,
-        title=str(data["title"]),
-        description=str(data["description"]),
-        licence=str(data["licence"]),
-        source=str(data["source"]),
-        u=_positive(data, "u"),
-        finger_pitch=_positive(data, "finger_pitch"),
-        fingertip_width=_positive(data, "fingertip_width"),
-        palm_body=str(palm["body"]),
-        palm_site=str(palm["site"]),
-        fingers=fingers,
-        joints=joints,
-        limits=limits,
-        actuator_gain=_positive(data["actuators"], "gain"),
-        actuator_damping=_positive(data["actuators"], "damping"),
-        torque_limit=_positive(data["actuators"], "torque_limit"),
-        mjcf=mjcf,
-    )
-    for kind in ("open", "rest", "closed"):
-        q = hand.posture(kind)
-        outside = (q < hand.limits[:, 0]) | (q > hand.limits[:, 1])
-        if outside.any():
-            raise HandError(
-                f"hand {name!r}: posture {kind} is outside the limits of {joints[outside.argmax()]}"
-            )
-    return hand
+def read_description(path: Path) -> dict[str, Any]:
+    """The TOML file of a hand.
+
+    Raises:
+        HandError: there is no such file, or it is not TOML.
+        EnvironmentFailure: it cannot be read.
+    """
+    try:
+        return tomllib.loads(path.read_bytes().decode("utf-8"))
+    except FileNotFoundError as error:
+        raise HandError(f"there is no file {path}") from error
+    except IsADirectoryError as error:
+        raise HandError(f"{path} is a folder; a hand is a TOML file") from error
+    except OSError as error:
+        raise EnvironmentFailure(f"{path} cannot be read: {error.strerror or error}") from error
+    except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise HandError(f"{path} is not valid TOML: {error}") from error
 
 
-def _positive(data: dict[str, Any], key: str) -> float:
-    number = float(data[key])
-    if not (np.isfinite(number) and number > 0):
-        raise HandError(f"the hand's {key} must be positive, got {number}")
-    return number
+def built_in_text(name: str) -> tuple[dict[str, Any], str]:
+    """Description and MJCF of a hand of the package.
+
+    Raises:
+        UnknownHand: no hand of that name.
+        EnvironmentFailure: its files cannot be read.
+    """
+    if name not in hand_names():
+        raise UnknownHand(name, hand_names())
+    folder = resources.files("preshape.hands") / "data"
+    try:
+        data = tomllib.loads((folder / f"{name}.toml").read_text(encoding="utf-8"))
+        return data, (folder / str(data.get("mjcf", f"{name}.xml"))).read_text(encoding="utf-8")
+    except OSError as error:
+        raise EnvironmentFailure(f"the files of hand {name!r} cannot be read: {error}") from error
+    except tomllib.TOMLDecodeError as error:
+        raise HandError(f"hand {name!r}: the description is not valid TOML: {error}") from error
 
 
-def _same(hand: str, noun: str, described: set[str], modelled: set[str]) -> None:
-    if described != modelled:
-        odd = ", ".join(sorted(described ^ modelled))
-        raise HandError(f"hand {hand!r}: description and MJCF do not name the same {noun}: {odd}")
+@cache
+def _built_in(name: str, side: str | None) -> Hand:
+    data, mjcf = built_in_text(name)
+    hand = hand_from(data, mjcf)
+    if side in (None, hand.side):
+        return hand if side is None else _built_in(name, None)
+    return mirrored(hand, rename=_rename_in(data))
 
 
-def _named(hand: str, noun: str, wanted: list[str], there: set[str | None]) -> None:
-    missing = [name for name in wanted if name not in there]
-    if missing:
-        raise HandError(f"hand {hand!r}: the MJCF has no {noun} {', '.join(missing)}")
+@cache
+def _menagerie(name: str) -> Hand:
+    from .menagerie import load_menagerie
+
+    return load_menagerie(name.removeprefix(MENAGERIE))
+
+
+def _split_side(name: str, side: str | None) -> tuple[str, str | None]:
+    for word in SIDES:
+        if name.endswith(f":{word}"):
+            if side not in (None, word):
+                raise HandError(f"the name says {word} and the side {side}; give one of them")
+            name, side = name.removesuffix(f":{word}"), word
+            break
+    if side not in (None, *SIDES):
+        raise HandError(f"side must be right or left, got {side!r}")
+    return name, side
+
+
+def _sided(hand: Hand, side: str | None, rename: tuple[str, str] | None) -> Hand:
+    return hand if side in (None, hand.side) else mirrored(hand, rename=rename)
+
+
+def _rename(name: str) -> tuple[str, str] | None:
+    from .menagerie import description_of
+
+    return _rename_in(description_of(name.removeprefix(MENAGERIE)))
+
+
+def _rename_in(data: dict[str, Any]) -> tuple[str, str] | None:
+    pair = data.get("left_names")
+    return (str(pair[0]), str(pair[1])) if isinstance(pair, list) and len(pair) == 2 else None

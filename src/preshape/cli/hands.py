@@ -1,0 +1,181 @@
+"""``preshape hands``: the hands there are; ``preshape hands check``: whether one is fit for use."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from .options import json_option
+
+if TYPE_CHECKING:
+    from ..hands.hand import Hand
+
+SIDE = 420
+"""Width and height of each of the three pictures of a hand [pixels]."""
+
+
+@click.group(
+    invoke_without_command=True,
+    epilog="Example: preshape hands --out pictures, or preshape hands check my_hand.toml --out pictures",
+)
+@click.option("--out", metavar="DIR", help="Also draw every hand open, half closed and closed there.")
+@json_option
+@click.pass_context
+def hands(ctx: click.Context, out: str | None, as_json: bool) -> None:
+    """List the hands with joints, U, palm frame, source and licence, or check one (preshape hands check)."""
+    if ctx.invoked_subcommand is not None:
+        return
+    from ..hands.model import hand_names, load_hand
+
+    found = [load_hand(name) for name in hand_names()]
+    pictures = {hand.name: draw_hand(hand, Path(out)) for hand in found} if out is not None else {}
+    rows = [_row(hand, pictures.get(hand.name)) for hand in found]
+    if as_json:
+        from .main import emit
+
+        emit({"status": "answer", "hands": rows})
+        return
+    for row in rows:
+        _show(row)
+    click.echo(
+        "NAME:left is the mirror image. --hand also takes your own TOML (docs/your-own-hand.md) and "
+        "menagerie:NAME (shadow_hand, wonik_allegro, leap_hand)."
+    )
+
+
+@hands.command(epilog="Example: preshape hands check my_hand.toml --out pictures")
+@click.argument("file", metavar="FILE")
+@click.option("--out", metavar="DIR", help="Also draw the hand open, half closed and closed there.")
+@json_option
+def check(file: str, out: str | None, as_json: bool) -> int:
+    """Say in plain words what is missing or wrong in FILE, a hand's TOML or the name of a hand.
+
+    Exit code 0: fit for use. 1: findings. 2: the file or its model cannot be read.
+    """
+    from ..hands.check import inspect_hand
+
+    found, hand = inspect_hand(file)
+    picture = draw_hand(hand, Path(out)) if out is not None and hand is not None else None
+    if as_json:
+        from .main import emit
+
+        emit(
+            {
+                "status": "findings" if found else "fine",
+                "hand": hand.name if hand is not None else None,
+                "findings": [{"code": finding.code, "text": finding.text} for finding in found],
+                "picture": str(picture) if picture is not None else None,
+            }
+        )
+        return 1 if found else 0
+    for finding in found:
+        click.echo(f"{click.style(finding.code, bold=True)}: {finding.text}")
+    if hand is not None:
+        _show(_row(hand, picture))
+    if found:
+        click.echo(f"{len(found)} finding{'s' if len(found) > 1 else ''}; see docs/your-own-hand.md")
+    else:
+        click.echo("fit for use")
+    return 1 if found else 0
+
+
+def draw_hand(hand: Hand, folder: Path) -> Path:
+    """Draw a hand open, half closed and closed; each finger stops where it meets another part of the hand.
+
+    Args:
+        hand: which hand.
+        folder: where to; it is made if it is not there.
+
+    Returns:
+        The PNG's path, named after the hand.
+
+    Raises:
+        EnvironmentFailure: it cannot be written.
+    """
+    import io
+
+    import numpy as np
+    import PIL.Image
+
+    from ..exceptions import EnvironmentFailure
+    from ..hands.check import close_empty
+    from ..hands.kinematics import hand_geometry
+    from ..viewer.gallery import hand_picture
+    from ..viewer.picture_file import write_png
+
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise EnvironmentFailure(f"the folder {folder} cannot be made: {error.strerror or error}") from error
+    reached = close_empty(hand)
+    # The thumb of a left hand stands on the other side: look from there.
+    eye = (0.6 if hand.side == "right" else -0.6, -0.75, 0.35)
+    images = []
+    for shares in (0.0 * reached, np.minimum(reached, 0.5), reached):
+        file = io.BytesIO()
+        parts = hand_geometry(hand, np.array([0.0, 0, 0, 1, 0, 0, 0]), hand.at(shares))
+        hand_picture(parts, file, (SIDE, SIDE), direction=eye)
+        file.seek(0)
+        images.append(np.asarray(PIL.Image.open(file)))
+    path = folder / f"{hand.name.replace(':', '_').replace('/', '_')}.png"
+    write_png(np.hstack(images), path)
+    return path
+
+
+def _row(hand: Hand, picture: Path | None) -> dict[str, Any]:
+    row: dict[str, Any] = {
+        "name": hand.name,
+        "title": hand.title,
+        "description": hand.description,
+        "side": hand.side,
+        "fingers": [finger.name for finger in hand.fingers],
+        "joints": len(hand.joints),
+        "joint_names": list(hand.joints),
+        "actuators": len(hand.actuators),
+        "U": hand.u,
+        "largest_object": 4 * hand.u,
+        "fingertip_radius": hand.fingers[1].tip_radius,
+        "palm_frame": {"body": hand.palm_body, "T_root_palm": hand.T_root_palm.tolist()},
+        "licence": hand.licence,
+        "source": hand.source,
+    }
+    if picture is not None:
+        row["picture"] = str(picture)
+    return row
+
+
+def _show(row: dict[str, Any]) -> None:
+    from rich.console import Console
+    from rich.markup import escape
+    from rich.table import Table
+
+    table = Table.grid(padding=(0, 2))
+    table.add_column(style="dim", no_wrap=True)
+    table.add_column()
+    table.add_row(f"[bold default]{escape(row['name'])}[/]", escape(row["title"]))
+    drives = f", {row['actuators']} drives" if row["actuators"] != row["joints"] else ""
+    table.add_row("fingers", escape(", ".join(row["fingers"])) + f"; {row['joints']} joints{drives}")
+    table.add_row("U", f"{1000 * row['U']:.4g} mm, the middle finger's proximal phalanx")
+    table.add_row("objects", f"up to {1000 * row['largest_object']:.0f} mm (4U) with the ray analyser")
+    table.add_row("fingertips", f"radius {1000 * row['fingertip_radius']:.3g} mm")
+    table.add_row("palm frame", f"in body {escape(row['palm_frame']['body'])}; {_place(row)}")
+    table.add_row("source", escape(row["source"]))
+    table.add_row("licence", escape(row["licence"]))
+    if "picture" in row:
+        table.add_row("picture", escape(row["picture"]))
+    Console().print(table, highlight=False)
+
+
+def _place(row: dict[str, Any]) -> str:
+    """Where the palm frame stands in the root's frame, in words."""
+    T = row["palm_frame"]["T_root_palm"]
+    place = " ".join(f"{1000 * T[i][3]:.0f}" for i in range(3))
+    axes = []
+    for column in range(3):
+        values = [T[i][column] for i in range(3)]
+        best = max(range(3), key=lambda i: abs(values[i]))
+        sign = "+" if values[best] > 0 else "-"
+        axes.append(f"{sign}{'xyz'[best]}" if abs(values[best]) > 1 - 1e-6 else "askew")
+    return f"origin {place} mm, axes {' '.join(axes)} of the root"

@@ -1,0 +1,232 @@
+"""Whether a hand is fit for use: everything that is wrong with it, in plain words.
+
+First what description and model show as they are (:mod:`preshape.hands.findings`); when nothing is, the hand
+is moved: open, along its closing path, thumb against fingers.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from ..exceptions import HandError
+from ..types import Array
+from .findings import Finding, description_findings, model_findings
+from .foreign import model_file, read_model, rebuilt
+from .hand import Hand
+from .kinematics import HandKinematics
+from .model import MENAGERIE, built_in_text, hand_from, hand_names, load_hand, read_description
+
+DEPTH = 4e-3
+"""How deep links may be in each other on the closing path [m]; the analyser refuses more."""
+
+STEPS = 25
+"""Steps in which a closing path is walked."""
+
+OPPOSED = 0.2
+"""Least cosine between the way a fingertip moves at half closed and the way to the tip it shall meet [C]."""
+
+
+def check_hand(source: str | Path) -> list[Finding]:
+    """All that is wrong with a hand; nothing, if it is fit for use.
+
+    Args:
+        source: a TOML file, or the name of a hand.
+
+    Raises:
+        UnknownHand: no hand of that name.
+        HandError: the description or the model cannot be read at all.
+        EnvironmentFailure: a file cannot be read, or a model not be fetched.
+    """
+    return inspect_hand(source)[0]
+
+
+def inspect_hand(source: str | Path) -> tuple[list[Finding], Hand | None]:
+    """As :func:`check_hand`, and the hand, if there is one to draw."""
+    text = str(source)
+    if not text.lower().endswith(".toml"):
+        hand = load_hand(text)
+        base = text.rpartition(":")[0] if hand.name.endswith(("left", "right")) else text
+        found = [] if base.startswith(MENAGERIE) else _built_in_findings(base)
+        return found + motion_findings(hand), hand
+    path = Path(text)
+    data = read_description(path)
+    found = []
+    if data.get("name") in hand_names():
+        found.append(
+            Finding(code="name", text=f"a built-in hand is called {data['name']}: choose another name")
+        )
+    found += description_findings(data)
+    model = read_model(model_file(data, path))
+    found += model_findings(data, model)
+    if any(finding.code != "name" for finding in found):
+        return found, None
+    try:
+        hand = rebuilt(data, model, text)
+    except HandError as error:
+        reason = str(error).removeprefix(f"hand {data['name']!r}: ")
+        code = "outside_limits" if "outside the limits" in reason else "contradiction"
+        return [*found, Finding(code=code, text=reason)], None
+    return found + shape_findings(hand) + motion_findings(hand), hand
+
+
+def _built_in_findings(name: str) -> list[Finding]:
+    data, mjcf = built_in_text(name)
+    hand_from(data, mjcf)
+    return [*description_findings(data), *model_findings(data, read_model(mjcf))]
+
+
+def shape_findings(hand: Hand) -> list[Finding]:
+    """Links that nothing can touch."""
+    kinematics = HandKinematics(hand)
+    model, found = kinematics.model, []
+    solid = {shape.body for shape in kinematics.shapes()}
+    if hand.palm_body not in solid:
+        found.append(Finding(code="no_shape", text=f"the palm {hand.palm_body!r} has no shape that collides"))
+    for finger in hand.fingers:
+        bodies = {model.body(int(model.joint(joint).bodyid[0])).name for joint in finger.joints}
+        if not bodies & (solid - {finger.tip_body}) and len(bodies) > 1:
+            text = f"no link of the {finger.name} but its tip has a shape that collides"
+            found.append(Finding(code="no_shape", text=text))
+    return found
+
+
+def motion_findings(hand: Hand) -> list[Finding]:
+    """What shows when the hand moves."""
+    kinematics = HandKinematics(hand)
+    found = _open_collision(hand, kinematics)
+    if not found:
+        found = _closing_collisions(hand, kinematics)
+    return found + _directions(hand, kinematics) + _preshape(hand)
+
+
+def _open_collision(hand: Hand, kinematics: HandKinematics) -> list[Finding]:
+    kinematics.set_posture(hand.at(0.0))
+    return [
+        Finding(
+            code="open_collides",
+            text=f"the open hand is in itself: {one} is {1000 * depth:.1f} mm inside {other}",
+        )
+        for one, other, depth in kinematics.self_collisions(DEPTH)[:3]
+    ]
+
+
+def _closing_collisions(hand: Hand, kinematics: HandKinematics) -> list[Finding]:
+    """The thumb alone, then all the others together; that thumb and fingers meet is what closing is for."""
+    found = []
+    model, owner = kinematics.model, {}
+    for finger in hand.fingers:
+        for joint in finger.joints:
+            owner[model.body(int(model.joint(joint).bodyid[0])).name] = finger.name
+    name_of = {
+        model.geom(g).name: owner.get(model.body(int(model.geom_bodyid[g])).name) for g in range(model.ngeom)
+    }
+    first = hand.fingers[0].name
+    for thumb in (True, False):
+        moving = [(k == 0) == thumb for k in range(len(hand.fingers))]
+        for c in np.linspace(0.0, 1.0, STEPS + 1):
+            kinematics.set_posture(hand.at(np.where(moving, c, 0.0)))
+            hits = [
+                hit
+                for hit in sorted(kinematics.self_collisions(DEPTH), key=lambda hit: -hit[2])
+                if None in (pair := (name_of[hit[0]], name_of[hit[1]]))
+                or (pair[0] == first) == (pair[1] == first)
+            ]
+            if hits:
+                one, other, depth = hits[0]
+                who = f"the {first}" if thumb else "the fingers"
+                text = (
+                    f"the closing path of {who} collides with the hand itself at {c:.2f} of the way: "
+                    f"{one} is {1000 * depth:.1f} mm inside {other}"
+                )
+                found.append(Finding(code="closing_collides", text=text))
+                break
+    return found
+
+
+def half_closed(hand: Hand, kinematics: HandKinematics) -> tuple[Array, Array]:
+    """(k, 3), (k, 3) places [m] of the fingertips at half closed and the unit directions they move in."""
+    h = 1e-4
+    tips = []
+    for c in (0.5 - h, 0.5, 0.5 + h):
+        kinematics.set_posture(hand.at(c))
+        tips.append(kinematics.tips(hand.fingers)[0])
+    moves = tips[2] - tips[0]
+    length = np.linalg.norm(moves, axis=1, keepdims=True)
+    return tips[1], np.divide(moves, length, out=np.zeros_like(moves), where=length > 1e-9)
+
+
+def opposition(hand: Hand, kinematics: HandKinematics) -> Array:
+    """(k - 1,) how well the thumb opposes each finger at half closed, -1 … 1.
+
+    The lesser of two cosines: between the thumb tip's motion and the way to the finger's tip, and between
+    that tip's motion and the way back.
+    """
+    tips, moves = half_closed(hand, kinematics)
+    way = tips[1:] - tips[0]
+    way /= np.maximum(np.linalg.norm(way, axis=1, keepdims=True), 1e-9)
+    return np.asarray(np.minimum(way @ moves[0], -np.einsum("ki,ki->k", way, moves[1:])))
+
+
+def _directions(hand: Hand, kinematics: HandKinematics) -> list[Finding]:
+    found = []
+    _, moves = half_closed(hand, kinematics)
+    for finger, move in zip(hand.fingers, moves, strict=True):
+        if not move.any():
+            text = f"the closing path does not move the {finger.name}'s tip at half closed"
+            found.append(Finding(code="does_not_close", text=text))
+    for finger, move in zip(hand.fingers[1:], moves[1:], strict=True):
+        # -y of the palm frame is where the palm faces, and the thumb stands.
+        if move[1] > OPPOSED:
+            text = (
+                f"the {finger.name} closes away from the side that the palm faces: turn its closing path "
+                "round, or the palm frame"
+            )
+            found.append(Finding(code="closes_outward", text=text))
+    best = float(opposition(hand, kinematics).max())
+    if not found and best < OPPOSED:
+        text = (
+            f"the thumb does not oppose: at half closed no fingertip and the {hand.fingers[0].name}'s tip "
+            f"move towards each other (cosine {best:.2f}, at least {OPPOSED:g} wanted): turn the thumb's "
+            "first joints, or name another finger first"
+        )
+        found.append(Finding(code="thumb_not_opposed", text=text))
+    return found
+
+
+def _preshape(hand: Hand) -> list[Finding]:
+    found = []
+    for finger in hand.fingers:
+        limits = hand.limits[hand.columns(finger.name)]
+        for k, joint in enumerate(finger.joints):
+            low, high = finger.preshape[k]
+            if low < high and np.ptp(finger.closing[:, k]) > 0:
+                text = (
+                    f"{joint} is set by the preshape and moved by the closing path of the {finger.name} too"
+                )
+                found.append(Finding(code="preshape", text=text))
+            if low < limits[k, 0] - 1e-9 or high > limits[k, 1] + 1e-9:
+                text = f"the preshape range of {joint} goes beyond its limits"
+                found.append(Finding(code="outside_limits", text=text))
+    return found
+
+
+def close_empty(hand: Hand) -> Array:
+    """(fingers,) how far each finger closes, 0 … 1, until it meets another part of the hand.
+
+    What a hand does that closes on nothing; for pictures.
+    """
+    kinematics = HandKinematics(hand)
+    reached = np.zeros(len(hand.fingers))
+    moving = np.ones(len(hand.fingers), dtype=bool)
+    for _ in range(STEPS):
+        for k in np.flatnonzero(moving):
+            ahead = reached.copy()
+            ahead[k] = min(1.0, reached[k] + 1.0 / STEPS)
+            kinematics.set_posture(hand.at(ahead))
+            if kinematics.self_collisions(0.5e-3):
+                moving[k] = False
+            else:
+                reached = ahead
+    return reached

@@ -1,0 +1,258 @@
+"""From a hand's TOML, as read, and the text of its MJCF to a :class:`Hand`. Nothing heavy is imported."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+
+from ..exceptions import HandError
+from ..spatial import pose, rotation_from_quaternion
+from ..types import Array
+from .hand import POSTURES, Finger, Hand
+
+Table = dict[str, Any]
+
+
+def build_hand(data: Table, root: ElementTree.Element, mjcf: str, *, name: str | None = None) -> Hand:
+    """The hand that description and MJCF agree on.
+
+    Args:
+        data: the TOML.
+        root: the MJCF; every joint has its own ``range``, every body and site ``pos`` and ``quat``.
+        mjcf: its text.
+        name: replaces the description's.
+
+    Raises:
+        HandError: they contradict each other, or a number is out of the question.
+        KeyError, TypeError, ValueError: a field is missing or of the wrong kind.
+    """
+    name = name or str(data["name"])
+    ranges = {joint.get("name", ""): joint.get("range") for joint in root.iter("joint") if joint.get("name")}
+    fingers = tuple(finger_from(entry) for entry in data["finger"])
+    named = [joint for finger in fingers for joint in finger.joints]
+    palm = data["palm"]
+    _same(name, "joints", set(named), set(ranges))
+    bodies = {body.get("name") for body in root.iter("body")}
+    sites = {site.get("name") for site in root.iter("site")}
+    _named(name, "body", [palm["body"], *(finger.tip_body for finger in fingers)], bodies)
+    _named(name, "site", [palm["site"], *(finger.tip_site for finger in fingers)], sites)
+    if len(set(named)) != len(named) or len({finger.name for finger in fingers}) != len(fingers):
+        raise HandError(f"hand {name!r}: a finger or a joint is named twice")
+    if len(fingers) < 2:
+        raise HandError(f"hand {name!r}: two fingers at least, the thumb first; got {len(fingers)}")
+    joints = tuple(ranges)
+    for finger in fingers:
+        start = joints.index(finger.joints[0])
+        if joints[start : start + len(finger.joints)] != finger.joints:
+            raise HandError(
+                f"hand {name!r}: the joints of finger {finger.name} must follow each other from the palm "
+                f"outwards as in the MJCF, got {', '.join(finger.joints)}"
+            )
+    drives = data["actuators"]
+    hand = Hand(
+        name=name,
+        title=str(data.get("title", name)),
+        description=str(data.get("description", "")),
+        licence=str(data.get("licence", "not stated")),
+        source=str(data.get("source", "not stated")),
+        side=side_of(data, name),
+        u=positive(data, "u"),
+        finger_pitch=positive(data, "finger_pitch"),
+        fingertip_width=_tip_width(data, fingers),
+        palm_body=str(palm["body"]),
+        palm_site=str(palm["site"]),
+        T_root_palm=_palm_pose(root, str(palm["site"]), name),
+        fingers=fingers,
+        joints=joints,
+        limits=np.array([[float(bound) for bound in (ranges[joint] or "").split()] for joint in joints]),
+        actuator_gain=positive(drives, "gain"),
+        actuator_damping=positive(drives, "damping"),
+        torque_limit=positive(drives, "torque_limit"),
+        gains=per_joint(drives, "gain", "gains", joints, name),
+        torque_limits=per_joint(drives, "torque_limit", "torque_limits", joints, name),
+        couplings=couplings_of(data, joints, name),
+        actuators=_actuators(root, name),
+        mjcf=mjcf,
+    )
+    for label, q in (*((kind, hand.posture(kind)) for kind in POSTURES), *_path(hand)):
+        outside = (q < hand.limits[:, 0] - 1e-9) | (q > hand.limits[:, 1] + 1e-9)
+        if outside.any():
+            raise HandError(
+                f"hand {name!r}: posture {label} is outside the limits of {joints[outside.argmax()]}"
+            )
+    return hand
+
+
+def finger_from(entry: Table) -> Finger:
+    """A finger from its table; what is not given follows from the closing path, or the path from it.
+
+    Raises:
+        HandError: neither a closing path nor the postures open and closed.
+        KeyError, InputError: a field is missing, or arrays of the wrong length.
+    """
+    name, joints = str(entry["name"]), tuple(str(joint) for joint in entry["joints"])
+    if "closing" not in entry and not {"open", "closed"} <= entry.keys():
+        raise HandError(f"finger {name}: give closing, or open and closed")
+    if not joints:
+        raise HandError(f"finger {name}: a finger has one joint at least")
+    path = _numbers(entry.get("closing") or [entry["open"], entry["closed"]])
+    if path.ndim != 2 or len(path) < 2 or path.shape[1] != len(joints):
+        raise HandError(
+            f"finger {name}: the closing path must be two lists or more of {len(joints)} angles each, "
+            "one for every joint"
+        )
+    ranges = np.stack([path[0], path[0]], axis=1)
+    for joint, bounds in dict(entry.get("preshape", {})).items():
+        if joint not in joints:
+            raise HandError(f"finger {name}: preshape names {joint}, which is not one of its joints")
+        low, high = (float(bound) for bound in bounds)
+        if not low <= high:
+            raise HandError(f"finger {name}: the preshape range of {joint} is the wrong way round")
+        ranges[joints.index(joint)] = low, high
+    return Finger(
+        name=name,
+        joints=joints,
+        tip_body=str(entry["tip_body"]),
+        tip_site=str(entry.get("tip_site", f"{name}_tip")),
+        tip_radius=positive(entry, "tip_radius"),
+        open=entry.get("open", path[0]),
+        rest=entry.get("rest", _half(path)),
+        closed=entry.get("closed", path[-1]),
+        closing=path,
+        preshape=ranges,
+    )
+
+
+def positive(data: Table, key: str) -> float:
+    """The number of that name, which must be above zero.
+
+    Raises:
+        HandError: it is not.
+        KeyError, TypeError, ValueError: there is none.
+    """
+    number = float(data[key])
+    if not (np.isfinite(number) and number > 0):
+        raise HandError(f"the hand's {key} must be positive, got {number}")
+    return number
+
+
+def side_of(data: Table, name: str) -> str:
+    """``right`` or ``left``, as the description says; right where it does not."""
+    side = str(data.get("side", "right"))
+    if side not in ("right", "left"):
+        raise HandError(f"hand {name!r}: side must be right or left, got {side!r}")
+    return side
+
+
+def per_joint(drives: Table, key: str, table: str, joints: tuple[str, ...], name: str) -> Array:
+    """(n,) a number for every joint: the one for all, and what the table of exceptions says."""
+    values = np.full(len(joints), positive(drives, key))
+    for joint in dict(drives.get(table, {})):
+        if joint not in joints:
+            raise HandError(f"hand {name!r}: actuators.{table} names {joint}, which is no joint of the hand")
+        values[joints.index(joint)] = positive(drives[table], joint)
+    return values
+
+
+def couplings_of(data: Table, joints: Iterable[str], name: str) -> tuple[tuple[str, str], ...]:
+    """Pairs of joints that share an actuator."""
+    pairs = tuple(tuple(str(joint) for joint in pair) for pair in data.get("couplings", []))
+    flat = [joint for pair in pairs for joint in pair]
+    wrong = [joint for joint in flat if joint not in set(joints)]
+    if wrong or len(set(flat)) != len(flat) or any(len(pair) != 2 for pair in pairs):
+        raise HandError(
+            f"hand {name!r}: couplings must be pairs of the hand's joints, each in one pair at most"
+            + (f"; there is no joint {wrong[0]}" if wrong else "")
+        )
+    return tuple((pair[0], pair[1]) for pair in pairs)
+
+
+def _numbers(rows: Any) -> Array:
+    """The rows as an array; an empty one if they are not numbers in rows of one length."""
+    try:
+        return np.array(rows, dtype=np.float64)
+    except (TypeError, ValueError):
+        return np.zeros(0)
+
+
+def _half(path: Array) -> Array:
+    middle = (len(path) - 1) / 2
+    return np.asarray((path[int(np.floor(middle))] + path[int(np.ceil(middle))]) / 2)
+
+
+def _path(hand: Hand) -> Iterable[tuple[str, Array]]:
+    """Every knot of every closing path, the other fingers open."""
+    for finger in hand.fingers:
+        for k, knot in enumerate(finger.closing):
+            q = hand.posture("open")
+            q[hand.columns(finger.name)] = knot
+            yield f"{k} of the closing path of {finger.name}", q
+
+
+def _tip_width(data: Table, fingers: tuple[Finger, ...]) -> float:
+    if "fingertip_width" in data:
+        return positive(data, "fingertip_width")
+    return 2 * max(finger.tip_radius for finger in fingers) + 1e-3
+
+
+def _palm_pose(root: ElementTree.Element, site: str, name: str) -> Array:
+    """(4, 4) the palm site in the frame of the root body."""
+    world = root.find("worldbody")
+    tops = [] if world is None else world.findall("body")
+    if len(tops) != 1:
+        raise HandError(f"hand {name!r}: the MJCF must have one root body, it has {len(tops)}")
+
+    def search(body: ElementTree.Element, T_root_body: Array) -> Array | None:
+        for item in body.findall("site"):
+            if item.get("name") == site:
+                return np.asarray(T_root_body @ _pose_of(item))
+        for child in body.findall("body"):
+            found = search(child, T_root_body @ _pose_of(child))
+            if found is not None:
+                if child.findall("joint") or child.findall("freejoint"):
+                    raise HandError(f"hand {name!r}: a joint moves the palm frame against the root body")
+                return found
+        return None
+
+    found = search(tops[0], np.eye(4))
+    if found is None:
+        raise HandError(f"hand {name!r}: the palm frame {site} must stand in the root body's tree")
+    return found
+
+
+def _pose_of(element: ElementTree.Element) -> Array:
+    position = [float(x) for x in element.get("pos", "0 0 0").split()]
+    quaternion = [float(x) for x in element.get("quat", "1 0 0 0").split()]
+    return pose(rotation_from_quaternion(quaternion), position)
+
+
+def _actuators(root: ElementTree.Element, name: str) -> tuple[tuple[str, ...], ...]:
+    tendons = {
+        str(fixed.get("name")): tuple(str(joint.get("joint")) for joint in fixed.findall("joint"))
+        for fixed in root.iter("fixed")
+    }
+    section = root.find("actuator")
+    found: list[tuple[str, ...]] = []
+    for drive in [] if section is None else section:
+        if drive.get("joint"):
+            found.append((str(drive.get("joint")),))
+        elif drive.get("tendon") in tendons:
+            found.append(tendons[str(drive.get("tendon"))])
+        else:
+            raise HandError(f"hand {name!r}: actuator {drive.get('name')} drives neither joint nor tendon")
+    return tuple(found)
+
+
+def _same(hand: str, noun: str, described: set[str], modelled: set[str]) -> None:
+    if described != modelled:
+        odd = ", ".join(sorted(described ^ modelled))
+        raise HandError(f"hand {hand!r}: description and MJCF do not name the same {noun}: {odd}")
+
+
+def _named(hand: str, noun: str, wanted: list[str], there: set[str | None]) -> None:
+    missing = [name for name in wanted if name not in there]
+    if missing:
+        raise HandError(f"hand {hand!r}: the MJCF has no {noun} {', '.join(missing)}")

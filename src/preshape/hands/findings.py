@@ -1,0 +1,267 @@
+"""What can be wrong with a hand's description, found without moving the hand. Each finding is one sentence.
+
+:mod:`preshape.hands.check` adds what shows only in motion; loading a hand refuses it at the first finding.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..exceptions import HandError, InputError
+from ..types import value
+from .description import Table, couplings_of, finger_from, per_joint, side_of
+
+if TYPE_CHECKING:
+    from .foreign import ForeignModel
+
+SMALLEST_TIP, LARGEST_TIP = 1e-3, 30e-3
+"""Fingertip radii that are believed [m] [C]: a needle, a plum."""
+
+LARGEST_U = 0.2
+"""[m] [C]; a larger U is a file in another unit."""
+
+
+@value
+class Finding:
+    """One thing that is wrong.
+
+    Attributes:
+        code: what kind, one word for programs.
+        text: one sentence for people, with what to do where that is not plain.
+    """
+
+    code: str
+    text: str
+
+    def __str__(self) -> str:
+        return self.text
+
+
+def fingers_of(data: Table) -> list[Table]:
+    """The fingers' tables, those that are tables."""
+    found = data.get("finger", [])
+    return [entry for entry in found if isinstance(entry, dict)] if isinstance(found, list) else []
+
+
+def joints_of(entry: Table) -> list[str]:
+    """A finger's joints, as far as they are given."""
+    joints = entry.get("joints", [])
+    return [str(joint) for joint in joints] if isinstance(joints, list) else []
+
+
+def description_findings(data: Table) -> list[Finding]:
+    """What the TOML alone shows."""
+    found = [*_fields(data), *_numbers(data)]
+    for entry in fingers_of(data):
+        found += _finger(entry, str(entry.get("name", "?")))
+    found += _twice("finger", [str(entry.get("name", "?")) for entry in fingers_of(data)])
+    joints = [joint for entry in fingers_of(data) for joint in joints_of(entry)]
+    found += _twice("joint", joints)
+    if len(fingers_of(data)) < 2:
+        found.append(
+            Finding(
+                code="fingers",
+                text=f"two fingers at least, the thumb first: there are {len(fingers_of(data))} [[finger]]",
+            )
+        )
+    drives = data.get("actuators")
+    if isinstance(drives, dict):
+        for key, table in (("gain", "gains"), ("torque_limit", "torque_limits")):
+            found += _attempt("actuators", per_joint, {**drives, key: 1.0}, key, table, tuple(joints), "it")
+    found += _attempt("couplings", couplings_of, data, joints, "it")
+    found += _attempt("side", side_of, data, "it")
+    return found
+
+
+def _attempt(code: str, rule: Any, *arguments: Any) -> list[Finding]:
+    """The rule's own complaint as a finding, without the name of the hand before it."""
+    try:
+        rule(*arguments)
+    except (InputError, TypeError, ValueError, KeyError, AttributeError) as error:
+        return [Finding(code=code, text=str(error).removeprefix("hand 'it': "))]
+    return []
+
+
+def _fields(data: Table) -> list[Finding]:
+    wanted = {
+        "name": "a short name",
+        "u": "the length of the middle finger's proximal phalanx in metres",
+        "finger_pitch": "the distance between neighbouring fingers in metres",
+        "palm": "a table with the palm's body and frame",
+        "finger": "a [[finger]] table for every finger, the thumb first",
+        "actuators": "a table with gain, damping and torque_limit",
+    }
+    found = [
+        Finding(code="missing", text=f"the description lacks {key!r}: {what}")
+        for key, what in wanted.items()
+        if key not in data
+    ]
+    tables = {"palm": dict, "actuators": dict, "finger": list}
+    for key, kind in tables.items():
+        if key in data and not isinstance(data[key], kind):
+            found.append(Finding(code="missing", text=f"{key!r} must be {wanted[key]}"))
+    nested = {"palm": ("body",), "actuators": ("gain", "damping", "torque_limit")}
+    for table, keys in nested.items():
+        inside = data.get(table)
+        lacking = [key for key in keys if key not in inside] if isinstance(inside, dict) else []
+        found += [Finding(code="missing", text=f"[{table}] lacks {key!r}") for key in lacking]
+    for entry in fingers_of(data):
+        for key in ("name", "joints", "tip_body", "tip_radius"):
+            if key not in entry:
+                text = f"[[finger]] {entry.get('name', '?')} lacks {key!r}"
+                found.append(Finding(code="missing", text=text))
+    return found
+
+
+def _numbers(data: Table) -> list[Finding]:
+    found = []
+    tables = {"": data, "actuators.": data.get("actuators")}
+    for table, key, unit in (
+        ("", "u", "m"),
+        ("", "finger_pitch", "m"),
+        ("", "fingertip_width", "m"),
+        ("actuators.", "gain", "N m/rad"),
+        ("actuators.", "damping", "N m s/rad"),
+        ("actuators.", "torque_limit", "N m"),
+    ):
+        inside = tables[table]
+        if isinstance(inside, dict) and key in inside and not _is_positive(inside[key]):
+            what = "U" if key == "u" else f"{table}{key}"
+            text = f"{what} must be a positive number of {unit}, got {inside[key]!r}"
+            found.append(Finding(code="not_positive", text=text))
+    u = data.get("u")
+    if _is_positive(u) and float(u) > LARGEST_U:  # type: ignore[arg-type]
+        text = f"U is {float(u):g} m, longer than any finger's phalanx: is it in another unit?"  # type: ignore[arg-type]
+        found.append(Finding(code="not_positive", text=text))
+    return found
+
+
+def _finger(entry: Table, name: str) -> list[Finding]:
+    radius = entry.get("tip_radius")
+    if radius is not None and not _is_positive(radius):
+        text = f"the {name}'s tip_radius must be a positive number of m, got {radius!r}"
+        return [Finding(code="tip_radius", text=text)]
+    if radius is not None and not SMALLEST_TIP <= float(radius) <= LARGEST_TIP:
+        text = (
+            f"the {name}'s tip_radius is {1000 * float(radius):g} mm; a fingertip has "
+            f"{1000 * SMALLEST_TIP:g} to {1000 * LARGEST_TIP:g} mm: is it in another unit?"
+        )
+        return [Finding(code="tip_radius", text=text)]
+    if not {"name", "joints", "tip_body", "tip_radius"} <= entry.keys():
+        return []
+    return _attempt("closing", finger_from, entry)
+
+
+def _twice(noun: str, names: list[str]) -> list[Finding]:
+    doubles = sorted({name for name in names if names.count(name) > 1})
+    return [Finding(code=f"{noun}_twice", text=f"the {noun} {name} is listed twice") for name in doubles]
+
+
+def _is_positive(number: Any) -> bool:
+    if isinstance(number, bool) or not isinstance(number, (int, float)):
+        return False
+    return bool(np.isfinite(number) and number > 0)
+
+
+def model_findings(data: Table, model: ForeignModel) -> list[Finding]:
+    """What description and model together show."""
+    found: list[Finding] = []
+    palm = data.get("palm") if isinstance(data.get("palm"), dict) else {}
+    assert isinstance(palm, dict)
+    bodies = [("the palm", palm.get("body"))]
+    sites = [("the palm", palm.get("site"))]
+    for entry in fingers_of(data):
+        bodies.append((f"the {entry.get('name', '?')}'s tip", entry.get("tip_body")))
+        sites.append((f"the {entry.get('name', '?')}'s tip", entry.get("tip_site")))
+    bodies.append(("the root", data.get("root")))
+    for noun, wanted, there in (("body", bodies, model.bodies), ("site", sites, model.sites)):
+        for whose, name in wanted:
+            if name is not None and name not in there:
+                text = f"the model has no {noun} {name!r}, which is named for {whose}; it has {_few(there)}"
+                found.append(Finding(code=f"unknown_{noun}", text=text))
+    found += _frames(data, palm)
+    if "root" not in data and len(model.roots) != 1:
+        text = f"the model has {len(model.roots)} root bodies ({_few(model.roots)}): name one as root"
+        found.append(Finding(code="roots", text=text))
+    return found + _joints(data, model) + _masses(model)
+
+
+def _frames(data: Table, palm: Table) -> list[Finding]:
+    """Frames that neither a site nor numbers say."""
+    from .foreign import direction
+
+    found = []
+    if "body" in palm and "site" not in palm:
+        for key in ("points", "faces"):
+            if key not in palm:
+                text = (
+                    f"[palm] needs a site, or points and faces as axes of its body ('+z', '-y'); {key} lacks"
+                )
+                found.append(Finding(code="frame", text=text))
+            else:
+                found += _attempt("frame", direction, palm[key], f"palm.{key}")
+        if {"points", "faces"} <= palm.keys() and not found:
+            z, y = (direction(palm[key], key) for key in ("points", "faces"))
+            if abs(float(z @ y)) > 1e-6:
+                found.append(Finding(code="frame", text="palm.points and palm.faces must be perpendicular"))
+    for entry in fingers_of(data):
+        if "tip_site" not in entry and "tip_pos" not in entry:
+            text = f"the {entry.get('name', '?')} needs a tip_site, or tip_pos in its tip_body's frame"
+            found.append(Finding(code="frame", text=text))
+        if "tip_points" in entry:
+            found += _attempt("frame", direction, entry["tip_points"], "tip_points")
+    return found
+
+
+def _joints(data: Table, model: ForeignModel) -> list[Finding]:
+    found = []
+    listed = {joint for entry in fingers_of(data) for joint in joints_of(entry)}
+    fixed = {str(joint) for joint in data.get("fixed", [])}
+    inside = model.joints_under(data.get("root"))
+    for joint in sorted((listed | fixed) - set(model.joints)):
+        text = f"the model has no joint {joint!r}; it has {_few(model.joints)}"
+        found.append(Finding(code="unknown_joint", text=text))
+    for joint in inside:
+        if joint not in listed | fixed:
+            text = f"the joint {joint!r} of the model belongs to no finger: list it, or name it under fixed"
+            found.append(Finding(code="joint_left_out", text=text))
+    for joint in (joint for joint in inside if joint in listed):
+        if joint not in model.hinges:
+            text = f"the joint {joint!r} is no hinge; fingers have hinges only"
+            found.append(Finding(code="not_a_hinge", text=text))
+            continue
+        low, high = model.ranges[joint]
+        if low > high:
+            text = f"the limits of {joint!r} are the wrong way round: {low:g} to {high:g}"
+            found.append(Finding(code="limits_reversed", text=text))
+        elif low == high:
+            found.append(Finding(code="limits_missing", text=f"the joint {joint!r} has no limits"))
+    return found
+
+
+def _masses(model: ForeignModel) -> list[Finding]:
+    return [
+        Finding(
+            code="mass_zero",
+            text=f"the moving body {body!r} has a mass of zero: give it a mass, or a shape with a density",
+        )
+        for body in model.massless
+    ]
+
+
+def _few(names: Any, count: int = 12) -> str:
+    names = list(names)
+    return ", ".join(names[:count]) + (f" and {len(names) - count} more" if len(names) > count else "")
+
+
+def refuse(found: list[Finding], label: str) -> None:
+    """Raise the first finding as an error, if there is one.
+
+    Raises:
+        HandError: there is one.
+    """
+    if found:
+        more = f" (and {len(found) - 1} more: preshape hands check {label})" if len(found) > 1 else ""
+        raise HandError(f"{label}: {found[0].text}{more}")

@@ -1,0 +1,327 @@
+"""Writing a compiled model as an MJCF of our own form: primitives, explicit frames, nothing beside it."""
+
+from __future__ import annotations
+
+from typing import Any
+from xml.sax.saxutils import quoteattr
+
+import numpy as np
+
+from ..spatial import pose, quaternion_from_rotation, rotation_from_quaternion
+from ..types import Array, value
+from .description import Table, per_joint
+from .foreign import ForeignModel, direction, rewritten_bodies
+
+_DAMPING, _ARMATURE = 0.05, 2e-4
+"""Of joints for which the model says nothing [N m s/rad], [kg m²] [C]."""
+
+_SAMPLES, _ALWAYS = 200, 0.9
+"""Postures tried, and the share of them in which links must collide to count as built into each other [C]."""
+
+
+@value
+class _Primitive:
+    kind: str
+    size: tuple[float, ...]
+    T: Array  # in the frame of the body that is written
+
+
+def rewritten(data: Table, source: ForeignModel) -> str:
+    """The model's hand as MJCF text; description and model have passed the findings."""
+    writer = _Writer(data, source)
+    text = writer.document(())
+    return writer.document(_built_in(text, data, source))
+
+
+class _Writer:
+    """One model on its way into text."""
+
+    def __init__(self, data: Table, source: ForeignModel) -> None:
+        import mujoco
+
+        self.data, self.source, self.m = data, source, source.model
+        listed = [str(joint) for entry in data["finger"] for joint in entry["joints"]]
+        self.joints = sorted(listed, key=lambda joint: int(self.m.joint(joint).id))
+        self.bodies = rewritten_bodies(data, source)
+        self.state = mujoco.MjData(self.m)
+        self.state.qpos[:] = 0.0
+        for joint in range(self.m.njnt):
+            if self.m.jnt_type[joint] == mujoco.mjtJoint.mjJNT_FREE:
+                self.state.qpos[self.m.jnt_qposadr[joint] + 3] = 1.0
+        fixed = data.get("fixed", {})
+        for joint, angle in fixed.items() if isinstance(fixed, dict) else ():
+            self.state.qpos[self.m.jnt_qposadr[self.m.joint(joint).id]] = float(angle)
+        mujoco.mj_kinematics(self.m, self.state)
+        mujoco.mj_comPos(self.m, self.state)
+        self.frames = {
+            self.m.body(b).name: pose(self.state.xmat[b].reshape(3, 3), self.state.xpos[b])
+            for b in range(1, self.m.nbody)
+        }
+        self.kept = [name for name in self.frames if self.bodies.get(name) == name]
+        self.root = self.kept[0]
+        self.finger_of = {
+            self.m.body(int(self.m.joint(joint).bodyid[0])).name: str(entry["name"])
+            for entry in data["finger"]
+            for joint in map(str, entry["joints"])
+        }
+
+    def document(self, excluded: tuple[tuple[str, str], ...]) -> str:
+        """The whole MJCF; these pairs of bodies do not collide."""
+        lines = [
+            f"<mujoco model={quoteattr(str(self.data['name']))}>",
+            '  <compiler angle="radian" autolimits="true" balanceinertia="true"/>',
+            '  <option jacobian="dense"/>',
+            "  <default>",
+            '    <geom condim="4" friction="1 0.02 0.0001"/>',
+            "  </default>",
+            "  <worldbody>",
+            *self._body(self.root, np.eye(4), 2),
+            "  </worldbody>",
+            "  <contact>",
+        ]
+        lines += [f"    <exclude body1={quoteattr(a)} body2={quoteattr(b)}/>" for a, b in excluded]
+        return "\n".join([*lines, "  </contact>", *self._drives(), "</mujoco>", ""])
+
+    def _parent(self, name: str) -> str | None:
+        parent = int(self.m.body_parentid[self.m.body(name).id])
+        return self.bodies.get(self.m.body(parent).name) if parent > 0 else None
+
+    def _body(self, name: str, T_parent_body: Array, depth: int) -> list[str]:
+        pad = "  " * depth
+        lines = [f"{pad}<body name={quoteattr(name)} {_frame(T_parent_body)}>"]
+        lines += [f"{pad}  {text}" for text in self._inside(name)]
+        for child in self.kept:
+            if child != name and self._parent(child) == name:
+                lines += self._body(child, _inverse(self.frames[name]) @ self.frames[child], depth + 1)
+        return [*lines, f"{pad}</body>"]
+
+    def _inside(self, name: str) -> list[str]:
+        """Inertia, joints, shapes and sites of one body that is written."""
+        members = [self.m.body(body).id for body, owner in self.bodies.items() if owner == name]
+        T_body_world = _inverse(self.frames[name])
+        lines = [self._inertia(members, T_body_world)]
+        body = self.m.body(name).id
+        if name != self.root:
+            first = int(self.m.body_jntadr[body])
+            found = range(first, first + int(self.m.body_jntnum[body]))
+            lines += [self._joint(j) for j in found if self.m.joint(j).name in self.joints]
+        owner = self.finger_of.get(name, "palm")
+        stem = name if name.startswith(f"{owner}_") else f"{owner}_{name}"
+        shapes = self._shapes(members, T_body_world)
+        for k, shape in enumerate(shapes):
+            label = stem if len(shapes) == 1 else f"{stem}_{k}"
+            lines.append(_geom(label, shape))
+        return lines + self._sites(name, T_body_world)
+
+    def _joint(self, j: int) -> str:
+        m, joint = self.m, self.m.joint(j)
+        low, high = sorted(self.source.ranges[joint.name])
+        dof = int(m.jnt_dofadr[j])
+        damping = float(np.ravel(m.dof_damping[dof])[0]) or _DAMPING
+        armature, friction = float(m.dof_armature[dof]) or _ARMATURE, float(m.dof_frictionloss[dof])
+        return (
+            f'<joint name={quoteattr(joint.name)} type="hinge" pos="{_text(m.jnt_pos[j])}" '
+            f'axis="{_text(m.jnt_axis[j])}" range="{low:.9g} {high:.9g}" '
+            f'damping="{damping:.6g}" armature="{armature:.6g}" frictionloss="{friction:.6g}"/>'
+        )
+
+    def _inertia(self, members: list[int], T_body_world: Array) -> str:
+        mass = np.array([self.m.body_mass[b] for b in members])
+        total = max(float(mass.sum()), 1e-6)
+        places = np.array([(T_body_world @ np.append(self.state.xipos[b], 1.0))[:3] for b in members])
+        centre = mass @ places / total
+        tensor = np.zeros((3, 3))
+        for b, weight, place in zip(members, mass, places, strict=True):
+            turn = T_body_world[:3, :3] @ self.state.ximat[b].reshape(3, 3)
+            arm = place - centre
+            tensor += turn @ np.diag(self.m.body_inertia[b]) @ turn.T
+            tensor += weight * (arm @ arm * np.eye(3) - np.outer(arm, arm))
+        tensor += 1e-9 * np.eye(3)
+        six = [tensor[0, 0], tensor[1, 1], tensor[2, 2], tensor[0, 1], tensor[0, 2], tensor[1, 2]]
+        return f'<inertial pos="{_text(centre)}" mass="{total:.9g}" fullinertia="{_text(six)}"/>'
+
+    def _shapes(self, members: list[int], T_body_world: Array) -> list[_Primitive]:
+        found = []
+        for g in range(self.m.ngeom):
+            if int(self.m.geom_bodyid[g]) in members and (
+                self.m.geom_contype[g] or self.m.geom_conaffinity[g]
+            ):
+                T = pose(
+                    self.state.xmat[self.m.geom_bodyid[g]].reshape(3, 3),
+                    self.state.xpos[self.m.geom_bodyid[g]],
+                )
+                T = T @ pose(rotation_from_quaternion(self.m.geom_quat[g]), self.m.geom_pos[g])
+                shape = _primitive(self.m, g, T_body_world @ T)
+                found += [shape] if shape is not None else []
+        return found
+
+    def _sites(self, name: str, T_body_world: Array) -> list[str]:
+        lines = []
+        palm = self.data["palm"]
+        if self.bodies[str(palm["body"])] == name:
+            T = T_body_world @ self._palm_frame(palm)
+            lines.append(f'<site name="palm_frame" {_frame(T)} size="0.003"/>')
+        for entry in self.data["finger"]:
+            if self.bodies[str(entry["tip_body"])] == name:
+                T, label = T_body_world @ self._tip_frame(entry), quoteattr(f"{entry['name']}_tip")
+                radius = float(entry["tip_radius"])
+                lines.append(
+                    f'<geom name={label} type="sphere" {_frame(T)} size="{radius:.6g}" mass="0" '
+                    'rgba="0.2 0.2 0.22 1"/>'
+                )
+                lines.append(f'<site name={label} {_frame(T)} size="0.002"/>')
+        return lines
+
+    def _palm_frame(self, palm: Table) -> Array:
+        if "site" in palm:
+            return self._site(str(palm["site"]))
+        z, y = direction(palm["points"], "palm.points"), -direction(palm["faces"], "palm.faces")
+        local = pose(np.stack([np.cross(y, z), y, z], axis=1), palm.get("pos", (0.0, 0.0, 0.0)))
+        return np.asarray(self.frames[str(palm["body"])] @ local)
+
+    def _tip_frame(self, entry: Table) -> Array:
+        T = self.frames[str(entry["tip_body"])].copy()
+        if "tip_pos" in entry:
+            T[:3, 3] = T[:3, :3] @ np.asarray(entry["tip_pos"], dtype=np.float64) + T[:3, 3]
+        else:
+            T = self._site(str(entry["tip_site"]))
+        if "tip_points" in entry:
+            z = direction(entry["tip_points"], "tip_points")
+            x = np.cross(np.eye(3)[int(np.abs(z).argmin())], z)
+            x /= np.linalg.norm(x)
+            T[:3, :3] = self.frames[str(entry["tip_body"])][:3, :3] @ np.stack([x, np.cross(z, x), z], axis=1)
+        return np.asarray(T)
+
+    def _site(self, name: str) -> Array:
+        site = self.m.site(name).id
+        body = int(self.m.site_bodyid[site])
+        local = pose(rotation_from_quaternion(self.m.site_quat[site]), self.m.site_pos[site])
+        return np.asarray(pose(self.state.xmat[body].reshape(3, 3), self.state.xpos[body]) @ local)
+
+    def _drives(self) -> list[str]:
+        drives, joints = self.data["actuators"], tuple(self.joints)
+        gain = dict(zip(joints, per_joint(drives, "gain", "gains", joints, "it"), strict=True))
+        limit = dict(
+            zip(joints, per_joint(drives, "torque_limit", "torque_limits", joints, "it"), strict=True)
+        )
+        pairs = {str(pair[0]): str(pair[1]) for pair in self.data.get("couplings", [])}
+        seconds = set(pairs.values())
+        tendons, actuators = [], []
+        for joint in joints:
+            numbers = (
+                f'kp="{gain[joint]:.9g}" kv="{float(drives["damping"]):.9g}" '
+                f'forcerange="{-limit[joint]:.9g} {limit[joint]:.9g}"'
+            )
+            low, high = sorted(self.source.ranges[joint])
+            aim = f"joint={quoteattr(joint)}"
+            if joint in seconds:
+                continue
+            if joint in pairs:
+                other = pairs[joint]
+                aim = f"tendon={quoteattr(f'{joint}+{other}')}"
+                low, high = (
+                    a + b for a, b in zip((low, high), sorted(self.source.ranges[other]), strict=True)
+                )
+                tendons += [
+                    f"    <fixed name={quoteattr(f'{joint}+{other}')}>",
+                    *(f'      <joint joint={quoteattr(part)} coef="1"/>' for part in (joint, other)),
+                    "    </fixed>",
+                ]
+            actuators.append(
+                f'    <position name={quoteattr(joint)} {aim} {numbers} ctrlrange="{low:.9g} {high:.9g}"/>'
+            )
+        return [
+            *(["  <tendon>", *tendons, "  </tendon>"] if tendons else []),
+            *["  <actuator>", *actuators, "  </actuator>"],
+        ]
+
+
+def _primitive(m: Any, g: int, T: Array) -> _Primitive | None:
+    """The capsule, sphere or box that stands for a shape; ``None`` for what a hand cannot have."""
+    import mujoco
+
+    kinds, size = mujoco.mjtGeom, m.geom_size[g]
+    kind = int(m.geom_type[g])
+    if kind == kinds.mjGEOM_SPHERE:
+        return _Primitive(kind="sphere", size=(float(size[0]),), T=T)
+    if kind == kinds.mjGEOM_CAPSULE:
+        return _Primitive(kind="capsule", size=(float(size[0]), float(size[1])), T=T)
+    if kind == kinds.mjGEOM_BOX:
+        return _Primitive(kind="box", size=tuple(float(x) for x in size), T=T)
+    if kind == kinds.mjGEOM_CYLINDER:
+        return _rounded(np.array([size[0], size[0], size[1]]), T)
+    if kind == kinds.mjGEOM_ELLIPSOID:
+        return _rounded(0.9 * size, T)
+    if kind == kinds.mjGEOM_MESH:
+        mesh = int(m.geom_dataid[g])
+        start, count = int(m.mesh_vertadr[mesh]), int(m.mesh_vertnum[mesh])
+        points = m.mesh_vert[start : start + count].astype(np.float64)
+        low, high = points.min(axis=0), points.max(axis=0)
+        return _rounded((high - low) / 2, T @ pose(np.eye(3), (low + high) / 2))
+    return None
+
+
+def _rounded(half: Array, T: Array) -> _Primitive:
+    """A capsule for what is long and about round, a box for the rest [C]; ``half`` (3,) sizes [m]."""
+    half = np.maximum(half, 5e-4)
+    long = int(half.argmax())
+    others = np.delete(half, long)
+    if half[long] > 1.25 * others.max() and others.max() < 1.4 * others.min():
+        radius = float(others.mean())
+        z = np.eye(3)[long]
+        turn = np.stack([np.eye(3)[(long + 1) % 3], np.eye(3)[(long + 2) % 3], z], axis=1)
+        return _Primitive(
+            kind="capsule", size=(radius, float(half[long] - 0.7 * radius)), T=T @ pose(turn, np.zeros(3))
+        )
+    return _Primitive(kind="box", size=tuple(float(x) for x in half), T=T)
+
+
+def _built_in(text: str, data: Table, source: ForeignModel) -> tuple[tuple[str, str], ...]:
+    """Pairs of bodies that shall not collide: neighbours in a chain, and those that nearly always do."""
+    import mujoco
+
+    m = mujoco.MjModel.from_xml_string(text)
+    state = mujoco.MjData(m)
+    name = {b: m.body(b).name for b in range(m.nbody)}
+    pairs = {(int(m.body_parentid[b]), b) for b in range(2, m.nbody)}
+    rng = np.random.default_rng(0)
+    count: dict[tuple[int, int], int] = {}
+    for _ in range(_SAMPLES):
+        state.qpos[:] = rng.uniform(m.jnt_range[:, 0], m.jnt_range[:, 1])
+        mujoco.mj_kinematics(m, state)
+        mujoco.mj_collision(m, state)
+        hits = {
+            (min(a, b), max(a, b))
+            for a, b in (m.geom_bodyid[[c.geom1, c.geom2]].tolist() for c in state.contact if c.dist < 0)
+        }
+        for hit in hits:
+            count[hit] = count.get(hit, 0) + 1
+    pairs |= {pair for pair, times in count.items() if times >= _ALWAYS * _SAMPLES}
+    own = {tuple(sorted((int(s) >> 16, int(s) & 0xFFFF))) for s in np.ravel(source.model.exclude_signature)}
+    bodies = rewritten_bodies(data, source)
+    back = {label: b for b, label in name.items()}
+    for a, b in own:
+        one, other = (bodies.get(source.model.body(x).name) for x in (a, b))
+        if one and other and one != other:
+            pairs.add((min(back[one], back[other]), max(back[one], back[other])))
+    return tuple((name[a], name[b]) for a, b in sorted(pairs))
+
+
+def _geom(name: str, shape: _Primitive) -> str:
+    size = " ".join(f"{x:.6g}" for x in shape.size)
+    return (
+        f'<geom name={quoteattr(name)} type="{shape.kind}" {_frame(shape.T)} size="{size}" mass="0" '
+        'rgba="0.72 0.74 0.78 1"/>'
+    )
+
+
+def _frame(T: Array) -> str:
+    return f'pos="{_text(T[:3, 3])}" quat="{_text(quaternion_from_rotation(T[:3, :3]))}"'
+
+
+def _text(numbers: Any) -> str:
+    return " ".join(f"{float(x) + 0.0:.9g}" for x in numbers)
+
+
+def _inverse(T: Array) -> Array:
+    return pose(T[:3, :3].T, -T[:3, :3].T @ T[:3, 3])

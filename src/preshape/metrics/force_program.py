@@ -1,0 +1,156 @@
+"""The forces that a grasp may use, as equations over cones; shared by the metrics that optimise over them."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..exceptions import InputError
+from ..types import Array, freeze, frozen_array, value
+from .conic import ConicSolution, solve
+from .contacts import Contacts, cone_matrix, tangents
+
+PENALTY = 100.0  # of a wrench that is not produced, against the gain of one that is; see ``reach``
+
+
+@value
+class ForceLimits:
+    """What bounds the contact forces; at least one of the first two is needed.
+
+    Attributes:
+        total: the largest sum of normal forces [N] (the L1 bound).
+        each: the largest normal force of every contact [N] (the L∞ bound).
+        jacobian: (n, 3, j) or (n, 6, j) velocities of the contact points (linear; then angular) per unit
+            joint speed, in the frame of the contacts; joint torques are Jᵀ f.
+        torque: (j,) largest joint torques [N·m], either way.
+
+    Raises:
+        InputError: no bound, a bound that is not positive, or a Jacobian without torques and the reverse.
+    """
+
+    total: float | None = None
+    each: float | None = None
+    jacobian: Array | None = None
+    torque: Array | None = None
+
+    def __post_init__(self) -> None:
+        if self.total is None and self.each is None:
+            raise InputError("force limits need a total or an each [N]; neither was given")
+        for name in ("total", "each"):
+            given = getattr(self, name)
+            if given is not None and not (np.isfinite(given) and given > 0.0):
+                raise InputError(f"the force limit {name} must be positive, got {given:g} N")
+        if (self.jacobian is None) != (self.torque is None):
+            raise InputError("a Jacobian and joint torque limits are given together or not at all")
+        if self.jacobian is not None and self.torque is not None:
+            jacobian = frozen_array(self.jacobian, (None, None, None), "contact Jacobian")
+            if jacobian.shape[1] not in (3, 6):
+                raise InputError(f"a contact Jacobian is n×3×j or n×6×j, got {jacobian.shape}")
+            torque = frozen_array(self.torque, (jacobian.shape[2],), "joint torque limits")
+            if torque.size and torque.min() <= 0.0:
+                raise InputError(f"joint torque limits must be positive, got {torque.min():g} N·m")
+            freeze(self, jacobian=jacobian, torque=torque)
+
+    @property
+    def unit(self) -> float:
+        """The force [N] that the programs count in."""
+        return float(min(x for x in (self.total, self.each) if x is not None))
+
+
+@value
+class ForceProgram:
+    """{w = G u: u in the cones, limits}: the first 6 equations are wrenches, the rest limits.
+
+    Attributes:
+        equations: (6 + q, N) left-hand sides; forces in units of ``unit``.
+        limits: (q,) right-hand sides of the limits.
+        blocks: cones of the N unknowns: the contacts, then the slacks.
+        unit: [N].
+    """
+
+    equations: Array
+    limits: Array
+    blocks: tuple[tuple[int, int], ...]
+    unit: float
+
+
+def force_program(contacts: Contacts, limits: ForceLimits) -> ForceProgram:
+    """The program of these contacts under these limits.
+
+    Raises:
+        InputError: the Jacobian is of another number of contacts.
+    """
+    n, d, unit = contacts.count, contacts.dimension, limits.unit
+    axial = np.kron(np.eye(n), np.eye(d)[:1])  # (n, n·d) picks the normal forces
+    rows: list[Array] = []
+    right: list[Array] = []
+    slacks: list[Array] = []
+    if limits.total is not None:
+        rows, right, slacks = (
+            [axial.sum(axis=0, keepdims=True)],
+            [np.array([limits.total / unit])],
+            [np.eye(1)],
+        )
+    if limits.each is not None:
+        rows.append(axial)
+        right.append(np.full(n, limits.each / unit))
+        slacks.append(np.eye(n))
+    if limits.jacobian is not None and limits.torque is not None:
+        if len(limits.jacobian) != n:
+            raise InputError(f"the contact Jacobian is of {len(limits.jacobian)} contacts, the grasp has {n}")
+        share = _joint_torques(contacts, limits.jacobian) * (unit / limits.torque[:, None])
+        # A joint that no contact loads needs no equation.
+        share = share[np.abs(share).max(axis=1) > 0.0]
+        rows += [share, -share]
+        right.append(np.ones(2 * len(share)))
+        slacks.append(np.eye(2 * len(share)))
+    extra = sum(len(s) for s in slacks)
+    equations = np.zeros((6 + extra, n * d + extra))
+    equations[:6, : n * d] = cone_matrix(contacts)
+    equations[6:, : n * d] = np.concatenate(rows)
+    equations[6:, n * d :] = np.eye(extra)
+    return ForceProgram(
+        equations=equations, limits=np.concatenate(right), blocks=((n, d), (extra, 1)), unit=unit
+    )
+
+
+def _joint_torques(contacts: Contacts, jacobian: Array) -> Array:
+    """(j, n·d) joint torques [N·m] per unit of each cone coordinate."""
+    t1, t2 = tangents(contacts)
+    mu = contacts.mu[:, None]
+    forces = np.stack([contacts.normals_in, mu * t1, mu * t2], axis=2)  # (n, 3, 3)
+    linear = np.einsum("nkj,nkd->jnd", jacobian[:, :3], forces)
+    if contacts.dimension == 4:
+        # A Jacobian without its angular half cannot tell what the moment costs.
+        moment = np.zeros((jacobian.shape[2], contacts.count, 1))
+        if jacobian.shape[1] == 6:
+            axes = np.asarray(contacts.torsion)[:, None] * contacts.normals_in
+            moment = np.einsum("nkj,nk->jn", jacobian[:, 3:], axes)[..., None]
+        linear = np.concatenate([linear, moment], axis=2)
+    return linear.reshape(len(linear), -1)
+
+
+def reach(program: ForceProgram, directions: Array, base: Array) -> tuple[Array, Array, ConicSolution]:
+    """How far from ``base`` the producible wrenches go: the largest k with base + k·direction.
+
+    A wrench r that stays unproduced is allowed at a price, k - 100 |r|, so that every case has an answer; at
+    a held load it costs more than it gains unless the ray is within 0.6° of the boundary's surface.
+
+    Args:
+        program: the producible wrenches.
+        directions: (m, 6) unit wrenches; a row of zeros asks for base alone and answers -100 |r|.
+        base: (6,) wrench in newtons.
+
+    Returns:
+        (m,) k [N]; (m, 6) outward normals y of the boundary there, y·direction = 1; the solution.
+    """
+    m, size = len(directions), program.equations.shape[1]
+    A = np.zeros((m, len(program.equations), size + 1 + 7))
+    A[:, :, :size] = program.equations
+    A[:, :6, size] = -directions
+    A[:, :6, size + 2 :] = np.eye(6)
+    b = np.concatenate([base / program.unit, program.limits])
+    c = np.zeros((m, size + 8))
+    c[:, size] = np.where(directions.any(axis=1), -1.0, 1.0)
+    c[:, size + 1] = PENALTY
+    solution = solve(c, A, b, (*program.blocks, (1, 1), (1, 7)))
+    return -solution.objective * program.unit, solution.y[:, :6], solution

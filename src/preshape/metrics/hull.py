@@ -1,0 +1,106 @@
+"""Epsilon and volume of the grasp wrench space (Ferrari & Canny 1992; Miller & Allen 1999).
+
+L1: the hull of the contact wrenches with normal forces summing to one. L∞: the sum of the contacts' wrenches
+with each normal force at most one. Torques over ℓ.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..exceptions import InputError
+from ..types import Array
+from .closure import force_closure, reached
+from .contacts import Contacts, generators
+from .face_descent import lower as lower_face
+from .force_program import ForceLimits, force_program
+from .inscribe import inscribe
+from .results import Measure, Status
+from .wrench_space import WrenchSpace
+
+if TYPE_CHECKING:
+    from scipy.spatial import ConvexHull
+
+NORMS = ("L1", "Linf")
+_STARTS = 24
+
+
+def epsilon(contacts: Contacts, norm: str = "L1", *, edges: int = 8) -> Measure:
+    """The radius of the largest ball of wrenches about the origin that the grasp can produce.
+
+    epsilon = min over unit d of the height of the wrench space along d, which is in closed form with the
+    cones as they are (:mod:`.inscribe` searches the minimum).
+
+    Args:
+        contacts: the grasp.
+        norm: ``L1`` or ``Linf``.
+        edges: of the cut cones behind ``lower``; 0 leaves it out, which is quicker.
+
+    Returns:
+        epsilon, in units of one normal force, and the direction where the ball touches; 0 with
+        ``NOT_CLOSED`` and ``RANK_DEFICIENT``. ``lower``: the radius of the ball in the hull of cut
+        cones, below which the exact value of either norm cannot be.
+
+    Raises:
+        InputError: another norm, or edges that :func:`~preshape.metrics.generators` rejects.
+    """
+    if norm not in NORMS:
+        raise InputError(f"a norm is one of {', '.join(NORMS)}, got {norm!r}")
+    status = force_closure(contacts).status
+    if status is not Status.OK:
+        zero = 0.0 if status in (Status.NOT_CLOSED, Status.RANK_DEFICIENT) else None
+        return Measure(number=zero, status=status)
+    lower = None
+    if edges:
+        # The L∞ space holds the L1 space, so its ball is no smaller.
+        lower = max(float(-_hull(generators(contacts, edges).reshape(-1, 6)).equations[:, 6].max()), 0.0)
+    space = WrenchSpace(contacts, each=norm == "Linf")
+    fit = inscribe(space, np.zeros(6), np.eye(6)[0], math.pi, starts=_STARTS)
+    k, worst = fit.k, fit.wrench
+    if not fit.settled:
+        limits = ForceLimits(each=1.0) if space.each else ForceLimits(total=1.0)
+        program = force_program(contacts, limits)
+        one = np.array([k])
+        k, worst = lower_face(program, np.zeros(6), worst, math.pi, one, worst[None], fit.normal[None])
+    return Measure(number=max(k, 0.0), status=Status.OK, lower=lower, worst=worst)
+
+
+def volume(contacts: Contacts, *, edges: int = 8) -> Measure:
+    """Volume of the L1 wrench space with the origin, in (normal force)⁶, of cut cones.
+
+    The number is the hull of cones cut from the inside; ``lower`` is the same and ``upper`` that of cones cut
+    from the outside (friction over cos(π/edges); hard fingers only): the exact volume lies between.
+    A grasp that is not closed has a volume too: the origin is one of the hull's points.
+    """
+    if contacts.count == 0:
+        return Measure(number=None, status=Status.NO_CONTACTS)
+    inside = _volume(contacts, edges)
+    if inside is None:
+        return Measure(number=0.0, status=Status.RANK_DEFICIENT)
+    upper = None
+    if contacts.dimension == 3:
+        wider = Contacts(
+            positions=contacts.positions,
+            normals_in=contacts.normals_in,
+            friction=contacts.mu / math.cos(math.pi / edges),
+            reference=contacts.reference,
+            length=contacts.length,
+        )
+        upper = _volume(wider, edges)
+    return Measure(number=inside, status=Status.OK, lower=inside, upper=upper)
+
+
+def _volume(contacts: Contacts, edges: int) -> float | None:
+    points = np.concatenate([np.zeros((1, 6)), generators(contacts, edges).reshape(-1, 6)])
+    if reached(points.T) < 6:
+        return None
+    return float(_hull(points).volume)
+
+
+def _hull(points: Array) -> ConvexHull:
+    from scipy.spatial import ConvexHull
+
+    return ConvexHull(points)

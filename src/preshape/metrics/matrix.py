@@ -1,0 +1,33 @@
+"""Metrics of the grasp matrix alone: what the contacts reach, whatever their friction."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .closure import RANK_TOLERANCE
+from .contacts import Contacts, grasp_matrix
+from .results import Measure, Status
+
+
+def smallest_singular_value(contacts: Contacts) -> Measure:
+    """σ₆ of the grasp matrix (Li & Sastry 1988), dimensionless: 0 where some wrench is out of reach."""
+    return _of(contacts, isotropy=False)
+
+
+def isotropy(contacts: Contacts) -> Measure:
+    """σ₆/σ₁ of the grasp matrix (Kim, Oh & Yi 2001): 1 all wrenches equally easy, 0 one out of reach."""
+    return _of(contacts, isotropy=True)
+
+
+def _of(contacts: Contacts, *, isotropy: bool) -> Measure:
+    if contacts.count == 0:
+        return Measure(number=None, status=Status.NO_CONTACTS)
+    G = grasp_matrix(contacts)
+    # G Gᵀ is 6×6 whatever the number of contacts; the SVD of G keeps small values exact.
+    left, singular, _ = np.linalg.svd(G)
+    small = float(singular[5]) if len(singular) > 5 else 0.0
+    if small <= RANK_TOLERANCE * singular[0]:
+        return Measure(number=0.0, status=Status.RANK_DEFICIENT, worst=left[:, 5])
+    return Measure(
+        number=small / float(singular[0]) if isotropy else small, status=Status.OK, worst=left[:, 5]
+    )

@@ -1,0 +1,161 @@
+"""The wrenches that contacts can produce, known by their support: how far along a direction, and where.
+
+That alone gives distances and margins with the friction cones as they are: a hull of support points is
+projected on by non-negative least squares, and grows where the answer lies until it no longer matters.
+"""
+
+from __future__ import annotations
+
+import itertools
+from typing import NamedTuple
+
+import numpy as np
+
+from ..types import Array, BoolArray
+from .contacts import Contacts, cone_matrix, rim
+
+_FIVES = 500
+EXACT = 1e-10
+"""Distance, in units of the normal force, at which a hull of support points counts as the space itself."""
+CROWDED = 100
+"""Points of a hull beyond which those that do not matter are left out."""
+
+
+class Hull(NamedTuple):
+    """Some wrenches of a space and the forces that make them.
+
+    Attributes:
+        points: (k, 6).
+        forces: (k, n, d) cone coordinates of every contact.
+    """
+
+    points: Array
+    forces: Array
+
+    def grown(self, more: Hull) -> Hull:
+        """With more points at the end."""
+        return Hull(np.concatenate([self.points, more.points]), np.concatenate([self.forces, more.forces]))
+
+    def kept(self, which: BoolArray) -> Hull:
+        """Some of the points."""
+        return Hull(self.points[which], self.forces[which])
+
+
+class WrenchSpace:
+    """All wrenches with normal forces that sum to at most one (L1), or are each at most one (L∞).
+
+    Args:
+        contacts: the grasp.
+        each: the L∞ bound instead of the L1 bound.
+        full: the normal forces sum to one exactly (L1 only).
+    """
+
+    def __init__(self, contacts: Contacts, *, each: bool = False, full: bool = False) -> None:
+        self.each, self.full = each, full
+        n, d = contacts.count, contacts.dimension
+        G = cone_matrix(contacts)
+        self._columns, self._shape = np.ascontiguousarray(G.T), (n, d)
+        self.by_contact = self._columns.reshape(n, d, 6)
+        ring, self._coarse = rim(contacts, 8, halves=False), rim(contacts, 4, halves=False)
+        cut = np.einsum("ij,ed->iejd", np.eye(n), ring).reshape(-1, n, d)
+        self.hull = self._hull(cut if full else np.concatenate([np.zeros((1, n, d)), cut]))
+
+    def _hull(self, forces: Array) -> Hull:
+        return Hull(forces.reshape(len(forces), -1) @ self._columns, forces)
+
+    def faces(self) -> Array:
+        """(m, 6) outward normals of faces of the space with cones cut into four edges.
+
+        L1: all of them, none where the space has no volume. L∞: those and the directions square to five of
+        the contacts' unit wrenches, as faces of a sum of flat pieces are (500 of them at most).
+        """
+        from scipy.spatial import ConvexHull, QhullError
+
+        cut = np.einsum("ndk,ed->nek", self.by_contact, self._coarse).reshape(-1, 6)
+        try:
+            normals = ConvexHull(np.concatenate([np.zeros((1, 6)), cut])).equations[:, :6]
+        except QhullError:
+            return np.zeros((0, 6))
+        if not self.each:
+            return normals
+        fives = np.array(list(itertools.combinations(range(len(self._columns)), 5)))
+        if len(fives) > _FIVES:
+            fives = fives[np.random.default_rng(0).choice(len(fives), _FIVES, replace=False)]
+        _, singular, right = np.linalg.svd(self._columns[fives])
+        square = right[singular[:, 4] > 1e-6 * singular[:, 0], 5]
+        return np.concatenate([normals, square, -square])
+
+    def heights(self, directions: Array) -> Array:
+        """(m,) the support of (m, 6) directions: the largest d·w over the space."""
+        local = (directions @ self._columns.T).reshape(-1, *self._shape)
+        each = local[..., 0] + np.sqrt((local[..., 1:] ** 2).sum(axis=-1))
+        if self.each:
+            return np.maximum(each, 0.0).sum(axis=1)
+        highest = each.max(axis=1)
+        return highest if self.full else np.maximum(highest, 0.0)
+
+    def support(self, direction: Array) -> tuple[float, Hull]:
+        """The support of one direction, and wrenches of the space that go far along it."""
+        n, d = self._shape
+        local = (self._columns @ direction).reshape(n, d)
+        rim = local.copy()
+        rim[:, 0] = 0.0
+        size = np.sqrt((rim * rim).sum(axis=1))
+        each = local[:, 0] + size
+        rim /= np.where(size > 0.0, size, 1.0)[:, None]
+        rim[:, 0] = 1.0
+        alone = np.zeros((n, n, d))
+        alone[np.arange(n), np.arange(n)] = rim
+        if not self.each:
+            highest = float(each.max())
+            return highest if self.full else max(highest, 0.0), self._hull(alone)
+        on = each > 0.0
+        best = np.where(on[:, None], rim, 0.0)
+        # One contact more or less gives the neighbouring corners.
+        corners = best + np.where(on, -1.0, 1.0)[:, None, None] * alone
+        return float(each[on].sum()), self._hull(np.concatenate([best[None], corners, alone]))
+
+
+def project(hull: Array, point: Array) -> tuple[Array, Array]:
+    """From the nearest point of a hull to the given point.
+
+    The point of least norm of a hull of columns q is Q a / Σ a with a ≥ 0 the least-squares solution of
+    [Q; 1] a = [0; 1] (Lawson & Hanson's least-distance programming).
+
+    Args:
+        hull: (k, 6) points.
+        point: (6,).
+
+    Returns:
+        (6,) point minus nearest, and (k,) weights of the hull's points in the nearest.
+    """
+    from scipy.optimize import nnls
+
+    system = np.ones((7, len(hull)))
+    system[:6] = (hull - point).T
+    weights, _ = nnls(system, _LAST, maxiter=100 * len(hull))
+    weights = weights / weights.sum()
+    return -(system[:6] @ weights), weights
+
+
+_LAST = np.append(np.zeros(6), 1.0)
+
+
+def hardest(axis: Array, half_angle: float, normals: Array) -> tuple[Array, Array]:
+    """Of the unit wrenches within ``half_angle`` of ``axis`` those that go farthest along each normal.
+
+    Args:
+        axis: (6,) unit.
+        half_angle: [rad], up to π: all unit wrenches.
+        normals: (m, 6).
+
+    Returns:
+        (m,) how far, and (m, 6) those wrenches.
+    """
+    along = normals @ axis
+    across = normals - along[:, None] * axis
+    width = np.sqrt((across * across).sum(axis=1))
+    angle = np.minimum(half_angle, np.arctan2(width, along))
+    cosine, sine = np.cos(angle), np.sin(angle)
+    wrench = cosine[:, None] * axis + (sine / np.where(width > 0.0, width, 1.0))[:, None] * across
+    return cosine * along + sine * width, wrench

@@ -1,0 +1,326 @@
+"""Grasps as arrays: the input of the physics tests.
+
+Two formats are read:
+
+- our plan JSON, one plan or a list of plans: every answer, the alternatives too;
+- ``.npz`` without pickle, one row a grasp:
+
+  ===========  ===========  ==================================================================
+  array        shape        content
+  ===========  ===========  ==================================================================
+  object       (n,) text    name of the object
+  scale        (n,)         factor on its size
+  obj_pose     (n, 7)       object in the world: x y z [m], quaternion w x y z
+  pregrasp     (n, 7 + j)   hand's root in the world, as obj_pose, then j joint angles [rad]
+  grasp        (n, 7 + j)
+  squeeze      (n, 7 + j)
+  joints       (j,) text    optional: joint names; default the hand's order
+  frame        text         optional: ``root`` (default) or ``palm``, what the hand's pose is of
+  hand         text         optional: name of the hand
+  ===========  ===========  ==================================================================
+
+A grasp that cannot be tested (not finite, a quaternion of no direction, a bad scale) is a *fault* of its row:
+the others are tested all the same.
+"""
+
+from __future__ import annotations
+
+import json
+import zipfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .. import spatial
+from ..exceptions import EnvironmentFailure, InputError, PreshapeError
+from ..types import Array, freeze, value
+from .hand import PhysicsHand
+
+STAGES = ("pregrasp", "grasp", "squeeze")
+FRAMES = ("root", "palm")
+
+
+@value
+class Fault:
+    """Why one grasp cannot be tested.
+
+    Attributes:
+        row: of the grasp.
+        reason: one sentence, without the row.
+    """
+
+    row: int
+    reason: str
+
+
+@value
+class GraspSet:
+    """Grasps of one hand on any objects.
+
+    Attributes:
+        hand: name of the hand, empty where it is not known.
+        joints: names in the order of the angles; empty for the hand's own order.
+        objects: (n,) names.
+        scale: (n,) factor on each object's size.
+        object_pose: (n, 7) in the world; quaternions are normalised.
+        pregrasp: (n, 7 + j) hand pose in the world, and angles.
+        grasp: (n, 7 + j).
+        squeeze: (n, 7 + j).
+        frame: what the hand poses are of, ``root`` or ``palm``.
+        faults: rows that cannot be tested; their numbers are zero.
+
+    Raises:
+        InputError: an array of the wrong shape; the message names it.
+    """
+
+    hand: str
+    joints: tuple[str, ...]
+    objects: tuple[str, ...]
+    scale: Array
+    object_pose: Array
+    pregrasp: Array
+    grasp: Array
+    squeeze: Array
+    frame: str = "root"
+    faults: tuple[Fault, ...] = ()
+
+    def __post_init__(self) -> None:
+        if self.frame not in FRAMES:
+            raise InputError(f"no frame {self.frame!r}; known: {', '.join(FRAMES)}")
+        count = len(self.objects)
+        width = np.shape(self.grasp)[1] if np.ndim(self.grasp) == 2 else 7 + len(self.joints)
+        if self.joints:
+            width = 7 + len(self.joints)
+        arrays = {"scale": _array(self.scale, "scale", (count,))}
+        arrays["object_pose"] = _array(self.object_pose, "obj_pose", (count, 7))
+        for stage in STAGES:
+            arrays[stage] = _array(getattr(self, stage), stage, (count, max(7, width)))
+        faults = {fault.row: fault.reason for fault in self.faults}
+        for row in range(count):
+            reason = _fault({name: array[row] for name, array in arrays.items()})
+            if reason:
+                faults.setdefault(row, reason)
+        for name, array in arrays.items():
+            array[list(faults)] = 0.0
+            if array.ndim == 2:
+                norm = np.linalg.norm(array[:, 3:7], axis=1, keepdims=True)
+                array[:, 3:7] /= np.where(norm > 0, norm, 1.0)
+            array.setflags(write=False)
+            freeze(self, **{name: array})
+        listed = tuple(Fault(row=row, reason=faults[row]) for row in sorted(faults))
+        freeze(self, faults=listed, objects=tuple(str(name) for name in self.objects))
+
+    def __len__(self) -> int:
+        return len(self.objects)
+
+    def for_hand(self, hand: PhysicsHand) -> GraspSet:
+        """The same grasps as root poses and in the joint order of ``hand``.
+
+        Raises:
+            InputError: other joints than the hand has.
+        """
+        width = self.grasp.shape[1] - 7
+        if self.joints and set(self.joints) != set(hand.joints):
+            raise InputError(
+                f"the grasps are for the joints {', '.join(self.joints)}; "
+                f"the hand {hand.name} has {', '.join(hand.joints)}"
+            )
+        if width != len(hand.joints):
+            raise InputError(
+                f"pregrasp, grasp and squeeze must be n×{7 + len(hand.joints)} for the hand {hand.name} "
+                f"(7 + {len(hand.joints)} joints), got n×{7 + width}"
+            )
+        order = [self.joints.index(j) for j in hand.joints] if self.joints else list(range(width))
+        T_palm_root = spatial.inverse(hand.T_root_palm)
+        stages = {}
+        for stage in STAGES:
+            whole = np.array(getattr(self, stage))
+            angles = whole[:, 7:][:, order]
+            seven = whole[:, :7]
+            if self.frame == "palm":
+                sound = np.linalg.norm(seven[:, 3:7], axis=1) > 0
+                T = spatial.pose_from_seven(seven[sound]) @ T_palm_root
+                seven[sound] = spatial.seven_from_pose(T)
+            stages[stage] = np.concatenate([seven, angles], axis=1)
+        return GraspSet(
+            hand=hand.name,
+            joints=hand.joints,
+            objects=self.objects,
+            scale=self.scale,
+            object_pose=self.object_pose,
+            frame="root",
+            faults=self.faults,
+            **stages,
+        )
+
+
+def read_grasps(path: str | Path) -> GraspSet:
+    """Read grasps from a plan JSON or an npz.
+
+    Raises:
+        InputError: not such a file; an array is missing or has the wrong shape.
+        EnvironmentFailure: the file cannot be read.
+    """
+    path = Path(path)
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        raise EnvironmentFailure(f"cannot read {path}: {error.strerror}") from error
+    if content[:2] == b"PK":
+        return _read_npz(path)
+    try:
+        document = json.loads(content)
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"{path}: neither an npz of grasps nor a plan in JSON") from error
+    return grasps_from_plans(document if isinstance(document, list) else [document], str(path))
+
+
+def write_grasps(path: str | Path, grasps: GraspSet) -> None:
+    """Write grasps as npz (see the module), whole or not at all.
+
+    Raises:
+        EnvironmentFailure: the file cannot be written.
+    """
+    from ..io import write_whole
+
+    arrays: dict[str, Any] = {
+        "object": np.array(grasps.objects, dtype=np.str_),
+        "scale": grasps.scale,
+        "obj_pose": grasps.object_pose,
+        **{stage: getattr(grasps, stage) for stage in STAGES},
+        "frame": np.array(grasps.frame),
+        "hand": np.array(grasps.hand),
+    }
+    if grasps.joints:
+        arrays["joints"] = np.array(grasps.joints, dtype=np.str_)
+
+    def write(target: Path) -> None:
+        with target.open("wb") as stream:
+            np.savez_compressed(stream, **arrays)
+
+    write_whole(Path(path), write)
+
+
+def grasps_from_plans(documents: list[Any], name: str) -> GraspSet:
+    """The grasps in plans (see ``preshape/schema/plan.schema.json``), object at the origin of the world.
+
+    A plan whose hand did not reach is a fault of its row.
+
+    Args:
+        documents: parsed plans.
+        name: where they come from, for messages.
+
+    Raises:
+        InputError: not a plan, plans for different hands, or no answer in any of them.
+    """
+    rows: list[dict[str, Any]] = []
+    hands: list[tuple[str, tuple[str, ...]]] = []
+    faults: list[Fault] = []
+    for index, document in enumerate(documents):
+        try:
+            thing, answers = document["object"], [document, *document.get("alternatives", [])]
+            source, extent = str(thing["source"]), float(max(thing["extents"]))
+            scale = extent / _extent(source)
+            for answer in answers:
+                hand = answer["hand"]
+                hands.append((str(hand["name"]), tuple(hand["joints"])))
+                row = {"object": source, "scale": scale}
+                for stage in STAGES:
+                    pose = hand[stage]
+                    if pose is None:
+                        nothing = [0.0, 0, 0, 1, 0, 0, 0] + [0.0] * len(hand["joints"])
+                        row[stage] = nothing
+                        why = f"the plan has no {stage}: {hand.get('reason') or document.get('reason')}"
+                        if not faults or faults[-1].row != len(rows):
+                            faults.append(Fault(row=len(rows), reason=why))
+                    else:
+                        row[stage] = [*pose["palm_pose"], *pose["q"]]
+                rows.append(row)
+        except (KeyError, TypeError, ValueError, AttributeError) as error:
+            raise InputError(
+                f"{name}: plan {index} is not a plan of this program ({type(error).__name__}: {error})"
+            ) from error
+    if not rows:
+        raise InputError(f"{name}: no plan in it")
+    if len(set(hands)) > 1:
+        names = ", ".join(sorted({hand for hand, _ in hands}))
+        raise InputError(f"{name}: plans for different hands ({names}); give the plans of one hand")
+    return GraspSet(
+        hand=hands[0][0],
+        joints=hands[0][1],
+        objects=tuple(row["object"] for row in rows),
+        scale=np.array([row["scale"] for row in rows]),
+        object_pose=np.tile([0.0, 0, 0, 1, 0, 0, 0], (len(rows), 1)),
+        frame="palm",
+        faults=tuple(faults),
+        **{stage: _ragged([row[stage] for row in rows], stage) for stage in STAGES},
+    )
+
+
+def _extent(source: str) -> float:
+    """The largest extent of the object as its file or the library has it [m]."""
+    from ..objects.load import load_object
+
+    try:
+        return float(load_object(source).extents.max())
+    except PreshapeError:
+        return 1.0  # the runner will say that the object is not there
+
+
+def _read_npz(path: Path) -> GraspSet:
+    try:
+        with np.load(path, allow_pickle=False) as stored:
+            arrays = {name: stored[name] for name in stored.files}
+    except (ValueError, OSError, EOFError, zipfile.BadZipFile) as error:
+        raise InputError(f"{path}: not an npz without pickle, or a damaged one ({error})") from error
+    missing = [name for name in ("object", "scale", "obj_pose", *STAGES) if name not in arrays]
+    if missing:
+        raise InputError(f"{path}: missing arrays {', '.join(missing)}; it has {', '.join(sorted(arrays))}")
+    names = arrays["object"]
+    if names.ndim != 1 or names.dtype.kind not in "US":
+        raise InputError(f"{path}: object must be n names as text, got {names.dtype} of shape {names.shape}")
+    return GraspSet(
+        hand=str(arrays.get("hand", "")),
+        joints=tuple(str(joint) for joint in arrays.get("joints", ())),
+        objects=tuple(name.decode() if isinstance(name, bytes) else str(name) for name in names),
+        scale=arrays["scale"],
+        object_pose=arrays["obj_pose"],
+        pregrasp=arrays["pregrasp"],
+        grasp=arrays["grasp"],
+        squeeze=arrays["squeeze"],
+        frame=str(arrays.get("frame", "root")),
+    )
+
+
+def _ragged(rows: list[list[float]], name: str) -> Array:
+    try:
+        return np.array(rows, dtype=np.float64)
+    except ValueError as error:
+        raise InputError(f"{name}: the plans have different numbers of joint angles") from error
+
+
+def _array(data: Any, name: str, shape: tuple[int, ...]) -> Array:
+    """A float64 copy, which may hold numbers that are not finite."""
+    try:
+        array = np.array(data, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{name} must be numbers, got {data!r:.80}") from error
+    if array.shape != shape:
+        wanted, got = ("×".join(map(str, s)) or "a single number" for s in (shape, array.shape))
+        raise InputError(f"{name} must be {wanted} numbers, got {got}")
+    return array
+
+
+def _fault(row: dict[str, Array]) -> str:
+    """Why a row cannot be tested; empty where it can."""
+    for name, numbers in row.items():
+        shown = "obj_pose" if name == "object_pose" else name
+        if not np.isfinite(numbers).all():
+            return f"{shown} is not finite"
+        if name == "scale":
+            if not numbers > 0:
+                return f"scale must be positive, got {float(numbers):g}"
+        elif abs(float(np.linalg.norm(numbers[3:7])) - 1.0) > 0.01:
+            return f"{shown}: the quaternion's length is {np.linalg.norm(numbers[3:7]):.3g}, not 1"
+    return ""

@@ -1,0 +1,158 @@
+"""The holding test's numbers in one place, and the probes that push and twist the object.
+
+The default is the field's six-direction test, as DexGraspBench runs it; the harder variants are ours [C]:
+friction 0.3, 28 probes, the strength ladder, and errors of pose and size.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ..exceptions import InputError
+from ..types import Array, freeze, frozen_array, value
+
+PROBE_SETS = ("six", "all")
+"""``six``: forces along ±x ±y ±z. ``all``: 14 forces and 14 torques, ±axes and the 8 diagonals [C]."""
+
+
+@value
+class Probe:
+    """One load on the object, constant while it acts.
+
+    Attributes:
+        name: ``force +x``, ``torque +x-y+z`` …, in the world's axes.
+        wrench: (6,) force [N] and torque [N m] about the centre of mass, world axes, for strength 1.
+    """
+
+    name: str
+    wrench: Array
+
+    def __post_init__(self) -> None:
+        freeze(self, wrench=frozen_array(self.wrench, (6,), "probe wrench"))
+
+
+@value
+class Protocol:
+    """Everything that decides a holding test, lengths in metres.
+
+    Attributes:
+        mass: of the object [kg].
+        friction: sliding, of every geom.
+        torsion: torsional friction [m], of every geom (condim 4).
+        gain: of the position actuators [N m/rad].
+        torque_limits: whether the actuators keep the torque limits of the hand's model; the field's test
+            lifts them.
+        many_contacts: whether two flat faces touch at several points (MuJoCo's multiccd, on by default since
+            version 4). The field's test was made without; with it a grasp costs twice the time.
+        timestep: [s].
+        stages: interpolation steps from pregrasp to grasp, and from grasp to squeeze.
+        stage_steps: simulation steps of each.
+        checks: how often the object is looked at while a load acts.
+        check_steps: simulation steps between two looks.
+        acceleration: load over mass [m/s²]: a force of ``acceleration * mass``.
+        lever: torque of a torque probe over the force of a force probe [m].
+        displacement_limit: a grasp fails where the object's frame has moved this far [m].
+        rotation_limit: … or turned this far [rad].
+        penetration_limit: the pregrasp may not cut deeper into object or hand [m].
+        contact_distance: a link touches where it is nearer than this [m].
+        clean_penetration: a grasp is clean where it cuts into the object less than this [m].
+        probes: one of ``PROBE_SETS``.
+        ladder: whether the strength ladder is climbed: all probes again at ``ladder_factor`` times the
+            strength, until one fails.
+        ladder_factor: from rung to rung.
+        ladder_rungs: highest rung.
+        position_error: the object stands this far from where it should [m], in a random direction.
+        turn_error: … and is turned by this much [rad], about a random axis.
+        size_error: share by which the object is larger or smaller.
+        seed: of those errors.
+        stop_early: whether the first probe that fails ends the test; the verdict is the same.
+    """
+
+    mass: float = 0.1
+    friction: float = 0.6
+    torsion: float = 0.02
+    gain: float = 5.0
+    torque_limits: bool = False
+    many_contacts: bool = False
+    timestep: float = 0.004
+    stages: int = 10
+    stage_steps: int = 10
+    checks: int = 10
+    check_steps: int = 50
+    acceleration: float = 10.0
+    lever: float = 0.05
+    displacement_limit: float = 0.05
+    rotation_limit: float = math.radians(15.0)
+    penetration_limit: float = 0.01
+    contact_distance: float = 0.002
+    clean_penetration: float = 0.001
+    probes: str = "six"
+    ladder: bool = False
+    ladder_factor: float = 1.4
+    ladder_rungs: int = 12
+    position_error: float = 0.0
+    turn_error: float = 0.0
+    size_error: float = 0.0
+    seed: int = 0
+    stop_early: bool = False
+
+    def __post_init__(self) -> None:
+        above = ("mass", "gain", "timestep", "acceleration", "lever", "displacement_limit", "rotation_limit")
+        for name in above:
+            _number(name, getattr(self, name), least=0.0, open_end=True)
+        rest = ("friction", "torsion", "penetration_limit", "contact_distance", "clean_penetration")
+        for name in (*rest, "position_error", "turn_error", "size_error"):
+            _number(name, getattr(self, name), least=0.0)
+        for name in ("stages", "stage_steps", "checks", "check_steps", "ladder_rungs"):
+            if getattr(self, name) < 1:
+                raise InputError(f"{name} must be 1 or more, got {getattr(self, name)!r}")
+        if self.seed < 0:
+            raise InputError(f"seed must be 0 or more, got {self.seed!r}")
+        _number("ladder_factor", self.ladder_factor, least=1.0, open_end=True)
+        if self.size_error >= 0.5:
+            raise InputError(f"size_error must be a share under 0.5, got {self.size_error!r}")
+        if self.probes not in PROBE_SETS:
+            raise InputError(f"no probe set {self.probes!r}; known: {', '.join(PROBE_SETS)}")
+
+    def loads(self) -> tuple[Probe, ...]:
+        """The probes of this protocol, for strength 1."""
+        return probes(self.probes, self.acceleration * self.mass, self.lever)
+
+
+def probes(kind: str, force: float, lever: float) -> tuple[Probe, ...]:
+    """The loads of a probe set.
+
+    Args:
+        kind: one of ``PROBE_SETS``.
+        force: [N].
+        lever: torque over force [m].
+
+    >>> [probe.name for probe in probes("six", 1.0, 0.05)][:2], len(probes("all", 1.0, 0.05))
+    (['force +x', 'force +y'], 28)
+    """
+    axes = np.concatenate([np.eye(3), -np.eye(3)])
+    if kind == "six":
+        return tuple(_force(axis, force) for axis in axes)
+    corners = np.array([[x, y, z] for x in (1, -1) for y in (1, -1) for z in (1, -1)]) / math.sqrt(3.0)
+    directions = np.concatenate([axes, corners])
+    torques = tuple(
+        Probe(name=f"torque {_name(d)}", wrench=[0.0, 0.0, 0.0, *(force * lever * d)])  # type: ignore[arg-type]
+        for d in directions
+    )
+    return tuple(_force(direction, force) for direction in directions) + torques
+
+
+def _force(direction: Array, force: float) -> Probe:
+    return Probe(name=f"force {_name(direction)}", wrench=[*(force * direction), 0.0, 0.0, 0.0])  # type: ignore[arg-type]
+
+
+def _name(direction: Array) -> str:
+    return "".join(f"{'-' if d < 0 else '+'}{a}" for a, d in zip("xyz", direction, strict=True) if d)
+
+
+def _number(name: str, number: float, *, least: float, open_end: bool = False) -> None:
+    bad = not math.isfinite(number) or number < least or (open_end and number == least)
+    if bad:
+        raise InputError(f"{name} must be {'above' if open_end else 'at least'} {least:g}, got {number!r}")

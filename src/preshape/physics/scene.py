@@ -1,0 +1,215 @@
+"""The scene of a grasp test: hand and object floating in an empty world, as one compiled MuJoCo model.
+
+Settings follow the field's test: implicitfast, elliptic cone, impratio 10, two no-slip iterations, no
+gravity, condim 4; the hand's geoms are stiff (solimp 0.5 0.99 0.0001, solref 0.005 1), the object's are
+MuJoCo's default; the hand's root is free and welded to a mocap body, which the poses move.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ..exceptions import HandError, InputError, ObjectError
+from ..types import Array, IntArray, value
+from .hand import PhysicsHand
+from .pieces import ConvexPieces
+from .protocol import Protocol
+
+PREFIX = "hand/"
+WORLD, OBJECT, PALM = -2, -1, 0
+"""Values of ``Scene.part_of_body``; fingers count from 1."""
+
+
+@value
+class Scene:
+    """A compiled scene and where things stand in it. Read-only: one scene serves many grasps.
+
+    Attributes:
+        model: the ``mujoco.MjModel``.
+        hand: name of the hand.
+        joints: joint names in the order of the angles.
+        joint_address: (j,) where each angle stands in ``qpos``.
+        root_address: where the hand root's seven numbers begin in ``qpos``.
+        object_address: the same of the object.
+        object_body: body id.
+        controls: (actuators, j) what the actuators are told is this matrix times the angles.
+        part_of_body: (bodies,) ``OBJECT``, ``PALM`` for what moves with the root, or the finger's number.
+        body_names: name of each body, without the prefix.
+        mass: of the object [kg].
+        friction: the object's sliding friction.
+    """
+
+    model: Any
+    hand: str
+    joints: tuple[str, ...]
+    joint_address: IntArray
+    root_address: int
+    object_address: int
+    object_body: int
+    controls: Array
+    part_of_body: IntArray
+    body_names: tuple[str, ...]
+    mass: float
+    friction: float
+
+    @property
+    def fingers(self) -> int:
+        """How many fingers the hand has."""
+        return max(0, int(self.part_of_body.max()))
+
+
+def build_scene(hand: PhysicsHand | None, pieces: ConvexPieces, scale: float, protocol: Protocol) -> Scene:
+    """Compile the scene for one hand and one object at one size.
+
+    Args:
+        hand: ``None`` leaves the object alone in the world.
+        pieces: the object.
+        scale: factor on its size.
+        protocol: friction, mass, gains.
+
+    Raises:
+        InputError: the scale is not positive.
+        HandError: MuJoCo refuses the hand, or a joint has no actuator.
+        ObjectError: MuJoCo refuses the object.
+    """
+    import mujoco
+
+    if not (np.isfinite(scale) and scale > 0):
+        raise InputError(f"{pieces.name}: scale must be a positive number, got {scale!r}")
+    spec = mujoco.MjSpec()
+    if hand is not None:
+        _add_hand(spec, hand, protocol)
+    _add_object(spec, pieces, float(scale), protocol)
+    for geom in spec.geoms:
+        geom.condim = 4
+        geom.friction[:2] = protocol.friction, protocol.torsion
+    _set_options(spec.option, protocol)  # after attaching: the child's never count
+    try:
+        model = spec.compile()
+    except ValueError as error:
+        wrong = HandError if hand is not None and hand.name in str(error) else ObjectError
+        who = hand.name if hand is not None else "no hand"
+        raise wrong(f"MuJoCo refuses {pieces.name} with {who}: {error}") from error
+    return _describe(model, hand, protocol)
+
+
+def _set_options(option: Any, protocol: Protocol) -> None:
+    import mujoco
+
+    option.timestep = protocol.timestep
+    option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+    option.impratio = 10
+    option.noslip_iterations = 2
+    option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_GRAVITY)
+    if not protocol.many_contacts:
+        option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_MULTICCD)
+    # MuJoCo 4.0.0 has a wrong Hessian with sparse constraint Jacobians; dense is right in every version.
+    option.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
+
+
+def _add_hand(spec: Any, hand: PhysicsHand, protocol: Protocol) -> None:
+    import mujoco
+
+    child = hand.spec()
+    for option in (spec.option, child.option):  # alike, or attaching prints a warning
+        _set_options(option, protocol)
+    for actuator in child.actuators:
+        actuator.gainprm[0] = protocol.gain
+        actuator.biasprm[1] = -protocol.gain
+        if not protocol.torque_limits:
+            actuator.forcelimited = False
+    for geom in child.geoms:
+        geom.solimp[:3] = 0.5, 0.99, 0.0001
+        geom.solref[:2] = 0.005, 1
+    assets = dict(hand.assets)
+    root = spec.worldbody.add_frame().attach_body(child.body(hand.root), PREFIX, "")
+    spec.assets = {**spec.assets, **assets}
+    root.pos, root.quat = [0, 0, 0], [1, 0, 0, 0]
+    root.add_freejoint(name="root")
+    spec.worldbody.add_body(name="mocap", mocap=True)
+    weld = spec.add_equality(
+        type=mujoco.mjtEq.mjEQ_WELD, objtype=mujoco.mjtObj.mjOBJ_BODY, name1="mocap", name2=root.name
+    )
+    weld.solimp = [0.9, 0.95, 0.001, 0.5, 2]
+    weld.data[:11] = 0, 0, 0, 0, 0, 0, 1, 0, 0, 0, 1  # anchor, relative pose, torque scale
+
+
+def _add_object(spec: Any, pieces: ConvexPieces, scale: float, protocol: Protocol) -> None:
+    import mujoco
+
+    body = spec.worldbody.add_body(name="object")
+    body.add_freejoint(name="object")
+    density = protocol.mass / (pieces.volume * scale**3)
+    for index, vertices in enumerate(pieces.pieces):
+        mesh = spec.add_mesh(name=f"piece_{index}", uservert=(vertices * scale).ravel())
+        mesh.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_CONVEX
+        body.add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname=mesh.name, density=density)
+
+
+def _describe(model: Any, hand: PhysicsHand | None, protocol: Protocol) -> Scene:
+    import mujoco
+
+    names = tuple(model.body(index).name.removeprefix(PREFIX) for index in range(model.nbody))
+    body = model.body("object").id
+    joints = hand.joints if hand is not None else ()
+    addresses = np.array([int(model.joint(PREFIX + joint).qposadr[0]) for joint in joints], dtype=np.int64)
+    speeds = np.array([int(model.joint(PREFIX + joint).dofadr[0]) for joint in joints], dtype=np.int64)
+    for joint in joints:
+        if int(model.joint(PREFIX + joint).type[0]) not in (
+            int(mujoco.mjtJoint.mjJNT_HINGE),
+            int(mujoco.mjtJoint.mjJNT_SLIDE),
+        ):
+            raise HandError(f"joint {joint!r} of the hand is neither a hinge nor a slide")
+    controls = _control_matrix(model)[:, speeds] if joints else np.zeros((0, 0))
+    for joint, column in zip(joints, controls.T, strict=True):
+        if not column.any():
+            raise HandError(f"joint {joint!r} has no actuator in the hand's MJCF; add a position actuator")
+    return Scene(
+        model=model,
+        hand=hand.name if hand is not None else "",
+        joints=joints,
+        joint_address=addresses,
+        root_address=int(model.joint("root").qposadr[0]) if hand is not None else -1,
+        object_address=int(model.joint("object").qposadr[0]),
+        object_body=int(body),
+        controls=controls,
+        part_of_body=_parts(model, int(body)),
+        body_names=names,
+        mass=float(model.body_mass[body]),
+        friction=protocol.friction,
+    )
+
+
+def _control_matrix(model: Any) -> Array:
+    """(actuators, degrees of freedom): how fast each actuator's length grows with each joint."""
+    import mujoco
+
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    dense = np.zeros((model.nu, model.nv))
+    for row in range(model.nu):
+        start, count = int(data.moment_rowadr[row]), int(data.moment_rownnz[row])
+        columns = np.asarray(data.moment_colind).ravel()[start : start + count]
+        dense[row, columns] = np.asarray(data.actuator_moment).ravel()[start : start + count]
+    return dense
+
+
+def _parts(model: Any, object_body: int) -> IntArray:
+    """The finger of each body: one for every first joint below the root, in the model's order."""
+    parts = np.full(model.nbody, WORLD, dtype=np.int64)
+    fingers = 0
+    for body in range(1, model.nbody):
+        parent = int(model.body_parentid[body])
+        if body == object_body:
+            parts[body] = OBJECT
+        elif parent == 0:
+            parts[body] = WORLD if model.body_mocapid[body] >= 0 else PALM
+        elif parts[parent] == PALM and model.body_jntnum[body] > 0:
+            fingers += 1
+            parts[body] = fingers
+        else:
+            parts[body] = parts[parent]
+    return parts
