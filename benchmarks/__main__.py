@@ -12,7 +12,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
-MODULES = ("bench_explorer", "bench_modes", "bench_training", "bench_learning", "bench_load")
+MODULES = ("bench_explorer", "bench_modes", "bench_training", "bench_learning", "bench_load", "bench_physics")
 
 
 def main(wanted: list[str]) -> int:

@@ -17,10 +17,10 @@ ROOT = Path(preshape.__file__).parent
 
 LEVELS = {
     0: "exceptions spatial types fuzzy _version",
-    1: "objects tasks planes wrench kernels hands",
+    1: "objects tasks planes wrench kernels hands metrics",
     2: "analyser estimator training virtual_grasp hand_simulation critic",
     3: "memory learning decision controller",
-    4: "planner experiments io pictures viewer cli __init__ __main__",
+    4: "planner physics experiments io pictures viewer cli __init__ __main__",
 }
 LEVEL = {unit: level for level, units in LEVELS.items() for unit in units.split()}
 STAGES = {"virtual_grasp", "estimator", "critic", "hand_simulation"}

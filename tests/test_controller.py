@@ -544,7 +544,7 @@ def test_what_stands_in_the_way_does_not_become_what_is_known(fresh):
     with Memory.open(fresh) as memory, Memory.open(":memory:") as free:
         before = memory.count()
         restricted = ask(Controller(memory, LAYOUT), prepared("bottle"), "lift", approaches="-x")
-        taught = ask(Controller(free, LAYOUT), prepared("bottle"), "lift")
+        taught = Controller(free, LAYOUT).teach(prepared("bottle"), parse_task("lift"))
         new, unhindered = memory.experiences()[before:], free.experiences()[before:]
         again = ask(Controller(memory, LAYOUT), prepared("bottle"), "lift")
     assert restricted.status is Status.DEADLOCK

@@ -18,7 +18,7 @@ SIDE = 420
 
 @click.group(
     invoke_without_command=True,
-    epilog="Example: preshape hands --out pictures, or preshape hands check my_hand.toml --out pictures",
+    epilog="Example: preshape hands check my_hand.toml --out pictures",
 )
 @click.option("--out", metavar="DIR", help="Also draw every hand open, half closed and closed there.")
 @json_option

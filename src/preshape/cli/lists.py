@@ -1,4 +1,4 @@
-"""``preshape objects``, ``tasks`` and ``hands``: what there is."""
+"""``preshape objects`` and ``tasks``: what there is."""
 
 from __future__ import annotations
 
@@ -81,49 +81,6 @@ def tasks(as_json: bool) -> None:
         q = "".join(f"{x:<5.2g}" for x in row["q"][:3]) + " " + "".join(f"{x:<5.2g}" for x in row["q"][3:])
         table.add_row(f"{row['name']}[dim]:{row['axis']}[/]", q, row["means"])
     _print(table)
-
-
-@click.command(epilog="Example: preshape hands")
-@json_option
-def hands(as_json: bool) -> None:
-    """List the hands with their sizes, source and licence."""
-    from ..hands.model import hand_names, load_hand
-
-    rows: list[dict[str, Any]] = []
-    for name in hand_names():
-        hand = load_hand(name)
-        rows.append(
-            {
-                "name": name,
-                "title": hand.title,
-                "fingers": [finger.name for finger in hand.fingers],
-                "joints": len(hand.joints),
-                "U": hand.u,
-                "largest_object": 4 * hand.u,
-                "fingertip_radius": hand.fingers[0].tip_radius,
-                "licence": hand.licence,
-                "source": hand.source,
-            }
-        )
-    if as_json:
-        from .main import emit
-
-        emit({"status": "answer", "hands": rows})
-        return
-    from rich.table import Table
-
-    for row in rows:
-        table = Table.grid(padding=(0, 2))
-        table.add_column(style="dim", no_wrap=True)
-        table.add_column()
-        table.add_row("[bold default]" + row["name"] + "[/]", row["title"])
-        table.add_row("fingers", ", ".join(row["fingers"]) + f"; {row['joints']} joints")
-        table.add_row("U", f"{1000 * row['U']:.0f} mm, the middle finger's proximal phalanx")
-        table.add_row("objects", f"up to {1000 * row['largest_object']:.0f} mm (4U) with the ray analyser")
-        table.add_row("fingertips", f"radius {1000 * row['fingertip_radius']:.0f} mm")
-        table.add_row("source", row["source"])
-        table.add_row("licence", row["licence"])
-        _print(table)
 
 
 def _print(table: object) -> None:

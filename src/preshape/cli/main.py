@@ -21,7 +21,7 @@ _COMMANDS = {
     "learn": ("learn", "Teach objects to the memory, one after the other."),
     "objects": ("lists", "List the built-in objects."),
     "tasks": ("lists", "List the named tasks and what they mean."),
-    "hands": ("lists", "List the hands."),
+    "hands": ("hands", "List the hands, or check one of your own."),
     "memory": ("memory", "Show, export, import or reset what was learnt."),
     "reproduce": ("reproduce", "Reproduce the paper's tables and figures as a report."),
 }  # fmt: skip

@@ -199,8 +199,9 @@ def _mul_t(A: Array, y: Array) -> Array:
 def _start(cones: _Cones, c: Array, A: Array, b: Array) -> tuple[Array, Array, Array]:
     """The least-squares points of both programs, moved along the axis into the cone."""
     gram = A @ np.swapaxes(A, 1, 2)
-    x = _mul_t(A, _mul(np.linalg.inv(gram), b))
-    y = _mul(np.linalg.inv(gram), _mul(A, c))
+    inverse: Array = np.linalg.inv(gram).astype(np.float64, copy=False)
+    x = _mul_t(A, _mul(inverse, b))
+    y = _mul(inverse, _mul(A, c))
     s = c - _mul_t(A, y)
     for point in (x, s):
         depth = cones.depth(point)
