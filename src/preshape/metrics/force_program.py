@@ -80,7 +80,8 @@ def force_program(contacts: Contacts, limits: ForceLimits) -> ForceProgram:
         InputError: the Jacobian is of another number of contacts.
     """
     n, d, unit = contacts.count, contacts.dimension, limits.unit
-    axial: Array = np.kron(np.eye(n), np.eye(d)[:1]).astype(np.float64, copy=False)  # (n, n·d) picks the normal forces
+    # (n, n·d), picks the normal forces.
+    axial: Array = np.kron(np.eye(n), np.eye(d)[:1]).astype(np.float64, copy=False)
     rows: list[Array] = []
     right: list[Array] = []
     slacks: list[Array] = []
