@@ -153,28 +153,33 @@ class Controller:
         """Meta control's reset of a deadlock; the next run starts at mode 0."""
         self.deadlock = False
 
+    def at_estimate(self, pa: Analyser, q: Array, estimate: Estimate) -> Exploration:
+        """What mode 0 chooses from, best first; empty where no grasp is.
+
+        With as many fingers as estimated, or as many as fit and meet the object there [C].
+        """
+        value = float(self.settings.sets.crisp()[estimate.approach_set])
+        fingers = range(2, estimate.fingers + 1)
+        found = pa.explore(q, Aim(planes=[estimate.plane], values=[value], fingers=fingers))
+        return found.where(found.fingers == found.fingers.max()) if len(found) else found
+
+    def on_plane(self, pa: Analyser, q: Array, estimate: Estimate) -> Exploration:
+        """What mode 1 chooses from: everything on the estimated plane, best first."""
+        return pa.explore(q, Aim(planes=[estimate.plane], values=search_values(self.settings.sets)))
+
     # The modes.
 
     def _mode_0(
         self, pa: Analyser, q: Array, allowed: BoolArray
     ) -> tuple[Estimate, VirtualGrasp | None, Verdict]:
-        """AE → PA: the grasp that the estimator names, if there is one.
-
-        With as many fingers as estimated, or as many as fit and meet the object there [C].
-        """
+        """AE → PA: the grasp that the estimator names, if there is one."""
         x = inputs(q, pa.mesh.attributes, self.layout.u)
         estimate = decode(predict(self.weights, x), allowed)
-        value = float(self.settings.sets.crisp()[estimate.approach_set])
-        fingers = range(2, estimate.fingers + 1)
-        found = pa.explore(q, Aim(planes=[estimate.plane], values=[value], fingers=fingers))
-        if len(found):
-            found = found.where(found.fingers == found.fingers.max())
-        return estimate, *self._criticise(pa, q, found)
+        return estimate, *self._criticise(pa, q, self.at_estimate(pa, q, estimate))
 
     def _mode_1(self, pa: Analyser, q: Array, estimate: Estimate) -> tuple[VirtualGrasp | None, Verdict]:
         """The estimated plane is kept; approach value, fingers and thumb side are searched."""
-        found = pa.explore(q, Aim(planes=[estimate.plane], values=search_values(self.settings.sets)))
-        return self._criticise(pa, q, found)
+        return self._criticise(pa, q, self.on_plane(pa, q, estimate))
 
     def _mode_2(self, pa: Analyser) -> Recognition:
         """Is the object known?"""

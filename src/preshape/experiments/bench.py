@@ -6,13 +6,12 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from ..analyser import Aim, Analyser, Exploration, HandLayout, VirtualGrasp
+from ..analyser import Analyser, HandLayout, VirtualGrasp
 from ..controller import Controller
 from ..critic import recognise
 from ..decision import Decision, Settings
-from ..estimator import Estimate
 from ..hands.model import load_hand
-from ..learning import explore, search_values
+from ..learning import explore
 from ..memory import Memory
 from ..objects.library import load_library_object
 from ..objects.mesh import TriangleMesh
@@ -89,19 +88,6 @@ def grasp_data(grasp: VirtualGrasp | None) -> Data | None:
     }
 
 
-def first_modes(
-    controller: Controller, element: Analyser, q: Array, estimate: Estimate
-) -> tuple[Exploration, Exploration]:
-    """What mode 0 finds at the estimate, and what mode 1 finds on its plane; best first, maybe empty."""
-    sets = controller.settings.sets
-    value = float(sets.crisp()[estimate.approach_set])
-    fingers = range(2, estimate.fingers + 1)
-    named = element.explore(q, Aim(planes=[estimate.plane], values=[value], fingers=fingers))
-    if len(named):
-        named = named.where(named.fingers == named.fingers.max())
-    return named, element.explore(q, Aim(planes=[estimate.plane], values=search_values(sets)))
-
-
 def run_case(controller: Controller, element: Analyser, task: Task, *, may_learn: bool = True) -> Data:
     """Run one task and note down what came of it.
 
@@ -117,7 +103,8 @@ def run_case(controller: Controller, element: Analyser, task: Task, *, may_learn
     # Mode 3 reports no estimate; the one before it is gone with the weights, and not needed.
     estimated_match, searched = None, None
     if decision.estimate is not None:
-        named, there = first_modes(controller, element, task.q, decision.estimate)
+        named = controller.at_estimate(element, task.q, decision.estimate)
+        there = controller.on_plane(element, task.q, decision.estimate)
         estimated_match = round(float(named.match[0]), 6) if len(named) else None
         searched = element.grasp(task.q, there) if len(there) else None
     recognition = recognise(element, known, s.thresholds.recognition, s.sets)

@@ -14,7 +14,7 @@ from ..fuzzy import tfvadi
 from ..objects.library import entry, names
 from ..tasks import Task, all_named_tasks, parse_task, task_from_numbers
 from . import printed
-from .bench import Bench, first_modes, run_case
+from .bench import Bench, run_case
 from .cases import shown_match, shown_plane
 from .fig_14 import wrench_text
 from .plots import OURS, PAPER, THIRD, Canvas
@@ -78,7 +78,8 @@ def _fitting(
         estimate = decode(predict(controller.weights, x))
         if wanted_plane not in (None, estimate.plane):
             continue
-        named, searched = first_modes(controller, element, task.q, estimate)
+        named = controller.at_estimate(element, task.q, estimate)
+        searched = controller.on_plane(element, task.q, estimate)
         if not len(named) or not first <= float(named.match[0]) < second:
             continue
         if second <= float(searched.match[0]) < third:
