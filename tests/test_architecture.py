@@ -18,14 +18,14 @@ ROOT = Path(preshape.__file__).parent
 LEVELS = {
     0: "exceptions spatial types fuzzy _version",
     1: "objects tasks planes wrench kernels hands metrics",
-    2: "analyser estimator training virtual_grasp hand_simulation critic",
+    2: "analyser estimator training virtual_grasp hand_simulation critic closure",
     3: "memory learning decision controller",
     4: "planner physics experiments io pictures viewer cli __init__ __main__",
 }
 LEVEL = {unit: level for level, units in LEVELS.items() for unit in units.split()}
-STAGES = {"virtual_grasp", "estimator", "critic", "hand_simulation"}
+STAGES = {"virtual_grasp", "closure", "estimator", "critic", "hand_simulation"}
 DRAWING = {"viewer", "pictures", "cli", "experiments"}
-HEAVY = ("scipy", "mujoco", "matplotlib", "trimesh", "fcl", "embreex", "manifold3d")
+HEAVY = ("scipy", "mujoco", "matplotlib", "trimesh", "fcl", "embreex", "manifold3d", "warp", "coacd")
 
 MODULES = sorted(ROOT.rglob("*.py"))
 every_module = pytest.mark.parametrize("path", MODULES, ids=lambda p: str(p.relative_to(ROOT)))

@@ -509,8 +509,13 @@ def test_an_interrupted_plan_says_so(run, monkeypatch):
 
 @pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
 def test_an_interrupted_lesson_loses_nothing_that_was_acknowledged(own_memory):
+    # A shell's background job, as CI may be, starts its children with the signal ignored.
+    heeding = (
+        "import signal; signal.signal(signal.SIGINT, signal.default_int_handler); "
+        "from preshape.cli.main import main; main()"
+    )
     with subprocess.Popen(
-        [sys.executable, "-m", "preshape", "learn", "ALL", "--memory", str(own_memory)],
+        [sys.executable, "-c", heeding, "learn", "ALL", "--memory", str(own_memory)],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,

@@ -23,6 +23,8 @@ _COMMANDS = {
     "tasks": ("lists", "List the named tasks and what they mean."),
     "hands": ("hands", "List the hands, or check one of your own."),
     "memory": ("memory", "Show, export, import or reset what was learnt."),
+    "simulate": ("simulate", "Run a plan in simulated physics and show what happens."),
+    "bench": ("bench", "Measure grasps, planners and metrics in simulated physics."),
     "reproduce": ("reproduce", "Reproduce the paper's tables and figures as a report."),
 }  # fmt: skip
 
