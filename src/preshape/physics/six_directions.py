@@ -91,6 +91,25 @@ class HoldResult:
         return self.status is Status.HELD
 
 
+@value
+class Hold:
+    """How the way to the squeeze went.
+
+    Attributes:
+        at_grasp: distances at the grasp pose.
+        failure: why the test ends here; ``None`` where the hand squeezes.
+        reason: one sentence on the failure.
+        touching_at_grasp: parts (fingers, palm) that press on the object when the hand has come to the grasp.
+        touching_at_squeeze: … when it has come to the squeeze.
+    """
+
+    at_grasp: GraspGeometry
+    failure: Status | None = None
+    reason: str = ""
+    touching_at_grasp: int = 0
+    touching_at_squeeze: int = 0
+
+
 def hold_test(
     scene: Scene,
     pregrasp: Array,
@@ -122,28 +141,10 @@ def hold_test(
 
     model, data = scene.model, mujoco.MjData(scene.model)
     label: dict[str, Any] = {"row": row, "object_name": object_name, "scale": scale}
-    place(scene, data, grasp, object_pose)
-    at_grasp = geometry(scene, data, protocol.contact_distance)
-    place(scene, data, pregrasp, object_pose)
-    into_object, into_itself = depths(scene, data)
-    if max(into_object, into_itself) > protocol.penetration_limit:
-        what, depth = ("object", into_object) if into_object >= into_itself else ("hand", into_itself)
-        reason = (
-            f"the pregrasp cuts {depth * 1e3:.1f} mm into the {what}; "
-            f"at most {protocol.penetration_limit * 1e3:g} mm are allowed"
-        )
-        return HoldResult(status=Status.PENETRATES, reason=reason, at_grasp=at_grasp, **label)
-    _move(scene, data, pregrasp, grasp, protocol, "grasp", observer)
-    at = touching(scene, data)
-    _move(scene, data, grasp, squeeze, protocol, "squeeze", observer)
-    squeezed = touching(scene, data)
-    if unstable(data):
-        return HoldResult(
-            status=Status.UNSTABLE,
-            reason="the simulation became unstable in the squeeze",
-            at_grasp=at_grasp,
-            **label,
-        )
+    hold = take_hold(scene, data, pregrasp, grasp, squeeze, object_pose, protocol, observer=observer)
+    at_grasp = hold.at_grasp
+    if hold.failure is not None:
+        return HoldResult(status=hold.failure, reason=hold.reason, at_grasp=at_grasp, **label)
     kind = mujoco.mjtState.mjSTATE_INTEGRATION
     state = np.empty(mujoco.mj_stateSize(model, kind))
     mujoco.mj_getState(model, data, state, kind)
@@ -171,12 +172,49 @@ def hold_test(
         probes=tuple(results),
         strength=strength,
         at_grasp=at_grasp,
-        touching_at_grasp=at,
-        touching_at_squeeze=squeezed,
+        touching_at_grasp=hold.touching_at_grasp,
+        touching_at_squeeze=hold.touching_at_squeeze,
         only_by_squeeze=held and not touches,
         clean=held and touches and at_grasp.penetration < protocol.clean_penetration,
         **label,
     )
+
+
+def take_hold(
+    scene: Scene,
+    data: Any,
+    pregrasp: Array,
+    grasp: Array,
+    squeeze: Array,
+    object_pose: Array,
+    protocol: Protocol,
+    *,
+    observer: Observer | None = None,
+) -> Hold:
+    """Bring the hand from the pregrasp to the grasp and to the squeeze; every test begins with it.
+
+    ``data``, a fresh ``mujoco.MjData`` of the scene, is left where the hand squeezes, or where it failed. The
+    other arguments are those of :func:`hold_test`.
+    """
+    place(scene, data, grasp, object_pose)
+    at_grasp = geometry(scene, data, protocol.contact_distance)
+    place(scene, data, pregrasp, object_pose)
+    into_object, into_itself = depths(scene, data)
+    if max(into_object, into_itself) > protocol.penetration_limit:
+        what, depth = ("object", into_object) if into_object >= into_itself else ("hand", into_itself)
+        reason = (
+            f"the pregrasp cuts {depth * 1e3:.1f} mm into the {what}; "
+            f"at most {protocol.penetration_limit * 1e3:g} mm are allowed"
+        )
+        return Hold(at_grasp=at_grasp, failure=Status.PENETRATES, reason=reason)
+    _move(scene, data, pregrasp, grasp, protocol, "grasp", observer)
+    at = touching(scene, data)
+    _move(scene, data, grasp, squeeze, protocol, "squeeze", observer)
+    squeezed = touching(scene, data)
+    if unstable(data):
+        reason = "the simulation became unstable in the squeeze"
+        return Hold(at_grasp=at_grasp, failure=Status.UNSTABLE, reason=reason)
+    return Hold(at_grasp=at_grasp, touching_at_grasp=at, touching_at_squeeze=squeezed)
 
 
 def slerp(first: Array, second: Array, share: float) -> Array:

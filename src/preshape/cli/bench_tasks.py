@@ -1,0 +1,370 @@
+"""``preshape bench tasks``: a planner in the task test, the open benchmark."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from ..exceptions import InputError
+from .options import json_option
+
+if TYPE_CHECKING:
+    from ..physics.hand import PhysicsHand
+    from ..physics.task_grasps import Answers
+    from ..physics.task_instances import TaskInstance
+    from ..physics.task_report import TaskReport
+    from ..physics.task_test import TaskProtocol
+    from ..types import Array
+
+KEPT = "unfinished.jsonl"  # the file of results in --out, while a run goes on
+SHOWN = 20  # failures in the terminal; the report has all
+
+
+@click.command(
+    epilog="Example: preshape bench tasks --objects cube,hammer --tasks lift,strike --out out/tasks"
+)
+@click.option(
+    "--hand",
+    metavar="HAND",
+    help="See preshape hands; default: the one in --grasps, else utah_mit.",
+)
+@click.option("--analyser", metavar="NAME", help="rays or closure; default: the hand's own.")
+@click.option("--objects", default="ALL", show_default=True, metavar="NAME,…", help="Built-in or mesh files.")
+@click.option("--tasks", default="ALL", show_default=True, metavar="FAMILY,…", help="See preshape tasks.")
+@click.option("--count", type=int, metavar="N", help="Only so many instances, evenly over the tasks.")
+@click.option("--seed", type=int, default=0, show_default=True, help="Of --count and of the planner.")
+@click.option(
+    "--gravity", metavar="X,Y,Z|none", help="Direction in the object's frame; default: each task's."
+)
+@click.option("--friction", type=float, default=0.6, show_default=True, help="Sliding friction.")
+@click.option("--mass", type=float, default=0.1, show_default=True, help="Of every object [kg].")
+@click.option(
+    "--grasps", metavar="FILE.npz", help="Score these answers instead of planning (docs/task-benchmark.md)."
+)
+@click.option(
+    "--write-instances", metavar="FILE.json", help="Only write the instances and their meshes, for others."
+)
+@click.option("--workers", type=int, metavar="N", help="Processes; default: one for each core.")
+@click.option("--checkpoint", metavar="FILE", help="Results as they come; the same command goes on from it.")
+@click.option(
+    "--out", metavar="DIR", help="Write report.json, report.md and grasps.npz there; resumable too."
+)
+@json_option
+def tasks(
+    hand: str | None,
+    analyser: str | None,
+    objects: str,
+    tasks: str,
+    count: int | None,
+    seed: int,
+    gravity: str | None,
+    friction: float,
+    mass: float,
+    grasps: str | None,
+    write_instances: str | None,
+    workers: int | None,
+    checkpoint: str | None,
+    out: str | None,
+    as_json: bool,
+) -> int:
+    """Put a planner to the task test: grasp, then take the object along the task against its load.
+
+    An instance is one object in one task. It passes if the object ends within 50 mm and 15° of its target
+    and is never farther from its path. An instance without an answer fails. The planner's first answer is
+    tested; with --grasps, that of another planner. The first run cuts each object into convex pieces, which
+    may take a minute an object.
+
+    Exit code 0: every instance was tried, passed or not.
+    """
+    from ..physics.protocol import Protocol
+    from ..physics.task_instances import make_instances
+    from ..physics.task_test import TaskProtocol
+
+    for name, text in (("--out", out), ("--write-instances", write_instances), ("--checkpoint", checkpoint)):
+        if text is not None and not text.strip():
+            raise InputError(f"{name} needs a name, got an empty one")
+    for option, number in (("--workers", workers), ("--count", count)):
+        if number is not None and number < 1:
+            raise InputError(f"{option} must be 1 or more, got {number}")
+    if seed < 0:
+        raise InputError(f"--seed must be 0 or more, got {seed}")
+    if grasps is not None and analyser is not None:
+        raise InputError("--grasps brings its own answers; leave out --analyser")
+    protocol = TaskProtocol(hold=Protocol(mass=mass, friction=friction))
+    instances = make_instances(
+        _names(objects, "--objects"),
+        _names(tasks, "--tasks"),
+        seed=seed,
+        count=count,
+        gravity=_direction(gravity),
+    )
+    if write_instances is not None:
+        return _write_instances(Path(write_instances), instances, protocol, as_json)
+    model, answers, who, notes = _answers(instances, hand, analyser, grasps)
+    kept = Path(checkpoint) if checkpoint is not None else Path(out) / KEPT if out is not None else None
+    report = _run(instances, model, answers, protocol, workers, kept)
+    document = _document(report, protocol, who, notes)
+    written = _write(report, protocol, who, document, out)
+    if out is not None and checkpoint is None and kept is not None:  # the report holds everything now
+        kept.unlink(missing_ok=True)
+    if as_json:
+        from .main import emit
+
+        emit({**document, "files": [str(path) for path in written]})
+    else:
+        _show(report, protocol, who, notes, written)
+    return 0
+
+
+def _names(text: str, option: str) -> list[str] | None:
+    """The names between commas; ``None`` for all."""
+    if text.strip().upper() == "ALL":
+        return None
+    found = [name.strip() for name in text.split(",") if name.strip()]
+    if not found:
+        raise InputError(f"{option} needs names between commas, or ALL, got {text!r}")
+    return found
+
+
+def _direction(text: str | None) -> Array | None:
+    """Three numbers, zeros for ``none``, ``None`` where the option was not given."""
+    import numpy as np
+
+    if text is None:
+        return None
+    if text.strip().lower() == "none":
+        return np.zeros(3)
+    try:
+        found = np.array([float(part) for part in text.split(",")])
+    except ValueError:
+        found = np.zeros(0)
+    if found.shape != (3,) or not np.isfinite(found).all() or not found.any():
+        raise InputError(f"--gravity is a direction X,Y,Z such as 0,0,-1, or none, got {text!r}")
+    return found / np.linalg.norm(found)
+
+
+def _answers(
+    instances: tuple[TaskInstance, ...], hand: str | None, analyser: str | None, grasps: str | None
+) -> tuple[PhysicsHand, Answers, str, list[str]]:
+    """The hand in physics, who answers, that in words, and notes for the report."""
+    from ..hands.model import load_hand
+    from ..physics.hand import physics_hand
+    from ..physics.task_grasps import PlannedAnswers, given_answers, read_task_grasps
+    from ..planner import RAY_HAND, check_analyser
+
+    if grasps is None:
+        name = hand or RAY_HAND
+        model = physics_hand(load_hand(name))
+        used = check_analyser(analyser, name)
+        return model, PlannedAnswers(hand=name, analyser=used, model=model), f"{name}, {used}", []
+    found, labels = read_task_grasps(grasps)
+    if not (hand or found.hand):
+        raise InputError(f"{grasps} does not say whose grasps they are; add --hand, see preshape hands")
+    model = physics_hand(load_hand(hand or found.hand))
+    given = given_answers(instances, found, labels, model)
+    notes = []
+    if given.unused:
+        notes.append(
+            f"{given.unused} of {len(found)} grasps of {grasps} were not used: they answer no instance of "
+            "this run, or one that has an answer, or cannot be tested"
+        )
+    return model, given, f"{model.name}, {grasps}", notes
+
+
+def _run(
+    instances: tuple[TaskInstance, ...],
+    model: PhysicsHand,
+    answers: Answers,
+    protocol: TaskProtocol,
+    workers: int | None,
+    kept: Path | None,
+) -> TaskReport:
+    from ..physics.task_runner import run_tasks
+
+    with _progress(len(instances), kept is not None) as (preparing, told):
+        return run_tasks(
+            instances,
+            model,
+            answers,
+            protocol=protocol,
+            workers=workers,
+            progress=lambda done, _: told(done),
+            preparing=preparing,
+            checkpoint=kept,
+        )
+
+
+@contextmanager
+def _progress(total: int, keeps: bool) -> Iterator[tuple[Callable[[str], None], Callable[[int], None]]]:
+    """Progress on standard error: a bar in a terminal, lines in a log."""
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+    console = Console(stderr=True)
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    first: list[tuple[int, float]] = []
+    state = {"done": 0.0, "said": -1.0, "line": time.perf_counter()}
+    with Progress(*columns, console=console, disable=not console.is_terminal, transient=True) as bar:
+        step = bar.add_task("preparing", total=total)
+
+        def preparing(name: str) -> None:
+            bar.update(step, description=f"convex pieces of {name}")
+            if not console.is_terminal and time.perf_counter() - state["line"] > 5:
+                state["line"] = time.perf_counter()
+                click.echo(f"convex pieces of {name}", err=True)
+
+        def told(done: int) -> None:
+            state["done"] = done
+            if not first:  # what an earlier run has done says nothing of the speed
+                first.append((done, time.perf_counter()))
+                bar.reset(step, total=total, completed=done, description="testing")
+            bar.update(step, completed=done)
+            if not console.is_terminal and 20 * done // total > state["said"]:
+                state["said"] = 20 * done // total
+                before, start = first[0]
+                spent = time.perf_counter() - start
+                left = (
+                    f", about {spent / (done - before) * (total - done):.0f} s left"
+                    if before < done < total
+                    else ""
+                )
+                click.echo(f"{100 * done // total:3d} %, {done} of {total} instances{left}", err=True)
+
+        try:
+            yield preparing, told
+        except KeyboardInterrupt:
+            bar.stop()
+            how = (
+                "the same command goes on from there"
+                if keeps
+                else "with --out or --checkpoint they would be kept"
+            )
+            click.echo(f"stopped after {state['done']:.0f} of {total} instances; {how}", err=True)
+            raise
+
+
+def _document(report: TaskReport, protocol: TaskProtocol, who: str, notes: list[str]) -> dict[str, Any]:
+    """Everything but the time it took: the same input gives the same document."""
+    import mujoco
+
+    from .._version import __version__
+
+    return {
+        "status": "answer",
+        "version": __version__,
+        "mujoco": mujoco.__version__,
+        "planner": who,
+        "notes": notes,
+        "protocol": protocol.to_json(),
+        **report.to_json(),
+    }
+
+
+def _write(
+    report: TaskReport, protocol: TaskProtocol, who: str, document: dict[str, Any], out: str | None
+) -> list[Path]:
+    if out is None:
+        return []
+    from ..io import write_json, write_whole
+    from ..physics.task_grasps import write_task_grasps
+    from ..physics.task_tables import task_markdown
+
+    folder = Path(out)
+    page = task_markdown(
+        report, protocol, who, f"MuJoCo {document['mujoco']}, preshape {document['version']}."
+    )
+    written = [folder / "report.json", folder / "report.md"]
+    write_json(written[0], document)
+    write_whole(written[1], lambda path: _write_text(path, page))
+    grasps, labels = report.planned_grasps()
+    if len(grasps):
+        written.append(folder / "grasps.npz")
+        write_task_grasps(written[-1], grasps, labels)
+    return written
+
+
+def _write_text(path: Path, text: str) -> None:
+    path.write_text(text, encoding="utf-8")
+
+
+def _write_instances(
+    file: Path, instances: tuple[TaskInstance, ...], protocol: TaskProtocol, as_json: bool
+) -> int:
+    """The list, and a mesh of each object at its size in a folder beside it."""
+    from ..io import write_json, write_whole
+    from ..objects.load import load_object
+    from ..physics.task_instances import instance_to_json, mesh_text
+    from ..physics.task_tables import object_file
+
+    folder = file.with_name(f"{file.stem}_meshes")
+    meshes: dict[str, str] = {}
+    for instance in instances:
+        if instance.object_name not in meshes:
+            path = folder / object_file(instance)
+            if path.name in {Path(other).name for other in meshes.values()}:
+                raise InputError(f"two objects are called {path.stem}; give files of different names")
+            text = mesh_text(load_object(instance.object_name, scale=instance.scale))
+            write_whole(path, lambda target, text=text: _write_text(target, text))  # type: ignore[misc]
+            meshes[instance.object_name] = f"{folder.name}/{path.name}"
+    mass = protocol.hold.mass
+    rows = [
+        {"row": row, **instance_to_json(instance, mass), "mesh": meshes[instance.object_name]}
+        for row, instance in enumerate(instances)
+    ]
+    document = {"format": "preshape task instances 1", "protocol": protocol.to_json(), "instances": rows}
+    write_json(file, document)
+    if as_json:
+        from .main import emit
+
+        emit({"status": "answer", "instances": len(rows), "files": [str(file), str(folder)]})
+    else:
+        click.echo(f"wrote {file}: {len(rows)} instances, {len(meshes)} meshes in {folder}")
+    return 0
+
+
+def _show(
+    report: TaskReport, protocol: TaskProtocol, who: str, notes: list[str], written: list[Path]
+) -> None:
+    from rich.box import SIMPLE_HEAD
+    from rich.console import Console
+    from rich.table import Table
+    from rich.text import Text
+
+    from ..physics.hold_tables import ALL
+    from ..physics.task_tables import failure_table, rate_line, task_settings_line, task_tables
+
+    console = Console(highlight=False)
+    if not console.is_terminal:
+        console.width = 100  # a log is read in a window of any width
+    failures = report.failures()
+    console.print(Text(task_settings_line(protocol, who), style="bold"))
+    for content in (*task_tables(report), failure_table(failures[:SHOWN])):
+        if not content.rows:
+            continue
+        wide = content.columns[-1] == "why"
+        table = Table(
+            title=Text(content.caption),
+            title_justify="left",
+            title_style="dim",
+            box=SIMPLE_HEAD,
+            pad_edge=False,
+        )
+        for index, heading in enumerate(content.columns):
+            left = wide or not index
+            table.add_column(heading, justify="left" if left else "right", no_wrap=heading != "why")
+        for row in content.rows:
+            table.add_row(*map(Text, row), style="bold" if row[0] == ALL else "")
+        console.print(table)
+    if len(failures) > SHOWN:
+        where = str(written[1]) if written else "the report of --out, or --json"
+        console.print(Text(f"{len(failures) - SHOWN} more failures; all are in {where}"))
+    for note in notes:
+        console.print(Text(f"! {note}", style="yellow"))
+    console.print(Text(f"{rate_line(report.score())}, in {report.seconds:.0f} s"))
+    for path in written:
+        console.print(f"wrote {path}", markup=False, soft_wrap=True)

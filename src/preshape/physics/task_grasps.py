@@ -1,0 +1,261 @@
+"""Answers to the benchmark's instances: from a file of grasps, or from this program's planner.
+
+The file is the npz of :mod:`preshape.physics.grasps` with one more array:
+
+===========  ===========  ==================================================================
+array        shape        content
+===========  ===========  ==================================================================
+task         (n,) text    the task of each grasp, as ``push`` or ``push:+x``
+===========  ===========  ==================================================================
+
+An answer belongs to the instance of its object, task and scale (to a millionth); of several the first counts.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import zipfile
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+from typing import Protocol as Shape
+
+import numpy as np
+
+from ..exceptions import InputError, PreshapeError
+from ..tasks import parse_task
+from ..types import Array, freeze, frozen_array, value
+from .grasps import STAGES, GraspSet, read_grasps, write_grasps
+from .hand import PhysicsHand
+from .task_instances import TaskInstance
+
+
+@value
+class HandPoses:
+    """One answer: where the hand goes.
+
+    Attributes:
+        object_pose: (7,) in the world.
+        pregrasp: (7 + j) root pose in the world and joint angles in the hand's order [m, rad].
+        grasp: (7 + j).
+        squeeze: (7 + j).
+    """
+
+    object_pose: Array
+    pregrasp: Array
+    grasp: Array
+    squeeze: Array
+
+    def __post_init__(self) -> None:
+        for name in ("object_pose", *STAGES):
+            freeze(self, **{name: frozen_array(getattr(self, name), (None,), name)})
+
+    def rows(self) -> tuple[tuple[float, ...], ...]:
+        """Pregrasp, grasp and squeeze as plain numbers."""
+        return tuple(tuple(getattr(self, stage).tolist()) for stage in STAGES)
+
+
+class Answers(Shape):
+    """Whoever answers instances; sent to processes, so it holds values only."""
+
+    @property
+    def planned(self) -> bool:
+        """Whether the poses are made here and belong in the results."""
+
+    @property
+    def digest(self) -> str:
+        """Hash of all that decides the answers, beside the instances."""
+
+    def answer(self, row: int, instance: TaskInstance) -> HandPoses | str:
+        """The poses, or a sentence why there are none."""
+
+
+@value
+class GivenAnswers:
+    """Answers from a file, one a row of the instances: poses, or why there are none.
+
+    Attributes:
+        rows: in the order of the instances.
+        unused: how many grasps belong to no instance, or came after the first.
+    """
+
+    rows: tuple[HandPoses | str, ...]
+    unused: int = 0
+
+    @property
+    def planned(self) -> bool:
+        """The poses are in the file already."""
+        return False
+
+    @property
+    def digest(self) -> str:
+        """Hash of the poses."""
+        state = hashlib.sha256()
+        for row in self.rows:
+            content = row if isinstance(row, str) else repr((row.object_pose.tolist(), row.rows()))
+            state.update(content.encode() + b"\0")
+        return state.hexdigest()
+
+    def answer(self, row: int, instance: TaskInstance) -> HandPoses | str:
+        """The row's."""
+        return self.rows[row]
+
+
+@value
+class PlannedAnswers:
+    """The first answer of this program's planner, each instance with a fresh memory.
+
+    Attributes:
+        hand: the hand's name.
+        analyser: ``rays`` or ``closure``; ``None`` for the hand's own.
+        model: the hand in physics.
+    """
+
+    hand: str
+    analyser: str | None
+    model: PhysicsHand
+
+    @property
+    def planned(self) -> bool:
+        """The poses are made here."""
+        return True
+
+    @property
+    def digest(self) -> str:
+        """Hash of hand, analyser and this version."""
+        from .._version import __version__
+
+        return hashlib.sha256(repr((self.hand, self.analyser, __version__)).encode()).hexdigest()
+
+    def answer(self, row: int, instance: TaskInstance) -> HandPoses | str:
+        """Plan, and take the hand's poses; object at the origin."""
+        from ..planner import plan
+
+        try:
+            made = plan(
+                instance.object_name,
+                instance.task,
+                hand=self.hand,
+                analyser=self.analyser,
+                scale=instance.scale,
+                memory=":memory:",
+                seed=instance.seed,
+            )
+        except PreshapeError as error:
+            return str(error)
+        result = made.hand_result
+        if result is None:
+            return made.decision.reason
+        if result.pregrasp is None or result.grasp is None or result.squeeze is None:
+            return f"the hand does not reach the grasp: {result.reason}"
+        poses: dict[str, Any] = {
+            stage: np.array([[*getattr(result, stage).palm_pose, *getattr(result, stage).q]])
+            for stage in STAGES
+        }
+        one = GraspSet(
+            hand=self.hand,
+            joints=result.joints,
+            objects=(instance.object_name,),
+            scale=np.array([instance.scale]),
+            object_pose=np.array([[0.0, 0, 0, 1, 0, 0, 0]]),
+            frame="palm",
+            **poses,
+        ).for_hand(self.model)
+        return HandPoses(
+            object_pose=one.object_pose[0], **{stage: getattr(one, stage)[0] for stage in STAGES}
+        )
+
+
+def write_task_grasps(path: str | Path, grasps: GraspSet, tasks: Sequence[str]) -> None:
+    """Write grasps with their tasks as npz, whole or not at all.
+
+    Raises:
+        InputError: not one task a grasp.
+        EnvironmentFailure: the file cannot be written.
+    """
+    from ..io import write_whole
+
+    if len(tasks) != len(grasps):
+        raise InputError(f"task must name {len(grasps)} tasks, one a grasp, got {len(tasks)}")
+    member = io.BytesIO()
+    np.save(member, np.array(list(tasks), dtype=np.str_), allow_pickle=False)
+
+    def write(target: Path) -> None:
+        write_grasps(target, grasps)
+        with zipfile.ZipFile(target, "a", zipfile.ZIP_DEFLATED) as archive:
+            archive.writestr("task.npy", member.getvalue())
+
+    write_whole(Path(path), write)
+
+
+def read_task_grasps(path: str | Path) -> tuple[GraspSet, tuple[str, ...]]:
+    """Grasps, and the label of each one's task.
+
+    Raises:
+        InputError: not such a file, no ``task``, or a task that is not known.
+        EnvironmentFailure: the file cannot be read.
+    """
+    grasps = read_grasps(path)
+    try:
+        with np.load(path, allow_pickle=False) as stored:
+            texts = stored["task"] if "task" in stored.files else None
+    except (ValueError, OSError, EOFError, AttributeError, zipfile.BadZipFile) as error:
+        raise InputError(
+            f"{path}: the task test needs an npz of grasps with an array task, not a plan"
+        ) from error
+    if texts is None:
+        raise InputError(f"{path}: no array task; give one name a grasp, as push or push:+x")
+    if texts.shape != (len(grasps),) or texts.dtype.kind not in "US":
+        raise InputError(
+            f"{path}: task must be {len(grasps)} names as text, got {texts.dtype} of shape {texts.shape}"
+        )
+    names = [text.decode() if isinstance(text, bytes) else str(text) for text in texts]
+    labels: dict[str, str] = {}
+    for row, name in enumerate(names):
+        if name not in labels:
+            try:
+                labels[name] = parse_task(name).label
+            except InputError as error:
+                raise InputError(f"{path}, row {row}: {error}") from error
+    return grasps, tuple(labels[name] for name in names)
+
+
+def given_answers(
+    instances: Sequence[TaskInstance], grasps: GraspSet, tasks: Sequence[str], hand: PhysicsHand
+) -> GivenAnswers:
+    """Each instance's answer among grasps of any order.
+
+    Args:
+        instances: of the benchmark.
+        grasps: of another planner.
+        tasks: label of each one's task.
+        hand: whose grasps they are.
+
+    Raises:
+        InputError: grasps of another hand.
+    """
+    own = grasps.for_hand(hand)
+    faults = {fault.row: fault.reason for fault in own.faults}
+    where: dict[tuple[str, str], list[int]] = {}
+    for row, key in enumerate(zip(own.objects, tasks, strict=True)):
+        where.setdefault(key, []).append(row)
+    answers: list[HandPoses | str] = []
+    for instance in instances:
+        rows = where.get((instance.object_name, instance.task.label), [])
+        fit = [r for r in rows if r in faults or abs(own.scale[r] / instance.scale - 1.0) < 1e-6]
+        if not fit:
+            other = f" (it has one at scale {own.scale[rows[0]]:g})" if rows else ""
+            answers.append(f"the file has no grasp for it at scale {instance.scale:g}{other}")
+        elif fit[0] in faults:
+            answers.append(f"row {fit[0]} of the file: {faults[fit[0]]}")
+        else:
+            row = fit[0]
+            answers.append(
+                HandPoses(
+                    object_pose=own.object_pose[row], **{stage: getattr(own, stage)[row] for stage in STAGES}
+                )
+            )
+    return GivenAnswers(
+        rows=tuple(answers), unused=len(own) - sum(not isinstance(answer, str) for answer in answers)
+    )
