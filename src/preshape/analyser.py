@@ -52,6 +52,44 @@ class Contacts:
 
 
 @value
+class Grip:
+    """A grasp that the real hand can execute, found by closing it (the closure analyser).
+
+    Attributes:
+        approach: (3,) unit vector along which the hand comes straight in, mesh frame.
+        palm_pose: (7,) palm frame in the mesh frame, xyz [m] and quaternion wxyz.
+        start: (j,) the preshape: joint angles at the beginning of the closing path [rad].
+        mask: bit f is set where finger f, in the order of the hand's joints, closes.
+        pregrasp: (j,) joint angles, open and clear of the object [rad].
+        grasp: (j,) every finger in use touches [rad].
+        squeeze: (j,) targets of the joints that press with ``forces`` [rad].
+        fingers: names of the fingers in contact, in the order of the contacts, the thumb first.
+        forces: (n, 3) what each contact does to the object in the squeeze [N].
+        torques: (j,) joint torques of the squeeze [N m].
+        task_margin: largest load along the task's wrench cone that the squeeze can balance, over the
+            load expected; 1 is just enough.
+        hold_margin: the same for pushes and turns in any direction.
+        quality: what the critic judges, 0..6; 3 is just enough.
+        clearance: least distance of the hand to the object, opened and on the way in [m].
+    """
+
+    approach: Array
+    palm_pose: Array
+    start: Array
+    mask: int
+    pregrasp: Array
+    grasp: Array
+    squeeze: Array
+    fingers: tuple[str, ...]
+    forces: Array
+    torques: Array
+    task_margin: float
+    hold_margin: float
+    quality: float
+    clearance: float
+
+
+@value
 class VirtualGrasp:
     """One way of holding the object, before any hand has tried it.
 
@@ -67,6 +105,7 @@ class VirtualGrasp:
         tfvadi: their sum (eq. 22).
         stability: rank(WU) - rank(TI), one wrench a finger (§2.3).
         manipulability: rank(WU).
+        grip: the hand on it, where the analyser closed a real one; ``None`` of the ray analyser.
     """
 
     plane: ApproachPlane
@@ -80,6 +119,12 @@ class VirtualGrasp:
     tfvadi: float
     stability: int
     manipulability: int
+    grip: Grip | None = None
+
+    @property
+    def judged(self) -> float:
+        """What the critic compares with its threshold, 0..6: TFVADI, or the grip's quality."""
+        return self.tfvadi if self.grip is None else self.grip.quality
 
     @property
     def thumb_side(self) -> Array:

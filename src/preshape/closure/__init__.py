@@ -1,0 +1,1 @@
+"""The closure analyser: preshapes that a real hand can execute, ranked by how well they resist."""

@@ -1,0 +1,277 @@
+"""The closure analyser: a performance element that closes the real hand instead of casting rays (ENGINE §2).
+
+It answers the controller as the ray analyser does. An aim is a set of approach planes, values and numbers of
+fingers; candidates are drawn there, closed, ranked by their margin for the task, refined, and the best that
+stand apart are worked out in full. TFVADI is computed for each beside the margin.
+"""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from ..analyser import Aim, Contacts, Exploration, HandLayout, VirtualGrasp
+from ..fuzzy import FuzzySets, approaching_degrees
+from ..hands.hand import Hand
+from ..kernels.closing import Candidates
+from ..kernels.field import DistanceField, SurfaceQuery, prepare_field
+from ..objects.mesh import TriangleMesh
+from ..planes import plane
+from ..tasks.task import ROTATION_ABSENT, TRANSLATION_ABSENT
+from ..types import Array, BoolArray, ContactCoefficients, Experience, IntArray, value
+from ..wrench import contact_wrenches, net_wrench, screw_measures
+from .grip import Finished, Finisher
+from .sampling import Sampled, sample
+from .search import ClosureSearch, Demand, Ranked, apart, best_of
+from .settings import ClosureSettings
+
+MAX_FINGERS = 4
+"""Virtual fingers of the paper's estimator; a hand's fifth counts as the fourth."""
+ASIDE = 0.5
+"""Torque of a task's load over its force, in ℓ (ENGINE §4)."""
+FEW = 7
+"""An aim with no more approach values than this means these values; with more, all between them."""
+WANTED = 2
+"""Contacts that a grip must have, the thumb's included; the margin decides whether they are enough."""
+RECALLED, MOST_RECALLED = 0.25, 16
+"""Grips of objects whose extents are within this ratio (logarithm) are tried again, the last ones of them [C]."""
+FEWEST_NODES = 50
+_KEPT = 24
+
+
+@value
+class Grips(Exploration):
+    """Grips found for an aim.
+
+    Attributes:
+        grasps: each of them in full.
+    """
+
+    grasps: tuple[VirtualGrasp, ...]
+
+    def where(self, keep: BoolArray | IntArray) -> Grips:
+        """The grips picked by a mask or by indices, in that order."""
+        rows = np.flatnonzero(keep) if np.asarray(keep).dtype == bool else np.asarray(keep)
+        return _exploration([self.grasps[i] for i in rows], self.aimed)
+
+
+class ClosureAnalyser:
+    """Grips of one object with one real hand.
+
+    Args:
+        mesh: the object.
+        hand: the hand.
+        layout: what the controller knows of it.
+        settings: friction, load, size of the search.
+        coefficients: the paper's contact model, for TFVADI.
+        sets: membership functions.
+        gravity: (3,) its unit direction in the mesh frame, zeros for none.
+        seed: of the draws.
+        known: experiences of this hand that grips may be recalled from.
+    """
+
+    def __init__(
+        self,
+        mesh: TriangleMesh,
+        hand: Hand,
+        layout: HandLayout,
+        *,
+        settings: ClosureSettings | None = None,
+        coefficients: ContactCoefficients | None = None,
+        sets: FuzzySets | None = None,
+        gravity: Array | Sequence[float] = (0.0, 0.0, -1.0),
+        seed: int = 0,
+        known: Callable[[], Sequence[Experience]] = tuple,
+    ) -> None:
+        self.mesh, self.hand, self.layout = mesh, hand, layout
+        self.settings = settings or ClosureSettings()
+        self.coefficients = coefficients or ContactCoefficients()
+        self.sets = sets or FuzzySets()
+        self.gravity = np.asarray(gravity, dtype=np.float64)
+        self.seed, self._known = seed, known
+        self.field = prepare_field(mesh)
+        self.query = SurfaceQuery(mesh, device=self.settings.device)
+        self.middle = inner_centre(self.field, mesh)
+        length = float(mesh.extents.max()) / 2
+        self.search = ClosureSearch(hand, self.field, self.middle, length, self.settings)
+        self.finisher = Finisher(self.search, self.query)
+        self.tried = 0
+        self._kept: dict[bytes, Grips] = {}
+
+    def demand(self, q: Array) -> Demand:
+        """What a task asks of a grip: its wrench, the load along it, and the weight."""
+        move = np.where(np.abs(q[:3]) > TRANSLATION_ABSENT + 1e-9, q[:3], 0.0)
+        turn = np.where(np.abs(q[3:]) > ROTATION_ABSENT + 1e-9, q[3:], 0.0)
+        force = move / np.linalg.norm(move) if move.any() else move
+        torque = ASIDE * turn / np.linalg.norm(turn) if turn.any() else turn
+        direction = np.concatenate([force, torque])
+        # The weight in units of a middling grip: the ranking hardly depends on which.
+        grip = 0.5 * (self.settings.press_least + self.settings.press_most)
+        base = np.concatenate([-self.gravity * self.settings.weight / grip, np.zeros(3)])
+        if not direction.any():
+            return Demand(base=base)
+        return Demand(direction=direction, base=base, load=float(np.linalg.norm(direction)))
+
+    def explore(self, q: Array, aim: Aim) -> Exploration:
+        """The best grips of an aim for a task, best first; every one of them can be executed.
+
+        Args:
+            q: (6,) task Q.
+            aim: where to look.
+        """
+        task = np.asarray(q, dtype=np.float64)
+        key = task.tobytes() + _key(aim)
+        if key not in self._kept:
+            if len(self._kept) >= _KEPT:
+                del self._kept[next(iter(self._kept))]
+            self._kept[key] = self._explore(task, aim)
+        return self._kept[key]
+
+    def grasp(self, q: Array, found: Exploration, index: int = 0) -> VirtualGrasp:
+        """One of them in full.
+
+        Raises:
+            TypeError: ``found`` is not this analyser's.
+        """
+        if not isinstance(found, Grips):
+            raise TypeError("found must come from this analyser's explore")
+        return found.grasps[index]
+
+    def _explore(self, q: Array, aim: Aim) -> Grips:
+        demand, settings = self.demand(q), self.settings
+        rng = np.random.default_rng([self.seed, zlib.crc32(_key(aim))])
+        count, elite, rounds = self._effort(aim)
+        found = self._evaluate(self._draw(rng, aim, count), demand)
+        recalled = self._recalled(aim)
+        if recalled is not None:
+            found = best_of(found, self._evaluate(recalled, demand))
+        found = self.search.refine(
+            rng, found, demand, elite=elite, each=settings.children, rounds=rounds, wanted=WANTED
+        )
+        standing = found.take(apart(found, max(elite, 2 * settings.finished)))
+        standing = self.search.steady(rng, standing, demand, wanted=WANTED)
+        self.tried += standing.tried
+        finished = self.finisher.finish(standing, demand, wanted=WANTED, enough=settings.finished)
+        grasps = [self._virtual(q, standing, made) for made in finished]
+        grasps.sort(key=lambda g: -g.judged)
+        return _exploration(grasps, found.tried)
+
+    def _effort(self, aim: Aim) -> tuple[int, int, int]:
+        """Candidates, elite and rounds: few where experience points, many where nothing is known."""
+        s = self.settings
+        if len(aim.planes) > 1:
+            return s.everywhere, s.elite, s.rounds
+        if len(aim.values) > FEW:
+            return s.on_plane, max(1, s.elite // 2), s.rounds
+        return s.at_aim, max(1, s.elite // 3), max(1, s.rounds - 1)
+
+    def _draw(self, rng: np.random.Generator, aim: Aim, count: int) -> Sampled:
+        fingers = [n for n in range(2, len(self.hand.fingers) + 1) if min(n, MAX_FINGERS) in aim.fingers]
+        half = self.mesh.extents / 2
+        return sample(
+            rng,
+            self.search.pool,
+            self.mesh.cog,
+            half,
+            count,
+            planes=list(aim.planes),
+            flips=list(aim.flips),
+            values=list(aim.values) if len(aim.values) <= FEW else None,
+            fingers=fingers or None,
+        )
+
+    def _evaluate(self, sampled: Sampled, demand: Demand) -> Ranked:
+        return self.search.evaluate(sampled, demand, wanted=WANTED)
+
+    def _recalled(self, aim: Aim) -> Sampled | None:
+        """Grips that held objects of about this size on these planes, put on this one."""
+        joints = len(self.hand.joints)
+        rows = [
+            e
+            for e in self._known()
+            if getattr(e, "grip", None) is not None
+            and e.plane in aim.planes
+            and len(e.grip) == 8 + joints
+            and np.abs(np.log(e.attributes.extents / self.mesh.attributes.extents)).max() < RECALLED
+        ][-MOST_RECALLED:]
+        if not rows:
+            return None
+        grips = np.array([e.grip for e in rows])
+        return Sampled(
+            candidates=Candidates(
+                place=grips[:, :3] + self.mesh.cog,
+                turn=grips[:, 3:7],
+                start=grips[:, 8:],
+                mask=grips[:, 7].astype(np.int64),
+            ),
+            plane=np.array([e.plane for e in rows]),
+            flip=np.array([e.flip for e in rows]),
+            value=np.array([e.approach_value for e in rows]),
+            preshape=np.full(len(rows), -1),
+        )
+
+    def _virtual(self, q: Array, standing: Ranked, made: Finished) -> VirtualGrasp:
+        number, flip = int(standing.sampled.plane[made.row]), bool(standing.sampled.flip[made.row])
+        p = plane(number)
+        a, t = p.approach_axis, p.transverse_axis
+        arms = (made.points - self.mesh.cog) / self.layout.u
+        signs = -np.sign(np.round(arms @ t, 9))
+        signs[0] = -1.0
+        wrenches = contact_wrenches(arms, made.normals_in, a, t, signs, self.coefficients)
+        net = net_wrench(wrenches)
+        adi = approaching_degrees(q, net, self.sets)
+        stability, manipulability = screw_measures(wrenches)
+        along = float(np.abs(a) @ self.mesh.extents) / 2
+        v = float(np.clip((made.points.mean(axis=0) - self.mesh.cog) @ a / max(along, 1e-9), -1.0, 1.0))
+        return VirtualGrasp(
+            plane=p,
+            flip=flip,
+            approach_value=v,
+            approach_set=self.sets.name_index(v),
+            fingers=min(len(made.points), MAX_FINGERS),
+            contacts=Contacts(
+                points=made.points,
+                normals_in=made.normals_in,
+                triangles=self.query.closest(made.points).triangle,
+                wrenches=wrenches,
+                ray_origins=made.points - 0.02 * made.normals_in,
+            ),
+            net_wrench=net,
+            adi=adi,
+            tfvadi=float(adi.sum()),
+            stability=stability,
+            manipulability=manipulability,
+            grip=made.grip,
+        )
+
+
+def _exploration(grasps: Sequence[VirtualGrasp], tried: int) -> Grips:
+    return Grips(
+        plane=np.array([g.plane.index for g in grasps], dtype=np.int64),
+        flip=np.array([g.flip for g in grasps], dtype=bool),
+        value=np.array([g.approach_value for g in grasps]),
+        fingers=np.array([g.fingers for g in grasps], dtype=np.int64),
+        wrench=np.array([g.net_wrench for g in grasps]).reshape(-1, 6),
+        match=np.array([g.judged for g in grasps]),
+        aimed=tried,
+        grasps=tuple(grasps),
+    )
+
+
+def _key(aim: Aim) -> bytes:
+    """An aim as bytes: the same aim draws the same candidates."""
+    parts = (aim.planes, np.round(np.asarray(aim.values, dtype=np.float64), 9), aim.fingers, aim.flips)
+    return b"|".join(np.asarray(part, dtype=np.float64).tobytes() for part in parts)
+
+
+def inner_centre(field: DistanceField, mesh: TriangleMesh) -> Array:
+    """(3,) centre of mass of the solid [m], from the nodes inside; the COG where there are too few.
+
+    Scans need not be watertight: the field's sign is by winding number.
+    """
+    inside = np.argwhere(field.distance < 0)
+    if len(inside) < FEWEST_NODES:
+        return mesh.cog
+    return np.asarray(field.origin + field.spacing * inside.mean(axis=0))

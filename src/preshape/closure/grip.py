@@ -1,0 +1,301 @@
+"""From a candidate to a grip: exact contacts, squeeze, pregrasp, and a way in that is free (ENGINE §2)."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from ..hands.kinematics import HandKinematics
+from ..kernels.chains import joint_frames, rotations
+from ..kernels.closing import Candidates, Closings, ClosingKernel, Fate
+from ..kernels.field import SurfaceQuery
+from ..kernels.hand_tables import FINE, hand_tables
+from ..planes import APPROACH_AXES
+from ..analyser import Grip
+from ..types import Array, value
+from .preshapes import posture_at
+from .search import ClosureSearch, Demand, Ranked
+
+
+GAP = 0.0001
+"""How far from the surface a finger stops in an answer [m] [C]."""
+DEEPEST = 0.0007
+"""Deeper than this nothing may be in the object [m] [C]."""
+SELF_DEPTH = 0.001
+"""Deeper than this no links may be in each other [m] [C]."""
+OPENING = 0.006
+"""The pregrasp clears the object by this [m] [C]."""
+NEAREST = 0.0008
+"""... and by this at least, the palm included [m] [C]."""
+STATIONS = np.linspace(0.0, 1.0, 21)
+"""Shares of the way back to the open posture at which a pregrasp is looked for."""
+WAY_IN, STRIDE = 0.12, 0.006
+"""Length of the straight approach that is checked, and the step [m] [C]."""
+JUST_ENOUGH = 3.0
+"""Quality of a grip that balances exactly the load expected; the critic's default threshold."""
+EDGES = 8
+"""Of a friction cone, where forces are chosen."""
+
+
+@value
+class Finished:
+    """A grip, the candidate that it came from, and its contacts.
+
+    Attributes:
+        grip: the hand.
+        row: of the candidate.
+        points: (n, 3) contacts, the thumb's first [m].
+        normals_in: (n, 3) inward unit normals.
+    """
+
+    grip: Grip
+    row: int
+    points: Array
+    normals_in: Array
+
+
+class Finisher:
+    """Makes grips of candidates.
+
+    Args:
+        search: the search that found them.
+        query: the object's exact surface.
+    """
+
+    def __init__(self, search: ClosureSearch, query: SurfaceQuery) -> None:
+        self.search, self.query = search, query
+        self.hand, self.settings = search.hand, search.settings
+        self.tables = hand_tables(search.hand, FINE)
+        self.kernel = ClosingKernel(
+            self.tables, search.field, device=self.settings.device, threads=self.settings.threads
+        )
+        self.kinematics = HandKinematics(search.hand)
+
+    def close(self, found: Ranked, wanted: int) -> Closings:
+        """Closed again with the fine spheres, a little off the surface."""
+        return self.kernel.close(
+            found.sampled.candidates, wanted=wanted, clearance=GAP, palm_clearance=NEAREST, tolerance=5e-5
+        )
+
+    def contacts(self, candidates: Candidates, closings: Closings, posture: Array) -> tuple[Array, Array]:
+        """(n, f, 3), (n, f, 3) exact contact points and inward normals, by finger; NaN for those not in use."""
+        n, f = closings.sphere.shape
+        places, turns = joint_frames(self.tables, posture)
+        R = rotations(candidates.turn)
+        points, normals = np.full((n, f, 3), np.nan), np.full((n, f, 3), np.nan)
+        rows, fingers = np.nonzero(closings.sphere >= 0)
+        if len(rows):
+            spheres = closings.sphere[rows, fingers]
+            joints = np.searchsorted(self.tables.sphere_start, spheres, side="right") - 1
+            local = np.einsum("nij,nj->ni", turns[rows, joints], self.tables.sphere[spheres, :3])
+            centres = candidates.place[rows] + np.einsum(
+                "nij,nj->ni", R[rows], places[rows, joints] + local
+            )
+            points[rows, fingers] = near = self.query.closest(centres).point
+            # From the sphere's centre to the surface: on an edge this, not a face, is the contact's normal.
+            inward = near - centres
+            normals[rows, fingers] = inward / np.maximum(np.linalg.norm(inward, axis=1, keepdims=True), 1e-9)
+        return points, normals
+
+    def finish(self, found: Ranked, demand: Demand, *, wanted: int = 3, enough: int = 1) -> list[Finished]:
+        """The grips that the candidates turn into, in their order; what cannot be executed is left out.
+
+        Args:
+            found: candidates, a few dozen at most.
+            demand: what the grip is asked for.
+            wanted: contacts that it must have.
+            enough: how many grips are wanted; candidates after that are not looked at.
+        """
+        if not len(found):
+            return []
+        candidates, obstacles = found.sampled.candidates, self.settings.obstacles
+        closings = self.close(found, wanted)
+        grasp = posture_at(self.tables, candidates.start, closings.closing)
+        points, normals = self.contacts(candidates, closings, grasp)
+        packed = self._packed(closings, points, normals)
+        task, hold = self.search.strengths(packed, demand)
+        score = self.search.score(task, hold, demand)
+        to_object, to_rest = self.kernel.clearances(candidates.place, candidates.turn, grasp, obstacles)
+        sound = (closings.fate == Fate.CLOSED) & (to_object.min(axis=1) > -DEEPEST)
+        sound &= (to_rest > 0) & (score > 0)
+        grips: list[Finished] = []
+        for row in np.flatnonzero(sound):
+            if len(grips) == enough:
+                break
+            if not self._free_of_itself(grasp[row]):
+                continue
+            opened = self._open(candidates, closings, int(row))
+            way = None if opened is None else self._way_in(found, int(row), opened)
+            if opened is not None and way is not None:
+                margins = float(task[row]) / demand.load, float(hold[row]) / self.settings.hold
+                grips.append(self._grip(found, int(row), packed, grasp[row], opened, way, margins))
+        return grips
+
+    def _packed(self, closings: Closings, points: Array, normals: Array) -> Closings:
+        """The closings with exact contacts, the thumb's first."""
+        order = self._finger_order()
+        used = closings.sphere[:, order] >= 0
+        place = np.argsort(~used, axis=1, kind="stable")
+        P = np.take_along_axis(points[:, order], place[:, :, None], axis=1)
+        N = np.take_along_axis(normals[:, order], place[:, :, None], axis=1)
+        full_p, full_n = np.zeros_like(closings.points), np.zeros_like(closings.normals_in)
+        f = P.shape[1]
+        full_p[:, :f], full_n[:, :f] = np.nan_to_num(P), np.nan_to_num(N)
+        counts = np.where(closings.fate == Fate.CLOSED, used.sum(axis=1), 0).astype(np.int32)
+        return replace(closings, points=full_p, normals_in=full_n, counts=counts)
+
+    def _finger_order(self) -> list[int]:
+        """The thumb, then the others: the order of contacts."""
+        t = self.tables.thumb
+        return [t, *(f for f in range(len(self.tables.fingers)) if f != t)]
+
+    def _free_of_itself(self, q: Array) -> bool:
+        self.kinematics.set_posture(q)
+        return not self.kinematics.self_collisions(SELF_DEPTH)
+
+    def _open(self, candidates: Candidates, closings: Closings, row: int) -> tuple[Array, float] | None:
+        """The posture nearest to the grasp, back along the path, that clears the object, and its clearance."""
+        n = len(STATIONS)
+        shares = closings.closing[row] * (1.0 - STATIONS[:, None])
+        postures = posture_at(self.tables, np.repeat(candidates.start[[row]], n, axis=0), shares)
+        place = np.repeat(candidates.place[[row]], n, axis=0)
+        turn = np.repeat(candidates.turn[[row]], n, axis=0)
+        to_object, to_rest = self.kernel.clearances(place, turn, postures, self.settings.obstacles)
+        # Each finger by itself: the station where it has cleared, or where it is clearest.
+        fingers = to_object[:, :-1]
+        clear = fingers >= OPENING
+        station = np.where(clear.any(axis=0), clear.argmax(axis=0), fingers.argmax(axis=0))
+        opened = posture_at(
+            self.tables,
+            candidates.start[[row]],
+            (closings.closing[row] * (1.0 - STATIONS[station]))[None],
+        )[0]
+        least = min(float(fingers[station, np.arange(len(station))].min()), float(to_object[0, -1]))
+        if least < NEAREST or (to_rest <= 0).any() or not self._free_of_itself(opened):
+            return None
+        return opened, least
+
+    def _way_in(
+        self, found: Ranked, row: int, opened: tuple[Array, float]
+    ) -> tuple[Array, float] | None:
+        """A direction along which the opened hand comes straight and free, and the least clearance on it."""
+        candidates = found.sampled.candidates
+        R = rotations(candidates.turn[row])
+        axis = APPROACH_AXES[found.sampled.plane[row] - 1]
+        steps = np.arange(1, int(WAY_IN / STRIDE) + 1) * STRIDE
+        # The plane's own direction first; else the fingers' and the palm's.
+        for approach in (axis, R[:, 2], unit(R[:, 2] - R[:, 1]), -R[:, 1]):
+            place = candidates.place[row] - steps[:, None] * approach
+            n = len(steps)
+            to_object, to_rest = self.kernel.clearances(
+                place,
+                np.repeat(candidates.turn[[row]], n, axis=0),
+                np.repeat(opened[0][None], n, axis=0),
+                self.settings.obstacles,
+            )
+            least = min(float(to_object.min()), opened[1])
+            if least > 0.3 * NEAREST and (to_rest > 0).all():
+                return np.asarray(approach), least
+        return None
+
+    def _grip(
+        self,
+        found: Ranked,
+        row: int,
+        packed: Closings,
+        q: Array,
+        opened: tuple[Array, float],
+        way: tuple[Array, float],
+        margins: tuple[float, float],
+    ) -> Finished:
+        candidates, settings = found.sampled.candidates, self.settings
+        n = int(packed.counts[row])
+        points = packed.points[row, :n].astype(np.float64)
+        normals = packed.normals_in[row, :n].astype(np.float64)
+        used = [f for f in self._finger_order() if packed.sphere[row, f] >= 0]
+        arms = (points - self.search.cog) / self.search.length
+        share = grip_forces(arms, normals, settings.mu)
+        torques = self._torques(candidates, packed, row, q, used, points, share)
+        # A joint that would be too weak for the whole squeeze makes it weaker.
+        strain = float((np.abs(torques) / self.hand.torque_limits).max())
+        most = min(settings.press_most, 1.0 / max(strain, 1e-9))
+        needed = settings.safety * settings.weight / max(min(margins), 1e-9)
+        press = min(max(settings.press_least, needed), most)
+        squeeze = q + press * torques / self.hand.gains
+        grip = Grip(
+            approach=way[0],
+            palm_pose=np.concatenate([candidates.place[row], candidates.turn[row]]),
+            start=candidates.start[row],
+            mask=int(candidates.mask[row]),
+            pregrasp=opened[0],
+            grasp=q,
+            squeeze=np.clip(squeeze, self.tables.limits[:, 0], self.tables.limits[:, 1]),
+            fingers=tuple(self.tables.fingers[f] for f in used),
+            forces=press * share,
+            torques=press * torques,
+            task_margin=margins[0] * press / settings.weight,
+            hold_margin=margins[1] * press / settings.weight,
+            quality=float(np.clip(JUST_ENOUGH * min(margins) * most / settings.weight, 0.0, 6.0)),
+            clearance=min(opened[1], way[1]),
+        )
+        return Finished(grip=grip, row=row, points=points, normals_in=normals)
+
+    def _torques(
+        self,
+        candidates: Candidates,
+        packed: Closings,
+        row: int,
+        q: Array,
+        used: list[int],
+        points: Array,
+        forces: Array,
+    ) -> Array:
+        """(j,) joint torques that make the contact forces (n, 3), Jᵀ f."""
+        places, turns = joint_frames(self.tables, q[None])
+        R = rotations(candidates.turn[row])
+        anchors = candidates.place[row] + places[0] @ R.T
+        axes = np.einsum("ij,njk,nk->ni", R, turns[0], self.tables.axis)
+        torques = np.zeros(len(q))
+        for finger, point, force in zip(used, points, forces, strict=True):
+            last = int(np.searchsorted(self.tables.sphere_start, packed.sphere[row, finger], side="right")) - 1
+            for j in range(int(self.tables.joint_start[finger]), last + 1):
+                torques[j] = axes[j] @ np.cross(point - anchors[j], force)
+        return torques
+
+
+def unit(vector: Array) -> Array:
+    """The vector at length one."""
+    return np.asarray(vector / np.linalg.norm(vector))
+
+
+def grip_forces(arms: Array, normals_in: Array, mu: float) -> Array:
+    """(n, 3) forces of a squeeze that moves nothing: they balance, their normal parts sum to one.
+
+    Of all balanced ones inside the cones (of eight edges) about the one that spreads most evenly over contacts
+    and cone: nonnegative least squares with a small penalty.
+
+    Args:
+        arms: (n, 3) contact points from the reference, over ℓ.
+        normals_in: (n, 3) inward unit normals.
+        mu: friction that they may use.
+    """
+    from scipy.optimize import nnls
+
+    n = len(arms)
+    helper = np.where(np.abs(normals_in[:, :1]) < 0.9, [[1.0, 0, 0]], [[0, 1.0, 0]])
+    t1 = np.cross(normals_in, helper)
+    t1 /= np.linalg.norm(t1, axis=1, keepdims=True)
+    t2 = np.cross(normals_in, t1)
+    angles = np.arange(EDGES) * 2 * np.pi / EDGES
+    edges = normals_in[:, None] + mu * (
+        np.cos(angles)[None, :, None] * t1[:, None] + np.sin(angles)[None, :, None] * t2[:, None]
+    )
+    flat = edges.reshape(-1, 3)
+    wrenches = np.concatenate([flat, np.cross(np.repeat(arms, EDGES, axis=0), flat)], axis=1)
+    penalty = 0.03 * np.sqrt(n * EDGES)
+    rows = np.concatenate([10 * wrenches.T, 10 * np.ones((1, n * EDGES)), penalty * np.eye(n * EDGES)])
+    wanted = np.concatenate([np.zeros(6), [10.0], np.full(n * EDGES, penalty / (n * EDGES))])
+    weights, _ = nnls(rows, wanted)
+    weights /= max(weights.sum(), 1e-9)
+    return np.asarray(np.einsum("ne,nei->ni", weights.reshape(n, EDGES), edges))

@@ -1,0 +1,143 @@
+"""Preshapes of a hand: postures to start closing from, and where each of them pinches."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+
+from ..hands.hand import Hand
+from ..hands.kinematics import HandKinematics
+from ..types import Array, BoolArray, IntArray, value
+from ..kernels.chains import fingertips
+from ..kernels.hand_tables import HandTables, hand_tables
+
+POOL = 1024
+"""Preshapes that the search draws from [C]."""
+BENDS = 0.3
+"""A joint of the closing path starts up to this far from the path's first angle [rad] [C]."""
+SELF_DEPTH = 0.002
+"""A preshape whose links are deeper in each other than this on the way to its pinch is left out [m] [C]."""
+STATIONS = 11
+"""Points of the closing path at which the pinch is known."""
+
+
+@value
+class Preshapes:
+    """n preshapes and their pinch at stations of the closing path.
+
+    Attributes:
+        start: (n, j) joint angles at the beginning of the closing [rad].
+        mask: (n,) bit f is set where finger f (of the tables' order) closes.
+        fingers: (n,) how many close, the thumb included.
+        pinch: (n, STATIONS, 3) middle between the thumb's tip and the mean of the others, palm frame [m].
+        opposition: (n, STATIONS, 3) unit vector from that mean towards the thumb's tip.
+        aperture: (n, STATIONS) distance between the two [m].
+    """
+
+    start: Array
+    mask: IntArray
+    fingers: IntArray
+    pinch: Array
+    opposition: Array
+    aperture: Array
+
+
+def posture_at(tables: HandTables, start: Array, closing: Array) -> Array:
+    """(n, j) joint angles [rad] of hands that started at ``start`` (n, j), fingers at ``closing`` (n, f)."""
+    knots = len(tables.path)
+    share = np.clip(closing, 0.0, 1.0) * (knots - 1)
+    low = np.minimum(share.astype(np.int64), knots - 2)
+    part = share - low
+    q = np.array(start, dtype=np.float64)
+    for f, (first, end) in enumerate(zip(tables.joint_start[:-1], tables.joint_start[1:], strict=True)):
+        along = (1 - part[:, f, None]) * tables.path[low[:, f], first:end] + part[:, f, None] * tables.path[
+            low[:, f] + 1, first:end
+        ]
+        q[:, first:end] += along - tables.path[0, first:end]
+    return np.clip(q, tables.limits[:, 0], tables.limits[:, 1])
+
+
+@lru_cache(maxsize=16)
+def preshapes(hand: Hand, count: int = POOL, seed: int = 0) -> Preshapes:
+    """A pool of preshapes, spread over what the hand's description allows; the same for the same seed.
+
+    Args:
+        hand: which hand.
+        count: how many.
+        seed: of the draws.
+    """
+    from scipy.stats import qmc
+
+    tables = hand_tables(hand)
+    joints = len(hand.joints)
+    low, high = joint_ranges(hand, tables)
+    draws = qmc.Sobol(joints + 2, seed=seed).random(4 * count)
+    start = low + (high - low) * draws[:, :joints]
+    mask = _finger_sets(tables, draws[:, joints], draws[:, joints + 1])
+    sound = np.flatnonzero(_clear(hand, tables, start))[:count]
+    start, mask = start[sound], mask[sound]
+    n = len(start)
+    shares = np.linspace(0.0, 1.0, STATIONS)
+    pinch, opposition = np.empty((n, STATIONS, 3)), np.empty((n, STATIONS, 3))
+    aperture = np.empty((n, STATIONS))
+    used = ((mask[:, None] >> np.arange(len(tables.fingers))) & 1).astype(np.float64)
+    used[:, tables.thumb] = 0.0
+    weights = used / used.sum(axis=1, keepdims=True)
+    for k, share in enumerate(shares):
+        tips = fingertips(tables, posture_at(tables, start, np.full((n, len(tables.fingers)), share)))
+        others = np.einsum("nf,nfi->ni", weights, tips)
+        thumb = tips[:, tables.thumb]
+        pinch[:, k] = (others + thumb) / 2
+        apart = thumb - others
+        aperture[:, k] = np.linalg.norm(apart, axis=1)
+        opposition[:, k] = apart / np.maximum(aperture[:, k, None], 1e-9)
+    return Preshapes(
+        start=start,
+        mask=mask,
+        fingers=(used.sum(axis=1) + 1).astype(np.int64),
+        pinch=pinch,
+        opposition=opposition,
+        aperture=aperture,
+    )
+
+
+def joint_ranges(hand: Hand, tables: HandTables) -> tuple[Array, Array]:
+    """(j,), (j,) range that each joint's first angle is drawn from [rad]."""
+    low, high = tables.path[0].copy(), tables.path[0].copy()
+    for finger in hand.fingers:
+        columns = hand.columns(finger.name)
+        low[columns], high[columns] = finger.preshape[:, 0], finger.preshape[:, 1]
+        # Joints that only the path moves may start more or less bent than it does.
+        fixed = np.ptp(finger.preshape, axis=1) == 0
+        moving = fixed & (np.ptp(finger.closing, axis=0) > 0.1)
+        low[columns] -= np.where(moving, BENDS, 0.0)
+        high[columns] += np.where(moving, BENDS, 0.0)
+    return np.maximum(low, tables.limits[:, 0]), np.minimum(high, tables.limits[:, 1])
+
+
+def _finger_sets(tables: HandTables, kind: Array, shift: Array) -> IntArray:
+    """(n,) bits of the fingers that close: all in half of the draws, else some neighbours of the thumb."""
+    others = [f for f in range(len(tables.fingers)) if f != tables.thumb]
+    m = len(others)
+    mask = np.full(len(kind), 1 << tables.thumb, dtype=np.int64)
+    # Share of each number of fingers beside the thumb: all of them as often as all the rest together.
+    edges = np.concatenate([np.linspace(0.0, 0.5, m)[1:], [1.0]]) if m > 1 else np.array([1.0])
+    size = np.minimum(np.searchsorted(edges, kind, side="right"), m - 1) + 1
+    first = np.minimum((shift * (m - size + 1)).astype(np.int64), m - size)
+    for k, f in enumerate(others):
+        mask |= np.where((k >= first) & (k < first + size), 1 << f, 0)
+    return mask
+
+
+def _clear(hand: Hand, tables: HandTables, start: Array) -> BoolArray:
+    """Whether no links are deep in each other, open and a quarter closed."""
+    kinematics = HandKinematics(hand)
+    clear = np.ones(len(start), dtype=bool)
+    for share in (0.0, 0.25):
+        closing = np.full((len(start), len(tables.fingers)), share)
+        for i, q in enumerate(posture_at(tables, start, closing)):
+            if clear[i]:
+                kinematics.set_posture(q)
+                clear[i] = not kinematics.self_collisions(SELF_DEPTH)
+    return clear

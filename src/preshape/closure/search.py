@@ -1,0 +1,327 @@
+"""The search: close many candidates, rank them by how well their contacts resist, refine the best.
+
+Everything here is arrays over candidates; nothing knows the task's name, the memory or the hand's file.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from ..hands.hand import Hand
+from ..kernels.chains import rotations
+from ..kernels.closing import Candidates, Closings, ClosingKernel, Fate
+from ..kernels.field import DistanceField
+from ..kernels.hand_tables import COARSE, HandTables, hand_tables
+from ..kernels.margin import cone_strengths, margins
+from ..types import Array, IntArray, freeze, frozen_array, value
+from .preshapes import Preshapes, joint_ranges, preshapes
+from .sampling import Sampled, quaternions, small_rotations
+from .settings import ClosureSettings
+
+STEP, TURN, BEND = 0.006, 0.12, 0.10
+"""Spread of the first refinement: wrist [m], its turn [rad], joints of the preshape [rad] [C]."""
+HOLD = np.concatenate([np.eye(6), -np.eye(6)])
+"""Wrenches that plain holding is ranked by: pushes and turns along and about the axes, torques over ℓ."""
+
+
+@value
+class Demand:
+    """What the grip is asked for, in units of the sum of its normal forces.
+
+    Attributes:
+        direction: (6,) the task's wrench (force; torque over ℓ), or ``None`` for plain holding.
+        half_angle: of the cone around it [rad].
+        base: (6,) what must be produced all the while, as minus the weight.
+        load: the task's load that a unit of strength is compared with; plain holding's is one weight.
+    """
+
+    direction: Array | None = None
+    half_angle: float = float(np.radians(15.0))
+    base: Array | tuple[float, ...] = (0.0,) * 6
+    load: float = 1.0
+
+    def __post_init__(self) -> None:
+        freeze(self, base=frozen_array(self.base, (6,), "base wrench"))
+        if self.direction is not None:
+            freeze(self, direction=frozen_array(self.direction, (6,), "task direction"))
+
+
+@value
+class Ranked:
+    """Candidates that closed, best first.
+
+    Attributes:
+        sampled: (n,) what was drawn, row by row as the rest.
+        closings: how they closed.
+        score: (n,) the margin that they are ranked by: how many times the unit demand a unit of grip serves.
+        task: (n,) strength along the task's wrench cone; plain holding's where there is no task.
+        hold: (n,) strength of plain holding.
+        tried: how many candidates were closed for it.
+    """
+
+    sampled: Sampled
+    closings: Closings
+    score: Array
+    task: Array
+    hold: Array
+    tried: int
+
+    def __len__(self) -> int:
+        return len(self.score)
+
+    def take(self, rows: IntArray) -> Ranked:
+        """The candidates of these rows, in that order."""
+        c = self.closings
+        return Ranked(
+            sampled=take(self.sampled, rows),
+            closings=Closings(
+                fate=c.fate[rows],
+                closing=c.closing[rows],
+                sphere=c.sphere[rows],
+                points=c.points[rows],
+                normals_in=c.normals_in[rows],
+                counts=c.counts[rows],
+            ),
+            score=self.score[rows],
+            task=self.task[rows],
+            hold=self.hold[rows],
+            tried=self.tried,
+        )
+
+
+def take(sampled: Sampled, rows: IntArray) -> Sampled:
+    """The drawn candidates of these rows."""
+    return Sampled(
+        candidates=sampled.candidates.take(rows),
+        plane=sampled.plane[rows],
+        flip=sampled.flip[rows],
+        value=sampled.value[rows],
+        preshape=sampled.preshape[rows],
+    )
+
+
+def best_of(*several: Ranked, keep: int | None = None) -> Ranked:
+    """All of them together, best first."""
+    parts = [one for one in several if len(one)] or [several[0]]
+    joined = Ranked(
+        sampled=Sampled(
+            candidates=Candidates(
+                **{
+                    name: np.concatenate([getattr(p.sampled.candidates, name) for p in parts])
+                    for name in ("place", "turn", "start", "mask")
+                }
+            ),
+            **{
+                name: np.concatenate([getattr(p.sampled, name) for p in parts])
+                for name in ("plane", "flip", "value", "preshape")
+            },
+        ),
+        closings=Closings(
+            **{
+                name: np.concatenate([getattr(p.closings, name) for p in parts])
+                for name in ("fate", "closing", "sphere", "points", "normals_in", "counts")
+            }
+        ),
+        score=np.concatenate([p.score for p in parts]),
+        task=np.concatenate([p.task for p in parts]),
+        hold=np.concatenate([p.hold for p in parts]),
+        tried=sum(one.tried for one in several),
+    )
+    order = np.argsort(-joined.score, kind="stable")
+    return joined.take(order if keep is None else order[:keep])
+
+
+class ClosureSearch:
+    """One hand and one object, ready to be searched.
+
+    Args:
+        hand: which hand.
+        field: the object's signed distance.
+        cog: (3,) the point that torques are about [m].
+        length: ℓ, half the object's largest extent [m].
+        settings: friction, device, size of the search.
+    """
+
+    def __init__(
+        self, hand: Hand, field: DistanceField, cog: Array, length: float, settings: ClosureSettings
+    ) -> None:
+        self.hand, self.field, self.settings = hand, field, settings
+        self.cog, self.length = np.asarray(cog, dtype=np.float64), float(length)
+        self.tables: HandTables = hand_tables(hand, COARSE)
+        self.pool: Preshapes = preshapes(hand)
+        self.ranges = joint_ranges(hand, self.tables)
+        self.kernel = ClosingKernel(self.tables, field, device=settings.device, threads=settings.threads)
+
+    def evaluate(self, sampled: Sampled, demand: Demand, *, wanted: int = 3) -> Ranked:
+        """Close the candidates and rank those that hold on to the object."""
+        closings = self.kernel.close(sampled.candidates, wanted=wanted)
+        rows = np.flatnonzero(closings.fate == Fate.CLOSED)
+        nothing = np.zeros(len(rows))
+        found = Ranked(
+            sampled=sampled, closings=closings, score=nothing, task=nothing, hold=nothing, tried=0
+        )
+        found = replace(_closed(found, rows), tried=len(sampled.candidates))
+        task, hold = self.strengths(found.closings, demand)
+        score = self.score(task, hold, demand)
+        order = np.argsort(-score, kind="stable")
+        return replace(found, score=score, task=task, hold=hold).take(order)
+
+    def strengths(self, closings: Closings, demand: Demand) -> tuple[Array, Array]:
+        """(n,), (n,) strength along the task's cone, and of plain holding."""
+        if not len(closings.counts):
+            return np.zeros(0), np.zeros(0)
+        grip = (closings.points, closings.normals_in, closings.counts)
+        same = {
+            "friction": self.settings.mu,
+            "torsion": self.settings.gamma,
+            "length": self.length,
+            "reference": self.cog,
+            "threads": self.settings.threads,
+            "device": self.settings.device,
+        }
+        hold = margins(*grip, wrenches=HOLD, **same).strength
+        if demand.direction is None:
+            return hold, hold
+        task = cone_strengths(
+            *grip, direction=demand.direction, half_angle=demand.half_angle, base=demand.base, **same
+        ).strength
+        return task, hold
+
+    def score(self, task: Array, hold: Array, demand: Demand) -> Array:
+        """(n,) margin over the loads expected, the smaller of the task's and of plain holding's."""
+        return np.minimum(task / demand.load, hold / self.settings.hold)
+
+    def near(
+        self,
+        rng: np.random.Generator,
+        elite: Ranked,
+        each: int,
+        spread: float,
+        *,
+        shift: float | None = None,
+        turn: float | None = None,
+    ) -> Sampled:
+        """Children of the elite: wrist and preshape moved a little.
+
+        Args:
+            rng: of the draws.
+            elite: parents.
+            each: children of each parent.
+            spread: factor on the first refinement's spread.
+            shift: of the wrist, in place of the spread's [m].
+            turn: of its turn, in place of the spread's [rad].
+        """
+        rows = np.repeat(np.arange(len(elite)), each)
+        parents = take(elite.sampled, rows)
+        n = len(rows)
+        counts = elite.closings.counts[rows]
+        valid = np.arange(elite.closings.points.shape[1]) < counts[:, None]
+        # Turned about the contacts, not about the wrist: else a small turn would miss the object.
+        middle = np.where(valid[:, :, None], elite.closings.points[rows], 0.0).sum(axis=1) / counts[:, None]
+        R = small_rotations(rng.normal(0.0, TURN * spread if turn is None else turn, (n, 3)))
+        place = parents.candidates.place
+        moved = np.einsum("nij,nj->ni", R, place - middle) + middle
+        moved += rng.normal(0.0, STEP * spread if shift is None else shift, (n, 3))
+        start = parents.candidates.start + rng.normal(0.0, BEND * spread, parents.candidates.start.shape)
+        start = np.clip(start, *self.ranges)
+        turned = quaternions(R @ rotations(parents.candidates.turn))
+        return replace(
+            parents,
+            candidates=Candidates(place=moved, turn=turned, start=start, mask=parents.candidates.mask),
+        )
+
+    def refine(
+        self,
+        rng: np.random.Generator,
+        found: Ranked,
+        demand: Demand,
+        *,
+        elite: int = 32,
+        each: int = 6,
+        rounds: int = 3,
+        wanted: int = 3,
+    ) -> Ranked:
+        """The best of them, searched further nearby; the better of parents and children each round."""
+        best = found
+        for k in range(rounds):
+            if not len(best):
+                break
+            parents = best.take(apart(best, elite, 1.0 / (k + 1)))
+            children = self.evaluate(self.near(rng, parents, each, 0.6**k), demand, wanted=wanted)
+            best = best_of(best, children, keep=4 * elite)
+        return best
+
+
+    def steady(
+        self,
+        rng: np.random.Generator,
+        found: Ranked,
+        demand: Demand,
+        *,
+        samples: int = 8,
+        shift: float = 0.003,
+        turn: float = 0.05,
+        wanted: int = 3,
+    ) -> Ranked:
+        """Ranked again by what is left of the margin when the object is not quite where it should be.
+
+        Args:
+            rng: of the draws.
+            found: a few dozen candidates.
+            demand: as for the ranking.
+            samples: poses tried for each.
+            shift: standard deviation of the wrist's error [m].
+            turn: of its turn [rad].
+            wanted: contacts that a candidate must find.
+        """
+        if not len(found):
+            return found
+        rows = np.repeat(np.arange(len(found)), samples)
+        moved = self.near(rng, found, samples, 0.0, shift=shift, turn=turn)
+        closings = self.kernel.close(moved.candidates, wanted=wanted)
+        task, hold = self.strengths(closings, demand)
+        score = np.where(closings.fate == Fate.CLOSED, self.score(task, hold, demand), 0.0)
+        each = np.sort(score.reshape(len(found), samples), axis=1)
+        # The worse half of what may happen counts as much as the grasp as planned.
+        left = 0.5 * (found.score + each[:, : max(1, samples // 2)].mean(axis=1))
+        return replace(found, score=left).take(np.argsort(-left, kind="stable"))
+
+
+def _closed(found: Ranked, rows: IntArray) -> Ranked:
+    """Only the closed ones; scores are filled in later."""
+    c = found.closings
+    return replace(
+        found,
+        sampled=take(found.sampled, rows),
+        closings=Closings(
+            **{
+                name: getattr(c, name)[rows]
+                for name in ("fate", "closing", "sphere", "points", "normals_in", "counts")
+            }
+        ),
+    )
+
+
+def apart(found: Ranked, count: int, least: float = 1.0) -> IntArray:
+    """Rows of at most ``count`` candidates, best first, that stand apart from each other.
+
+    Args:
+        found: best first.
+        count: how many are wanted.
+        least: distance that they keep: 1 is 20 mm of wrist, or 0.35 rad of its turn, or a mixture.
+    """
+    place, turn = found.sampled.candidates.place, found.sampled.candidates.turn
+    chosen: list[int] = []
+    free = np.ones(len(found), dtype=bool)
+    for i in range(len(found)):
+        if len(chosen) == count:
+            break
+        if not free[i]:
+            continue
+        chosen.append(i)
+        angle = 2 * np.arccos(np.minimum(1.0, np.abs(turn @ turn[i])))
+        distance = np.linalg.norm(place - place[i], axis=1) / 0.02 + angle / 0.35
+        free &= distance >= least
+    return np.array(chosen, dtype=np.int64)

@@ -1,0 +1,56 @@
+"""Forward kinematics of many postures at once, in NumPy: the specification of the kernel's own."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..types import Array
+from .hand_tables import HandTables
+
+
+def joint_frames(tables: HandTables, q: Array) -> tuple[Array, Array]:
+    """Where every joint stands in the palm frame.
+
+    Args:
+        tables: of the hand.
+        q: (n, j) joint angles [rad].
+
+    Returns:
+        (n, j, 3) anchors [m] and (n, j, 3, 3) rotations, after the joint's own turn.
+    """
+    n, joints = q.shape
+    places, turns = np.empty((n, joints, 3)), np.empty((n, joints, 3, 3))
+    fixed = rotations(tables.turn)
+    for first, end in zip(tables.joint_start[:-1], tables.joint_start[1:], strict=True):
+        p, R = np.zeros((n, 3)), np.broadcast_to(np.eye(3), (n, 3, 3))
+        for j in range(first, end):
+            p = p + R @ tables.offset[j]
+            R = R @ fixed[j] @ about(tables.axis[j], q[:, j])
+            places[:, j], turns[:, j] = p, R
+    return places, turns
+
+
+def fingertips(tables: HandTables, q: Array) -> Array:
+    """(n, f, 3) centres of the fingertips in the palm frame [m], fingers in the tables' order."""
+    places, turns = joint_frames(tables, q)
+    last = tables.joint_start[1:] - 1
+    return np.asarray(places[:, last] + np.einsum("nfij,fj->nfi", turns[:, last], tables.tip))
+
+
+def rotations(quaternions: Array) -> Array:
+    """(..., 3, 3) of unit quaternions wxyz (..., 4)."""
+    w, x, y, z = np.moveaxis(np.asarray(quaternions, dtype=np.float64), -1, 0)
+    rows = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+    ]
+    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+
+
+def about(axis: Array, angles: Array) -> Array:
+    """(n, 3, 3) rotations by ``angles`` (n,) [rad] about a unit axis (3,)."""
+    x, y, z = axis
+    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    s, c = np.sin(angles)[:, None, None], np.cos(angles)[:, None, None]
+    return np.asarray(np.eye(3) + s * cross + (1.0 - c) * (cross @ cross))

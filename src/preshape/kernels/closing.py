@@ -1,0 +1,245 @@
+"""Closing many hands on one object: host side of the closing kernel.
+
+A candidate is a wrist pose and a preshape. Its fingers move along the closing path, each until one of its links
+touches; what they touch, and where, comes back. The kernel is :mod:`preshape.kernels.warp_closing`, on the CPU
+and on CUDA; :mod:`preshape.kernels.closing_numpy` is its specification.
+"""
+
+from __future__ import annotations
+
+from dataclasses import field
+from enum import IntEnum
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..types import Array, IntArray, value
+
+if TYPE_CHECKING:
+    from .field import DistanceField
+    from .hand_tables import HandTables
+
+CONTACTS = 8
+"""Room for contacts of one candidate."""
+
+
+class Fate(IntEnum):
+    """What became of a candidate."""
+
+    CLOSED = 0
+    PALM_INSIDE = 1
+    FINGERS_INSIDE = 2
+    THUMB_MISSES = 3
+    TOO_FEW = 4
+    SELF = 5
+
+
+@value
+class Candidates:
+    """n hands about to close.
+
+    Attributes:
+        place: (n, 3) palm frame in the mesh frame [m].
+        turn: (n, 4) its orientation, quaternion wxyz.
+        start: (n, j) joint angles at the beginning of the closing path [rad].
+        mask: (n,) bit f is set where finger f closes.
+    """
+
+    place: Array
+    turn: Array
+    start: Array
+    mask: IntArray
+
+    def __len__(self) -> int:
+        return len(self.place)
+
+    def take(self, rows: IntArray) -> Candidates:
+        """The candidates of these rows, in that order."""
+        return Candidates(
+            place=self.place[rows], turn=self.turn[rows], start=self.start[rows], mask=self.mask[rows]
+        )
+
+
+@value
+class Closings:
+    """How n hands closed.
+
+    Attributes:
+        fate: (n,) :class:`Fate`.
+        closing: (n, f) how far each finger closed, 0..1; 0 where it touches nothing.
+        sphere: (n, f) the sphere that touches, -1 for none.
+        points: (n, 8, 3) contact points [m], the thumb's first; only the first ``counts`` are filled.
+        normals_in: (n, 8, 3) inward unit normals.
+        counts: (n,) contacts; 0 unless ``CLOSED``.
+    """
+
+    fate: IntArray
+    closing: Array
+    sphere: IntArray
+    points: Array
+    normals_in: Array
+    counts: IntArray
+
+
+@value
+class Obstacles:
+    """What hand and fingers must stay out of, in the mesh frame.
+
+    Attributes:
+        planes: (k, 4) half-spaces n·x < d that are solid: unit normal and offset [m].
+        boxes: (b, 2, 3) lower and upper corners [m].
+    """
+
+    planes: Array = field(default_factory=lambda: np.zeros((0, 4)))
+    boxes: Array = field(default_factory=lambda: np.zeros((0, 2, 3)))
+
+    def __bool__(self) -> bool:
+        return bool(len(self.planes) or len(self.boxes))
+
+
+class ClosingKernel:
+    """One hand and one object on a device, ready to close candidates.
+
+    Args:
+        tables: the hand's arrays, :class:`preshape.kernels.hand_tables.HandTables`.
+        distances: the object's signed distance.
+        device: ``cpu`` or a CUDA device's name.
+        threads: parts of a batch that run side by side on the CPU; default one for each core.
+    """
+
+    def __init__(
+        self, tables: HandTables, distances: DistanceField, *, device: str = "cpu", threads: int | None = None
+    ) -> None:
+        from .launch import usable_threads, warp
+
+        self._wp = wp = warp()
+        from . import warp_closing
+
+        self._module = warp_closing
+        self.device, self.threads = device, threads or usable_threads(device)
+        self.fingers, self.joints = len(tables.joint_start) - 1, len(tables.axis)
+        hand, grid = warp_closing.HandArrays(), warp_closing.FieldArrays()
+        for name in ("joint_start", "sphere_start"):
+            setattr(hand, name, wp.array(getattr(tables, name), dtype=wp.int32, device=device))
+        for name in ("offset", "axis"):
+            setattr(hand, name, wp.array(getattr(tables, name), dtype=wp.vec3, device=device))
+        for name in ("sphere", "bound", "palm"):
+            setattr(hand, name, wp.array(getattr(tables, name), dtype=wp.vec4, device=device))
+        for name in ("speed", "bound_speed"):
+            setattr(hand, name, wp.array(getattr(tables, name), dtype=wp.float32, device=device))
+        hand.turn = wp.array(_xyzw(tables.turn), dtype=wp.quat, device=device)
+        hand.path = wp.array(tables.path, dtype=wp.float32, device=device)
+        hand.limits = wp.array(tables.limits, dtype=wp.vec2, device=device)
+        hand.fingers, hand.thumb, hand.knots = self.fingers, tables.thumb, len(tables.path)
+        grid.distance = wp.array(distances.distance, dtype=wp.float32, device=device)
+        grid.origin = wp.vec3(*distances.origin)
+        grid.inverse_spacing = 1.0 / distances.spacing
+        self.hand, self.field = hand, grid
+
+    def close(
+        self,
+        candidates: Candidates,
+        *,
+        wanted: int = 3,
+        clearance: float = 0.0,
+        palm_clearance: float = 0.0,
+        tolerance: float = 1e-4,
+    ) -> Closings:
+        """Close every candidate.
+
+        Args:
+            candidates: n of them.
+            wanted: contacts that a candidate must find, the thumb's included.
+            clearance: how far from the surface a finger stops [m].
+            palm_clearance: how near the palm may come [m].
+            tolerance: to which a finger finds that distance [m].
+        """
+        from .launch import in_parts
+
+        wp, n = self._wp, len(candidates)
+        device = self.device
+        place = wp.array(candidates.place, dtype=wp.vec3, device=device)
+        turn = wp.array(_xyzw(candidates.turn), dtype=wp.quat, device=device)
+        start = wp.array(candidates.start, dtype=wp.float32, device=device)
+        mask = wp.array(candidates.mask, dtype=wp.int32, device=device)
+        fate = wp.zeros(n, dtype=wp.int32, device=device)
+        closing = wp.zeros((n, self.fingers), dtype=wp.float32, device=device)
+        sphere = wp.full((n, self.fingers), -1, dtype=wp.int32, device=device)
+        points = wp.zeros((n, CONTACTS), dtype=wp.vec3, device=device)
+        normals = wp.zeros((n, CONTACTS), dtype=wp.vec3, device=device)
+        counts = wp.zeros(n, dtype=wp.int32, device=device)
+
+        def launch(first: int, size: int) -> None:
+            wp.launch(
+                self._module.close_hand,
+                dim=size,
+                inputs=[
+                    self.hand,
+                    self.field,
+                    place,
+                    turn,
+                    start,
+                    mask,
+                    clearance,
+                    palm_clearance,
+                    tolerance,
+                    wanted,
+                    first,
+                ],
+                outputs=[fate, closing, sphere, points, normals, counts],
+                device=device,
+            )
+
+        in_parts(launch, n, self.threads)
+        return Closings(
+            fate=fate.numpy(),
+            closing=closing.numpy(),
+            sphere=sphere.numpy(),
+            points=points.numpy(),
+            normals_in=normals.numpy(),
+            counts=counts.numpy(),
+        )
+
+
+    def clearances(
+        self, place: Array, turn: Array, posture: Array, obstacles: Obstacles | None = None
+    ) -> tuple[Array, Array]:
+        """How far hands in given postures are from the object and from what is to be kept out of.
+
+        Args:
+            place: (n, 3) palm frames [m].
+            turn: (n, 4) quaternions wxyz.
+            posture: (n, j) joint angles [rad].
+            obstacles: a table, boxes.
+
+        Returns:
+            (n, f + 1) distance of each finger and, last, of the palm to the object; (n,) of the whole hand
+            to the obstacles [m], negative inside.
+        """
+        from .launch import in_parts
+
+        wp, n, device = self._wp, len(place), self.device
+        rest = obstacles or Obstacles()
+        planes = wp.array(np.reshape(rest.planes, (-1, 4)), dtype=wp.vec4, device=device)
+        boxes = wp.array(np.reshape(rest.boxes, (-1, 2, 3)), dtype=wp.vec3, device=device)
+        places = wp.array(place, dtype=wp.vec3, device=device)
+        turns = wp.array(_xyzw(turn), dtype=wp.quat, device=device)
+        postures = wp.array(posture, dtype=wp.float32, device=device)
+        to_object = wp.zeros((n, self.fingers + 1), dtype=wp.float32, device=device)
+        to_rest = wp.zeros(n, dtype=wp.float32, device=device)
+
+        def launch(first: int, size: int) -> None:
+            wp.launch(
+                self._module.clearances,
+                dim=size,
+                inputs=[self.hand, self.field, planes, boxes, places, turns, postures, first],
+                outputs=[to_object, to_rest],
+                device=device,
+            )
+
+        in_parts(launch, n, self.threads)
+        return to_object.numpy(), to_rest.numpy()
+
+
+def _xyzw(quaternions: Array) -> Array:
+    return np.roll(quaternions, -1, axis=1)
