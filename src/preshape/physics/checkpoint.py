@@ -34,17 +34,24 @@ class Checkpoint:
     def __init__(self, path: str | Path, key: str) -> None:
         self.path = Path(path)
         self.done: dict[int, HoldResult] = {}
-        whole = self._read(key)
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)
-            self._file: IO[bytes] = self.path.open("r+b" if whole else "wb")
-            if whole:
-                self._file.truncate(whole)
-                self._file.seek(whole)
-            else:
-                self._line({"format": FORMAT, "key": key})
+            self._file: IO[bytes] = self.path.open("a+b")
         except OSError as error:
             raise self._failure(error) from error
+        try:
+            if not _locked(self._file):
+                raise InputError(f"{self.path} is in use by another run; wait for it, or choose another file")
+            whole = self._read(key)
+            self._file.truncate(whole)
+            if not whole:
+                self._line({"format": FORMAT, "key": key})
+        except OSError as error:
+            self._file.close()
+            raise self._failure(error) from error
+        except BaseException:
+            self._file.close()
+            raise
 
     def __enter__(self) -> Checkpoint:
         return self
@@ -72,12 +79,8 @@ class Checkpoint:
 
     def _read(self, key: str) -> int:
         """Take in what is there; how many bytes of it are whole lines."""
-        try:
-            content = self.path.read_bytes()
-        except FileNotFoundError:
-            return 0
-        except OSError as error:
-            raise self._failure(error) from error
+        self._file.seek(0)
+        content = self._file.read()
         whole = content.rfind(b"\n") + 1
         lines = content[:whole].splitlines()
         if not lines:
@@ -102,3 +105,18 @@ class Checkpoint:
 
     def _failure(self, error: OSError) -> EnvironmentFailure:
         return EnvironmentFailure(f"cannot keep results in {self.path}: {error.strerror}")
+
+
+def _locked(file: IO[bytes]) -> bool:
+    """Take the file for this process; it is free again when it is closed, however the process ends."""
+    try:
+        import fcntl
+    except ImportError:  # a system without such locks
+        return True
+    try:
+        fcntl.flock(file.fileno(), fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    except OSError:  # a file system without them
+        return True
+    return True

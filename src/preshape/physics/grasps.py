@@ -27,15 +27,17 @@ from __future__ import annotations
 
 import json
 import zipfile
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from .. import spatial
-from ..exceptions import EnvironmentFailure, InputError, PreshapeError
+from ..exceptions import EnvironmentFailure, InputError
 from ..types import Array, freeze, value
 from .hand import PhysicsHand
+from .locate import object_extent, plan_object
 
 STAGES = ("pregrasp", "grasp", "squeeze")
 FRAMES = ("root", "palm")
@@ -69,6 +71,7 @@ class GraspSet:
         squeeze: (n, 7 + j).
         frame: what the hand poses are of, ``root`` or ``palm``.
         faults: rows that cannot be tested; their numbers are zero.
+        origin: file and row of each grasp, where they come from several files; else empty.
 
     Raises:
         InputError: an array of the wrong shape; the message names it.
@@ -84,11 +87,14 @@ class GraspSet:
     squeeze: Array
     frame: str = "root"
     faults: tuple[Fault, ...] = ()
+    origin: tuple[tuple[str, int], ...] = ()
 
     def __post_init__(self) -> None:
         if self.frame not in FRAMES:
             raise InputError(f"no frame {self.frame!r}; known: {', '.join(FRAMES)}")
         count = len(self.objects)
+        if len(self.origin) not in (0, count):
+            raise InputError(f"origin must name {count} rows, got {len(self.origin)}")
         width = np.shape(self.grasp)[1] if np.ndim(self.grasp) == 2 else 7 + len(self.joints)
         if self.joints:
             width = 7 + len(self.joints)
@@ -133,7 +139,7 @@ class GraspSet:
             )
         order = [self.joints.index(j) for j in hand.joints] if self.joints else list(range(width))
         T_palm_root = spatial.inverse(hand.T_root_palm)
-        stages = {}
+        stages: dict[str, Any] = {}
         for stage in STAGES:
             whole = np.array(getattr(self, stage))
             angles = whole[:, 7:][:, order]
@@ -151,12 +157,53 @@ class GraspSet:
             object_pose=self.object_pose,
             frame="root",
             faults=self.faults,
+            origin=self.origin,
             **stages,
         )
 
 
-def read_grasps(path: str | Path) -> GraspSet:
+def joined(sets: Sequence[tuple[str, GraspSet]], hand: PhysicsHand) -> GraspSet:
+    """The grasps of several files as one set, each with its file and row.
+
+    Args:
+        sets: name of the file, and its grasps.
+        hand: whose they are.
+
+    Raises:
+        InputError: grasps of another hand; the message names the file.
+    """
+    own = []
+    for name, grasps in sets:
+        try:
+            own.append(grasps.for_hand(hand))
+        except InputError as error:
+            raise InputError(f"{name}: {error}") from error
+    starts = np.cumsum([0, *map(len, own)])
+    stages: dict[str, Any] = {
+        stage: np.concatenate([getattr(grasps, stage) for grasps in own]) for stage in STAGES
+    }
+    return GraspSet(
+        hand=hand.name,
+        joints=hand.joints,
+        objects=tuple(name for grasps in own for name in grasps.objects),
+        scale=np.concatenate([grasps.scale for grasps in own]),
+        object_pose=np.concatenate([grasps.object_pose for grasps in own]),
+        faults=tuple(
+            Fault(row=int(start) + fault.row, reason=fault.reason)
+            for start, grasps in zip(starts, own, strict=False)
+            for fault in grasps.faults
+        ),
+        origin=tuple((name, row) for name, grasps in sets for row in range(len(grasps))),
+        **stages,
+    )
+
+
+def read_grasps(path: str | Path, *, objects: str | Path | None = None) -> GraspSet:
     """Read grasps from a plan JSON or an npz.
+
+    Args:
+        path: the file.
+        objects: folder of objects; a plan's object is looked for there first.
 
     Raises:
         InputError: not such a file; an array is missing or has the wrong shape.
@@ -173,7 +220,8 @@ def read_grasps(path: str | Path) -> GraspSet:
         document = json.loads(content)
     except (ValueError, RecursionError) as error:
         raise InputError(f"{path}: neither an npz of grasps nor a plan in JSON") from error
-    return grasps_from_plans(document if isinstance(document, list) else [document], str(path))
+    plans = document if isinstance(document, list) else [document]
+    return grasps_from_plans(plans, str(path), folder=objects, beside=path.parent)
 
 
 def write_grasps(path: str | Path, grasps: GraspSet) -> None:
@@ -202,7 +250,9 @@ def write_grasps(path: str | Path, grasps: GraspSet) -> None:
     write_whole(Path(path), write)
 
 
-def grasps_from_plans(documents: list[Any], name: str) -> GraspSet:
+def grasps_from_plans(
+    documents: list[Any], name: str, *, folder: str | Path | None = None, beside: Path | None = None
+) -> GraspSet:
     """The grasps in plans (see ``preshape/schema/plan.schema.json``), object at the origin of the world.
 
     A plan whose hand did not reach is a fault of its row.
@@ -210,6 +260,8 @@ def grasps_from_plans(documents: list[Any], name: str) -> GraspSet:
     Args:
         documents: parsed plans.
         name: where they come from, for messages.
+        folder: of objects, see :func:`preshape.physics.locate.plan_object`, as the next.
+        beside: the plans' own folder.
 
     Raises:
         InputError: not a plan, plans for different hands, or no answer in any of them.
@@ -217,11 +269,14 @@ def grasps_from_plans(documents: list[Any], name: str) -> GraspSet:
     rows: list[dict[str, Any]] = []
     hands: list[tuple[str, tuple[str, ...]]] = []
     faults: list[Fault] = []
+    extents: dict[str, float] = {}
     for index, document in enumerate(documents):
         try:
             thing, answers = document["object"], [document, *document.get("alternatives", [])]
-            source, extent = str(thing["source"]), float(max(thing["extents"]))
-            scale = extent / _extent(source)
+            source = plan_object(str(thing["source"]), folder, beside)
+            if source not in extents:  # an object that is not there gets any factor: the runner says so
+                extents[source] = object_extent(source, folder) or 1.0
+            scale = float(max(thing["extents"])) / extents[source]
             for answer in answers:
                 hand = answer["hand"]
                 hands.append((str(hand["name"]), tuple(hand["joints"])))
@@ -246,6 +301,7 @@ def grasps_from_plans(documents: list[Any], name: str) -> GraspSet:
     if len(set(hands)) > 1:
         names = ", ".join(sorted({hand for hand, _ in hands}))
         raise InputError(f"{name}: plans for different hands ({names}); give the plans of one hand")
+    stages: dict[str, Any] = {stage: _ragged([row[stage] for row in rows], stage) for stage in STAGES}
     return GraspSet(
         hand=hands[0][0],
         joints=hands[0][1],
@@ -254,18 +310,8 @@ def grasps_from_plans(documents: list[Any], name: str) -> GraspSet:
         object_pose=np.tile([0.0, 0, 0, 1, 0, 0, 0], (len(rows), 1)),
         frame="palm",
         faults=tuple(faults),
-        **{stage: _ragged([row[stage] for row in rows], stage) for stage in STAGES},
+        **stages,
     )
-
-
-def _extent(source: str) -> float:
-    """The largest extent of the object as its file or the library has it [m]."""
-    from ..objects.load import load_object
-
-    try:
-        return float(load_object(source).extents.max())
-    except PreshapeError:
-        return 1.0  # the runner will say that the object is not there
 
 
 def _read_npz(path: Path) -> GraspSet:
@@ -280,17 +326,34 @@ def _read_npz(path: Path) -> GraspSet:
     names = arrays["object"]
     if names.ndim != 1 or names.dtype.kind not in "US":
         raise InputError(f"{path}: object must be n names as text, got {names.dtype} of shape {names.shape}")
-    return GraspSet(
-        hand=str(arrays.get("hand", "")),
-        joints=tuple(str(joint) for joint in arrays.get("joints", ())),
-        objects=tuple(name.decode() if isinstance(name, bytes) else str(name) for name in names),
-        scale=arrays["scale"],
-        object_pose=arrays["obj_pose"],
-        pregrasp=arrays["pregrasp"],
-        grasp=arrays["grasp"],
-        squeeze=arrays["squeeze"],
-        frame=str(arrays.get("frame", "root")),
-    )
+    try:
+        return GraspSet(
+            hand=_word(arrays, "hand", ""),
+            joints=_words(arrays.get("joints", ())),
+            objects=_words(names),
+            scale=arrays["scale"],
+            object_pose=arrays["obj_pose"],
+            pregrasp=arrays["pregrasp"],
+            grasp=arrays["grasp"],
+            squeeze=arrays["squeeze"],
+            frame=_word(arrays, "frame", "root"),
+        )
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from error
+
+
+def _words(array: Any) -> tuple[str, ...]:
+    words = np.asarray(array).ravel().tolist()
+    return tuple(word.decode(errors="replace") if isinstance(word, bytes) else str(word) for word in words)
+
+
+def _word(arrays: dict[str, Any], name: str, default: str) -> str:
+    if name not in arrays:
+        return default
+    words = _words(arrays[name])
+    if len(words) != 1:
+        raise InputError(f"{name} must be one word, got {len(words)}")
+    return words[0]
 
 
 def _ragged(rows: list[list[float]], name: str) -> Array:

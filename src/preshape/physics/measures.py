@@ -13,6 +13,7 @@ Definitions, after the field's benches (DexGraspBench, BODex, Dexonomy):
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 
 import numpy as np
@@ -140,6 +141,20 @@ def mean(numbers: Iterable[float]) -> float | None:
     """Mean, ``None`` of nothing."""
     found = list(numbers)
     return float(np.mean(found)) if found else None
+
+
+def wilson(part: int, whole: int) -> tuple[float, float] | None:
+    """95 % confidence interval of a share (Wilson's score interval); ``None`` of nothing.
+
+    >>> [round(x, 3) for x in wilson(15, 100)]
+    [0.093, 0.233]
+    """
+    if whole == 0:
+        return None
+    z, p = 1.959964, part / whole
+    middle = (p + z * z / (2 * whole)) / (1 + z * z / whole)
+    half = z * math.sqrt(p * (1 - p) / whole + z * z / (4 * whole * whole)) / (1 + z * z / whole)
+    return max(0.0, middle - half), min(1.0, middle + half)
 
 
 def _contacts(scene: Scene, data: object) -> tuple[Array, IntArray]:

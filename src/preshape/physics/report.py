@@ -8,7 +8,7 @@ from typing import Any
 from ..exceptions import InputError
 from ..types import value
 from .grasps import GraspSet
-from .measures import GraspGeometry, diversity, mean
+from .measures import GraspGeometry, diversity, mean, wilson
 from .six_directions import HoldResult, ProbeResult, Status
 
 
@@ -21,6 +21,10 @@ class HoldFigures:
         tested: without those that could not be.
         held: that passed.
         rate: share of the tested that passed.
+        interval: of that share, 95 % (Wilson).
+        penetrating: whose pregrasp cuts too deep into object or hand; not held.
+        unstable: whose simulation became unstable; not held.
+        touching: with two parts (fingers, palm) in contact at the grasp pose, whether held or not.
         clean: that passed, touch at the grasp pose and cut in less than a millimetre.
         only_by_squeeze: that passed without touching at the grasp pose.
         penetration: mean at the grasp pose [m], as the next four.
@@ -36,6 +40,10 @@ class HoldFigures:
     tested: int
     held: int
     rate: float | None
+    interval: tuple[float, float] | None
+    penetrating: int
+    unstable: int
+    touching: int
     clean: int
     only_by_squeeze: int
     penetration: float | None
@@ -78,6 +86,10 @@ class HoldReport:
             tested=len(tested),
             held=held,
             rate=held / len(tested) if tested else None,
+            interval=wilson(held, len(tested)),
+            penetrating=sum(r.status is Status.PENETRATES for r in tested),
+            unstable=sum(r.status is Status.UNSTABLE for r in tested),
+            touching=sum(g.parts >= 2 for g in shapes),
             clean=sum(r.clean for r in tested),
             only_by_squeeze=sum(r.only_by_squeeze for r in tested),
             penetration=mean(g.penetration for g in shapes),
@@ -99,25 +111,57 @@ class HoldReport:
         return {
             "all": asdict(self.figures()),
             "objects": {name: asdict(self.figures(name)) for name in self.object_names},
-            "grasps": [result_to_json(result) for result in self.results],
+            "grasps": [{**self._place(result.row), **result_to_json(result)} for result in self.results],
         }
+
+    def _place(self, row: int) -> dict[str, Any]:
+        if not self.grasps.origin:
+            return {}
+        file, file_row = self.grasps.origin[row]
+        return {"file": file, "file_row": file_row}
+
+    def fault_lines(self) -> tuple[str, ...]:
+        """Every grasp that could not be tested, those of one file and reason together; rows count from 0."""
+        groups: dict[tuple[str, str], list[int]] = {}
+        for result in self.faults:
+            place = self._place(result.row)
+            key = place.get("file", ""), result.reason
+            groups.setdefault(key, []).append(place.get("file_row", result.row))
+        return tuple(
+            f"{file}{' ' if file else ''}row{'s' if len(rows) > 1 else ''} {_ranges(rows)}: {reason}"
+            for (file, reason), rows in groups.items()
+        )
 
     def raise_for_faults(self) -> None:
         """To be called last: one sentence on the grasps that could not be tested.
 
         Raises:
-            InputError: there are some; names the first ten.
+            InputError: there are some; names all.
         """
         faults = self.faults
         if not faults:
             return
-        named = "; ".join(f"row {result.row}: {result.reason}" for result in faults[:10])
-        rest = f"; and {len(faults) - 10} more" if len(faults) > 10 else ""
         tested = len(self.results) - len(faults)
+        named = "; ".join(self.fault_lines())
         raise InputError(
-            f"{len(faults)} of {len(self.results)} grasps could not be tested ({named}{rest}); "
+            f"{len(faults)} of {len(self.results)} grasps could not be tested ({named}); "
             f"the other {tested} were"
         )
+
+
+def _ranges(rows: list[int]) -> str:
+    """Numbers in words, neighbours together.
+
+    >>> _ranges([1, 2, 3, 7])
+    '1-3, 7'
+    """
+    spans: list[list[int]] = []
+    for row in rows:
+        if spans and row == spans[-1][1] + 1:
+            spans[-1][1] = row
+        else:
+            spans.append([row, row])
+    return ", ".join(str(a) if a == b else f"{a}-{b}" for a, b in spans)
 
 
 def result_to_json(result: HoldResult) -> dict[str, Any]:

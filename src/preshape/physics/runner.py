@@ -14,8 +14,9 @@ import time
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import ExitStack
+from contextlib import ExitStack, contextmanager
 from multiprocessing import get_context, parent_process
+from multiprocessing.synchronize import Event
 from pathlib import Path
 
 from ..exceptions import EnvironmentFailure, InputError
@@ -23,8 +24,9 @@ from ..types import Array, value
 from .checkpoint import Checkpoint
 from .grasps import STAGES, GraspSet
 from .hand import PhysicsHand
+from .locate import object_pieces
 from .perturb import perturbed
-from .pieces import ConvexPieces, load_pieces
+from .pieces import ConvexPieces
 from .protocol import Protocol
 from .report import HoldReport
 from .scene import Scene, build_scene
@@ -69,6 +71,8 @@ class _Bench:
         return scene
 
     def _one(self, job: _Job) -> HoldResult:
+        import mujoco
+
         pregrasp, grasp, squeeze, thing = job.poses
         try:
             return hold_test(
@@ -84,9 +88,14 @@ class _Bench:
             )
         except InputError as error:
             return _invalid(job.row, job.object_name, job.given_scale, str(error))
+        except mujoco.FatalError as error:
+            # One grasp is no reason to lose the others; the scene, as MuJoCo left it, is not used again.
+            self._scenes.clear()
+            return _invalid(job.row, job.object_name, job.given_scale, f"MuJoCo gave up: {error}")
 
 
 _bench: _Bench | None = None  # of this worker process
+_stop: Event | None = None  # set when the run is interrupted
 
 
 def run_holds(
@@ -126,11 +135,12 @@ def run_holds(
     if count < 1:
         raise InputError(f"workers must be 1 or more, got {workers!r}")
     given = grasps.for_hand(hand)
-    hand.spec()  # a hand that cannot be used is an error of the run, not of each grasp
-    found, reasons = _objects(given, objects, pieces or {})
-    actual = perturbed(given, found, protocol)
-    reasons.update({fault.row: fault.reason for fault in given.faults})
     with ExitStack() as stack:
+        stack.enter_context(_no_log())
+        hand.spec()  # a hand that cannot be used is an error of the run, not of each grasp
+        found, reasons = _objects(given, objects, pieces or {})
+        actual = perturbed(given, found, protocol)
+        reasons.update({fault.row: fault.reason for fault in given.faults})
         kept = (
             stack.enter_context(Checkpoint(checkpoint, _key(actual, hand, found, protocol)))
             if checkpoint
@@ -144,17 +154,37 @@ def run_holds(
             progress(len(done), total)
         chunks = _chunks(given, actual, set(done))
         bench = _Bench(hand, found, protocol)
-        for results in _run(chunks, bench, min(count, max(1, len(chunks)))):
+
+        def take(results: list[HoldResult]) -> None:
             done.update({result.row: result for result in results})
             if kept is not None:
                 kept.add(results)
             if progress is not None:
                 progress(len(done), total)
+
+        _run(chunks, bench, min(count, max(1, len(chunks))), take)
     return HoldReport(
         grasps=actual,
         results=tuple(done[row] for row in range(total)),
         seconds=time.perf_counter() - start,
     )
+
+
+@contextmanager
+def _no_log() -> Iterator[None]:
+    """No MUJOCO_LOG.TXT in the working folder: the test reads its warnings in ``MjData.warning``."""
+    import mujoco
+
+    before = mujoco.get_mju_user_warning()
+    mujoco.set_mju_user_warning(_nothing)
+    try:
+        yield
+    finally:
+        mujoco.set_mju_user_warning(before)
+
+
+def _nothing(_: str) -> None:
+    pass
 
 
 def usable_cores() -> int:
@@ -175,7 +205,7 @@ def _objects(
         if row in bad or name in found or name in reasons:
             continue
         try:
-            found[name] = pieces[name] if name in pieces else load_pieces(name, folder)
+            found[name] = pieces[name] if name in pieces else object_pieces(name, folder)
         except InputError as error:
             reasons[name] = str(error)
     return found, {row: reasons[name] for row, name in enumerate(grasps.objects) if name in reasons}
@@ -194,36 +224,53 @@ def _chunks(given: GraspSet, actual: GraspSet, done: set[int]) -> list[list[_Job
     return [jobs[k : k + CHUNK] for jobs in groups.values() for k in range(0, len(jobs), CHUNK)]
 
 
-def _run(chunks: list[list[_Job]], bench: _Bench, workers: int) -> Iterator[list[HoldResult]]:
+def _run(
+    chunks: list[list[_Job]], bench: _Bench, workers: int, take: Callable[[list[HoldResult]], None]
+) -> None:
     if workers == 1:
-        yield from map(bench.run, chunks)
+        for chunk in chunks:
+            for job in chunk:
+                take(bench.run([job]))
         return
     # Spawned, not forked: the same on every system, and safe beside threads of the caller.
+    context = get_context("spawn")
+    stop = context.Event()
     pool = ProcessPoolExecutor(
         workers,
-        mp_context=get_context("spawn"),
+        mp_context=context,
         initializer=_begin,
-        initargs=(bench.hand, dict(bench.pieces), bench.protocol),
+        initargs=(bench.hand, dict(bench.pieces), bench.protocol, stop),
     )
+    futures: list[Future[list[HoldResult]]] = []
+    taken: set[Future[list[HoldResult]]] = set()
     try:
-        futures: list[Future[list[HoldResult]]] = [pool.submit(_work, chunk) for chunk in chunks]
+        futures += [pool.submit(_work, chunk) for chunk in chunks]
         for future in as_completed(futures):
-            yield future.result()
+            taken.add(future)
+            take(future.result())
+    except KeyboardInterrupt:
+        # The grasp that each process is at is finished and kept with those before it; what waits is dropped.
+        stop.set()
+        pool.shutdown(wait=True, cancel_futures=True)
+        for future in futures:
+            if future not in taken and not future.cancelled() and future.exception() is None:
+                take(future.result())
+        raise
     except BrokenProcessPool as error:
         raise EnvironmentFailure(
             "a process of the test was killed, perhaps for memory; run it again with fewer workers "
             "(with a checkpoint it goes on where it was)"
         ) from error
     finally:
-        # Also on Ctrl-C and when the caller stops: what is running ends, what waits is dropped.
         pool.shutdown(wait=True, cancel_futures=True)
 
 
-def _begin(hand: PhysicsHand, pieces: dict[str, ConvexPieces], protocol: Protocol) -> None:
-    global _bench  # noqa: PLW0603  (a pool's processes have no other place for what every task needs)
+def _begin(hand: PhysicsHand, pieces: dict[str, ConvexPieces], protocol: Protocol, stop: Event) -> None:
+    global _bench, _stop  # a pool's processes have no other place for what every task needs
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent decides
     threading.Thread(target=_end_with_parent, daemon=True).start()
-    _bench = _Bench(hand, pieces, protocol)
+    _no_log().__enter__()  # for good: the process does nothing else
+    _bench, _stop = _Bench(hand, pieces, protocol), stop
 
 
 def _end_with_parent() -> None:
@@ -235,7 +282,13 @@ def _end_with_parent() -> None:
 
 def _work(jobs: list[_Job]) -> list[HoldResult]:
     assert _bench is not None
-    return _bench.run(jobs)
+    assert _stop is not None
+    results: list[HoldResult] = []
+    for job in jobs:
+        if _stop.is_set():
+            break
+        results += _bench.run([job])
+    return results
 
 
 def _invalid(row: int, name: str, scale: float, reason: str) -> HoldResult:

@@ -1,0 +1,352 @@
+"""``preshape bench holds``: grasps from files in the holding test."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from ..exceptions import InputError
+from .options import json_option
+
+if TYPE_CHECKING:
+    from ..physics.grasps import GraspSet
+    from ..physics.hand import PhysicsHand
+    from ..physics.protocol import Protocol
+    from ..physics.report import HoldReport
+
+MODELS = (".xml", ".mjcf")
+KEPT = "unfinished.jsonl"  # the file of results in --out, while a run goes on
+
+
+@click.command(
+    epilog="Example: preshape bench holds grasps.npz --objects objects --probes all --out out/holds"
+)
+@click.argument("files", metavar="GRASPS...", nargs=-1, required=True)
+@click.option("--hand", metavar="HAND", help="A name, a TOML or an MJCF file; default: what GRASPS say.")
+@click.option("--root", metavar="BODY", help="With an MJCF: the body that hand poses are given for.")
+@click.option(
+    "--fixed", multiple=True, metavar="JOINT", help="With an MJCF: a joint to leave out; repeatable."
+)
+@click.option(
+    "--objects", metavar="DIR", help="Folder of the objects: NAME/convex/*.obj or a mesh of that name."
+)
+@click.option("--friction", type=float, default=0.6, show_default=True, help="Sliding friction; harder: 0.3.")
+@click.option("--mass", type=float, default=0.1, show_default=True, help="Of every object [kg].")
+@click.option(
+    "--probes", default="six", show_default=True, metavar="six|all", help="all: 14 forces and 14 torques."
+)
+@click.option(
+    "--ladder", is_flag=True, help="Also the last strength held: the probes again, each rung × 1.4."
+)
+@click.option(
+    "--position-error",
+    type=float,
+    default=0.0,
+    show_default=True,
+    help="Object off by this much [m]; harder: 0.005.",
+)
+@click.option(
+    "--turn-error", type=float, default=0.0, show_default=True, help="… and turned by [degrees]; harder: 5."
+)
+@click.option(
+    "--size-error",
+    type=float,
+    default=0.0,
+    show_default=True,
+    help="… and larger or smaller, a share; harder: 0.05.",
+)
+@click.option("--seed", type=int, default=0, show_default=True, help="Of these errors.")
+@click.option("--workers", type=int, metavar="N", help="Processes; default: one for each core.")
+@click.option("--checkpoint", metavar="FILE", help="Results as they come; the same command goes on from it.")
+@click.option("--out", metavar="DIR", help="Write report.json and report.md there; resumable as well.")
+@json_option
+def holds(
+    files: tuple[str, ...],
+    hand: str | None,
+    root: str | None,
+    fixed: tuple[str, ...],
+    objects: str | None,
+    friction: float,
+    mass: float,
+    probes: str,
+    ladder: bool,
+    position_error: float,
+    turn_error: float,
+    size_error: float,
+    seed: int,
+    workers: int | None,
+    checkpoint: str | None,
+    out: str | None,
+    as_json: bool,
+) -> int:
+    """Put the grasps of GRASPS, plans or arrays (docs/grasp-file.md), to the holding test.
+
+    The hand goes from pregrasp to grasp to squeeze, then the object is pushed; a grasp holds if the object
+    stays within 50 mm and 15° under every push. Files for one hand are counted together.
+
+    Exit code 0: all were tested, held or not. 2: some could not be; the others were, and are reported.
+    """
+    from ..physics.protocol import Protocol
+
+    if out is not None and not out.strip():
+        raise InputError("--out needs a folder, got an empty name")
+    if workers is not None and workers < 1:
+        raise InputError(f"--workers must be 1 or more, got {workers}")
+    protocol = Protocol(
+        mass=mass,
+        friction=friction,
+        probes=probes,
+        ladder=ladder,
+        position_error=position_error,
+        turn_error=math.radians(turn_error),
+        size_error=size_error,
+        seed=seed,
+    )
+    sets = _read(files, hand, root, fixed, objects)
+    kept = _kept([model.name for model, _ in sets], checkpoint, out)
+    start, reports = time.perf_counter(), []
+    with _progress(sum(len(grasps) for _, grasps in sets), bool(checkpoint or out)) as told:
+        before = 0
+        for (model, grasps), file in zip(sets, kept, strict=True):
+            report = _run(model, grasps, protocol, objects, workers, told, before, file)
+            reports.append((model.name, report))
+            before += len(grasps)
+    seconds = time.perf_counter() - start
+    document = _document(reports, protocol)
+    written = _write(document, reports, protocol, out)
+    if out is not None and checkpoint is None:  # the report holds everything now
+        for file in kept:
+            if file is not None:
+                file.unlink(missing_ok=True)
+    if as_json:
+        from .main import emit
+
+        emit({**document, "files": [str(path) for path in written]})
+        return 2 if document["status"] == "error" else 0
+    _show(reports, protocol, seconds, written)
+    if document["status"] == "error":
+        raise InputError(document["reason"])
+    return 0
+
+
+def _read(
+    files: tuple[str, ...], hand: str | None, root: str | None, fixed: tuple[str, ...], objects: str | None
+) -> list[tuple[PhysicsHand, GraspSet]]:
+    """The grasps of all files, put together by hand, in the order in which the hands first come."""
+    from ..exceptions import EnvironmentFailure
+    from ..physics.grasps import joined, read_grasps
+
+    if objects is not None and not Path(objects).is_dir():
+        raise EnvironmentFailure(f"no folder {objects}; --objects is the one that holds the objects")
+    groups: dict[str, list[tuple[str, GraspSet]]] = {}
+    for file in files:
+        grasps = read_grasps(file, objects=objects)
+        if not len(grasps):
+            raise InputError(f"{file}: no grasp in it")
+        if not (hand or grasps.hand):
+            raise InputError(f"{file} does not say whose grasps they are; add --hand, see preshape hands")
+        groups.setdefault(hand or grasps.hand, []).append((file, grasps))
+    models = {name: _hand(name, root, fixed) for name in groups}
+    return [(models[name], joined(group, models[name])) for name, group in groups.items()]
+
+
+def _hand(name: str, root: str | None, fixed: tuple[str, ...]) -> PhysicsHand:
+    from ..hands.model import load_hand
+    from ..physics.hand import hand_from_mjcf, physics_hand
+
+    if Path(name).suffix.lower() in MODELS:
+        if root is None:
+            raise InputError(
+                f"{name} is a model: add --root BODY, the body that the hand poses are given for"
+            )
+        return hand_from_mjcf(name, root=root, fixed=fixed)
+    if root is not None or fixed:
+        raise InputError(f"--root and --fixed belong to a model (--hand FILE.xml), got the hand {name!r}")
+    return physics_hand(load_hand(name))
+
+
+def _kept(hands: list[str], checkpoint: str | None, out: str | None) -> list[Path | None]:
+    """Where the results of each hand are kept while the run goes on."""
+    if checkpoint is not None:
+        base = Path(checkpoint)
+    elif out is not None:
+        base = Path(out) / KEPT
+    else:
+        return [None for _ in hands]
+    if len(hands) == 1:
+        return [base]
+    plain = ["".join(c if c.isalnum() else "_" for c in hand) for hand in hands]
+    return [base.with_name(f"{base.stem}-{name}{base.suffix}") for name in plain]
+
+
+def _run(
+    model: PhysicsHand,
+    grasps: GraspSet,
+    protocol: Protocol,
+    objects: str | None,
+    workers: int | None,
+    told: Callable[[int], None],
+    before: int,
+    file: Path | None,
+) -> HoldReport:
+    from ..physics.runner import run_holds
+
+    return run_holds(
+        grasps,
+        model,
+        protocol=protocol,
+        objects=objects,
+        workers=workers,
+        progress=lambda done, _: told(before + done),
+        checkpoint=file,
+    )
+
+
+@contextmanager
+def _progress(total: int, keeps: bool) -> Iterator[Callable[[int], None]]:
+    """Progress on standard error: a bar in a terminal, a line every 5 % in a log."""
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+    console = Console(stderr=True)
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TextColumn("{task.percentage:>3.0f} %"),
+        TimeRemainingColumn(),
+    )
+    first: list[tuple[int, float]] = []
+    state = {"done": 0, "said": -1}
+    with Progress(*columns, console=console, disable=not console.is_terminal, transient=True) as bar:
+        step = bar.add_task("preparing", total=total)
+
+        def told(done: int) -> None:
+            state["done"] = done
+            if not first:  # what an earlier run has done says nothing of the speed
+                first.append((done, time.perf_counter()))
+                bar.reset(step, total=total, completed=done, description="testing")
+            bar.update(step, completed=done)
+            if not console.is_terminal and 20 * done // total > state["said"]:
+                state["said"] = 20 * done // total
+                click.echo(_line(done, total, *first[0]), err=True)
+
+        try:
+            yield told
+        except KeyboardInterrupt:
+            if console.is_terminal:
+                bar.stop()
+            how = (
+                "the same command goes on from there"
+                if keeps
+                else "with --out or --checkpoint they would be kept"
+            )
+            where = f"after {state['done']} of {total} grasps" if first else "while preparing"
+            click.echo(f"stopped {where}; {how}", err=True)
+            raise
+
+
+def _line(done: int, total: int, first: int, start: float) -> str:
+    text = f"{100 * done // total:3d} %, {done} of {total} grasps"
+    if not first < done < total:
+        return text
+    left = (time.perf_counter() - start) / (done - first) * (total - done)
+    return f"{text}, about {_duration(left)} left"
+
+
+def _duration(seconds: float) -> str:
+    return f"{seconds:.0f} s" if seconds < 99.5 else f"{seconds / 60:.0f} min"
+
+
+def _document(reports: list[tuple[str, HoldReport]], protocol: Protocol) -> dict[str, Any]:
+    """Everything but the time it took: the same input gives the same document."""
+    import mujoco
+
+    from .._version import __version__
+    from ..physics.hold_tables import warnings
+
+    lines = [line for _, report in reports for line in report.fault_lines()]
+    total = sum(len(report.results) for _, report in reports)
+    bad = sum(len(report.faults) for _, report in reports)
+    reason = None
+    if bad:
+        reason = f"{bad} of {total} grasps could not be tested, the other {total - bad} were: " + "; ".join(
+            lines
+        )
+    return {
+        "status": "error" if bad else "answer",
+        "reason": reason,
+        "version": __version__,
+        "mujoco": mujoco.__version__,
+        "protocol": asdict(protocol),
+        "hands": [
+            {"hand": name, "warnings": list(warnings(report, protocol)), **report.to_json()}
+            for name, report in reports
+        ],
+    }
+
+
+def _write(
+    document: dict[str, Any], reports: list[tuple[str, HoldReport]], protocol: Protocol, out: str | None
+) -> list[Path]:
+    if out is None:
+        return []
+    from ..io import write_json, write_whole
+    from ..physics.hold_tables import markdown
+
+    preface = f"MuJoCo {document['mujoco']}, preshape {document['version']}."
+    page = markdown(reports, protocol, preface)
+    written = [Path(out) / "report.json", Path(out) / "report.md"]
+    write_json(written[0], document)
+    write_whole(written[1], lambda path: _write_page(path, page))
+    return written
+
+
+def _write_page(path: Path, page: str) -> None:
+    path.write_text(page, encoding="utf-8")
+
+
+def _show(
+    reports: list[tuple[str, HoldReport]], protocol: Protocol, seconds: float, written: list[Path]
+) -> None:
+    from rich.box import SIMPLE_HEAD
+    from rich.console import Console
+    from rich.table import Table
+    from rich.text import Text
+
+    from ..physics.hold_tables import ALL, settings_line, tables, warnings
+
+    console = Console(highlight=False)
+    if not console.is_terminal:
+        console.width = 100  # a log is read in a window of any width
+    for hand, report in reports:
+        console.print(Text.assemble((f"{hand}: ", "bold"), settings_line(protocol)))
+        for content in tables(report):
+            table = Table(
+                title=Text(content.caption),
+                title_justify="left",
+                title_style="dim",
+                box=SIMPLE_HEAD,
+                pad_edge=False,
+            )
+            for index, heading in enumerate(content.columns):  # in a narrow window names become shorter
+                table.add_column(heading, justify="right", no_wrap=True) if index else table.add_column(
+                    heading, overflow="ellipsis"
+                )
+            for row in content.rows:
+                last = row[0] == ALL and row is content.rows[-1] and len(content.rows) > 1
+                table.add_row(*map(Text, row), style="bold" if last else "")
+            console.print(table)
+        for sentence in warnings(report, protocol):
+            console.print(Text(f"! {sentence}", style="yellow"))
+    tested = sum(report.figures().tested for _, report in reports)
+    console.print(f"{tested} grasps tested in {_duration(seconds)}")
+    for path in written:
+        console.print(f"wrote {path}", markup=False, soft_wrap=True)
