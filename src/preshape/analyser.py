@@ -213,6 +213,14 @@ class Analyser(Protocol):
     def coefficients(self) -> ContactCoefficients:
         """The contact model."""
 
+    @property
+    def measure(self) -> str:
+        """What the critic judges its grasps by, for people."""
+
+    @property
+    def patience(self) -> int:
+        """How many other tasks are tried before task correction gives up."""
+
     def explore(self, q: Array, aim: Aim) -> Exploration:
         """All virtual grasps of an aim, matched with the task, best first."""
 

@@ -56,6 +56,7 @@ class Controller:
         layout: the hand.
         settings: what meta control has set.
         prepare: makes the performance element for an object; the paper's ray analyser by default.
+        prepare_seed: makes the one that the first lesson, the cube, is taught with; default ``prepare``.
     """
 
     def __init__(
@@ -65,12 +66,14 @@ class Controller:
         *,
         settings: Settings | None = None,
         prepare: Callable[[TriangleMesh], Analyser] | None = None,
+        prepare_seed: Callable[[TriangleMesh], Analyser] | None = None,
     ) -> None:
         self.memory = memory
         self.layout = layout
         self.settings = settings or Settings()
         self.deadlock = False
         self._prepare = prepare or self.ray_analyser
+        self._prepare_seed = prepare_seed or self._prepare
         self._experiences: tuple[Experience, ...] = ()
         self._weights: NetworkWeights | None = None
         self._wake()
@@ -204,7 +207,7 @@ class Controller:
             return _decision(task, 3, Status.NO_GRASP, steps, None)
         best = discovery.answer
         steps.append(Transition(mode=3, outcome="explored", reason=_explored(discovery)))
-        verdict = judge(best.tfvadi, threshold)
+        verdict = judge(best.judged, threshold, subject=pa.measure)
         if may_learn and not self.memory.read_only:
             # What stands in the way today must not become what is known of the object [C].
             whole = discovery if allowed.all() else explore(pa, task.q, self.settings.sets, enough=threshold)
@@ -224,9 +227,9 @@ class Controller:
     def _criticise(self, pa: Analyser, q: Array, found: Exploration) -> tuple[VirtualGrasp | None, Verdict]:
         threshold = self.settings.thresholds.estimation
         if not len(found):
-            return None, judge(None, threshold)
+            return None, judge(None, threshold, subject=pa.measure)
         grasp = pa.grasp(q, found)
-        return grasp, judge(grasp.tfvadi, threshold)
+        return grasp, judge(grasp.judged, threshold, subject=pa.measure)
 
     def _learn(self, pa: Analyser, task: Task, discovery: Discovery) -> str:
         """Incremental learning (§3.5): experiences and new weights reach the memory together."""
@@ -276,16 +279,20 @@ class Controller:
             enough = judge(float(found.match[i]), self.settings.thresholds.estimation).reward
             if len(others) == count or not enough:
                 break
-            if way not in seen:
+            other = pa.grasp(q, found, i)
+            # Grips of an aim stand apart already; virtual grasps differ when their way does.
+            if other.grip is not None and _same_grip(other, grasp):
+                continue
+            if other.grip is not None or way not in seen:
                 seen.add(way)
-                others.append(pa.grasp(q, found, i))
+                others.append(other)
         return tuple(others)
 
     def _offers(self, pa: Analyser, task: Task, allowed: BoolArray) -> tuple[Offer, ...]:
         """The nearest named tasks that mode 0 or 1 would answer (task correction)."""
         offers: list[Offer] = []
         candidates = sorted(all_named_tasks(), key=lambda t: float(np.linalg.norm(t.q - task.q)))
-        for candidate in candidates:
+        for candidate in candidates[: pa.patience]:
             estimate, _, verdict = self._mode_0(pa, candidate.q, allowed)
             mode = 0
             if not verdict.reward:
@@ -303,7 +310,7 @@ class Controller:
         self._experiences = self.memory.experiences(hand=self.layout.name)
         self._weights = self.memory.weights(self.layout.name)
         if not self._experiences:
-            cube = self._prepare(load_library_object("cube"))
+            cube = self._prepare_seed(load_library_object("cube"))
             seeds = tuple(
                 seed_experiences(cube, self.settings.sets, enough=self.settings.thresholds.estimation)
             )
@@ -323,8 +330,23 @@ def _step(mode: int, verdict: Verdict, *, met: str = "reward", missed: str = "pe
     return Transition(mode=mode, outcome=met if verdict.reward else missed, reason=verdict.reason)
 
 
+def _same_grip(a: VirtualGrasp, b: VirtualGrasp) -> bool:
+    """Whether two grips are nearly one: the wrist within 20 mm and 0.35 rad, or a mixture."""
+    if a.grip is None or b.grip is None:
+        return False
+    p, r = a.grip.palm_pose, b.grip.palm_pose
+    angle = 2.0 * float(np.arccos(min(1.0, abs(float(p[3:] @ r[3:])))))
+    return float(np.linalg.norm(p[:3] - r[:3])) / 0.02 + angle / 0.35 < 1.0
+
+
 def _explored(discovery: Discovery) -> str:
     best, found = discovery.answer, discovery.found
+    if best.grip is not None:
+        return (
+            f"{found.aimed} hands closed on the object, {len(found)} grips worked out; the best is "
+            f"{best.plane.label}, {len(best.grip.fingers)} fingers, its squeeze balances "
+            f"{best.grip.task_margin:.1f} times the task's load"
+        )
     return (
         f"{len(found)} virtual grasps of {found.aimed} aimed at; the best is {best.plane.label}, "
         f"{best.fingers} fingers, TFVADI {best.tfvadi:.2f}"

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -17,14 +18,16 @@ from .analyser import HandLayout, VirtualGrasp
 from .controller import Controller
 from .decision import Decision, Settings
 from .exceptions import InputError
-from .hand_simulation import HandResult, simulate_hand
+from .closure.settings import ClosureSettings
+from .hand_simulation import HandPose, HandResult, HandStatus, simulate_hand
 from .hands.model import Hand, load_hand
 from .memory import Memory
 from .objects.load import load_object
 from .objects.mesh import TriangleMesh
 from .tasks import Task, parse_task, task_from_numbers
 from .tasks.task import COMPONENTS
-from .types import value
+from .kernels.closing import Obstacles
+from .types import Array, frozen_array, value
 
 ANALYSERS = ("rays", "closure")
 RAY_HAND = "utah_mit"
@@ -93,6 +96,9 @@ def plan(
     count: int = 1,
     approaches: str | None = None,
     settings: Settings | None = None,
+    closure: ClosureSettings | None = None,
+    table: float | str | None = None,
+    avoid: Sequence[Sequence[float]] = (),
 ) -> Plan:
     """Plan a preshape.
 
@@ -109,6 +115,11 @@ def plan(
         count: how many different answers are wanted.
         approaches: allowed approach axes, as ``+z,-x``.
         settings: thresholds, membership functions and coefficients.
+        closure: friction, load and size of the search, for the closure analyser.
+        table: height along the object's z of the table that it stands on [m], or ``auto``: under its lowest
+            point; closure only.
+        avoid: boxes that hand and fingers stay out of, six numbers each: lower and upper corner in the mesh
+            frame [m]; closure only.
 
     Raises:
         InputError: any argument that cannot be used; the message says what to change.
@@ -116,7 +127,7 @@ def plan(
     """
     start = time.perf_counter()
     model = load_hand(hand)
-    check_analyser(analyser, hand)
+    kind = check_analyser(analyser, hand)
     asked = task if isinstance(task, Task) else _task(task)
     mesh = thing if isinstance(thing, TriangleMesh) else load_object(thing, unit=unit, scale=scale)
     loaded = time.perf_counter()
@@ -125,7 +136,21 @@ def plan(
     try:
         store = memory if isinstance(memory, Memory) else own
         assert store is not None
-        controller = Controller(store, layout_of(model), settings=chosen)
+        if kind == "closure":
+            from .closure.controlled import closure_controller
+
+            controller = closure_controller(
+                store,
+                model,
+                layout_of(model),
+                settings=chosen,
+                closure=with_obstacles(closure or ClosureSettings(), mesh, table, avoid, count),
+                gravity=asked.gravity,
+            )
+        else:
+            if table is not None or len(avoid):
+                raise InputError("a table and boxes to avoid need the closure analyser")
+            controller = Controller(store, layout_of(model), settings=chosen)
         element = controller.prepare(mesh)
         prepared = time.perf_counter()
         decision = controller.run(element, asked, approaches=approaches, count=count, may_learn=learn)
@@ -153,7 +178,9 @@ def plan(
 
 
 def execute(hand: Hand, mesh: TriangleMesh, grasp: VirtualGrasp, *, seed: int = 0) -> Answer:
-    """Grasp simulation (§4): the hand tries the virtual grasp, or retracts."""
+    """Grasp simulation (§4): the hand tries the virtual grasp, or retracts; a grip is executed as it is."""
+    if grasp.grip is not None:
+        return Answer(grasp=grasp, hand_result=_gripped(hand, grasp))
     result = simulate_hand(
         hand,
         mesh,
@@ -197,9 +224,71 @@ def check_analyser(analyser: str | None, hand: str) -> str:
     name = analyser or ("rays" if hand == RAY_HAND else "closure")
     if name not in ANALYSERS:
         raise InputError(f"no analyser {name!r}; known: {', '.join(ANALYSERS)}")
-    if name != "rays":
-        raise InputError(f"this version has no {name} analyser yet; use --analyser rays")
     return name
+
+
+def with_obstacles(
+    closure: ClosureSettings,
+    mesh: TriangleMesh,
+    table: float | str | None,
+    avoid: Sequence[Sequence[float]],
+    count: int,
+) -> ClosureSettings:
+    """The closure settings with a table and boxes, and with enough grips worked out for the answers wanted.
+
+    Raises:
+        InputError: a table that is no height, or a box that is not two corners, lower and upper.
+    """
+    planes = [] if table is None else [[0.0, 0.0, 1.0, _height(table, mesh)]]
+    boxes = []
+    for box in avoid:
+        corners = frozen_array(box, (6,), "a box to avoid")
+        if not (corners[:3] < corners[3:]).all():
+            raise InputError(f"a box to avoid is its lower corner, then its upper, got {list(box)}")
+        boxes.append(corners.reshape(2, 3))
+    return replace(
+        closure,
+        finished=max(closure.finished, count + count // 2 + 2),
+        obstacles=Obstacles(
+            planes=np.array(planes).reshape(-1, 4), boxes=np.array(boxes).reshape(-1, 2, 3)
+        ),
+    )
+
+
+def _height(table: float | str, mesh: TriangleMesh) -> float:
+    if table == "auto":
+        return float(mesh.vertices[:, 2].min())
+    try:
+        height = float(table)
+    except ValueError:
+        raise InputError(f"a table is its height in metres or auto, got {table!r}") from None
+    if not np.isfinite(height):
+        raise InputError(f"a table's height must be finite, got {table!r}")
+    return height
+
+
+def _gripped(hand: Hand, grasp: VirtualGrasp) -> HandResult:
+    """The hand on a grip of the closure analyser."""
+    grip = grasp.grip
+    assert grip is not None
+
+    def pose(q: Array) -> HandPose:
+        return HandPose(palm_pose=grip.palm_pose, q=q)
+
+    return HandResult(
+        status=HandStatus.REACHED,
+        reason=f"{len(grip.fingers)} fingers closed until they touched; the squeeze balances "
+        f"{grip.task_margin:.1f} times the task's load and {grip.hold_margin:.1f} times a push of one weight",
+        fingers=grip.fingers,
+        joints=hand.joints,
+        grasp=pose(grip.grasp),
+        pregrasp=pose(grip.pregrasp),
+        squeeze=pose(grip.squeeze),
+        retracted=None,
+        tip_errors=np.zeros(len(grip.fingers)),
+        penetration=0.0,
+        attempts=1,
+    )
 
 
 def _task(task: str | Sequence[float]) -> Task:

@@ -96,6 +96,9 @@ class RayAnalyser:
         self._nudge = mesh.extents.max() * _NUDGE
         self._kept: dict[tuple[bytes, ...], _Survey] = {}
 
+    measure = "TFVADI"
+    patience = 1000
+
     def explore(self, q: Array, aim: Aim) -> Exploration:
         """All virtual grasps of an aim, best match first.
 

@@ -100,6 +100,9 @@ class ClosureAnalyser:
         self.tried = 0
         self._kept: dict[bytes, Grips] = {}
 
+    measure = "the grip's quality (3 is just enough)"
+    patience = 8
+
     def demand(self, q: Array) -> Demand:
         """What a task asks of a grip: its wrench, the load along it, and the weight."""
         move = np.where(np.abs(q[:3]) > TRANSLATION_ABSENT + 1e-9, q[:3], 0.0)

@@ -8,16 +8,17 @@ import numpy as np
 
 from ..hands.hand import Hand
 from ..hands.kinematics import HandKinematics
-from ..types import Array, BoolArray, IntArray, value
+from ..types import Array, IntArray, value
 from ..kernels.chains import fingertips
 from ..kernels.hand_tables import HandTables, hand_tables
 
-POOL = 1024
+POOL = 512
 """Preshapes that the search draws from [C]."""
 BENDS = 0.3
 """A joint of the closing path starts up to this far from the path's first angle [rad] [C]."""
 SELF_DEPTH = 0.002
 """A preshape whose links are deeper in each other than this on the way to its pinch is left out [m] [C]."""
+_DRAWS = 8  # at most, for a preshape that is kept
 STATIONS = 11
 """Points of the closing path at which the pinch is known."""
 
@@ -72,11 +73,11 @@ def preshapes(hand: Hand, count: int = POOL, seed: int = 0) -> Preshapes:
     tables = hand_tables(hand)
     joints = len(hand.joints)
     low, high = joint_ranges(hand, tables)
-    draws = qmc.Sobol(joints + 2, seed=seed).random(4 * count)
+    draws = qmc.Sobol(joints + 2, rng=np.random.default_rng(seed)).random(_DRAWS * count)
     start = low + (high - low) * draws[:, :joints]
-    mask = _finger_sets(tables, draws[:, joints], draws[:, joints + 1])
-    sound = np.flatnonzero(_clear(hand, tables, start))[:count]
-    start, mask = start[sound], mask[sound]
+    sound = _clear(hand, tables, start, count)
+    start = start[sound]
+    mask = _finger_sets(tables, draws[sound, joints], draws[sound, joints + 1])
     n = len(start)
     shares = np.linspace(0.0, 1.0, STATIONS)
     pinch, opposition = np.empty((n, STATIONS, 3)), np.empty((n, STATIONS, 3))
@@ -130,14 +131,21 @@ def _finger_sets(tables: HandTables, kind: Array, shift: Array) -> IntArray:
     return mask
 
 
-def _clear(hand: Hand, tables: HandTables, start: Array) -> BoolArray:
-    """Whether no links are deep in each other, open and a quarter closed."""
+def _clear(hand: Hand, tables: HandTables, start: Array, count: int) -> IntArray:
+    """Rows of the first ``count`` preshapes whose links are not deep in each other, open and a quarter closed.
+
+    All rows where none is: then the hand's own description is to blame, and later checks decide.
+    """
     kinematics = HandKinematics(hand)
-    clear = np.ones(len(start), dtype=bool)
-    for share in (0.0, 0.25):
-        closing = np.full((len(start), len(tables.fingers)), share)
-        for i, q in enumerate(posture_at(tables, start, closing)):
-            if clear[i]:
-                kinematics.set_posture(q)
-                clear[i] = not kinematics.self_collisions(SELF_DEPTH)
-    return clear
+    ways = [posture_at(tables, start, np.full((len(start), len(tables.fingers)), c)) for c in (0.0, 0.25)]
+    clear: list[int] = []
+    for i in range(len(start)):
+        for q in (ways[0][i], ways[1][i]):
+            kinematics.set_posture(q)
+            if kinematics.self_collisions(SELF_DEPTH):
+                break
+        else:
+            clear.append(i)
+        if len(clear) == count:
+            break
+    return np.array(clear or range(count), dtype=np.int64)

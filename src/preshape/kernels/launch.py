@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+import sys
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from functools import cache
 from typing import Any
 
@@ -18,8 +20,28 @@ def warp() -> Any:
     import warp as wp
 
     wp.config.log_level = max(wp.config.log_level, wp.LOG_ERROR)
-    wp.init()
+    with _quiet():
+        wp.init()
     return wp
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Standard error thrown away: Warp's library tells a machine without a GPU so, whatever the log level."""
+    sys.stderr.flush()
+    try:
+        kept = os.dup(2)
+    except OSError:  # no standard error at all
+        yield
+        return
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    try:
+        os.dup2(nowhere, 2)
+        yield
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)
+        os.close(nowhere)
 
 
 def usable_threads(device: str) -> int:
