@@ -174,6 +174,7 @@ class _Recorder:
         self.scene, self.wanted = scene, wanted
         self.rows: list[dict[str, Any]] = []
         self.done: set[str] = set()
+        self.running, self.again = "", False
         joints = [scene.model.joint(PREFIX + joint) for joint in scene.joints]
         self.speeds = np.array([int(joint.dofadr[0]) for joint in joints], dtype=np.int64)
         bodies = scene.model.geom_bodyid
@@ -195,8 +196,10 @@ class _Recorder:
         self("pregrasp", data)
 
     def __call__(self, name: str, data: Any) -> None:
-        scene, begins = self.scene, not self.rows or self.rows[-1]["stage"] != name
-        if name not in self.wanted or (begins and name in self.done):  # the ladder tries them again
+        scene, begins = self.scene, self.running != name
+        again = name in self.done if begins else self.again  # the ladder tries the probes once more
+        self.running, self.again = name, again
+        if name not in self.wanted or again:
             return
         self.done.add(name)
         if begins and self.rows:

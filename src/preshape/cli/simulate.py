@@ -1,0 +1,294 @@
+"""``preshape simulate``: one planned grasp in simulated physics, shown as a table and as pictures."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from ..exceptions import InputError, PreshapeError
+from .options import json_option
+
+if TYPE_CHECKING:
+    from ..hands.model import Hand
+    from ..objects.mesh import TriangleMesh
+    from ..physics.grasps import GraspSet
+    from ..physics.pieces import ConvexPieces
+    from ..physics.protocol import Protocol
+    from ..physics.recording import Recording
+    from ..physics.scene import Scene
+
+
+@click.command(epilog="Example: preshape simulate plan.json --out out/simulate")
+@click.argument("file", metavar="PLAN")
+@click.option("--answer", type=int, metavar="N", help="Of a plan: 0 its answer, 1 … the alternatives.")
+@click.option("--row", type=int, metavar="N", help="Of a grasp array (npz): which grasp, from 0.")
+@click.option("--hand", metavar="HAND", help="A name or your own TOML; default: what PLAN says.")
+@click.option(
+    "--objects", metavar="DIR", help="Folder of the objects, if they are neither files nor built in."
+)
+@click.option(
+    "--probes", default="six", show_default=True, metavar="six|all", help="all: 14 forces and 14 torques."
+)
+@click.option("--friction", type=float, default=0.6, show_default=True, help="Sliding friction.")
+@click.option("--mass", type=float, default=0.1, show_default=True, help="Of the object [kg].")
+@click.option("--out", metavar="DIR", help="Also write filmstrip.png and run.gif there.")
+@json_option
+def simulate(
+    file: str,
+    answer: int | None,
+    row: int | None,
+    hand: str | None,
+    objects: str | None,
+    probes: str,
+    friction: float,
+    mass: float,
+    out: str | None,
+    as_json: bool,
+) -> int:
+    """Grasp as PLAN says, in simulated physics: approach, squeeze, then a push from every side.
+
+    PLAN is a plan in JSON or a grasp array (docs/grasp-file.md). The grasp holds if the object stays within
+    50 mm and 15° under every push.
+
+    Exit code 0: held. 1: not held. 2: bad input, as a plan whose hand has no posture.
+    """
+    from ..hands.model import load_hand
+    from ..physics.grasps import read_grasps
+    from ..physics.hand import physics_hand
+    from ..physics.locate import object_pieces
+    from ..physics.protocol import Protocol
+    from ..physics.recording import record_hold
+    from ..physics.scene import build_scene
+
+    if out is not None and not out.strip():
+        raise InputError("--out needs a folder, got an empty name")
+    protocol = Protocol(mass=mass, friction=friction, probes=probes)
+    grasps = read_grasps(file, objects=objects)
+    chosen = _chosen(grasps, file, answer, row)
+    name = hand or grasps.hand
+    if not name:
+        raise InputError(f"{file} does not say whose grasps they are; give --hand")
+    model = load_hand(name)
+    physics = physics_hand(model)
+    own = grasps.for_hand(physics)
+    thing, scale = own.objects[chosen], float(own.scale[chosen])
+    pieces = object_pieces(thing, objects)
+    scene = build_scene(physics, pieces, scale, protocol)
+    recording = record_hold(
+        scene,
+        own.pregrasp[chosen],
+        own.grasp[chosen],
+        own.squeeze[chosen],
+        own.object_pose[chosen],
+        protocol,
+        parts=part_names(scene, model),
+        row=chosen,
+        object_name=thing,
+        scale=scale,
+    )
+    written: list[Path] = []
+    if out is not None:
+        mesh = _look(thing, objects, scale, pieces)
+        written = _draw(recording, scene, mesh, protocol, Path(out))
+    if as_json:
+        from .main import emit
+
+        emit({**_document(recording, written), "file": file, "hand": model.name, "object": thing})
+    else:
+        _show(recording, protocol, f"{Path(thing).stem} in the hand {model.name}", written)
+    return 0 if recording.result.held else 1
+
+
+def part_names(scene: Scene, hand: Hand) -> tuple[str, ...]:
+    """``palm`` and the fingers' names in the order of ``scene.part_of_body``."""
+    names = ["palm", *(f"finger {k + 1}" for k in range(scene.fingers))]
+    for finger in hand.fingers:
+        if finger.tip_body in scene.body_names:
+            part = int(scene.part_of_body[scene.body_names.index(finger.tip_body)])
+            if part > 0:
+                names[part] = finger.name
+    return tuple(names)
+
+
+def _chosen(grasps: GraspSet, file: str, answer: int | None, row: int | None) -> int:
+    """Which grasp of the file is meant.
+
+    Raises:
+        InputError: there is none of that number, or it cannot be simulated.
+    """
+    if answer is not None and row is not None:
+        raise InputError("give --answer for a plan or --row for a grasp array, not both")
+    number = answer if answer is not None else row if row is not None else 0
+    noun = "row" if answer is None and (row is not None or not file.endswith(".json")) else "answer"
+    if not 0 <= number < len(grasps):
+        raise InputError(f"--{noun} must be 0 to {len(grasps) - 1} in {file}, got {number}")
+    reasons = {fault.row: fault.reason for fault in grasps.faults}
+    if number in reasons:
+        fit = [k for k in range(len(grasps)) if k not in reasons]
+        other = f"; --{noun} {fit[0]} can" if fit else ""
+        raise InputError(f"{file}: {noun} {number} cannot be simulated: {reasons[number]}{other}")
+    return number
+
+
+def _look(name: str, folder: str | None, scale: float, pieces: ConvexPieces) -> TriangleMesh | None:
+    """The object's own surface, if it is where the pieces are; they are drawn where it is not."""
+    import numpy as np
+
+    from ..objects.load import load_object
+    from ..objects.mesh import TriangleMesh
+    from ..physics.pieces import SUFFIXES
+
+    places = [Path(folder) / name / f"mesh{s}" for s in SUFFIXES] if folder is not None else []
+    source = next((str(path) for path in places if path.is_file()), name)
+    try:
+        mesh = load_object(source)
+    except PreshapeError:
+        return None
+    if np.abs(mesh.bounds - pieces.bounds).max() > 0.1 * float(np.ptp(pieces.bounds, axis=0).max()):
+        return None
+    return TriangleMesh(name=mesh.name, vertices=scale * mesh.vertices, triangles=mesh.triangles)
+
+
+def _draw(
+    recording: Recording, scene: Scene, mesh: TriangleMesh | None, protocol: Protocol, folder: Path
+) -> list[Path]:
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+    from ..io import write_whole
+    from ..viewer.animation import animation
+    from ..viewer.filmstrip import filmstrip
+    from .simulate_film import film_of
+
+    load = protocol.acceleration * protocol.mass
+    film = film_of(
+        recording,
+        scene,
+        title=f"{Path(recording.result.object_name).stem} in the hand {recording.hand}",
+        subtitle=f"simulated physics · {1e3 * scene.mass:g} g · friction {scene.friction:g} · "
+        f"pushes of {load:g} N for {protocol.checks * protocol.check_steps * protocol.timestep:g} s",
+        mesh=mesh,
+    )
+    strip, run = folder / "filmstrip.png", folder / "run.gif"
+    write_whole(strip, lambda path: filmstrip(film, path))
+    console = Console(stderr=True)
+    columns = (TextColumn("drawing the run"), BarColumn(), TimeRemainingColumn())
+    said = [0]
+    with Progress(*columns, console=console, disable=not console.is_terminal, transient=True) as bar:
+        task = bar.add_task("", total=None)
+
+        def progress(done: int, total: int) -> None:
+            bar.update(task, completed=done, total=total)
+            if not console.is_terminal and 4 * done // total > said[0]:  # a log gets a line every quarter
+                said[0] = 4 * done // total
+                click.echo(f"drawing the run: {done} of {total} frames", err=True)
+
+        content = animation(film, progress=progress)
+    write_whole(run, lambda path: _write(path, content))
+    return [strip, run]
+
+
+def _write(path: Path, content: bytes) -> None:
+    path.write_bytes(content)
+
+
+def _rows(recording: Recording) -> list[dict[str, Any]]:
+    """One row a stage: what the object did, and the largest force and slip."""
+    outcome = {probe.name: probe for probe in recording.result.probes}
+    rows = []
+    for stage in recording.stages:
+        probe, span = outcome.get(stage), recording.span(stage)
+        moved, turned = (probe.displacement, probe.rotation) if probe else recording.moved(stage)
+        rows.append(
+            {
+                "stage": stage,
+                "start": float(recording.times[span.start]),
+                "end": float(recording.times[span.stop - 1]),
+                "displacement": moved,
+                "rotation": turned,
+                "largest_force": recording.largest_force(stage),
+                "slip": recording.largest_slip(stage),
+                "touching": [
+                    name
+                    for name, force in zip(recording.parts, recording.normal[span.stop - 1], strict=True)
+                    if force > 0
+                ],
+                "gap": float(recording.gap[span.stop - 1]),
+                "held": probe.held if probe else None,
+            }
+        )
+    return rows
+
+
+def _document(recording: Recording, written: list[Path]) -> dict[str, Any]:
+    series = ("normal", "tangential", "slip", "torques", "gap", "object_pose")
+    return {
+        "status": "held" if recording.result.held else "not held",
+        "reason": recording.result.reason,
+        "row": recording.result.row,
+        "parts": list(recording.parts),
+        "joints": list(recording.joints),
+        "stages": _rows(recording),
+        "series": {
+            "stage": list(recording.stage),
+            "time": recording.times.tolist(),
+            **{name: getattr(recording, name).tolist() for name in series},
+        },
+        "files": [str(path) for path in written],
+    }
+
+
+def _show(recording: Recording, protocol: Protocol, title: str, written: list[Path]) -> None:
+    from rich.console import Console
+    from rich.table import Table
+    from rich.text import Text
+
+    table = Table(title=title, title_justify="left", title_style="bold")
+    table.add_column("stage", no_wrap=True)
+    for heading in ("moved\nmm", "turned\n°", "force\nN", "slip\nmm"):
+        table.add_column(heading, justify="right", no_wrap=True)
+    table.add_column("touching at the end")
+    table.add_column("held?", no_wrap=True)
+    for row in _rows(recording):
+        held = row["held"]
+        state = Text("") if held is None else Text("yes", "green") if held else Text("no", "bold red")
+        table.add_row(
+            row["stage"],
+            f"{1e3 * row['displacement']:.1f}",
+            f"{math.degrees(row['rotation']):.1f}",
+            f"{row['largest_force']:.2f}",
+            f"{1e3 * row['slip']:.2f}",
+            " ".join(row["touching"]) or "nothing",
+            state,
+        )
+    console = Console()
+    console.print(table, highlight=False)
+    result = recording.result
+    colour = "green" if result.held else "red"
+    console.print(Text(_verdict(recording, protocol), style=f"bold {colour}"), highlight=False)
+    console.print(
+        "force: the largest normal force of one part; slip: the farthest that one part slid on the object",
+        style="dim",
+        highlight=False,
+    )
+    for path in written:
+        console.print(f"wrote {path}", highlight=False, markup=False, soft_wrap=True)
+
+
+def _verdict(recording: Recording, protocol: Protocol) -> str:
+    """One sentence on how it went."""
+    result = recording.result
+    if not result.held:
+        return f"Not held: {result.reason.removeprefix('lost the object: ')}."
+    worst = max(result.probes, key=lambda probe: probe.displacement)
+    load = protocol.acceleration * protocol.mass
+    return (
+        f"Held: {load:g} N from {len(result.probes)} sides moved the object at most "
+        f"{1e3 * worst.displacement:.1f} mm ({worst.name})."
+        if protocol.probes == "six"
+        else f"Held: under {len(result.probes)} forces and torques the object moved at most "
+        f"{1e3 * worst.displacement:.1f} mm ({worst.name})."
+    )
