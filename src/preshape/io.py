@@ -108,6 +108,8 @@ def _answer(plan: Plan, answer: Answer | None) -> dict[str, Any]:
             {"mode": t.mode, "outcome": t.outcome, "reason": t.reason} for t in decision.transitions
         ],
         "hand": _hand(plan, answer),
+        "grip": _grip(answer.grasp) if answer else None,
+        "verified": _verified(plan) if answer is plan.answer else None,
         "alternatives": [],
         "offers": [
             {"task": o.task.label, "q": o.task.q.tolist(), "tfvadi": o.match, "mode": o.mode}
@@ -148,6 +150,27 @@ def _grasp(g: VirtualGrasp) -> dict[str, Any]:
         "stability": g.stability,
         "manipulability": g.manipulability,
     }
+
+
+def _grip(g: VirtualGrasp) -> dict[str, Any] | None:
+    """What the closure analyser knows beside: how the hand comes, what it presses with, what that is good for."""
+    grip = g.grip
+    if grip is None:
+        return None
+    return {
+        "approach": grip.approach.tolist(),
+        "forces": grip.forces.tolist(),
+        "torques": grip.torques.tolist(),
+        "task_margin": grip.task_margin,
+        "hold_margin": grip.hold_margin,
+        "quality": grip.quality,
+        "clearance": grip.clearance,
+    }
+
+
+def _verified(plan: Plan) -> dict[str, Any] | None:
+    said = plan.verified
+    return None if said is None else {"held": said.held, "tried": said.tried, "reason": said.reason}
 
 
 def _contacts(answer: Answer) -> list[dict[str, Any]]:

@@ -30,6 +30,8 @@ from .kernels.closing import Obstacles
 from .types import Array, frozen_array, value
 
 ANALYSERS = ("rays", "closure")
+VERIFIED = 6
+"""Answers that are tried in physics at most, where it is asked."""
 RAY_HAND = "utah_mit"
 """The hand whose default analyser is the paper's; any other hand's is closure."""
 
@@ -48,6 +50,21 @@ class Answer:
 
 
 @value
+class Verified:
+    """What the holding test said.
+
+    Attributes:
+        held: whether the plan's answer held.
+        tried: how many answers were tried until one did.
+        reason: one sentence.
+    """
+
+    held: bool
+    tried: int
+    reason: str
+
+
+@value
 class Plan:
     """Everything about one run, for people, files and pictures.
 
@@ -60,6 +77,7 @@ class Plan:
         answer: the answer with the hand on it; ``None`` without one.
         alternatives: further answers, best first.
         seconds: ``load``, ``prepare``, ``search``, ``total``.
+        verified: what simulated physics said of the answers, where it was asked.
     """
 
     mesh: TriangleMesh
@@ -70,6 +88,7 @@ class Plan:
     answer: Answer | None
     alternatives: tuple[Answer, ...]
     seconds: dict[str, float]
+    verified: Verified | None = None
 
     @property
     def grasp(self) -> VirtualGrasp | None:
@@ -99,6 +118,7 @@ def plan(
     closure: ClosureSettings | None = None,
     table: float | str | None = None,
     avoid: Sequence[Sequence[float]] = (),
+    verify: bool = False,
 ) -> Plan:
     """Plan a preshape.
 
@@ -120,6 +140,8 @@ def plan(
             point; closure only.
         avoid: boxes that hand and fingers stay out of, six numbers each: lower and upper corner in the mesh
             frame [m]; closure only.
+        verify: whether the best few answers are put to the holding test in simulated physics; the first that
+            holds becomes the answer.
 
     Raises:
         InputError: any argument that cannot be used; the message says what to change.
@@ -128,6 +150,7 @@ def plan(
     start = time.perf_counter()
     model = load_hand(hand)
     kind = check_analyser(analyser, hand)
+    wanted = max(count, VERIFIED) if verify and count > 0 else count
     asked = task if isinstance(task, Task) else _task(task)
     mesh = thing if isinstance(thing, TriangleMesh) else load_object(thing, unit=unit, scale=scale)
     loaded = time.perf_counter()
@@ -144,7 +167,7 @@ def plan(
                 model,
                 layout_of(model),
                 settings=chosen,
-                closure=with_obstacles(closure or ClosureSettings(), mesh, table, avoid, count),
+                closure=with_obstacles(closure or ClosureSettings(), mesh, table, avoid, wanted),
                 gravity=asked.gravity,
             )
         else:
@@ -153,14 +176,14 @@ def plan(
             controller = Controller(store, layout_of(model), settings=chosen)
         element = controller.prepare(mesh)
         prepared = time.perf_counter()
-        decision = controller.run(element, asked, approaches=approaches, count=count, may_learn=learn)
+        decision = controller.run(element, asked, approaches=approaches, count=wanted, may_learn=learn)
     finally:
         if own is not None:
             own.close()
     answer = execute(model, mesh, decision.grasp, seed=seed) if decision.grasp else None
     others = tuple(execute(model, mesh, g, seed=seed) for g in decision.alternatives)
     end = time.perf_counter()
-    return Plan(
+    made = Plan(
         mesh=mesh,
         source=str(thing) if not isinstance(thing, TriangleMesh) else mesh.name,
         hand=model,
@@ -175,6 +198,33 @@ def plan(
             "total": end - start,
         },
     )
+    return verified_plan(made, keep=count) if verify else made
+
+
+def verified_plan(plan: Plan, *, keep: int) -> Plan:
+    """The plan with the first of its answers that holds in the holding test, if one does.
+
+    Args:
+        plan: with all answers that may be tried.
+        keep: how many answers are kept in all.
+    """
+    from .physics.verify import verify
+
+    answers = [a for a in (plan.answer, *plan.alternatives) if a is not None]
+    if not answers:
+        return plan
+    found = verify(plan.hand, plan.mesh, [a.hand_result for a in answers])
+    if found.held is None:
+        why = found.results[0].reason if found.results else "the hand reached none of the answers"
+        said = Verified(
+            held=False, tried=max(1, len(found.results)), reason=f"no answer held in physics: {why}"
+        )
+        return replace(plan, alternatives=plan.alternatives[: keep - 1], verified=said)
+    best = answers.pop(found.held)
+    tried = len(found.results)
+    said = Verified(held=True, tried=tried, reason=found.results[-1].reason)
+    # What was tried before and lost is no alternative.
+    return replace(plan, answer=best, alternatives=tuple(answers[found.held : found.held + keep - 1]), verified=said)
 
 
 def execute(hand: Hand, mesh: TriangleMesh, grasp: VirtualGrasp, *, seed: int = 0) -> Answer:
@@ -256,11 +306,11 @@ def with_obstacles(
 
 
 def _height(table: float | str, mesh: TriangleMesh) -> float:
-    if table == "auto":
+    if isinstance(table, str) and table == "auto":
         return float(mesh.vertices[:, 2].min())
     try:
         height = float(table)
-    except ValueError:
+    except (TypeError, ValueError):
         raise InputError(f"a table is its height in metres or auto, got {table!r}") from None
     if not np.isfinite(height):
         raise InputError(f"a table's height must be finite, got {table!r}")

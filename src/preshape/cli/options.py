@@ -28,7 +28,11 @@ def object_options(command: Command) -> Command:
         click.option(
             "--hand", default="utah_mit", show_default=True, metavar="HAND", help="See preshape hands."
         ),
-        click.option("--analyser", metavar="NAME", help="rays, the paper's; the only one in this version."),
+        click.option(
+            "--analyser",
+            metavar="NAME",
+            help="rays (the paper's) or closure (closes the real hand); default rays for utah_mit, else closure.",
+        ),
         click.option(
             "--scale", type=float, default=1.0, show_default=True, help="Factor on the object's size."
         ),
@@ -57,6 +61,54 @@ def object_options(command: Command) -> Command:
     for option in reversed(options):
         command = option(command)
     return command
+
+
+def closure_options(command: Command) -> Command:
+    """``--friction --mass --table --avoid``, for the closure analyser."""
+    options = (
+        click.option(
+            "--friction", type=float, default=0.6, show_default=True, help="Between fingers and object."
+        ),
+        click.option(
+            "--mass", type=float, default=0.1, show_default=True, help="Of the object [kg]: what a grip bears."
+        ),
+        click.option(
+            "--table",
+            metavar="[HEIGHT]",
+            is_flag=False,
+            flag_value="auto",
+            help="A table under the object, at this z [m]; without a number, at its lowest point.",
+        ),
+        click.option(
+            "--avoid",
+            metavar="BOX",
+            multiple=True,
+            help='A box to keep out of, "x0 y0 z0 x1 y1 z1" in the mesh frame [m]; may be repeated.',
+        ),
+    )
+    for option in reversed(options):
+        command = option(command)
+    return command
+
+
+def boxes_from(given: tuple[str, ...]) -> list[list[float]]:
+    """Boxes from the texts of ``--avoid``.
+
+    Raises:
+        InputError: not six numbers.
+    """
+    from ..exceptions import InputError
+
+    boxes = []
+    for text in given:
+        try:
+            numbers = [float(part) for part in text.replace(",", " ").split()]
+        except ValueError:
+            numbers = []
+        if len(numbers) != 6:
+            raise InputError(f'--avoid takes six numbers, "x0 y0 z0 x1 y1 z1", got {text!r}')
+        boxes.append(numbers)
+    return boxes
 
 
 def settings_from(estimation: float, recognition: float, seed: int) -> Any:

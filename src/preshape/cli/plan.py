@@ -7,7 +7,14 @@ from pathlib import Path
 import click
 
 from ..exceptions import InputError
-from .options import json_option, memory_option, object_options, settings_from
+from .options import (
+    boxes_from,
+    closure_options,
+    json_option,
+    memory_option,
+    object_options,
+    settings_from,
+)
 
 
 @click.command(
@@ -17,9 +24,13 @@ from .options import json_option, memory_option, object_options, settings_from
 @click.argument("thing", metavar="OBJECT")
 @click.option("--task", required=True, metavar="TASK", help='A name (preshape tasks) or "Tx Ty Tz Rx Ry Rz".')
 @object_options
+@closure_options
 @memory_option
 @click.option("--no-learn", is_flag=True, help="Leave the memory as it is.")
 @click.option("--count", type=int, default=1, show_default=True, help="How many different answers.")
+@click.option(
+    "--verify", is_flag=True, help="Try the best few in simulated physics; the first that holds is the answer."
+)
 @click.option("--out", metavar="DIR", help="Also write plan.json and plan.png there.")
 @json_option
 def plan(
@@ -33,19 +44,27 @@ def plan(
     seed: int,
     estimation_threshold: float,
     recognition_threshold: float,
+    friction: float,
+    mass: float,
+    table: str | None,
+    avoid: tuple[str, ...],
     memory: str | None,
     no_learn: bool,
     count: int,
+    verify: bool,
     out: str | None,
     as_json: bool,
 ) -> int:
     """Plan a preshape for OBJECT, a mesh file or a name from `preshape objects`.
 
-    Exit code 0: an answer. 1: none (task correction asked for, deadlock, or no grasp). 2: bad input.
+    Exit code 0: an answer. 1: none (task correction asked for, deadlock, no grasp, or none that holds with
+    --verify). 2: bad input.
     """
     if out is not None and not out.strip():
         raise InputError("--out needs a folder, got an empty name")
     settings = settings_from(estimation_threshold, recognition_threshold, seed)
+    boxes = boxes_from(avoid)
+    from ..closure.settings import ClosureSettings
     from ..io import plan_to_json, write_json, write_whole
     from ..planner import plan as make_plan
 
@@ -62,6 +81,10 @@ def plan(
         count=count,
         approaches=approach,
         settings=settings,
+        closure=ClosureSettings(friction=friction, mass=mass),
+        table=table,
+        avoid=boxes,
+        verify=verify,
     )
     document = plan_to_json(made)
     written: list[Path] = []
@@ -80,4 +103,5 @@ def plan(
         from .show import show_plan
 
         show_plan(made, written)
-    return 0 if made.decision.grasp is not None else 1
+    failed = made.verified is not None and not made.verified.held
+    return 0 if made.decision.grasp is not None and not failed else 1

@@ -10,6 +10,7 @@ from rich.panel import Panel
 from rich.table import Table
 from rich.text import Text
 
+from ..analyser import VirtualGrasp
 from ..decision import Decision, Status
 from ..fuzzy import SET_NAMES
 from ..planes import axis_name
@@ -32,10 +33,15 @@ def show_plan(plan: Plan, written: Sequence[Path] = ()) -> None:
     parts: list[object] = [_what(plan)]
     if plan.answer is not None:
         parts += ["", _answer(plan, plan.answer), "", _match(plan, plan.answer)]
-        parts += [Text(f"! {warning}", style="yellow") for warning in shortfalls(plan, plan.answer)]
+        if plan.answer.grasp.grip is None:  # a grip was judged by its margins, not by the match
+            parts += [Text(f"! {warning}", style="yellow") for warning in shortfalls(plan, plan.answer)]
     parts += ["", _why(decision)]
     if decision.offers:
         parts += ["", _offers(plan)]
+    if plan.verified is not None:
+        said = plan.verified
+        style = "green" if said.held else "red"
+        parts += ["", _grid(("physics", Text(f"{said.reason} ({said.tried} tried)", style=style)))]
     if plan.alternatives:
         parts += ["", _alternatives(plan)]
     console = Console()
@@ -81,13 +87,22 @@ def _answer(plan: Plan, answer: Answer) -> Table:
     rows: list[tuple[str, str | Text]] = [
         ("plane", f"{g.plane.label}, thumb on the {side} side"),
         ("approach", f"value {g.approach_value:+.2f} ({SET_NAMES[g.approach_set]})"),
-        ("fingers", f"{g.fingers}: {', '.join(hand.fingers)}"),
+        ("fingers", f"{len(hand.fingers) or g.fingers}: {', '.join(hand.fingers)}"),
         (
             "indices",
             f"TFVADI {g.tfvadi:.2f} of 6, stability {g.stability}, manipulability {g.manipulability}",
         ),
         ("hand", hand_text),
     ]
+    if g.grip is not None:
+        press = sum(float(f @ n) for f, n in zip(g.grip.forces, g.contacts.normals_in, strict=True))
+        rows.append(
+            (
+                "grip",
+                f"quality {g.grip.quality:.1f} of 6 (3 is just enough); squeeze {press:.0f} N in all, "
+                f"{1000 * g.grip.clearance:.0f} mm clear on the way in",
+            )
+        )
     if hand.grasp is not None:
         x, y, z = 1000 * hand.grasp.palm_pose[:3]
         rows.append(("palm", f"at {x:.0f}, {y:.0f}, {z:.0f} mm in the object's frame"))
@@ -125,6 +140,10 @@ def _offers(plan: Plan) -> Table:
     return _grid(*rows)
 
 
+def _worth(g: VirtualGrasp) -> str:
+    return f"TFVADI {g.tfvadi:.2f}" if g.grip is None else f"quality {g.grip.quality:.1f}"
+
+
 def _alternatives(plan: Plan) -> Table:
     rows: list[tuple[str, str | Text]] = []
     for number, other in enumerate(plan.alternatives, start=2):
@@ -134,7 +153,7 @@ def _alternatives(plan: Plan) -> Table:
         rows.append(
             (
                 f"answer {number}",
-                f"{g.plane.label}, thumb {side}, {g.fingers} fingers, TFVADI {g.tfvadi:.2f}, {state}",
+                f"{g.plane.label}, thumb {side}, {g.fingers} fingers, {_worth(g)}, {state}",
             )
         )
     return _grid(*rows)

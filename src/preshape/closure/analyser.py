@@ -13,6 +13,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from ..analyser import Aim, Contacts, Exploration, HandLayout, VirtualGrasp
+from ..exceptions import InputError
 from ..fuzzy import FuzzySets, approaching_degrees
 from ..hands.hand import Hand
 from ..kernels.closing import Candidates
@@ -20,7 +21,7 @@ from ..kernels.field import DistanceField, SurfaceQuery, prepare_field
 from ..objects.mesh import TriangleMesh
 from ..planes import plane
 from ..tasks.task import ROTATION_ABSENT, TRANSLATION_ABSENT
-from ..types import Array, BoolArray, ContactCoefficients, Experience, IntArray, value
+from ..types import Array, BoolArray, ContactCoefficients, Experience, IntArray, frozen_array, value
 from ..wrench import contact_wrenches, net_wrench, screw_measures
 from .grip import Finished, Finisher
 from .sampling import Sampled, sample
@@ -124,7 +125,8 @@ class ClosureAnalyser:
             q: (6,) task Q.
             aim: where to look.
         """
-        task = np.asarray(q, dtype=np.float64)
+        task = frozen_array(q, (6,), "task Q")
+        _check(aim)
         key = task.tobytes() + _key(aim)
         if key not in self._kept:
             if len(self._kept) >= _KEPT:
@@ -248,6 +250,19 @@ class ClosureAnalyser:
             manipulability=manipulability,
             grip=made.grip,
         )
+
+
+def _check(aim: Aim) -> None:
+    planes, values = np.asarray(aim.planes), np.asarray(aim.values, dtype=np.float64)
+    if not planes.size or not ((planes >= 1) & (planes <= 12)).all():
+        raise InputError(f"approach plane indices must be 1 to 12, got {planes.tolist()}")
+    if not values.size or not (np.abs(values) <= 1).all():
+        raise InputError(f"approach values must lie in -1..1, got {values.tolist()!s:.80}")
+    counts = list(aim.fingers)
+    if not counts or not all(2 <= n <= MAX_FINGERS for n in counts):
+        raise InputError(f"virtual fingers must be 2 to {MAX_FINGERS}, got {counts}")
+    if not len(aim.flips):
+        raise InputError("an aim needs a thumb side at least")
 
 
 def _exploration(grasps: Sequence[VirtualGrasp], tried: int) -> Grips:

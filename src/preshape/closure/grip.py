@@ -28,12 +28,16 @@ OPENING = 0.006
 """The pregrasp clears the object by this [m] [C]."""
 NEAREST = 0.0008
 """... and by this at least, the palm included [m] [C]."""
+ALONG = 0.8
+"""Least cosine between the way in and the plane's approach axis."""
+UNBALANCED = 0.03
+"""Forces of a squeeze may leave this share of the press unbalanced, torques over ℓ."""
 STATIONS = np.linspace(0.0, 1.0, 21)
 """Shares of the way back to the open posture at which a pregrasp is looked for."""
 WAY_IN, STRIDE = 0.12, 0.006
 """Length of the straight approach that is checked, and the step [m] [C]."""
-JUST_ENOUGH = 3.0
-"""Quality of a grip that balances exactly the load expected; the critic's default threshold."""
+EVENNESS = 0.1
+"""Weight of an even spread of the forces, against ten for their balance [C]."""
 EDGES = 8
 """Of a friction cone, where forces are chosen."""
 
@@ -71,6 +75,11 @@ class Finisher:
             self.tables, search.field, device=self.settings.device, threads=self.settings.threads
         )
         self.kinematics = HandKinematics(search.hand)
+        joints = list(search.hand.joints)
+        self._couples = [(joints.index(a), joints.index(b)) for a, b in search.hand.couplings]
+        # One drive sets the sum of a couple's angles: each of the two takes half of what it is told.
+        self._sharing = np.ones(len(joints))
+        self._sharing[[k for couple in self._couples for k in couple]] = 2.0
 
     def close(self, found: Ranked, wanted: int) -> Closings:
         """Closed again with the fine spheres, a little off the surface."""
@@ -129,7 +138,9 @@ class Finisher:
             way = None if opened is None else self._way_in(found, int(row), opened)
             if opened is not None and way is not None:
                 margins = float(task[row]) / demand.load, float(hold[row]) / self.settings.hold
-                grips.append(self._grip(found, int(row), packed, grasp[row], opened, way, margins))
+                made = self._grip(found, int(row), packed, grasp[row], opened, way, margins)
+                if made is not None:
+                    grips.append(made)
         return grips
 
     def _packed(self, closings: Closings, points: Array, normals: Array) -> Closings:
@@ -172,7 +183,8 @@ class Finisher:
             (closings.closing[row] * (1.0 - STATIONS[station]))[None],
         )[0]
         least = min(float(fingers[station, np.arange(len(station))].min()), float(to_object[0, -1]))
-        if least < NEAREST or (to_rest <= 0).any() or not self._free_of_itself(opened):
+        blocked = (to_rest[: int(station.max()) + 1] <= 0).any()
+        if least < NEAREST or blocked or not self._free_of_itself(opened):
             return None
         return opened, least
 
@@ -184,8 +196,9 @@ class Finisher:
         R = rotations(candidates.turn[row])
         axis = APPROACH_AXES[found.sampled.plane[row] - 1]
         steps = np.arange(1, int(WAY_IN / STRIDE) + 1) * STRIDE
-        # The plane's own direction first; else the fingers' and the palm's.
-        for approach in (axis, R[:, 2], unit(R[:, 2] - R[:, 1]), -R[:, 1]):
+        # The plane's own direction first; else the fingers' and the palm's, where they are near it.
+        others = (R[:, 2], unit(R[:, 2] - R[:, 1]), -R[:, 1])
+        for approach in (axis, *(way for way in others if way @ axis > ALONG)):
             place = candidates.place[row] - steps[:, None] * approach
             n = len(steps)
             to_object, to_rest = self.kernel.clearances(
@@ -208,7 +221,7 @@ class Finisher:
         opened: tuple[Array, float],
         way: tuple[Array, float],
         margins: tuple[float, float],
-    ) -> Finished:
+    ) -> Finished | None:
         candidates, settings = found.sampled.candidates, self.settings
         n = int(packed.counts[row])
         points = packed.points[row, :n].astype(np.float64)
@@ -216,13 +229,17 @@ class Finisher:
         used = [f for f in self._finger_order() if packed.sphere[row, f] >= 0]
         arms = (points - self.search.cog) / self.search.length
         share = grip_forces(arms, normals, settings.mu)
+        left = np.concatenate([share.sum(axis=0), np.cross(arms, share).sum(axis=0)])
+        if np.linalg.norm(left) > UNBALANCED:
+            return None
         torques = self._torques(candidates, packed, row, q, used, points, share)
         # A joint that would be too weak for the whole squeeze makes it weaker.
         strain = float((np.abs(torques) / self.hand.torque_limits).max())
         most = min(settings.press_most, 1.0 / max(strain, 1e-9))
         needed = settings.safety * settings.weight / max(min(margins), 1e-9)
         press = min(max(settings.press_least, needed), most)
-        squeeze = q + press * torques / self.hand.gains
+        # A target beyond a joint's limit is meant: a servo that stops at the limit would press with nothing.
+        squeeze = q + press * torques / self.hand.gains / self._sharing
         grip = Grip(
             approach=way[0],
             palm_pose=np.concatenate([candidates.place[row], candidates.turn[row]]),
@@ -230,13 +247,13 @@ class Finisher:
             mask=int(candidates.mask[row]),
             pregrasp=opened[0],
             grasp=q,
-            squeeze=np.clip(squeeze, self.tables.limits[:, 0], self.tables.limits[:, 1]),
+            squeeze=squeeze,
             fingers=tuple(self.tables.fingers[f] for f in used),
             forces=press * share,
             torques=press * torques,
             task_margin=margins[0] * press / settings.weight,
             hold_margin=margins[1] * press / settings.weight,
-            quality=float(np.clip(JUST_ENOUGH * min(margins) * most / settings.weight, 0.0, 6.0)),
+            quality=quality(min(margins) * most / settings.weight),
             clearance=min(opened[1], way[1]),
         )
         return Finished(grip=grip, row=row, points=points, normals_in=normals)
@@ -261,7 +278,18 @@ class Finisher:
             last = int(np.searchsorted(self.tables.sphere_start, packed.sphere[row, finger], side="right")) - 1
             for j in range(int(self.tables.joint_start[finger]), last + 1):
                 torques[j] = axes[j] @ np.cross(point - anchors[j], force)
+        for a, b in self._couples:  # one tendon: the same torque on both, the nearest to what each should have
+            torques[[a, b]] = (torques[a] + torques[b]) / 2
         return torques
+
+
+def quality(margin: float) -> float:
+    """What the critic judges, 0..6: 3 where the hand can balance just the load expected, 4.5 for twice that.
+
+    >>> quality(0.0), quality(1.0), quality(2.0)
+    (0.0, 3.0, 4.5)
+    """
+    return float(6.0 * (1.0 - 2.0 ** -max(margin, 0.0)))
 
 
 def unit(vector: Array) -> Array:
@@ -293,7 +321,7 @@ def grip_forces(arms: Array, normals_in: Array, mu: float) -> Array:
     )
     flat = edges.reshape(-1, 3)
     wrenches = np.concatenate([flat, np.cross(np.repeat(arms, EDGES, axis=0), flat)], axis=1)
-    penalty = 0.03 * np.sqrt(n * EDGES)
+    penalty = EVENNESS * np.sqrt(n * EDGES)
     rows = np.concatenate([10 * wrenches.T, 10 * np.ones((1, n * EDGES)), penalty * np.eye(n * EDGES)])
     wanted = np.concatenate([np.zeros(6), [10.0], np.full(n * EDGES, penalty / (n * EDGES))])
     weights, _ = nnls(rows, wanted)

@@ -15,15 +15,19 @@ from ..kernels.closing import Candidates, Closings, ClosingKernel, Fate
 from ..kernels.field import DistanceField
 from ..kernels.hand_tables import COARSE, HandTables, hand_tables
 from ..kernels.margin import cone_strengths, margins
-from ..types import Array, IntArray, freeze, frozen_array, value
-from .preshapes import Preshapes, joint_ranges, preshapes
+from ..types import Array, BoolArray, IntArray, freeze, frozen_array, value
+from .preshapes import Preshapes, joint_ranges, posture_at, preshapes
 from .sampling import Sampled, quaternions, small_rotations
 from .settings import ClosureSettings
 
 STEP, TURN, BEND = 0.006, 0.12, 0.10
 """Spread of the first refinement: wrist [m], its turn [rad], joints of the preshape [rad] [C]."""
+OPENED, ROOM = 0.8, 0.002
+"""Table and boxes are kept out of by this [m], closed and opened to this share of the closing [C]."""
 HOLD = np.concatenate([np.eye(6), -np.eye(6)])
-"""Wrenches that plain holding is ranked by: pushes and turns along and about the axes, torques over ℓ."""
+"""Wrenches that plain holding is ranked by: pushes and turns along and about the axes, torques over ``LEVER``."""
+LEVER = 0.05
+"""Torque over force of plain holding [m], as in the field's harder test."""
 
 
 @value
@@ -162,11 +166,22 @@ class ClosureSearch:
         found = Ranked(
             sampled=sampled, closings=closings, score=nothing, task=nothing, hold=nothing, tried=0
         )
+        if self.settings.obstacles:
+            rows = rows[self._out_of_the_way(sampled, closings, rows)]
         found = replace(_closed(found, rows), tried=len(sampled.candidates))
         task, hold = self.strengths(found.closings, demand)
         score = self.score(task, hold, demand)
         order = np.argsort(-score, kind="stable")
         return replace(found, score=score, task=task, hold=hold).take(order)
+
+    def _out_of_the_way(self, sampled: Sampled, closings: Closings, rows: IntArray) -> BoolArray:
+        """Which of the rows keep out of table and boxes, closed and a little opened."""
+        c = sampled.candidates.take(rows)
+        free = np.ones(len(rows), dtype=bool)
+        for share in (1.0, OPENED):
+            posture = posture_at(self.tables, c.start, share * closings.closing[rows])
+            free &= self.kernel.clearances(c.place, c.turn, posture, self.settings.obstacles)[1] > ROOM
+        return free
 
     def strengths(self, closings: Closings, demand: Demand) -> tuple[Array, Array]:
         """(n,), (n,) strength along the task's cone, and of plain holding."""
@@ -181,7 +196,7 @@ class ClosureSearch:
             "threads": self.settings.threads,
             "device": self.settings.device,
         }
-        hold = margins(*grip, wrenches=HOLD, **same).strength
+        hold = margins(*grip, wrenches=HOLD, **{**same, "length": LEVER}).strength
         if demand.direction is None:
             return hold, hold
         task = cone_strengths(

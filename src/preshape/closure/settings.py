@@ -3,16 +3,36 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import field
 
 import numpy as np
 
 from ..exceptions import InputError
 from ..kernels.closing import Obstacles
-from ..types import value
+from ..types import freeze, value
 
 GRAVITY = 9.81
 """[m/s²]."""
+
+
+_DEVICE = re.compile(r"cpu|cuda(:[0-9]+)?")
+_COUNTS = {
+    "at_aim": 1,
+    "on_plane": 1,
+    "everywhere": 1,
+    "elite": 1,
+    "children": 1,
+    "rounds": 0,
+    "finished": 1,
+    "threads": 1,
+}
+
+
+def _number(given: object, name: str) -> float:
+    if isinstance(given, bool) or not isinstance(given, int | float | np.number) or not math.isfinite(given):
+        raise InputError(f"{name} must be a finite number, got {given!r}")
+    return float(given)
 
 
 @value
@@ -47,8 +67,8 @@ class ClosureSettings:
     torsion: float = 0.02
     friction_share: float = 0.35
     mass: float = 0.1
-    press_least: float = 10.0
-    press_most: float = 40.0
+    press_least: float = 12.0
+    press_most: float = 20.0
     safety: float = 2.0
     hold: float = 0.7
     at_aim: int = 160
@@ -63,17 +83,28 @@ class ClosureSettings:
     threads: int | None = None
 
     def __post_init__(self) -> None:
+        for name in ("friction", "torsion", "friction_share", "mass", "press_least", "press_most", "safety", "hold"):
+            freeze(self, **{name: _number(getattr(self, name), name)})
+        for name, least in _COUNTS.items():
+            number = getattr(self, name)
+            if number is None and name == "threads":
+                continue
+            if isinstance(number, bool) or not isinstance(number, int | np.integer) or number < least:
+                raise InputError(f"{name} must be a whole number of {least} or more, got {number!r}")
+        if not isinstance(self.device, str) or not _DEVICE.fullmatch(self.device):
+            raise InputError(f"device must be cpu, cuda or cuda:N, got {self.device!r}")
+        if self.press_least > self.press_most:
+            raise InputError(
+                f"press_least must not be above press_most, got {self.press_least:g} and {self.press_most:g}"
+            )
         for name in ("friction", "mass", "press_least", "press_most", "safety", "hold"):
             number = getattr(self, name)
-            if not (math.isfinite(number) and number > 0):
+            if not number > 0:
                 raise InputError(f"{name} must be above zero, got {number!r}")
-        if not (math.isfinite(self.torsion) and self.torsion >= 0):
+        if not self.torsion >= 0:
             raise InputError(f"torsion must be zero or more [m], got {self.torsion!r}")
         if not 0 < self.friction_share <= 1:
             raise InputError(f"friction_share must be in 0..1, got {self.friction_share!r}")
-        for name in ("at_aim", "on_plane", "everywhere", "elite", "children", "finished"):
-            if getattr(self, name) < 1:
-                raise InputError(f"{name} must be 1 or more, got {getattr(self, name)!r}")
 
     @property
     def mu(self) -> float:

@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..types import Array, IntArray, value
+from ..exceptions import InputError
+from ..types import Array, IntArray, freeze, frozen_array, value
 
 if TYPE_CHECKING:
     from .field import DistanceField
@@ -93,6 +94,16 @@ class Obstacles:
     planes: Array = field(default_factory=lambda: np.zeros((0, 4)))
     boxes: Array = field(default_factory=lambda: np.zeros((0, 2, 3)))
 
+    def __post_init__(self) -> None:
+        planes = frozen_array(self.planes, (None, 4), "planes to keep out of")
+        boxes = frozen_array(self.boxes, (None, 2, 3), "boxes to keep out of")
+        lengths = np.linalg.norm(planes[:, :3], axis=1)
+        if (np.abs(lengths - 1.0) > 1e-3).any():
+            raise InputError(f"a plane's normal must have length 1, got {lengths.tolist()}")
+        if not (boxes[:, 0] < boxes[:, 1]).all():
+            raise InputError("a box to keep out of is its lower corner, then its upper")
+        freeze(self, planes=planes, boxes=boxes)
+
     def __bool__(self) -> bool:
         return bool(len(self.planes) or len(self.boxes))
 
@@ -118,12 +129,13 @@ class ClosingKernel:
         self._module = warp_closing
         self.device, self.threads = device, threads or usable_threads(device)
         self.fingers, self.joints = len(tables.joint_start) - 1, len(tables.axis)
+        self._widest = int(np.diff(tables.joint_start).max())
         hand, grid = warp_closing.HandArrays(), warp_closing.FieldArrays()
-        for name in ("joint_start", "sphere_start"):
+        for name in ("joint_start", "moving", "group_start", "group_sphere", "palm_group"):
             setattr(hand, name, wp.array(getattr(tables, name), dtype=wp.int32, device=device))
         for name in ("offset", "axis"):
             setattr(hand, name, wp.array(getattr(tables, name), dtype=wp.vec3, device=device))
-        for name in ("sphere", "bound", "palm"):
+        for name in ("sphere", "bound", "palm", "palm_bound"):
             setattr(hand, name, wp.array(getattr(tables, name), dtype=wp.vec4, device=device))
         for name in ("speed", "bound_speed"):
             setattr(hand, name, wp.array(getattr(tables, name), dtype=wp.float32, device=device))
@@ -168,6 +180,8 @@ class ClosingKernel:
         points = wp.zeros((n, CONTACTS), dtype=wp.vec3, device=device)
         normals = wp.zeros((n, CONTACTS), dtype=wp.vec3, device=device)
         counts = wp.zeros(n, dtype=wp.int32, device=device)
+        joint_place = wp.empty((n, self._widest), dtype=wp.vec3, device=device)
+        joint_facing = wp.empty((n, self._widest), dtype=wp.mat33, device=device)
 
         def launch(first: int, size: int) -> None:
             wp.launch(
@@ -185,6 +199,8 @@ class ClosingKernel:
                     tolerance,
                     wanted,
                     first,
+                    joint_place,
+                    joint_facing,
                 ],
                 outputs=[fate, closing, sphere, points, normals, counts],
                 device=device,

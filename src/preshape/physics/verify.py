@@ -1,0 +1,90 @@
+"""``--verify``: put planned grips to the holding test, best first, until one holds."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from ..hand_simulation import HandResult
+from ..hands.hand import Hand
+from ..objects.mesh import TriangleMesh
+from ..types import value
+from .grasps import STAGES, GraspSet
+from .hand import physics_hand
+from .pieces import decompose
+from .protocol import Protocol
+from .scene import build_scene
+from .six_directions import HoldResult, hold_test
+
+
+@value
+class Verification:
+    """What the physics said.
+
+    Attributes:
+        held: which of the answers held first; ``None`` for none.
+        results: of those that were tried, in order.
+    """
+
+    held: int | None
+    results: tuple[HoldResult, ...]
+
+
+def verify(
+    hand: Hand,
+    mesh: TriangleMesh,
+    answers: Sequence[HandResult],
+    *,
+    protocol: Protocol | None = None,
+    progress: Callable[[int], None] | None = None,
+) -> Verification:
+    """Test answers in their order until one holds.
+
+    The object is cut into convex pieces first, which takes up to a minute for a scan, once.
+
+    Args:
+        hand: the hand.
+        mesh: the object, at the size planned for.
+        answers: the hand on the object; those that did not reach are left out.
+        protocol: default the field's six directions.
+        progress: called with how many were tried.
+
+    Raises:
+        ObjectError: the object encloses no volume.
+        EnvironmentFailure: it cannot be cut.
+    """
+    rules = protocol or Protocol(stop_early=True)
+    reached = [(k, answer) for k, answer in enumerate(answers) if answer.grasp is not None]
+    if not reached:
+        return Verification(held=None, results=())
+    physical = physics_hand(hand)
+    pieces = decompose(mesh)
+    rows = {
+        stage: np.array(
+            [np.concatenate([pose.palm_pose, pose.q]) for _, a in reached if (pose := getattr(a, stage))]
+        )
+        for stage in STAGES
+    }
+    n = len(reached)
+    grasps = GraspSet(
+        hand=hand.name,
+        joints=hand.joints,
+        objects=(mesh.name,) * n,
+        scale=np.ones(n),
+        object_pose=np.tile([0.0, 0, 0, 1, 0, 0, 0], (n, 1)),
+        frame="palm",
+        **rows,
+    ).for_hand(physical)
+    scene = build_scene(physical, pieces, 1.0, rules)
+    results: list[HoldResult] = []
+    for row, (index, _) in enumerate(reached):
+        stages = [getattr(grasps, stage)[row] for stage in STAGES]
+        results.append(
+            hold_test(scene, *stages, grasps.object_pose[row], rules, row=index, object_name=mesh.name)
+        )
+        if progress is not None:
+            progress(len(results))
+        if results[-1].held:
+            return Verification(held=index, results=tuple(results))
+    return Verification(held=None, results=tuple(results))
