@@ -153,7 +153,7 @@ def _grasp(g: VirtualGrasp) -> dict[str, Any]:
 
 
 def _grip(g: VirtualGrasp) -> dict[str, Any] | None:
-    """What the closure analyser knows beside: how the hand comes, what it presses with, what that is good for."""
+    """What the closure analyser knows beside: how the hand comes, how it presses, what that is good for."""
     grip = g.grip
     if grip is None:
         return None

@@ -15,18 +15,18 @@ from pathlib import Path
 import numpy as np
 
 from .analyser import HandLayout, VirtualGrasp
+from .closure.settings import ClosureSettings
 from .controller import Controller
 from .decision import Decision, Settings
 from .exceptions import InputError
-from .closure.settings import ClosureSettings
 from .hand_simulation import HandPose, HandResult, HandStatus, simulate_hand
 from .hands.model import Hand, load_hand
+from .kernels.closing import Obstacles
 from .memory import Memory
 from .objects.load import load_object
 from .objects.mesh import TriangleMesh
 from .tasks import Task, parse_task, task_from_numbers
 from .tasks.task import COMPONENTS
-from .kernels.closing import Obstacles
 from .types import Array, frozen_array, value
 
 ANALYSERS = ("rays", "closure")
@@ -224,7 +224,9 @@ def verified_plan(plan: Plan, *, keep: int) -> Plan:
     tried = len(found.results)
     said = Verified(held=True, tried=tried, reason=found.results[-1].reason)
     # What was tried before and lost is no alternative.
-    return replace(plan, answer=best, alternatives=tuple(answers[found.held : found.held + keep - 1]), verified=said)
+    return replace(
+        plan, answer=best, alternatives=tuple(answers[found.held : found.held + keep - 1]), verified=said
+    )
 
 
 def execute(hand: Hand, mesh: TriangleMesh, grasp: VirtualGrasp, *, seed: int = 0) -> Answer:
@@ -299,9 +301,7 @@ def with_obstacles(
     return replace(
         closure,
         finished=max(closure.finished, count + count // 2 + 2),
-        obstacles=Obstacles(
-            planes=np.array(planes).reshape(-1, 4), boxes=np.array(boxes).reshape(-1, 2, 3)
-        ),
+        obstacles=Obstacles(planes=np.array(planes).reshape(-1, 4), boxes=np.array(boxes).reshape(-1, 2, 3)),
     )
 
 

@@ -31,7 +31,7 @@ def object_options(command: Command) -> Command:
         click.option(
             "--analyser",
             metavar="NAME",
-            help="rays (the paper's) or closure (closes the real hand); default rays for utah_mit, else closure.",
+            help="rays (the paper's) or closure (closes the hand); default rays for utah_mit, else closure.",
         ),
         click.option(
             "--scale", type=float, default=1.0, show_default=True, help="Factor on the object's size."
@@ -70,7 +70,11 @@ def closure_options(command: Command) -> Command:
             "--friction", type=float, default=0.6, show_default=True, help="Between fingers and object."
         ),
         click.option(
-            "--mass", type=float, default=0.1, show_default=True, help="Of the object [kg]: what a grip bears."
+            "--mass",
+            type=float,
+            default=0.1,
+            show_default=True,
+            help="Of the object [kg]: what a grip bears.",
         ),
         click.option(
             "--table",

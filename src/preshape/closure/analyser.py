@@ -37,7 +37,7 @@ FEW = 7
 WANTED = 2
 """Contacts that a grip must have, the thumb's included; the margin decides whether they are enough."""
 RECALLED, MOST_RECALLED = 0.25, 16
-"""Grips of objects whose extents are within this ratio (logarithm) are tried again, the last ones of them [C]."""
+"""Grips of objects whose extents are within this ratio (logarithm) are tried again, the last of them [C]."""
 FEWEST_NODES = 50
 _KEPT = 24
 
@@ -196,7 +196,8 @@ class ClosureAnalyser:
         rows = [
             e
             for e in self._known()
-            if getattr(e, "grip", None) is not None
+            if e.grip is not None
+            and e.outcome != "lost"
             and e.plane in aim.planes
             and len(e.grip) == 8 + joints
             and np.abs(np.log(e.attributes.extents / self.mesh.attributes.extents)).max() < RECALLED

@@ -6,17 +6,17 @@ from dataclasses import replace
 
 import numpy as np
 
+from ..analyser import Grip
 from ..hands.kinematics import HandKinematics
 from ..kernels.chains import joint_frames, rotations
-from ..kernels.closing import Candidates, Closings, ClosingKernel, Fate
+from ..kernels.closing import Candidates, ClosingKernel, Closings, Fate
 from ..kernels.field import SurfaceQuery
-from ..kernels.hand_tables import FINE, hand_tables
+from ..kernels.hand_spheres import FINE
+from ..kernels.hand_tables import hand_tables
 from ..planes import APPROACH_AXES
-from ..analyser import Grip
 from ..types import Array, value
 from .preshapes import posture_at
 from .search import ClosureSearch, Demand, Ranked
-
 
 GAP = 0.0001
 """How far from the surface a finger stops in an answer [m] [C]."""
@@ -88,7 +88,7 @@ class Finisher:
         )
 
     def contacts(self, candidates: Candidates, closings: Closings, posture: Array) -> tuple[Array, Array]:
-        """(n, f, 3), (n, f, 3) exact contact points and inward normals, by finger; NaN for those not in use."""
+        """(n, f, 3), (n, f, 3) exact contact points and inward normals by finger; NaN where not in use."""
         n, f = closings.sphere.shape
         places, turns = joint_frames(self.tables, posture)
         R = rotations(candidates.turn)
@@ -98,9 +98,7 @@ class Finisher:
             spheres = closings.sphere[rows, fingers]
             joints = np.searchsorted(self.tables.sphere_start, spheres, side="right") - 1
             local = np.einsum("nij,nj->ni", turns[rows, joints], self.tables.sphere[spheres, :3])
-            centres = candidates.place[rows] + np.einsum(
-                "nij,nj->ni", R[rows], places[rows, joints] + local
-            )
+            centres = candidates.place[rows] + np.einsum("nij,nj->ni", R[rows], places[rows, joints] + local)
             points[rows, fingers] = near = self.query.closest(centres).point
             # From the sphere's centre to the surface: on an edge this, not a face, is the contact's normal.
             inward = near - centres
@@ -153,7 +151,7 @@ class Finisher:
         full_p, full_n = np.zeros_like(closings.points), np.zeros_like(closings.normals_in)
         f = P.shape[1]
         full_p[:, :f], full_n[:, :f] = np.nan_to_num(P), np.nan_to_num(N)
-        counts = np.where(closings.fate == Fate.CLOSED, used.sum(axis=1), 0).astype(np.int32)
+        counts = np.where(closings.fate == Fate.CLOSED, used.sum(axis=1), 0).astype(np.int64)
         return replace(closings, points=full_p, normals_in=full_n, counts=counts)
 
     def _finger_order(self) -> list[int]:
@@ -166,7 +164,7 @@ class Finisher:
         return not self.kinematics.self_collisions(SELF_DEPTH)
 
     def _open(self, candidates: Candidates, closings: Closings, row: int) -> tuple[Array, float] | None:
-        """The posture nearest to the grasp, back along the path, that clears the object, and its clearance."""
+        """The posture back along the path that just clears the object, and its clearance [m]."""
         n = len(STATIONS)
         shares = closings.closing[row] * (1.0 - STATIONS[:, None])
         postures = posture_at(self.tables, np.repeat(candidates.start[[row]], n, axis=0), shares)
@@ -188,9 +186,7 @@ class Finisher:
             return None
         return opened, least
 
-    def _way_in(
-        self, found: Ranked, row: int, opened: tuple[Array, float]
-    ) -> tuple[Array, float] | None:
+    def _way_in(self, found: Ranked, row: int, opened: tuple[Array, float]) -> tuple[Array, float] | None:
         """A direction along which the opened hand comes straight and free, and the least clearance on it."""
         candidates = found.sampled.candidates
         R = rotations(candidates.turn[row])
@@ -275,10 +271,15 @@ class Finisher:
         axes = np.einsum("ij,njk,nk->ni", R, turns[0], self.tables.axis)
         torques = np.zeros(len(q))
         for finger, point, force in zip(used, points, forces, strict=True):
-            last = int(np.searchsorted(self.tables.sphere_start, packed.sphere[row, finger], side="right")) - 1
+            last = (
+                int(np.searchsorted(self.tables.sphere_start, packed.sphere[row, finger], side="right")) - 1
+            )
             for j in range(int(self.tables.joint_start[finger]), last + 1):
                 torques[j] = axes[j] @ np.cross(point - anchors[j], force)
-        for a, b in self._couples:  # one tendon: the same torque on both, the nearest to what each should have
+        for (
+            a,
+            b,
+        ) in self._couples:  # one tendon: the same torque on both, the nearest to what each should have
             torques[[a, b]] = (torques[a] + torques[b]) / 2
         return torques
 
@@ -300,8 +301,8 @@ def unit(vector: Array) -> Array:
 def grip_forces(arms: Array, normals_in: Array, mu: float) -> Array:
     """(n, 3) forces of a squeeze that moves nothing: they balance, their normal parts sum to one.
 
-    Of all balanced ones inside the cones (of eight edges) about the one that spreads most evenly over contacts
-    and cone: nonnegative least squares with a small penalty.
+    Of all balanced ones inside the cones (of eight edges) about the one that spreads most evenly over
+    contacts and cone: nonnegative least squares with a small penalty.
 
     Args:
         arms: (n, 3) contact points from the reference, over ℓ.

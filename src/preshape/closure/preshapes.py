@@ -8,9 +8,9 @@ import numpy as np
 
 from ..hands.hand import Hand
 from ..hands.kinematics import HandKinematics
-from ..types import Array, IntArray, value
 from ..kernels.chains import fingertips
 from ..kernels.hand_tables import HandTables, hand_tables
+from ..types import Array, IntArray, value
 
 POOL = 512
 """Preshapes that the search draws from [C]."""
@@ -132,7 +132,7 @@ def _finger_sets(tables: HandTables, kind: Array, shift: Array) -> IntArray:
 
 
 def _clear(hand: Hand, tables: HandTables, start: Array, count: int) -> IntArray:
-    """Rows of the first ``count`` preshapes whose links are not deep in each other, open and a quarter closed.
+    """Rows of the first ``count`` preshapes whose links are clear of each other, open and a quarter closed.
 
     All rows where none is: then the hand's own description is to blame, and later checks decide.
     """

@@ -1,4 +1,4 @@
-"""Where the search looks: hands in a preshape, put so that they pinch at an aim point on an approach plane."""
+"""Where the search looks: hands in a preshape that pinch at an aim point on an approach plane."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from ..types import Array, BoolArray, IntArray, value
 from .preshapes import STATIONS, Preshapes
 
 TILT = 1.2
-"""Largest angle between the fingers' direction (+z of the palm) and the approach, towards the palm's side [rad]."""
+"""Largest angle from the fingers (+z of the palm) to the approach, towards the palm's side [rad]."""
 JITTER = 0.2
 """Standard deviation of the rotation off the plane [rad]."""
 REACH = 0.85
@@ -83,9 +83,7 @@ def sample(
     R = _turns(rng, pool.opposition[pick, station], a, np.where(flip[:, None], -o, o))
     place = aim - np.einsum("nij,nj->ni", R, pool.pinch[pick, station])
     return Sampled(
-        candidates=Candidates(
-            place=place, turn=quaternions(R), start=pool.start[pick], mask=pool.mask[pick]
-        ),
+        candidates=Candidates(place=place, turn=quaternions(R), start=pool.start[pick], mask=pool.mask[pick]),
         plane=plane[each],
         flip=flip[each],
         value=v,

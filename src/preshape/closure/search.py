@@ -11,9 +11,10 @@ import numpy as np
 
 from ..hands.hand import Hand
 from ..kernels.chains import rotations
-from ..kernels.closing import Candidates, Closings, ClosingKernel, Fate
+from ..kernels.closing import Candidates, ClosingKernel, Closings, Fate
 from ..kernels.field import DistanceField
-from ..kernels.hand_tables import COARSE, HandTables, hand_tables
+from ..kernels.hand_spheres import COARSE
+from ..kernels.hand_tables import HandTables, hand_tables
 from ..kernels.margin import cone_strengths, margins
 from ..types import Array, BoolArray, IntArray, freeze, frozen_array, value
 from .preshapes import Preshapes, joint_ranges, posture_at, preshapes
@@ -25,7 +26,7 @@ STEP, TURN, BEND = 0.006, 0.12, 0.10
 OPENED, ROOM = 0.8, 0.002
 """Table and boxes are kept out of by this [m], closed and opened to this share of the closing [C]."""
 HOLD = np.concatenate([np.eye(6), -np.eye(6)])
-"""Wrenches that plain holding is ranked by: pushes and turns along and about the axes, torques over ``LEVER``."""
+"""Wrenches that plain holding is ranked by: pushes along and turns about the axes, torques over ``LEVER``."""
 LEVER = 0.05
 """Torque over force of plain holding [m], as in the field's harder test."""
 
@@ -163,9 +164,7 @@ class ClosureSearch:
         closings = self.kernel.close(sampled.candidates, wanted=wanted)
         rows = np.flatnonzero(closings.fate == Fate.CLOSED)
         nothing = np.zeros(len(rows))
-        found = Ranked(
-            sampled=sampled, closings=closings, score=nothing, task=nothing, hold=nothing, tried=0
-        )
+        found = Ranked(sampled=sampled, closings=closings, score=nothing, task=nothing, hold=nothing, tried=0)
         if self.settings.obstacles:
             rows = rows[self._out_of_the_way(sampled, closings, rows)]
         found = replace(_closed(found, rows), tried=len(sampled.candidates))
@@ -187,20 +186,36 @@ class ClosureSearch:
         """(n,), (n,) strength along the task's cone, and of plain holding."""
         if not len(closings.counts):
             return np.zeros(0), np.zeros(0)
-        grip = (closings.points, closings.normals_in, closings.counts)
-        same = {
-            "friction": self.settings.mu,
-            "torsion": self.settings.gamma,
-            "length": self.length,
-            "reference": self.cog,
-            "threads": self.settings.threads,
-            "device": self.settings.device,
-        }
-        hold = margins(*grip, wrenches=HOLD, **{**same, "length": LEVER}).strength
+        points, normals, counts = closings.points, closings.normals_in, closings.counts
+        mu, gamma = self.settings.mu, self.settings.gamma
+        threads, device = self.settings.threads, self.settings.device
+        hold = margins(
+            points,
+            normals,
+            counts,
+            wrenches=HOLD,
+            friction=mu,
+            torsion=gamma,
+            length=LEVER,
+            reference=self.cog,
+            threads=threads,
+            device=device,
+        ).strength
         if demand.direction is None:
             return hold, hold
         task = cone_strengths(
-            *grip, direction=demand.direction, half_angle=demand.half_angle, base=demand.base, **same
+            points,
+            normals,
+            counts,
+            direction=demand.direction,
+            half_angle=demand.half_angle,
+            base=demand.base,
+            friction=mu,
+            torsion=gamma,
+            length=self.length,
+            reference=self.cog,
+            threads=threads,
+            device=device,
         ).strength
         return task, hold
 
@@ -268,7 +283,6 @@ class ClosureSearch:
             best = best_of(best, children, keep=4 * elite)
         return best
 
-
     def steady(
         self,
         rng: np.random.Generator,
@@ -293,7 +307,6 @@ class ClosureSearch:
         """
         if not len(found):
             return found
-        rows = np.repeat(np.arange(len(found)), samples)
         moved = self.near(rng, found, samples, 0.0, shift=shift, turn=turn)
         closings = self.kernel.close(moved.candidates, wanted=wanted)
         task, hold = self.strengths(closings, demand)

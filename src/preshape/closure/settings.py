@@ -83,7 +83,16 @@ class ClosureSettings:
     threads: int | None = None
 
     def __post_init__(self) -> None:
-        for name in ("friction", "torsion", "friction_share", "mass", "press_least", "press_most", "safety", "hold"):
+        for name in (
+            "friction",
+            "torsion",
+            "friction_share",
+            "mass",
+            "press_least",
+            "press_most",
+            "safety",
+            "hold",
+        ):
             freeze(self, **{name: _number(getattr(self, name), name)})
         for name, least in _COUNTS.items():
             number = getattr(self, name)

@@ -1,8 +1,8 @@
 """Closing many hands on one object: host side of the closing kernel.
 
-A candidate is a wrist pose and a preshape. Its fingers move along the closing path, each until one of its links
-touches; what they touch, and where, comes back. The kernel is :mod:`preshape.kernels.warp_closing`, on the CPU
-and on CUDA; :mod:`preshape.kernels.closing_numpy` is its specification.
+A candidate is a wrist pose and a preshape. Its fingers move along the closing path, each until one of its
+links touches; what they touch, and where, comes back. The kernel is :mod:`preshape.kernels.warp_closing`, on
+the CPU and on CUDA; :mod:`preshape.kernels.closing_numpy` is its specification.
 """
 
 from __future__ import annotations
@@ -124,13 +124,13 @@ class ClosingKernel:
         from .launch import usable_threads, warp
 
         self._wp = wp = warp()
-        from . import warp_closing
+        from . import warp_clearance, warp_closing, warp_hand
 
-        self._module = warp_closing
+        self._closing, self._clearance = warp_closing, warp_clearance
         self.device, self.threads = device, threads or usable_threads(device)
         self.fingers, self.joints = len(tables.joint_start) - 1, len(tables.axis)
         self._widest = int(np.diff(tables.joint_start).max())
-        hand, grid = warp_closing.HandArrays(), warp_closing.FieldArrays()
+        hand, grid = warp_hand.HandArrays(), warp_hand.FieldArrays()
         for name in ("joint_start", "moving", "group_start", "group_sphere", "palm_group"):
             setattr(hand, name, wp.array(getattr(tables, name), dtype=wp.int32, device=device))
         for name in ("offset", "axis"):
@@ -185,7 +185,7 @@ class ClosingKernel:
 
         def launch(first: int, size: int) -> None:
             wp.launch(
-                self._module.close_hand,
+                self._closing.close_hand,
                 dim=size,
                 inputs=[
                     self.hand,
@@ -216,7 +216,6 @@ class ClosingKernel:
             counts=counts.numpy(),
         )
 
-
     def clearances(
         self, place: Array, turn: Array, posture: Array, obstacles: Obstacles | None = None
     ) -> tuple[Array, Array]:
@@ -246,7 +245,7 @@ class ClosingKernel:
 
         def launch(first: int, size: int) -> None:
             wp.launch(
-                self._module.clearances,
+                self._clearance.clearances,
                 dim=size,
                 inputs=[self.hand, self.field, planes, boxes, places, turns, postures, first],
                 outputs=[to_object, to_rest],

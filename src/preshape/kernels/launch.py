@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from functools import cache
+from itertools import pairwise
 from typing import Any
 
 SMALLEST_PART = 16
@@ -69,9 +70,6 @@ def in_parts(launch: Callable[[int, int], None], count: int, threads: int) -> No
         return
     # More parts than threads: candidates differ in what they cost.
     edges = [count * k // (2 * parts) for k in range(2 * parts + 1)]
-    tasks = [
-        _pool(threads).submit(launch, first, end - first)
-        for first, end in zip(edges[:-1], edges[1:], strict=True)
-    ]
+    tasks = [_pool(threads).submit(launch, first, end - first) for first, end in pairwise(edges)]
     for task in tasks:
         task.result()

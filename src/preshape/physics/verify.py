@@ -9,8 +9,8 @@ import numpy as np
 from ..hand_simulation import HandResult
 from ..hands.hand import Hand
 from ..objects.mesh import TriangleMesh
-from ..types import value
-from .grasps import STAGES, GraspSet
+from ..types import Array, value
+from .grasps import GraspSet
 from .hand import physics_hand
 from .pieces import decompose
 from .protocol import Protocol
@@ -60,12 +60,11 @@ def verify(
         return Verification(held=None, results=())
     physical = physics_hand(hand)
     pieces = decompose(mesh)
-    rows = {
-        stage: np.array(
-            [np.concatenate([pose.palm_pose, pose.q]) for _, a in reached if (pose := getattr(a, stage))]
-        )
-        for stage in STAGES
-    }
+
+    def rows(stage: str) -> Array:
+        poses = [getattr(answer, stage) for _, answer in reached]
+        return np.array([np.concatenate([pose.palm_pose, pose.q]) for pose in poses])
+
     n = len(reached)
     grasps = GraspSet(
         hand=hand.name,
@@ -74,14 +73,24 @@ def verify(
         scale=np.ones(n),
         object_pose=np.tile([0.0, 0, 0, 1, 0, 0, 0], (n, 1)),
         frame="palm",
-        **rows,
+        pregrasp=rows("pregrasp"),
+        grasp=rows("grasp"),
+        squeeze=rows("squeeze"),
     ).for_hand(physical)
     scene = build_scene(physical, pieces, 1.0, rules)
     results: list[HoldResult] = []
     for row, (index, _) in enumerate(reached):
-        stages = [getattr(grasps, stage)[row] for stage in STAGES]
         results.append(
-            hold_test(scene, *stages, grasps.object_pose[row], rules, row=index, object_name=mesh.name)
+            hold_test(
+                scene,
+                grasps.pregrasp[row],
+                grasps.grasp[row],
+                grasps.squeeze[row],
+                grasps.object_pose[row],
+                rules,
+                row=index,
+                object_name=mesh.name,
+            )
         )
         if progress is not None:
             progress(len(results))
