@@ -20,6 +20,7 @@ from hypothesis import strategies as st
 from preshape.exceptions import EnvironmentFailure, InputError, MemoryFileError
 from preshape.memory import (
     APPLICATION_ID,
+    FORMAT_VERSION,
     KINDS,
     MIGRATIONS,
     SCHEMA_VERSION,
@@ -344,7 +345,7 @@ def test_objects_and_statistics() -> None:
         assert (cube.hands, cube.last_seen) == (("a,b", "utah_mit"), "2003-01-01T00:00:00Z")
         assert [(one.name, one.experiences) for one in memory.objects("a,b")] == [("cube", 1)]
         facts = memory.statistics()
-        assert (facts.path, facts.version, facts.experiences, facts.objects) == (":memory:", 2, 4, 2)
+        assert (facts.path, facts.version, facts.experiences, facts.objects) == (":memory:", 3, 4, 2)
         assert facts.kinds == (("seed", 0), ("task", 3), ("best", 1), ("landmark", 0))
         assert facts.hands == (("a,b", 1), ("utah_mit", 3))
         assert facts.trained == (("a,b", 7),)
@@ -486,7 +487,8 @@ def test_there_is_a_migration_from_every_version() -> None:
     ("content", "words"),
     [
         (
-            "PRAGMA application_id = 1886545267; PRAGMA user_version = 3; CREATE TABLE t (a)",
+            "PRAGMA application_id = 1886545267; CREATE TABLE t (a);"
+            f"PRAGMA user_version = {SCHEMA_VERSION + 1}",
             "upgrade preshape",
         ),
         (
@@ -826,7 +828,7 @@ def test_export_is_whole_or_not_at_all(tmp_path: Path, monkeypatch: pytest.Monke
             with pytest.raises(EnvironmentFailure, match="cannot export"):
                 memory.export(place)
         memory.export(document)
-    assert json.loads(document.read_text())["version"] == 1
+    assert json.loads(document.read_text())["version"] == FORMAT_VERSION
 
 
 def good() -> dict[str, Any]:
@@ -885,7 +887,7 @@ MISSING = object()
 FAULTS: list[tuple[tuple[str | int, ...], Any, str]] = [
     (("format",), MISSING, "format"),
     (("format",), "other", "format"),
-    (("version",), 2, "newer .* upgrade preshape"),
+    (("version",), FORMAT_VERSION + 1, "newer .* upgrade preshape"),
     (("version",), 0, "version"),
     (("version",), "1", "version"),
     (("version",), True, "version"),

@@ -200,9 +200,9 @@ def make_version_1(path: Path) -> None:
         connection.execute(statement)
     connection.execute(f"PRAGMA application_id = {schema.APPLICATION_ID}")
     connection.execute("PRAGMA user_version = 1")
-    names = records.EXPERIENCE_COLUMNS[:-2]
+    names = records.EXPERIENCE_COLUMNS[: records.EXPERIENCE_COLUMNS.index("area")]
     for part in range(BATCH):
-        row = records.experience_row(experience("old", 0, part), "2024-05-06T07:08:09Z")[:-2]
+        row = records.experience_row(experience("old", 0, part), "2024-05-06T07:08:09Z")[: len(names)]
         marks = ", ".join("?" * len(row))
         connection.execute(f"INSERT INTO experiences ({', '.join(names)}) VALUES ({marks})", row)
     connection.execute(

@@ -7,14 +7,22 @@ approach value, and number of virtual fingers, all in binary.
 from __future__ import annotations
 
 from functools import cache
+from typing import Literal
 
 import numpy as np
 
 from .exceptions import InputError
+from .objects.shape import LENGTH
 from .types import Array, Attributes, BoolArray, IntArray, NetworkWeights, value
 
 INPUTS, HIDDEN, OUTPUTS = 13, 45, 9
 LAYERS = (INPUTS, HIDDEN, OUTPUTS)
+
+InputKind = Literal["paper", "shape"]
+"""What the network is told of an object: the paper's seven attributes, or extents and descriptor [C]."""
+
+INPUT_COUNTS: dict[str, int] = {"paper": INPUTS, "shape": 6 + 3 + LENGTH}
+"""Number of inputs of each kind: 13 and 37."""
 
 _LARGEST = 4.0  # U, the largest extent of an object [P]
 _COUNT_DECADES = 6.0  # counts up to a million come to about 1 [C]
@@ -39,22 +47,33 @@ class Estimate:
     outputs: Array
 
 
-def inputs(task: Array, attributes: Attributes, u: float) -> Array:
+def inputs(task: Array, attributes: Attributes, u: float, kind: InputKind = "paper") -> Array:
     """The input vector IV (eq. 5), scaled to about unit range [C].
 
     Lengths are taken in U and divided by 4, counts as logarithms divided by six decades; task components
-    are cut at ±10, far beyond any presence.
+    are cut at ±10, far beyond any presence. The kind ``shape`` has the shape descriptor in place of the
+    counts, which change whenever an object is meshed anew [C].
 
     Args:
         task: (6,) Q.
         attributes: of the object [m].
         u: the hand's U [m].
+        kind: ``paper`` or ``shape``.
 
     Returns:
-        (13,) Tx Ty Tz Rx Ry Rz | W H D #Vert #VNorm #Faces #Triang.
+        (13,) Tx Ty Tz Rx Ry Rz | W H D #Vert #VNorm #Faces #Triang, or (37,) Tx … Rz | W H D | descriptor.
+
+    Raises:
+        InputError: an unknown kind, or ``shape`` for attributes without a descriptor.
     """
+    if kind not in INPUT_COUNTS:
+        raise InputError(f"no kind of inputs {kind!r}; known: {', '.join(INPUT_COUNTS)}")
     counts = (attributes.vertices, attributes.vertex_normals, attributes.faces, attributes.triangles)
     sizes = attributes.extents / (u * _LARGEST)
+    if kind == "shape":
+        if attributes.shape is None:
+            raise InputError("inputs of kind shape need a shape descriptor; use described(mesh)")
+        return np.concatenate([np.clip(task, -10.0, 10.0), sizes, attributes.shape])
     return np.concatenate(
         [np.clip(task, -10.0, 10.0), sizes, np.log10(np.maximum(counts, 1)) / _COUNT_DECADES]
     )
@@ -102,7 +121,7 @@ def decode(outputs: Array, allowed: BoolArray | None = None) -> Estimate:
 
 
 def predict(weights: NetworkWeights, x: Array) -> Array:
-    """(..., 9) outputs of the network for (..., 13) inputs."""
+    """(..., 9) outputs of the network for (..., n) inputs, n as many as it was trained on."""
     hidden = sigmoid(x @ weights.w1.T + weights.b1)
     return sigmoid(hidden @ weights.w2.T + weights.b2)
 

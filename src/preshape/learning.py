@@ -13,8 +13,10 @@ import numpy as np
 
 from .analyser import Aim, Analyser, Exploration, VirtualGrasp
 from .critic import SLACK
-from .estimator import encode, inputs
+from .estimator import INPUT_COUNTS, OUTPUTS, InputKind, encode, inputs
+from .exceptions import InputError
 from .fuzzy import FuzzySets, approaching_degrees
+from .objects.shape import described
 from .planes import PLANES
 from .training import train
 from .types import Array, BoolArray, Experience, NetworkWeights, value
@@ -104,13 +106,14 @@ def experiences_of(
     grasp = discovery.taught
     self_match = approaching_degrees(discovery.found.wrench, discovery.found.wrench, sets).sum(axis=1)
     landmark = analyser.grasp(q, discovery.found, int(np.argmax(np.round(self_match, 9))))
+    attributes = described(analyser.mesh)
 
     def remember(kind: str, task: Array, g: VirtualGrasp) -> Experience:
         return Experience(
             kind=kind,
             object_name=object_name,
             hand=analyser.layout.name,
-            attributes=analyser.mesh.attributes,
+            attributes=attributes,
             task=task,
             plane=g.plane.index,
             flip=g.flip,
@@ -119,6 +122,8 @@ def experiences_of(
             fingers=g.fingers,
             wrench=g.net_wrench,
             match=float(approaching_degrees(task, g.net_wrench, sets).sum()),
+            grip=_remembered(g, analyser.mesh.cog),
+            quality=None if g.grip is None else g.grip.quality,
         )
 
     return [
@@ -126,6 +131,14 @@ def experiences_of(
         remember("best", grasp.net_wrench, grasp),
         remember("landmark", landmark.net_wrench, landmark),
     ]
+
+
+def _remembered(g: VirtualGrasp, cog: Array) -> Array | None:
+    """What is kept of a grip: the palm's pose about the COG, the fingers in use, the preshape."""
+    if g.grip is None:
+        return None
+    place = g.grip.palm_pose[:3] - cog
+    return np.concatenate([place, g.grip.palm_pose[3:], [float(g.grip.mask)], g.grip.start])
 
 
 def seed_tasks() -> Array:
@@ -158,33 +171,61 @@ def seed_experiences(
     return seeds
 
 
-def training_set(experiences: Sequence[Experience], u: float) -> tuple[Array, Array]:
+def training_set(
+    experiences: Sequence[Experience], u: float, *, kind: InputKind = "paper"
+) -> tuple[Array, Array]:
     """Inputs and output bits of all experiences that are trained on.
 
-    Where the same task on the same object was learnt twice, the later one counts.
+    Where the same task on the same object was learnt twice, the later one counts. Experiences from before
+    there were shape descriptors teach nothing where the inputs are of kind ``shape``.
 
     Args:
         experiences: of one hand, in the order in which they were met.
         u: the hand's U [m].
+        kind: of the inputs, ``paper`` or ``shape``.
 
     Returns:
-        (n, 13) inputs and (n, 9) bits.
+        (n, 13) or (n, 37) inputs and (n, 9) bits.
+
+    Raises:
+        InputError: an unknown kind.
     """
+    if kind not in INPUT_COUNTS:
+        raise InputError(f"no kind of inputs {kind!r}; known: {', '.join(INPUT_COUNTS)}")
     rows: dict[bytes, tuple[Array, Array]] = {}
     for e in experiences:
-        if e.kind == "landmark":
+        if e.kind == "landmark" or (kind == "shape" and e.attributes.shape is None):
             continue
-        x = inputs(e.task, e.attributes, u)
+        x = inputs(e.task, e.attributes, u, kind)
         rows[np.round(x, 6).tobytes()] = (x, encode(e.plane, e.approach_set, e.fingers))
-    pairs = list(rows.values())
-    return np.array([x for x, _ in pairs]), np.array([y for _, y in pairs])
+    if not rows:
+        return np.zeros((0, INPUT_COUNTS[kind])), np.zeros((0, OUTPUTS))
+    return np.array([x for x, _ in rows.values()]), np.array([y for _, y in rows.values()])
 
 
 def learn(
-    experiences: Sequence[Experience], u: float, start: NetworkWeights | None, *, seed: int = 0
+    experiences: Sequence[Experience],
+    u: float,
+    start: NetworkWeights | None,
+    *,
+    seed: int = 0,
+    kind: InputKind = "paper",
 ) -> NetworkWeights:
-    """Train the estimator on everything met so far, from the weights it has."""
-    x, y = training_set(experiences, u)
+    """Train the estimator on everything met so far, from the weights it has.
+
+    Args:
+        experiences: of one hand, in the order in which they were met.
+        u: the hand's U [m].
+        start: the weights it has; those of another kind of inputs are of no use and are not continued.
+        seed: of fresh weights.
+        kind: of the inputs, ``paper`` or ``shape``.
+
+    Raises:
+        InputError: an unknown kind, or nothing to train on.
+    """
+    x, y = training_set(experiences, u, kind=kind)
+    if start is not None and start.w1.shape[1] != x.shape[1]:
+        start = None
     return train(x, y, start=start, seed=seed)
 
 

@@ -84,14 +84,16 @@ def train(
     back to fresh weights when the earlier ones cannot be led there.
 
     Args:
-        x: (n, 13) inputs.
+        x: (n, i) inputs, 13 in the paper.
         y: (n, 9) bits.
         start: weights to continue from (incremental learning, §3.5).
         seed: of the fresh weights.
         target: mean-square error to stop at.
     """
     _check_samples(x, y)
-    attempts = [*([start] if start is not None else []), *(initial_weights(seed + i) for i in range(3))]
+    layers = (x.shape[1], LAYERS[1], y.shape[1])
+    fresh = (initial_weights(seed + i, layers) for i in range(3))
+    attempts = [*([start] if start is not None else []), *fresh]
     best: NetworkWeights | None = None
     for begin in attempts:
         done = begin

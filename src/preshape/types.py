@@ -70,10 +70,11 @@ def frozen_array(data: ArrayLike, shape: tuple[int | None, ...], name: str) -> A
         array = np.array(data, dtype=np.float64)
     except (TypeError, ValueError) as error:
         raise InputError(f"{name} must be numbers, got {data!r:.80}") from error
-    wanted = "×".join("n" if n is None else str(n) for n in shape) or "a single number"
-    if array.ndim != len(shape) or any(
-        n is not None and n != m for n, m in zip(shape, array.shape, strict=True)
+    if array.shape != shape and (
+        array.ndim != len(shape)
+        or any(n is not None and n != m for n, m in zip(shape, array.shape, strict=True))
     ):
+        wanted = "×".join("n" if n is None else str(n) for n in shape) or "a single number"
         got = "×".join(str(n) for n in array.shape) or "a single number"
         raise InputError(f"{name} must be {wanted} numbers, got {got}")
     if not np.isfinite(array).all():
@@ -99,6 +100,8 @@ class Attributes:
         triangles: number of triangles that the faces are cut into.
         area: surface area [m²] (not in the paper; used for recognition only).
         volume: enclosed volume [m³], about the COG where the mesh is open (as area).
+        shape: (28,) shape descriptor of :mod:`preshape.objects.shape`, the same however the surface was
+            cut into triangles; ``None`` where it is not known.
     """
 
     extents: Array
@@ -108,9 +111,11 @@ class Attributes:
     triangles: int
     area: float
     volume: float
+    shape: Array | None = None
 
     def __post_init__(self) -> None:
-        freeze(self, extents=frozen_array(self.extents, (3,), "object extents"))
+        shape = None if self.shape is None else frozen_array(self.shape, (None,), "shape descriptor")
+        freeze(self, extents=frozen_array(self.extents, (3,), "object extents"), shape=shape)
 
 
 @value
@@ -154,6 +159,12 @@ class Experience:
         wrench: net wrench about the COG, axes x y z, lengths in U.
         match: TFVADI(task, wrench), 0..6.
         created: when, ISO 8601 in UTC; empty until the memory has stored it.
+        grip: (8 + j,) how a real hand held the object, j its number of joints: the palm's place about the
+            COG [m] and its quaternion wxyz in the object's frame, the fingers that took part (a whole
+            number, bit k for the hand's finger k), and the joint angles of the preshape from which the
+            fingers closed [rad]; ``None`` for a virtual grasp.
+        quality: what the critic judged, 0..6, where that is not ``match``; ``None`` where it is.
+        outcome: what physics said of the grip: ``held``, ``lost``, or empty where it was not asked.
     """
 
     kind: str
@@ -169,12 +180,16 @@ class Experience:
     wrench: Array
     match: float
     created: str = ""
+    grip: Array | None = None
+    quality: float | None = None
+    outcome: str = ""
 
     def __post_init__(self) -> None:
         freeze(
             self,
             task=frozen_array(self.task, (6,), "task Q"),
             wrench=frozen_array(self.wrench, (6,), "net wrench"),
+            grip=None if self.grip is None else frozen_array(self.grip, (None,), "grip"),
         )
 
 

@@ -11,9 +11,14 @@ from typing import Any
 import numpy as np
 
 from ..exceptions import InputError
+from ..types import Array
 
 LARGEST = 2**63 - 1
 Fields = Mapping[str, Any]
+
+_SHORTEST_GRIP = 9  # a pose, the fingers, one joint
+_UNIT_SLACK = 1e-6
+_MOST_FINGERS = 2**16
 
 
 def exactly(fields: object, names: Sequence[str], what: str) -> Fields:
@@ -95,6 +100,39 @@ def numbers(data: object, name: str, depth: int = 1) -> list[Any]:
     if depth > 1:
         return [numbers(part, name, depth - 1) for part in data]
     return [number(part, name) for part in data]
+
+
+def vector(data: object, name: str, length: int | None = None) -> Array:
+    """``data`` as an array if it is a list of finite numbers, or as it is if it is an array in one row.
+
+    Whether an array is finite is left to the value that it becomes part of.
+
+    Raises:
+        InputError: anything else, or another length.
+    """
+    content = data if isinstance(data, np.ndarray) else np.array(numbers(data, name), dtype=np.float64)
+    if content.ndim != 1 or (length is not None and len(content) != length):
+        raise InputError(f"{name} must be {length or 'n'} numbers, got {content.size}")
+    return content
+
+
+def grip(data: object) -> Array:
+    """``data`` as a grip of :class:`~preshape.types.Experience`: palm pose, fingers, joint angles.
+
+    Raises:
+        InputError: too short, no unit quaternion, or fingers that are not a whole number from 1.
+    """
+    content = vector(data, "grip")
+    if len(content) < _SHORTEST_GRIP:
+        raise InputError(
+            f"grip must be a pose of 7 numbers, the fingers and joint angles, got {len(content)} numbers"
+        )
+    *quaternion, fingers = content[3:8].tolist()
+    if not abs(math.hypot(*quaternion) - 1.0) <= _UNIT_SLACK:
+        raise InputError(f"the grip's quaternion must have length 1, got {quaternion!r:.80}")
+    if not (fingers.is_integer() and 1 <= fingers < _MOST_FINGERS):
+        raise InputError(f"the grip's fingers must be a whole number from 1, got {fingers:.6g}")
+    return content
 
 
 def utc(data: object, name: str = "created") -> str:

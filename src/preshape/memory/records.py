@@ -2,8 +2,9 @@
 
 *Fields* are what JSON can say: text, whole numbers, numbers, truth values and lists of numbers, under
 the names of :class:`~preshape.types.Experience`, :class:`~preshape.types.Attributes` and
-:class:`~preshape.types.NetworkWeights`. A *row* is the same, flattened into the columns of the table.
-Numbers are IEEE doubles throughout, so that a value comes back with the bits it had.
+:class:`~preshape.types.NetworkWeights`; what is not known is ``None``. A *row* is the same, flattened into
+the columns of the table. Numbers are IEEE doubles throughout, so that a value comes back with the bits it
+had.
 """
 
 from __future__ import annotations
@@ -14,10 +15,12 @@ from typing import Any
 import numpy as np
 
 from ..exceptions import InputError
+from ..objects.shape import LENGTH as SHAPE_LENGTH
 from ..types import Array, Attributes, Experience, NetworkWeights
-from .checks import exactly, number, numbers, text, utc, whole
+from .checks import exactly, grip, number, numbers, text, utc, vector, whole
 
 KINDS = ("seed", "task", "best", "landmark")
+OUTCOMES = ("", "held", "lost")
 
 EXPERIENCE_COLUMNS = (
     *("hand", "kind", "object_name", "extent_x", "extent_y", "extent_z"),
@@ -25,17 +28,18 @@ EXPERIENCE_COLUMNS = (
     *("task_tx", "task_ty", "task_tz", "task_rx", "task_ry", "task_rz"),
     *("plane", "flip", "approach_value", "approach_set", "fingers"),
     *("wrench_fx", "wrench_fy", "wrench_fz", "wrench_mx", "wrench_my", "wrench_mz"),
-    *("match", "created", "area", "volume"),
+    *("match", "created", "area", "volume", "shape", "grip", "quality", "outcome"),
 )
 WEIGHT_COLUMNS = (
     *("hand", "inputs", "hidden", "outputs", "w1", "b1", "w2", "b2"),
     *("mean_square_error", "trained_on", "epochs"),
 )
-_ATTRIBUTES = ("extents", "vertices", "vertex_normals", "faces", "triangles", "area", "volume")
+_ATTRIBUTES = ("extents", "vertices", "vertex_normals", "faces", "triangles", "area", "volume", "shape")
 _EXPERIENCE = (
     *("kind", "object_name", "hand", "attributes", "task", "plane", "flip", "approach_value"),
-    *("approach_set", "fingers", "wrench", "match", "created"),
+    *("approach_set", "fingers", "wrench", "match", "created", "grip", "quality", "outcome"),
 )
+_LATER: dict[str, Any] = {"grip": None, "quality": None, "outcome": ""}  # not in format version 1
 _WEIGHTS = ("hand", "w1", "b1", "w2", "b2", "mean_square_error", "trained_on", "epochs")
 _MATCH_SLACK = 1e-9
 
@@ -47,10 +51,23 @@ def experience_fields(experience: Experience) -> dict[str, Any]:
     fields: dict[str, Any] = {name: getattr(experience, name) for name in _EXPERIENCE}
     attributes = {name: getattr(experience.attributes, name) for name in _ATTRIBUTES}
     attributes["extents"] = experience.attributes.extents.tolist()
+    attributes["shape"] = _listed(experience.attributes.shape)
     fields["attributes"] = attributes
+    fields["grip"] = _listed(experience.grip)
     fields["task"], fields["wrench"] = experience.task.tolist(), experience.wrench.tolist()
     fields["flip"] = bool(experience.flip)
     return fields
+
+
+def first_experience_from(fields: object) -> Experience:
+    """The experience that fields of format version 1 describe: without shape, grip, quality and outcome.
+
+    Raises:
+        InputError: as :func:`experience_from`.
+    """
+    found = exactly(fields, [name for name in _EXPERIENCE if name not in _LATER], "an experience")
+    shape = exactly(found["attributes"], [name for name in _ATTRIBUTES if name != "shape"], "attributes")
+    return experience_from({**found, **_LATER, "attributes": {**shape, "shape": None}})
 
 
 def experience_from(fields: object) -> Experience:
@@ -61,10 +78,13 @@ def experience_from(fields: object) -> Experience:
     """
     found = exactly(fields, _EXPERIENCE, "an experience")
     shape = exactly(found["attributes"], _ATTRIBUTES, "attributes")
+    described, held, quality = shape["shape"], found["grip"], found["quality"]
     if found["kind"] not in KINDS:
         raise InputError(f"kind must be one of {', '.join(KINDS)}, got {found['kind']!r:.60}")
     if not isinstance(found["flip"], bool):
         raise InputError(f"flip must be true or false, got {found['flip']!r:.60}")
+    if not (isinstance(found["outcome"], str) and found["outcome"] in OUTCOMES):
+        raise InputError(f"outcome must be empty, held or lost, got {found['outcome']!r:.60}")
     extents = numbers(shape["extents"], "object extents")
     if any(extent < 0.0 for extent in extents):
         raise InputError(f"object extents must not be below 0, got {extents!r:.60}")
@@ -80,6 +100,7 @@ def experience_from(fields: object) -> Experience:
             triangles=whole(shape["triangles"], "triangles"),
             area=number(shape["area"], "area"),
             volume=number(shape["volume"], "volume"),
+            shape=None if described is None else vector(described, "shape", SHAPE_LENGTH),
         ),
         task=numbers(found["task"], "task Q"),  # type: ignore[arg-type]
         plane=whole(found["plane"], "plane", 1, 12),
@@ -90,6 +111,9 @@ def experience_from(fields: object) -> Experience:
         wrench=numbers(found["wrench"], "net wrench"),  # type: ignore[arg-type]
         match=number(found["match"], "match", -_MATCH_SLACK, 6.0 + _MATCH_SLACK),
         created=utc(found["created"]),
+        grip=None if held is None else grip(held),
+        quality=None if quality is None else number(quality, "quality", -_MATCH_SLACK, 6.0 + _MATCH_SLACK),
+        outcome=found["outcome"],
     )
 
 
@@ -114,6 +138,8 @@ def experience_row(experience: Experience, created: str) -> Row:
         *(checked.plane, int(checked.flip), checked.approach_value, checked.approach_set, checked.fingers),
         *checked.wrench.tolist(),
         *(checked.match, checked.created, shape.area, shape.volume),
+        *(_optional_blob(shape.shape), _optional_blob(checked.grip), checked.quality),
+        checked.outcome or None,
     )
 
 
@@ -130,6 +156,9 @@ def experience_from_row(row: Row) -> Experience:
     fields["task"] = [cell[f"task_{axis}"] for axis in ("tx", "ty", "tz", "rx", "ry", "rz")]
     fields["wrench"] = [cell[f"wrench_{axis}"] for axis in ("fx", "fy", "fz", "mx", "my", "mz")]
     fields["flip"] = {0: False, 1: True}.get(cell["flip"], cell["flip"])
+    fields["attributes"]["shape"] = _optional_array(cell["shape"], "shape")
+    fields["grip"] = _optional_array(cell["grip"], "grip")
+    fields["outcome"] = "" if cell["outcome"] is None else cell["outcome"]
     return experience_from(fields)
 
 
@@ -212,6 +241,24 @@ def weights_from_row(row: Row) -> NetworkWeights:
 
 def _blob(array: Array) -> bytes:
     return array.astype("<f8").tobytes()
+
+
+def _listed(array: Array | None) -> list[float] | None:
+    return None if array is None else array.tolist()
+
+
+def _optional_blob(array: Array | None) -> bytes | None:
+    return None if array is None else _blob(array)
+
+
+def _optional_array(blob: object, name: str) -> Array | None:
+    """A row of numbers of any length, ``None`` for NULL."""
+    if blob is None:
+        return None
+    if not isinstance(blob, bytes) or len(blob) % 8:
+        got = f"{len(blob)} bytes" if isinstance(blob, bytes) else f"{blob!r:.40}"
+        raise InputError(f"{name} must be a whole number of 8-byte numbers, got {got}")
+    return np.frombuffer(blob, dtype="<f8").astype(np.float64)
 
 
 def _array(blob: object, shape: tuple[int, ...], name: str) -> Array:

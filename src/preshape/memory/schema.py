@@ -7,6 +7,7 @@ version what changed
 ======= ==================================================================================
 1       experiences and weights
 2       surface area [m²] and volume [m³] of the object, used by recognition
+3       the object's shape descriptor; the grip of a real hand, its quality, what physics said of it
 ======= ==================================================================================
 
 A file is looked at before it is opened for writing: a file that is not a memory, or that a newer
@@ -30,7 +31,7 @@ from ..exceptions import EnvironmentFailure, MemoryFileError
 from .failures import BUSY_SECONDS, ELSEWHERE, primary_code, transaction
 
 APPLICATION_ID = 0x70726573  # "pres"
-SCHEMA_VERSION = 2
+SCHEMA_VERSION = 3
 
 _VERSION_1 = (
     """CREATE TABLE experiences (
@@ -69,10 +70,19 @@ def _add_area_and_volume(connection: sqlite3.Connection) -> None:
     )
 
 
+def _add_shape_and_grip(connection: sqlite3.Connection) -> None:
+    """Version 2 to 3: columns that are NULL where there is nothing to say, as in every old row."""
+    for name in ("shape", "grip", "quality", "outcome"):
+        connection.execute(f"ALTER TABLE experiences ADD COLUMN {name}")
+
+
 _SMALLEST_DATABASE = 512  # bytes
 _UNSETTLED = {sqlite3.SQLITE_NOTADB, sqlite3.SQLITE_CORRUPT}
 
-MIGRATIONS: dict[int, Callable[[sqlite3.Connection], None]] = {1: _add_area_and_volume}
+MIGRATIONS: dict[int, Callable[[sqlite3.Connection], None]] = {
+    1: _add_area_and_volume,
+    2: _add_shape_and_grip,
+}
 """For each version, what makes the next one of it; runs inside a transaction."""
 
 

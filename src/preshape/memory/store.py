@@ -130,13 +130,14 @@ class Memory:
         return numbers
 
     def experiences(
-        self, hand: str | None = None, kinds: Collection[str] | None = None
+        self, hand: str | None = None, kinds: Collection[str] | None = None, *, gripped: bool = False
     ) -> tuple[Experience, ...]:
         """The experiences in the order in which they were stored.
 
         Args:
             hand: only those of this hand.
             kinds: only those of these kinds; see ``KINDS``.
+            gripped: only those with the grip of a real hand.
 
         Raises:
             InputError: a kind that does not exist.
@@ -150,6 +151,8 @@ class Memory:
                 if kind not in records.KINDS:
                     raise InputError(f"no kind {kind!r:.60}; known: {', '.join(records.KINDS)}")
             query, values = f"{query} AND kind IN ({', '.join('?' * len(wanted))})", values + wanted
+        if gripped:
+            query = f"{query} AND grip IS NOT NULL"
         with translated(self.where):
             rows = self._connection.execute(f"{query} ORDER BY id", values).fetchall()
         return tuple(self._experience(number, tuple(row)) for number, *row in rows)

@@ -4,16 +4,18 @@
 
     {
       "format": "preshape-memory",
-      "version": 1,
+      "version": 2,
       "experiences": [
         {
           "kind": "task", "object_name": "cube", "hand": "utah_mit",
           "attributes": {"extents": [x, y, z], "vertices": 8, "vertex_normals": 6, "faces": 6,
-                         "triangles": 12, "area": m², "volume": m³},
+                         "triangles": 12, "area": m², "volume": m³, "shape": [28 numbers] or null},
           "task": [Tx, Ty, Tz, Rx, Ry, Rz],
           "plane": 1..12, "flip": false, "approach_value": -1..1, "approach_set": 0..6,
           "fingers": 2..4, "wrench": [fx, fy, fz, mx, my, mz], "match": 0..6,
-          "created": "2025-01-31T12:00:00.000000+00:00"
+          "created": "2025-01-31T12:00:00.000000+00:00",
+          "grip": [x, y, z, w, x, y, z, fingers, joint angles …] or null,
+          "quality": 0..6 or null, "outcome": "", "held" or "lost"
         }
       ],
       "weights": [
@@ -24,7 +26,8 @@
 
 Experiences stand in the order in which they were stored. The fields are those of
 :class:`~preshape.types.Experience` and :class:`~preshape.types.NetworkWeights`, all present, no others.
-Numbers are written with the digits that give the same double back.
+Numbers are written with the digits that give the same double back. Version 1, which has neither shape nor
+grip, quality and outcome, is read too.
 """
 
 from __future__ import annotations
@@ -42,7 +45,7 @@ from ..types import Experience, NetworkWeights
 from . import checks, records
 
 FORMAT_NAME = "preshape-memory"
-FORMAT_VERSION = 1
+FORMAT_VERSION = 2
 
 _KEYS = ("format", "version", "experiences", "weights")
 _T = TypeVar("_T")
@@ -112,9 +115,10 @@ def read_document(
             " upgrade preshape"
         )
     try:
-        checks.whole(version, "version", FORMAT_VERSION, FORMAT_VERSION)
+        version = checks.whole(version, "version", 1, FORMAT_VERSION)
         checks.exactly(document, _KEYS, "the document")
-        experiences = _each(document["experiences"], "experience", records.experience_from)
+        build = records.first_experience_from if version == 1 else records.experience_from
+        experiences = _each(document["experiences"], "experience", build)
         weights = _each(document["weights"], "weights", records.weights_from)
         if len({hand for hand, _ in weights}) != len(weights):
             raise InputError("a hand has more than one set of weights")
