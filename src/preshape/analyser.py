@@ -133,6 +133,15 @@ class VirtualGrasp:
         return -o if self.flip else o
 
 
+def same_grip(a: VirtualGrasp, b: VirtualGrasp) -> bool:
+    """Whether two grips are nearly one: the wrist within 20 mm and 0.35 rad, or a mixture [C]."""
+    if a.grip is None or b.grip is None:
+        return False
+    p, r = a.grip.palm_pose, b.grip.palm_pose
+    angle = 2.0 * float(np.arccos(min(1.0, abs(float(p[3:] @ r[3:])))))
+    return float(np.linalg.norm(p[:3] - r[:3])) / 0.02 + angle / 0.35 < 1.0
+
+
 @value
 class Aim:
     """Where an analyser looks: all combinations of these.

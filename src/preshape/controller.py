@@ -22,10 +22,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from .analyser import Aim, Analyser, Exploration, HandLayout, VirtualGrasp
-from .critic import Recognition, Verdict, judge, recognise
+from .analyser import Aim, Analyser, Exploration, HandLayout, VirtualGrasp, same_grip
+from .critic import Recognition, Verdict, judge, recognise, recognise_shape
 from .decision import Decision, Offer, Settings, Status, Transition
-from .estimator import Estimate, decode, inputs, predict
+from .estimator import Estimate, InputKind, decode, inputs, predict
 from .exceptions import InputError
 from .learning import (
     Discovery,
@@ -39,9 +39,10 @@ from .learning import (
 from .memory import Memory
 from .objects.library import load_library_object
 from .objects.mesh import TriangleMesh
+from .objects.shape import described
 from .planes import allowed_planes
 from .tasks import Task, all_named_tasks
-from .types import Array, BoolArray, Experience, NetworkWeights
+from .types import Array, Attributes, BoolArray, Experience, NetworkWeights
 from .virtual_grasp import RayAnalyser
 
 OFFERS = 3
@@ -57,6 +58,8 @@ class Controller:
         settings: what meta control has set.
         prepare: makes the performance element for an object; the paper's ray analyser by default.
         prepare_seed: makes the one that the first lesson, the cube, is taught with; default ``prepare``.
+        kind: what the estimator is told of an object: ``paper``, or ``shape``, which no triangulation
+            changes; an object is recognised accordingly.
     """
 
     def __init__(
@@ -67,6 +70,7 @@ class Controller:
         settings: Settings | None = None,
         prepare: Callable[[TriangleMesh], Analyser] | None = None,
         prepare_seed: Callable[[TriangleMesh], Analyser] | None = None,
+        kind: InputKind = "paper",
     ) -> None:
         self.memory = memory
         self.layout = layout
@@ -74,6 +78,8 @@ class Controller:
         self.deadlock = False
         self._prepare = prepare or self.ray_analyser
         self._prepare_seed = prepare_seed or self._prepare
+        self._kind: InputKind = kind
+        self._described: tuple[TriangleMesh, Attributes] | None = None
         self._experiences: tuple[Experience, ...] = ()
         self._weights: NetworkWeights | None = None
         self._wake()
@@ -176,7 +182,7 @@ class Controller:
         self, pa: Analyser, q: Array, allowed: BoolArray
     ) -> tuple[Estimate, VirtualGrasp | None, Verdict]:
         """AE → PA: the grasp that the estimator names, if there is one."""
-        x = inputs(q, pa.mesh.attributes, self.layout.u)
+        x = inputs(q, self._attributes(pa), self.layout.u, self._kind)
         estimate = decode(predict(self.weights, x), allowed)
         return estimate, *self._criticise(pa, q, self.at_estimate(pa, q, estimate))
 
@@ -187,7 +193,17 @@ class Controller:
     def _mode_2(self, pa: Analyser) -> Recognition:
         """Is the object known?"""
         s = self.settings
+        if self._kind == "shape":
+            return recognise_shape(self._attributes(pa), self._experiences)
         return recognise(pa, self._experiences, s.thresholds.recognition, s.sets)
+
+    def _attributes(self, pa: Analyser) -> Attributes:
+        """The object as the estimator sees it."""
+        if self._kind == "paper":
+            return pa.mesh.attributes
+        if self._described is None or self._described[0] is not pa.mesh:
+            self._described = (pa.mesh, described(pa.mesh))
+        return self._described[1]
 
     def _mode_3(
         self,
@@ -235,7 +251,7 @@ class Controller:
         """Incremental learning (§3.5): experiences and new weights reach the memory together."""
         new = experiences_of(pa, pa.mesh.name, task.q, discovery, self.settings.sets)
         everything = (*self._experiences, *new)
-        weights = learn(everything, self.layout.u, self._weights, seed=self.settings.seed)
+        weights = learn(everything, self.layout.u, self._weights, seed=self.settings.seed, kind=self._kind)
         self.memory.add(new, weights)
         self._experiences, self._weights = everything, weights
         return (
@@ -281,7 +297,7 @@ class Controller:
                 break
             other = pa.grasp(q, found, i)
             # Grips of an aim stand apart already; virtual grasps differ when their way does.
-            if other.grip is not None and _same_grip(other, grasp):
+            if other.grip is not None and same_grip(other, grasp):
                 continue
             if other.grip is not None or way not in seen:
                 seen.add(way)
@@ -314,29 +330,23 @@ class Controller:
             seeds = tuple(
                 seed_experiences(cube, self.settings.sets, enough=self.settings.thresholds.estimation)
             )
-            self._weights = learn(seeds, self.layout.u, None, seed=self.settings.seed)
+            self._weights = learn(seeds, self.layout.u, None, seed=self.settings.seed, kind=self._kind)
             if not self.memory.read_only:
                 self.memory.add(seeds, self._weights)
             self._experiences = seeds
-        samples = len(training_set(self._experiences, self.layout.u)[0])
-        if self._weights is None or self._weights.trained_on != samples:
+        x, _ = training_set(self._experiences, self.layout.u, kind=self._kind)
+        weights = self._weights
+        if weights is None or weights.trained_on != len(x) or weights.w1.shape[1] != x.shape[1]:
             # Another process learnt at the same time, or experiences were imported.
-            self._weights = learn(self._experiences, self.layout.u, self._weights, seed=self.settings.seed)
+            self._weights = learn(
+                self._experiences, self.layout.u, weights, seed=self.settings.seed, kind=self._kind
+            )
             if not self.memory.read_only:
                 self.memory.save_weights(self.layout.name, self._weights)
 
 
 def _step(mode: int, verdict: Verdict, *, met: str = "reward", missed: str = "penalty") -> Transition:
     return Transition(mode=mode, outcome=met if verdict.reward else missed, reason=verdict.reason)
-
-
-def _same_grip(a: VirtualGrasp, b: VirtualGrasp) -> bool:
-    """Whether two grips are nearly one: the wrist within 20 mm and 0.35 rad, or a mixture."""
-    if a.grip is None or b.grip is None:
-        return False
-    p, r = a.grip.palm_pose, b.grip.palm_pose
-    angle = 2.0 * float(np.arccos(min(1.0, abs(float(p[3:] @ r[3:])))))
-    return float(np.linalg.norm(p[:3] - r[:3])) / 0.02 + angle / 0.35 < 1.0
 
 
 def _explored(discovery: Discovery) -> str:

@@ -8,6 +8,7 @@ import click
 
 _BENCHES = {
     "holds": ("bench_holds", "Put grasps to the holding test: six directions and harder."),
+    "planner": ("bench_planner", "Plan objects and put the answers to the holding test."),
     "tasks": ("bench_tasks", "Put a planner to the task test: the open benchmark."),
     "indices": ("bench_indices", "Measure how well each grasp metric predicts success."),
 }  # fmt: skip

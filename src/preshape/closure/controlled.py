@@ -63,5 +63,7 @@ def closure_controller(
             mesh, hand, own, settings=quick, sets=settings.sets, seed=settings.seed, gravity=gravity
         )
 
-    controller = Controller(memory, own, settings=settings, prepare=prepare, prepare_seed=prepare_seed)
+    controller = Controller(
+        memory, own, settings=settings, prepare=prepare, prepare_seed=prepare_seed, kind="shape"
+    )
     return controller

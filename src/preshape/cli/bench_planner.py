@@ -1,0 +1,169 @@
+"""``preshape bench planner``: plan objects, then put the answers to the holding test."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from ..exceptions import EnvironmentFailure, InputError
+from .options import json_option
+
+if TYPE_CHECKING:
+    from ..experiments.planner_bench import Case, PlannerReport
+
+
+@click.command(epilog="Example: preshape bench planner mug box can --hand shadow --count 5")
+@click.argument("objects", metavar="OBJECTS...", nargs=-1, required=True)
+@click.option("--hand", default="shadow", show_default=True, metavar="HAND", help="See preshape hands.")
+@click.option("--task", default="lift", show_default=True, metavar="TASK", help="What is planned for.")
+@click.option(
+    "--analyser", default="closure", show_default=True, metavar="closure|rays", help="Which one plans."
+)
+@click.option("--count", type=int, default=1, show_default=True, help="Answers of each object.")
+@click.option(
+    "--scales", default="1", show_default=True, metavar="S,S", help="Factors on the size."
+)
+@click.option("--pieces", metavar="DIR", help="Folder with NAME/mesh.obj and NAME/convex of each object.")
+@click.option("--friction", type=float, default=0.6, show_default=True, help="Of the test; harder: 0.3.")
+@click.option("--probes", default="six", show_default=True, metavar="six|all", help="all: 28 probes.")
+@click.option("--ladder", is_flag=True, help="Also the last strength held.")
+@click.option("--seed", type=int, default=0, show_default=True, help="Of the planner.")
+@click.option("--workers", type=int, metavar="N", help="Processes of the test; default: one for each core.")
+@click.option("--out", metavar="DIR", help="Write report.json and grasps.npz there.")
+@json_option
+def planner(
+    objects: tuple[str, ...],
+    hand: str,
+    task: str,
+    analyser: str,
+    count: int,
+    scales: str,
+    pieces: str | None,
+    friction: float,
+    probes: str,
+    ladder: bool,
+    seed: int,
+    workers: int | None,
+    out: str | None,
+    as_json: bool,
+) -> int:
+    """Plan OBJECTS (library names, files, or a folder of files), then test the answers in physics.
+
+    An object without an answer counts as one that was lost. Exit code 0: the test ran.
+    """
+    from ..experiments.planner_bench import bench_planner, grasps_of
+    from ..hands.model import load_hand
+    from ..io import write_json
+    from ..physics.grasps import write_grasps
+    from ..physics.protocol import Protocol
+
+    if count < 1:
+        raise InputError(f"--count must be 1 or more, got {count}")
+    if workers is not None and workers < 1:
+        raise InputError(f"--workers must be 1 or more, got {workers}")
+    cases = cases_of(objects, scales, pieces)
+    protocol = Protocol(friction=friction, probes=probes, ladder=ladder, stop_early=not ladder)
+    report = bench_planner(
+        cases,
+        hand,
+        protocol=protocol,
+        task=task,
+        analyser=analyser,
+        count=count,
+        seed=seed,
+        workers=workers,
+        progress=_told,
+    )
+    document = {"status": "answer", **report.row(), "failures": _failures(report)}
+    if out is not None:
+        write_json(Path(out) / "report.json", document)
+        grasps = grasps_of(report.planned, load_hand(hand))
+        if grasps is not None:
+            write_grasps(Path(out) / "grasps.npz", grasps)
+    if as_json:
+        from .main import emit
+
+        emit(document)
+        return 0
+    _show(document)
+    return 0
+
+
+def cases_of(objects: tuple[str, ...], scales: str, pieces: str | None) -> list[Case]:
+    """Every object at every scale.
+
+    Raises:
+        InputError: a scale that is no positive number.
+        EnvironmentFailure: a folder that is not there, or without meshes.
+    """
+    from ..experiments.planner_bench import Case
+    from ..objects.library import names
+
+    try:
+        factors = [float(part) for part in scales.split(",")]
+    except ValueError:
+        factors = []
+    if not factors or not all(0 < f < 1e3 for f in factors):
+        raise InputError(f"--scales takes positive numbers such as 0.06,0.08, got {scales!r}")
+    folder = None if pieces is None else Path(pieces)
+    if folder is not None and not folder.is_dir():
+        raise EnvironmentFailure(f"no folder {folder}; --pieces is the one that holds the objects")
+    found: list[tuple[str, str]] = []
+    for name in names() if objects == ("ALL",) else objects:
+        if folder is not None:
+            found.append((name, str(folder / name / "mesh.obj")))
+        elif Path(name).is_dir():
+            meshes = sorted(p for p in Path(name).iterdir() if p.suffix.lower() in (".obj", ".stl", ".ply"))
+            if not meshes:
+                raise EnvironmentFailure(f"{name}: no mesh in this folder (.obj, .stl or .ply)")
+            found += [(p.stem, str(p)) for p in meshes]
+        else:
+            found.append((Path(name).stem, name))
+    return [
+        Case(name=f"{name}@{factor:g}", source=source, scale=factor, pieces=folder)
+        for name, source in found
+        for factor in factors
+    ]
+
+
+def _told(what: str, done: int, of: int) -> None:
+    end = "\n" if done == of else ""
+    click.echo(f"\r{what} {done} of {of}{end}", nl=False, err=True)
+
+
+def _failures(report: PlannerReport) -> list[dict[str, Any]]:
+    lost: list[dict[str, Any]] = [
+        {"object": p.case.name, "answer": None, "reason": p.reason} for p in report.planned if not p.answers
+    ]
+    if report.holds is None:
+        return lost
+    row = 0
+    for p in report.planned:
+        for number in range(1, len(p.answers) + 1):
+            result = report.holds.results[row]
+            row += 1
+            if not result.held:
+                lost.append({"object": p.case.name, "answer": number, "reason": result.reason})
+    return lost
+
+
+def _show(document: dict[str, Any]) -> None:
+    interval = document["interval"]
+    between = f" (95 %: {100 * interval[0]:.1f}-{100 * interval[1]:.1f} %)" if interval else ""
+    click.echo(
+        f"{document['hand']}: {document['held']} of {document['tested']} answers held, "
+        f"{100 * (document['share'] or 0):.1f} %{between}"
+    )
+    if document["penetration_max"] is not None:
+        click.echo(
+            f"touching at the grasp pose: {document['touching']}; "
+            f"deepest penetration {1000 * document['penetration_max']:.2f} mm; "
+            f"search, median: {1000 * document['search_median']:.0f} ms"
+        )
+    if document["strength_median"] is not None:
+        click.echo(f"strength, median: {document['strength_median']:.2f} times the probes")
+    for failure in document["failures"]:
+        which = "no answer" if failure["answer"] is None else f"answer {failure['answer']}"
+        click.echo(f"  {failure['object']}, {which}: {failure['reason']}")
