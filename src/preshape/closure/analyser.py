@@ -38,6 +38,8 @@ WANTED = 2
 """Contacts that a grip must have, the thumb's included; the margin decides whether they are enough."""
 RECALLED, MOST_RECALLED = 0.25, 16
 """Grips of objects whose extents are within this ratio (logarithm) are tried again, the last of them [C]."""
+EASY, FEWEST = 1.5, 100
+"""More candidates are drawn where the best margin is under ``EASY`` or fewer than ``FEWEST`` closed [C]."""
 FEWEST_NODES = 50
 _KEPT = 24
 
@@ -98,7 +100,6 @@ class ClosureAnalyser:
         length = float(mesh.extents.max()) / 2
         self.search = ClosureSearch(hand, self.field, self.middle, length, self.settings)
         self.finisher = Finisher(self.search, self.query)
-        self.tried = 0
         self._kept: dict[bytes, Grips] = {}
 
     measure = "the grip's quality (3 is just enough)"
@@ -152,16 +153,29 @@ class ClosureAnalyser:
         recalled = self._recalled(aim)
         if recalled is not None:
             found = best_of(found, self._evaluate(recalled, demand))
+        if len(aim.planes) > 1:
+            found = self._persist(rng, aim, found, demand)
         found = self.search.refine(
             rng, found, demand, elite=elite, each=settings.children, rounds=rounds, wanted=WANTED
         )
-        standing = found.take(apart(found, max(elite, 2 * settings.finished)))
+        standing = found.take(apart(found, max(elite, 4 * settings.finished)))
         standing = self.search.steady(rng, standing, demand, wanted=WANTED)
-        self.tried += standing.tried
-        finished = self.finisher.finish(standing, demand, wanted=WANTED, enough=settings.finished)
-        grasps = [self._virtual(q, standing, made) for made in finished]
+        finished = self.finisher.finish(
+            standing, demand, wanted=WANTED, enough=settings.finished, planes=aim.planes
+        )
+        grasps = [self._virtual(q, made) for made in finished]
         grasps.sort(key=lambda g: -g.judged)
         return _exploration(grasps, found.tried)
+
+    def _persist(self, rng: np.random.Generator, aim: Aim, found: Ranked, demand: Demand) -> Ranked:
+        """More draws for an object on which the first ones found little."""
+        for _ in range(self.settings.persistence):
+            best = float(found.score[0]) if len(found) else 0.0
+            if best * self.settings.press_most >= EASY * self.settings.weight and len(found) >= FEWEST:
+                break
+            more = self._evaluate(self._draw(rng, aim, 2 * self.settings.everywhere), demand)
+            found = best_of(found, more)
+        return found
 
     def _effort(self, aim: Aim) -> tuple[int, int, int]:
         """Candidates, elite and rounds: few where experience points, many where nothing is known."""
@@ -218,9 +232,8 @@ class ClosureAnalyser:
             preshape=np.full(len(rows), -1),
         )
 
-    def _virtual(self, q: Array, standing: Ranked, made: Finished) -> VirtualGrasp:
-        number, flip = int(standing.sampled.plane[made.row]), bool(standing.sampled.flip[made.row])
-        p = plane(number)
+    def _virtual(self, q: Array, made: Finished) -> VirtualGrasp:
+        p = plane(made.plane)
         a, t = p.approach_axis, p.transverse_axis
         arms = (made.points - self.mesh.cog) / self.layout.u
         signs = -np.sign(np.round(arms @ t, 9))
@@ -233,7 +246,7 @@ class ClosureAnalyser:
         v = float(np.clip((made.points.mean(axis=0) - self.mesh.cog) @ a / max(along, 1e-9), -1.0, 1.0))
         return VirtualGrasp(
             plane=p,
-            flip=flip,
+            flip=made.flip,
             approach_value=v,
             approach_set=self.sets.name_index(v),
             fingers=min(len(made.points), MAX_FINGERS),

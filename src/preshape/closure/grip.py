@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -13,7 +14,7 @@ from ..kernels.closing import Candidates, ClosingKernel, Closings, Fate
 from ..kernels.field import SurfaceQuery
 from ..kernels.hand_spheres import FINE
 from ..kernels.hand_tables import hand_tables
-from ..planes import APPROACH_AXES
+from ..planes import APPROACH_AXES, OPPOSITION_AXES
 from ..types import Array, value
 from .preshapes import posture_at
 from .search import ClosureSearch, Demand, Ranked
@@ -28,8 +29,8 @@ OPENING = 0.006
 """The pregrasp clears the object by this [m] [C]."""
 NEAREST = 0.0008
 """... and by this at least, the palm included [m] [C]."""
-ALONG = 0.8
-"""Least cosine between the way in and the plane's approach axis."""
+ALONG = 0.7
+"""Least cosine between the way in and the approach axis of the plane that a grip is counted to."""
 UNBALANCED = 0.03
 """Forces of a squeeze may leave this share of the press unbalanced, torques over ℓ."""
 STATIONS = np.linspace(0.0, 1.0, 21)
@@ -49,12 +50,16 @@ class Finished:
     Attributes:
         grip: the hand.
         row: of the candidate.
+        plane: the approach plane that the way in belongs to, 1..12.
+        flip: thumb on that plane's -o side.
         points: (n, 3) contacts, the thumb's first [m].
         normals_in: (n, 3) inward unit normals.
     """
 
     grip: Grip
     row: int
+    plane: int
+    flip: bool
     points: Array
     normals_in: Array
 
@@ -105,7 +110,15 @@ class Finisher:
             normals[rows, fingers] = inward / np.maximum(np.linalg.norm(inward, axis=1, keepdims=True), 1e-9)
         return points, normals
 
-    def finish(self, found: Ranked, demand: Demand, *, wanted: int = 3, enough: int = 1) -> list[Finished]:
+    def finish(
+        self,
+        found: Ranked,
+        demand: Demand,
+        *,
+        wanted: int = 3,
+        enough: int = 1,
+        planes: Sequence[int] = tuple(range(1, 13)),
+    ) -> list[Finished]:
         """The grips that the candidates turn into, in their order; what cannot be executed is left out.
 
         Args:
@@ -113,6 +126,7 @@ class Finisher:
             demand: what the grip is asked for.
             wanted: contacts that it must have.
             enough: how many grips are wanted; candidates after that are not looked at.
+            planes: approach planes that the way in may belong to.
         """
         if not len(found):
             return []
@@ -133,10 +147,10 @@ class Finisher:
             if not self._free_of_itself(grasp[row]):
                 continue
             opened = self._open(candidates, closings, int(row))
-            way = None if opened is None else self._way_in(found, int(row), opened)
+            way = None if opened is None else self._way_in(found, int(row), opened, planes)
             if opened is not None and way is not None:
                 margins = float(task[row]) / demand.load, float(hold[row]) / self.settings.hold
-                made = self._grip(found, int(row), packed, grasp[row], opened, way, margins)
+                made = self._grip(found, int(row), packed, grasp[row], opened, way, margins, planes)
                 if made is not None:
                     grips.append(made)
         return grips
@@ -186,15 +200,18 @@ class Finisher:
             return None
         return opened, least
 
-    def _way_in(self, found: Ranked, row: int, opened: tuple[Array, float]) -> tuple[Array, float] | None:
+    def _way_in(
+        self, found: Ranked, row: int, opened: tuple[Array, float], planes: Sequence[int]
+    ) -> tuple[Array, float] | None:
         """A direction along which the opened hand comes straight and free, and the least clearance on it."""
         candidates = found.sampled.candidates
         R = rotations(candidates.turn[row])
-        axis = APPROACH_AXES[found.sampled.plane[row] - 1]
         steps = np.arange(1, int(WAY_IN / STRIDE) + 1) * STRIDE
-        # The plane's own direction first; else the fingers' and the palm's, where they are near it.
+        axes = APPROACH_AXES[np.asarray(planes) - 1]
+        # The plane's own direction first; else the fingers' and the palm's, where they are some plane's.
+        own = APPROACH_AXES[found.sampled.plane[row] - 1]
         others = (R[:, 2], unit(R[:, 2] - R[:, 1]), -R[:, 1])
-        for approach in (axis, *(way for way in others if way @ axis > ALONG)):
+        for approach in (own, *(way for way in others if (axes @ way).max() > ALONG)):
             place = candidates.place[row] - steps[:, None] * approach
             n = len(steps)
             to_object, to_rest = self.kernel.clearances(
@@ -217,6 +234,7 @@ class Finisher:
         opened: tuple[Array, float],
         way: tuple[Array, float],
         margins: tuple[float, float],
+        planes: Sequence[int],
     ) -> Finished | None:
         candidates, settings = found.sampled.candidates, self.settings
         n = int(packed.counts[row])
@@ -252,7 +270,8 @@ class Finisher:
             quality=quality(min(margins) * most / settings.weight),
             clearance=min(opened[1], way[1]),
         )
-        return Finished(grip=grip, row=row, points=points, normals_in=normals)
+        number, flip = counted_to(way[0], points, int(found.sampled.plane[row]), planes)
+        return Finished(grip=grip, row=row, plane=number, flip=flip, points=points, normals_in=normals)
 
     def _torques(
         self,
@@ -282,6 +301,29 @@ class Finisher:
         ) in self._couples:  # one tendon: the same torque on both, the nearest to what each should have
             torques[[a, b]] = (torques[a] + torques[b]) / 2
         return torques
+
+
+def counted_to(approach: Array, points: Array, own: int, planes: Sequence[int]) -> tuple[int, bool]:
+    """The approach plane that a grip belongs to, and whether its thumb stands on the -o side.
+
+    The plane that it was drawn for, where the hand comes along its axis; else the one, of those allowed,
+    whose approach axis the way in follows and along whose opposition axis the thumb stands.
+
+    Args:
+        approach: (3,) unit vector of the way in.
+        points: (n, 3) contacts, the thumb's first.
+        own: the plane that it was drawn for.
+        planes: those allowed.
+    """
+    thumb = points[0] - points[1:].mean(axis=0)
+    thumb = thumb / max(float(np.linalg.norm(thumb)), 1e-9)
+    number = own
+    if APPROACH_AXES[own - 1] @ approach < ALONG:
+        allowed = np.asarray(planes)
+        along = APPROACH_AXES[allowed - 1] @ approach
+        fit = 2.0 * along + np.abs(OPPOSITION_AXES[allowed - 1] @ thumb)
+        number = int(allowed[np.argmax(fit)])
+    return number, bool(OPPOSITION_AXES[number - 1] @ thumb < 0.0)
 
 
 def quality(margin: float) -> float:

@@ -22,6 +22,7 @@ _COUNTS = {
     "on_plane": 1,
     "everywhere": 1,
     "elite": 1,
+    "persistence": 0,
     "children": 1,
     "rounds": 0,
     "finished": 1,
@@ -51,6 +52,7 @@ class ClosureSettings:
         at_aim: candidates for one plane and approach value (mode 0).
         on_plane: candidates for one plane (mode 1).
         everywhere: candidates for all planes (mode 3).
+        persistence: times that more are drawn where the first candidates found little.
         elite: candidates that a round of refinement starts from.
         children: of each of them.
         rounds: of refinement.
@@ -74,6 +76,7 @@ class ClosureSettings:
     at_aim: int = 160
     on_plane: int = 500
     everywhere: int = 2000
+    persistence: int = 3
     elite: int = 32
     children: int = 6
     rounds: int = 3
