@@ -19,8 +19,8 @@ LEVELS = {
     0: "exceptions spatial types fuzzy _version",
     1: "objects tasks planes wrench kernels hands metrics",
     2: "analyser estimator training virtual_grasp hand_simulation critic closure",
-    3: "memory learning decision controller",
-    4: "planner physics experiments io pictures viewer cli __init__ __main__",
+    3: "memory learning decision controller closure_control",
+    4: "planner physics experiments io pictures viewer cli export app __init__ __main__",
 }
 LEVEL = {unit: level for level, units in LEVELS.items() for unit in units.split()}
 STAGES = {"virtual_grasp", "closure", "estimator", "critic", "hand_simulation"}

@@ -34,11 +34,23 @@ UNFIT = "0 0 0 2 2 2"
 """A task that no grasp of the cube comes near (2.0 of 6 at most)."""
 
 PLAN = jsonschema.Draft202012Validator(plan_schema())
-COMMANDS = ("plan", "learn", "objects", "tasks", "hands", "memory", "reproduce")
+COMMANDS = (
+    "plan",
+    "learn",
+    "objects",
+    "tasks",
+    "hands",
+    "memory",
+    "simulate",
+    "bench",
+    "export",
+    "reproduce",
+)
 HELPS = [
     [],
     *([command] for command in COMMANDS),
     *(["memory", command] for command in ("show", "export", "import", "reset")),
+    *(["bench", command] for command in ("holds", "planner", "tasks", "indices")),
 ]
 
 

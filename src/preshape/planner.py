@@ -160,7 +160,7 @@ def plan(
         store = memory if isinstance(memory, Memory) else own
         assert store is not None
         if kind == "closure":
-            from .closure.controlled import closure_controller
+            from .closure_control import closure_controller
 
             controller = closure_controller(
                 store,

@@ -5,15 +5,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from ..analyser import HandLayout
-from ..controller import Controller
-from ..decision import Settings
-from ..hands.hand import Hand
-from ..memory import Memory
-from ..objects.mesh import TriangleMesh
-from ..types import Array, Experience
-from .analyser import ClosureAnalyser
-from .settings import ClosureSettings
+from .analyser import HandLayout
+from .controller import Controller
+from .decision import Settings
+from .hands.hand import Hand
+from .memory import Memory
+from .objects.mesh import TriangleMesh
+from .types import Array, Experience
+from .closure.analyser import ClosureAnalyser
+from .closure.settings import ClosureSettings
 
 SUFFIX = "+closure"
 """What a hand closed for real has met is kept apart from what rays have found for it."""

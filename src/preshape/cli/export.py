@@ -1,0 +1,240 @@
+"""``preshape export``: a plan for other programs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from ..exceptions import InputError
+from .options import json_option
+
+if TYPE_CHECKING:
+    from ..export.moveit import MoveItOptions
+    from ..export.planned import LeftOut, PlannedGrasp
+
+FORMATS = ("moveit", "mjcf", "npz")
+
+
+@click.command(
+    epilog="Example: preshape export plan.json --format moveit --out grasps.yaml --out grasps.mcap"
+)
+@click.argument("file", metavar="PLAN")
+@click.option("--format", "kind", required=True, metavar="|".join(FORMATS), help="What to make of it.")
+@click.option(
+    "--out",
+    multiple=True,
+    metavar="FILE",
+    help="moveit: .yaml, .mcap, or a name without ending for a ROS 2 bag; repeatable. Default: as text here.",
+)
+@click.option(
+    "--answer",
+    type=int,
+    metavar="N",
+    help="0 the answer, 1 … the alternatives; default all (mjcf: the best).",
+)
+@click.option("--hand", metavar="HAND", help="A name or your own TOML; default: what PLAN says.")
+@click.option("--frame", default="object", show_default=True, help="moveit: name of the object's frame.")
+@click.option(
+    "--parent-link", metavar="LINK", help="moveit: what grasp_pose is of; default the hand's root body."
+)
+@click.option(
+    "--mount",
+    metavar='"X Y Z W X Y Z"',
+    help="moveit: pose of the hand's root in --parent-link, a link of your robot [m].",
+)
+@click.option(
+    "--object-name", multiple=True, help="moveit: what may be touched; repeatable; default the object."
+)
+@click.option(
+    "--approach-distance", type=float, default=0.1, show_default=True, help="moveit: straight way in [m]."
+)
+@click.option(
+    "--retreat-distance", type=float, default=0.1, show_default=True, help="moveit: lift after it [m]."
+)
+@click.option(
+    "--up-frame", metavar="FRAME", help="moveit: lift along +z of this; default against gravity in --frame."
+)
+@click.option("--objects", metavar="DIR", help="mjcf, npz: folder of the objects, if they are not built in.")
+@json_option
+def export(
+    file: str,
+    kind: str,
+    out: tuple[str, ...],
+    answer: int | None,
+    hand: str | None,
+    frame: str,
+    parent_link: str | None,
+    mount: str | None,
+    object_name: tuple[str, ...],
+    approach_distance: float,
+    retreat_distance: float,
+    up_frame: str | None,
+    objects: str | None,
+    as_json: bool,
+) -> int:
+    """Write PLAN, a plan in JSON or - for standard input, for other programs.
+
+    moveit: moveit_msgs/msg/Grasp, one for each answer, best first (docs/ros.md). mjcf: a MuJoCo scene with
+    hand and object at the grasp. npz: arrays (docs/grasp-file.md).
+
+    Exit code 0: written. 2: bad input, as a plan whose hand has no posture. 3: a file or package is missing.
+    """
+    if kind not in FORMATS:
+        raise InputError(f"--format must be one of {', '.join(FORMATS)}, got {kind!r}")
+    if not all(name.strip() for name in out):
+        raise InputError("--out needs a file, got an empty name")
+    from ..export.moveit import MoveItOptions
+    from ..export.planned import planned_grasps, read_plan
+
+    options = MoveItOptions(
+        frame=frame,
+        parent_link=parent_link or "",
+        mount=_seven(mount),
+        touch_objects=object_name,
+        approach_distance=approach_distance,
+        retreat_distance=retreat_distance,
+        up_frame=up_frame or "",
+    )
+    paths = _paths(kind, out)
+    document = read_plan(file)
+    grasps, left_out = planned_grasps(document, file, hand=hand, answer=answer)
+    if kind == "mjcf":
+        grasps = grasps[:1]
+    report: dict[str, Any] = {
+        "status": "answer",
+        "format": kind,
+        "plan": file,
+        "hand": grasps[0].hand.name,
+        "object": grasps[0].object_name,
+        "answers": [grasp.number for grasp in grasps],
+        "left_out": [{"answer": each.number, "reason": each.reason} for each in left_out],
+    }
+    if kind == "moveit":
+        text, more = _moveit(grasps, options, paths, file)
+    else:
+        text, more = _other(kind, document, grasps, objects, paths, file)
+    report |= {**more, "files": [str(path) for path in paths]}
+    if as_json:
+        from .main import emit
+
+        emit(report)
+    elif not paths:
+        click.echo(text, nl=False)
+    _say(report, left_out, paths, as_json)
+    return 0
+
+
+def _paths(kind: str, out: tuple[str, ...]) -> list[Path]:
+    """Where to, every ending one that the format has.
+
+    Raises:
+        InputError: another ending, or a format that has to have a file.
+    """
+    endings = {"moveit": (".yaml", ".yml", ".mcap", ""), "mjcf": (".xml", ".mjcf"), "npz": (".npz",)}[kind]
+    paths = [Path(name) for name in out]
+    for path in paths:
+        if path.suffix.lower() not in endings:
+            known = ", ".join(ending or "none for a ROS 2 bag" for ending in endings)
+            raise InputError(f"--out {path}: the ending says what is written; of {kind} there is {known}")
+    if kind == "npz" and not paths:
+        raise InputError("--format npz is not text; give a file with --out, as --out grasps.npz")
+    return paths
+
+
+def _moveit(
+    grasps: tuple[PlannedGrasp, ...], options: MoveItOptions, paths: list[Path], file: str
+) -> tuple[str, dict[str, Any]]:
+    from .._version import __version__
+    from ..export.moveit import moveit_grasps, parent_link
+    from ..export.ros_bag import write_bag, write_mcap
+    from ..export.yaml_text import yaml_documents
+
+    messages = moveit_grasps(grasps, options)
+    link, _ = parent_link(grasps[0], options)
+    text = yaml_documents(
+        messages,
+        f"moveit_msgs/msg/Grasp, {_count(len(messages))}, best first\n"
+        f"from {Path(file).name} by preshape {__version__}\n"
+        f"grasp_pose: {link} in {options.frame}, the object's own frame [m]",
+    )
+    for path in paths:
+        if path.suffix.lower() == ".mcap":
+            write_mcap(path, messages)
+        elif path.suffix:
+            _write_text(path, text)
+        else:
+            write_bag(path, messages)
+    return text, {"frame": options.frame, "parent_link": link, "grasps": messages}
+
+
+def _other(
+    kind: str,
+    document: dict[str, Any],
+    grasps: tuple[PlannedGrasp, ...],
+    objects: str | None,
+    paths: list[Path],
+    file: str,
+) -> tuple[str, dict[str, Any]]:
+    from ..export.scene_object import find_object, grasp_set, object_parts
+    from ..physics.grasps import write_grasps
+
+    beside = Path(file).parent if file != "-" else None
+    found = find_object(document, folder=objects, beside=beside)
+    if kind == "npz":
+        for path in paths:
+            write_grasps(path, grasp_set(grasps, found))
+        return "", {}
+    from ..export.mjcf import scene_mjcf
+
+    click.echo("cutting the object into convex pieces, or taking them from the cache", err=True)
+    text = scene_mjcf(grasps[0], *object_parts(found))
+    for path in paths:
+        _write_text(path, text)
+    return text, {"keyframes": ["pregrasp", "grasp", "squeeze"]}
+
+
+def _write_text(path: Path, text: str) -> None:
+    from ..io import write_whole
+
+    def write(target: Path) -> None:
+        target.write_text(text, encoding="utf-8")
+
+    write_whole(path, write)
+
+
+def _say(report: dict[str, Any], left_out: tuple[LeftOut, ...], paths: list[Path], as_json: bool) -> None:
+    """What was written, for people; what was left out always, on the error stream."""
+    for each in left_out:
+        click.echo(f"answer {each.number} is left out, its hand has no posture: {each.reason}", err=True)
+    if as_json or not paths:
+        return
+    for path in paths:
+        click.echo(f"wrote {path}")
+    what = f"{_count(len(report['answers']))} of {report['object']} with the hand {report['hand']}"
+    if report["format"] == "moveit":
+        best = report["grasps"][0]["grasp_quality"]
+        what += f"; grasp_pose is {report['parent_link']} in {report['frame']}, best quality {best:.2f}"
+    click.echo(what)
+
+
+def _count(number: int) -> str:
+    return f"{number} grasp{'s' if number != 1 else ''}"
+
+
+def _seven(text: str | None) -> Any:
+    """Seven numbers of an option, or ``None``.
+
+    Raises:
+        InputError: not seven numbers.
+    """
+    if text is None:
+        return None
+    try:
+        numbers = [float(word) for word in text.replace(",", " ").split()]
+    except ValueError:
+        numbers = []
+    if len(numbers) != 7:
+        raise InputError(f"--mount is seven numbers x y z w x y z, got {text!r}")
+    return numbers

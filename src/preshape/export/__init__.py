@@ -1,0 +1,1 @@
+"""Plans for other programs: MoveIt messages, MuJoCo scenes, grasp arrays."""

@@ -1,0 +1,144 @@
+"""A planned grasp as one MuJoCo scene: the hand where the plan puts it, the object, and a keyframe a posture.
+
+The text needs no other file. World and mesh frame are the same; the hand's root is fixed, the object free,
+and there is no gravity, as in the holding test (``docs/grasp-file.md``).
+"""
+
+from __future__ import annotations
+
+from xml.etree import ElementTree
+
+import numpy as np
+
+from ..exceptions import HandError, ObjectError
+from ..objects.mesh import TriangleMesh
+from ..physics.pieces import ConvexPieces
+from ..spatial import inverse, pose_from_seven, seven_from_pose
+from ..types import Array
+from .planned import PlannedGrasp
+
+MASS, FRICTION, TORSION = 0.1, 0.6, 0.02
+"""Of the object, as in the holding test: [kg], sliding, and torsional [m]."""
+CLAY, CLEAR = "0.80 0.62 0.42 1", "0.80 0.62 0.42 0.3"
+
+
+def scene_mjcf(grasp: PlannedGrasp, mesh: TriangleMesh, pieces: ConvexPieces) -> str:
+    """The scene as MJCF text.
+
+    Keyframes: ``pregrasp``, ``grasp`` (fingers touch), ``squeeze`` (as ``grasp``, the servos told to press).
+
+    Args:
+        grasp: hand and postures.
+        mesh: the object as planned with [m], for the eye.
+        pieces: the same object as convex pieces, for the physics.
+
+    Raises:
+        HandError: the hand's MJCF cannot be placed or MuJoCo refuses it.
+        ObjectError: MuJoCo refuses the object.
+    """
+    hand = grasp.hand
+    tree = ElementTree.fromstring(hand.mjcf)
+    world, option = tree.find("worldbody"), _child(tree, "option")
+    root = world.find("body") if world is not None else None
+    if world is None or root is None:
+        raise HandError(f"{hand.name}: the MJCF has no body to place")
+    tree.set("model", f"{hand.name} at {mesh.name}")
+    for name, setting in (
+        ("gravity", "0 0 0"),
+        ("timestep", "0.004"),
+        ("integrator", "implicitfast"),
+        ("cone", "elliptic"),
+        ("impratio", "10"),
+        ("noslip_iterations", "2"),
+    ):
+        option.set(name, setting)
+    # A squeeze may be aimed beyond a joint's limit: what presses is the torque, which stays limited.
+    _child(option, "flag").set("clampctrl", "disable")
+    seven = seven_from_pose(pose_from_seven(grasp.palm_pose) @ inverse(hand.T_root_palm))
+    for name in ("euler", "axisangle", "xyaxes", "zaxis"):
+        root.attrib.pop(name, None)
+    root.set("pos", _text(seven[:3]))
+    root.set("quat", _text(seven[3:]))
+    _add_object(tree, world, mesh, pieces)
+    _add_light(world, mesh)
+    for old in tree.findall("keyframe"):
+        tree.remove(old)
+    frames = ElementTree.SubElement(tree, "keyframe")
+    rest = [0.0, 0, 0, 1, 0, 0, 0]  # of the object
+    for name, stands, told in (
+        ("pregrasp", grasp.pregrasp, grasp.pregrasp),
+        ("grasp", grasp.grasp, grasp.grasp),
+        ("squeeze", grasp.grasp, grasp.squeeze),
+    ):
+        ElementTree.SubElement(
+            frames,
+            "key",
+            name=name,
+            qpos=_text(np.array([*stands, *rest])),
+            ctrl=_text(hand.controls(told)),
+        )
+    ElementTree.indent(tree)
+    credit = f"hand: {hand.source}; {hand.licence}".replace("--", "-")
+    text = f"<!-- {credit} -->\n{ElementTree.tostring(tree, encoding='unicode')}\n"
+    _check(text, grasp, mesh)
+    return text
+
+
+def _add_object(
+    tree: ElementTree.Element, world: ElementTree.Element, mesh: TriangleMesh, pieces: ConvexPieces
+) -> None:
+    assets = _child(tree, "asset")
+    body = ElementTree.SubElement(world, "body", name="object")
+    ElementTree.SubElement(body, "freejoint", name="object")
+    ElementTree.SubElement(
+        assets,
+        "mesh",
+        name="object",
+        scale="1 1 1",
+        inertia="shell",  # for the eye: it may be open
+        vertex=_text(mesh.vertices.ravel()),
+        face=" ".join(map(str, mesh.triangles.ravel().tolist())),
+    )
+    ElementTree.SubElement(
+        body, "geom", name="object", type="mesh", mesh="object", rgba=CLAY, group="2",
+        contype="0", conaffinity="0", mass="0",
+    )  # fmt: skip
+    density = MASS / pieces.volume
+    for index, corners in enumerate(pieces.pieces):
+        name = f"object_piece_{index}"
+        ElementTree.SubElement(
+            assets, "mesh", name=name, scale="1 1 1", inertia="convex", vertex=_text(corners.ravel())
+        )
+        ElementTree.SubElement(
+            body, "geom", name=name, type="mesh", mesh=name, rgba=CLEAR, group="3",
+            contype="1", conaffinity="1", condim="4", density=repr(density),
+            friction=f"{FRICTION} {TORSION} 0.0001",
+        )  # fmt: skip
+
+
+def _add_light(world: ElementTree.Element, mesh: TriangleMesh) -> None:
+    high = mesh.cog + np.array([0.0, -0.5, 1.0])
+    ElementTree.SubElement(world, "light", name="sun", pos=_text(high), dir="0 0.45 -0.9", castshadow="false")
+
+
+def _child(tree: ElementTree.Element, tag: str) -> ElementTree.Element:
+    found = tree.find(tag)
+    return found if found is not None else ElementTree.SubElement(tree, tag)
+
+
+def _text(numbers: Array) -> str:
+    return " ".join(repr(float(x)) for x in numbers)
+
+
+def _check(text: str, grasp: PlannedGrasp, mesh: TriangleMesh) -> None:
+    """Compile the scene once: what leaves here, MuJoCo reads."""
+    import mujoco
+
+    try:
+        model = mujoco.MjModel.from_xml_string(text)
+    except ValueError as error:
+        wrong = ObjectError if "object" in str(error) else HandError
+        raise wrong(f"MuJoCo refuses {mesh.name} with the hand {grasp.hand.name}: {error}") from error
+    names = tuple(model.joint(k).name for k in range(model.njnt))
+    if names != (*grasp.hand.joints, "object"):
+        raise HandError(f"{grasp.hand.name}: the scene has the joints {', '.join(names)}, not the hand's own")

@@ -1,0 +1,183 @@
+"""Planned grasps as ``moveit_msgs/msg/Grasp``: plain dictionaries that mirror the message field by field.
+
+Frames and signs (drawn in ``docs/ros.md``): ``grasp_pose`` is the pose of the end effector's parent link in
+the object's frame; approach and retreat are unit vectors in the frame that their header names.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ..exceptions import InputError
+from ..spatial import inverse, pose, pose_from_seven, seven_from_pose
+from ..types import Array, freeze, frozen_array, value
+from .forces import contact_forces
+from .planned import PlannedGrasp
+
+Message = dict[str, Any]
+
+REACH_SECONDS, SQUEEZE_SECONDS = 1.0, 0.5
+"""Time that the fingers take to a posture, and from touching to the squeeze [s] [C]."""
+LEAST = 0.5
+"""Share of an approach or retreat that must be possible for the grasp to be worth a try [C]."""
+
+
+@value
+class MoveItOptions:
+    """What the receiving robot calls things.
+
+    Attributes:
+        frame: the object's frame, the mesh file's own.
+        parent_link: the end effector's parent link; empty for the root body of the hand's model.
+        mount: (7,) pose of the hand's root in the parent link, where that is a link of the robot, xyz [m] and
+            quaternion wxyz; ``None`` where it is a body of the hand.
+        touch_objects: names of the objects that may be touched; empty for the object's own name.
+        approach_distance: straight way in [m], and back out after placing.
+        retreat_distance: lift after the grasp [m].
+        up_frame: a frame whose +z is up, for the lift; empty: the direction the task was planned with, in
+            ``frame``.
+
+    Raises:
+        InputError: a name or a distance that cannot be used.
+    """
+
+    frame: str = "object"
+    parent_link: str = ""
+    mount: Array | None = None
+    touch_objects: tuple[str, ...] = ()
+    approach_distance: float = 0.1
+    retreat_distance: float = 0.1
+    up_frame: str = ""
+
+    def __post_init__(self) -> None:
+        for option, name, needed in (
+            ("--frame", self.frame, True),
+            ("--parent-link", self.parent_link, False),
+            ("--up-frame", self.up_frame, False),
+        ):
+            if (needed and not name) or name.startswith("/") or any(c.isspace() for c in name):
+                raise InputError(f"{option} needs a frame's name without spaces and leading /, got {name!r}")
+        if not all(name.strip() for name in self.touch_objects):
+            raise InputError("--object-name needs a name, got an empty one")
+        for option, distance in (
+            ("--approach-distance", self.approach_distance),
+            ("--retreat-distance", self.retreat_distance),
+        ):
+            if not 0 < distance <= 10:
+                raise InputError(f"{option} must be more than 0 and at most 10 m, got {distance}")
+        if self.mount is not None:
+            mount = frozen_array(self.mount, (7,), "--mount")
+            if abs(float(np.linalg.norm(mount[3:])) - 1.0) > 1e-3:
+                raise InputError(f"--mount must end in a unit quaternion w x y z, got {mount[3:].tolist()}")
+            freeze(self, mount=mount)
+
+
+def moveit_grasps(grasps: tuple[PlannedGrasp, ...], options: MoveItOptions) -> list[Message]:
+    """One ``moveit_msgs/msg/Grasp`` for each grasp, in their order.
+
+    Raises:
+        InputError: no such parent link; the message lists those that would do.
+    """
+    return [_message(grasp, options) for grasp in grasps]
+
+
+def parent_link(grasp: PlannedGrasp, options: MoveItOptions) -> tuple[str, Array]:
+    """Name of the end effector's parent link, and (4, 4) its pose in the palm frame.
+
+    Raises:
+        InputError: a link that moves with the fingers, or one that neither the hand nor ``mount`` knows.
+    """
+    import mujoco
+
+    from ..hands.kinematics import compile_hand
+
+    hand, name = grasp.hand, options.parent_link
+    model = compile_hand(hand)  # its world frame is the palm frame
+    still = [body for body in range(1, model.nbody) if model.body_weldid[body] == 0]
+    names = {model.body(body).name: body for body in still}
+    if not name or name in names:
+        if options.mount is not None and name:
+            raise InputError(
+                f"--mount says where the hand stands on a link of the robot, but {name} is the hand's"
+            )
+        data = mujoco.MjData(model)
+        mujoco.mj_kinematics(model, data)
+        body = names[name] if name else 1
+        T_palm_link = pose(data.xmat[body].reshape(3, 3), data.xpos[body])
+        return model.body(body).name, T_palm_link
+    if name in {model.body(body).name for body in range(1, model.nbody)}:
+        raise InputError(
+            f"--parent-link {name} moves with the fingers; links that do not: {', '.join(names)}"
+        )
+    if options.mount is None:
+        raise InputError(
+            f"the hand {hand.name} has no link {name!r}, only {', '.join(names)}; if it is a link of the "
+            'robot, say where the root of the hand stands in it, as --mount "0 0 0 1 0 0 0" (x y z w x y z)'
+        )
+    return name, inverse(hand.T_root_palm) @ inverse(pose_from_seven(options.mount))
+
+
+def _message(grasp: PlannedGrasp, options: MoveItOptions) -> Message:
+    _, T_palm_link = parent_link(grasp, options)
+    seven = seven_from_pose(pose_from_seven(grasp.palm_pose) @ T_palm_link)
+    forces = contact_forces(grasp) if grasp.forces is None else grasp.forces
+    normal = np.einsum("ni,ni->n", forces, grasp.normals_in)
+    up = np.array([0.0, 0, 1]) if options.up_frame else grasp.up
+    approach = grasp.approach / np.linalg.norm(grasp.approach)
+    names = grasp.hand.joints
+    # A planner refuses targets beyond the limits; the efforts say what such a target would have pressed.
+    inside = np.clip(grasp.squeeze, *grasp.hand.limits.T)
+    reach, press = REACH_SECONDS, REACH_SECONDS + SQUEEZE_SECONDS
+    return {
+        "id": f"{grasp.object_name}/{grasp.task}/{grasp.hand.name}/{grasp.number}",
+        "pre_grasp_posture": _trajectory(names, [_point(grasp.pregrasp, None, reach)]),
+        "grasp_posture": _trajectory(
+            names, [_point(grasp.grasp, grasp.efforts, reach), _point(inside, grasp.efforts, press)]
+        ),
+        "grasp_pose": {
+            "header": _header(options.frame),
+            "pose": {
+                "position": dict(zip("xyz", seven[:3].tolist(), strict=True)),
+                "orientation": dict(zip("xyzw", seven[[4, 5, 6, 3]].tolist(), strict=True)),
+            },
+        },
+        "grasp_quality": grasp.quality,
+        "pre_grasp_approach": _translation(options.frame, approach, options.approach_distance),
+        "post_grasp_retreat": _translation(options.up_frame or options.frame, up, options.retreat_distance),
+        "post_place_retreat": _translation(options.frame, -approach, options.approach_distance),
+        "max_contact_force": float(max(0.0, normal.max(initial=0.0))),
+        "allowed_touch_objects": list(options.touch_objects or (grasp.object_name,)),
+    }
+
+
+def _header(frame: str) -> Message:
+    # Time zero asks tf2 for the latest transform there is.
+    return {"stamp": {"sec": 0, "nanosec": 0}, "frame_id": frame}
+
+
+def _trajectory(joints: tuple[str, ...], points: list[Message]) -> Message:
+    return {"header": _header(""), "joint_names": list(joints), "points": points}
+
+
+def _point(positions: Array, efforts: Array | None, seconds: float) -> Message:
+    whole = int(seconds)
+    return {
+        "positions": positions.tolist(),
+        "velocities": [],
+        "accelerations": [],
+        "effort": [] if efforts is None else efforts.tolist(),
+        "time_from_start": {"sec": whole, "nanosec": round((seconds - whole) * 1e9)},
+    }
+
+
+def _translation(frame: str, direction: Array, distance: float) -> Message:
+    return {
+        "direction": {
+            "header": _header(frame),
+            "vector": dict(zip("xyz", (direction + 0.0).tolist(), strict=True)),
+        },
+        "desired_distance": distance,
+        "min_distance": LEAST * distance,
+    }
