@@ -12,7 +12,16 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
-MODULES = ("bench_explorer", "bench_modes", "bench_training", "bench_learning", "bench_load", "bench_physics")
+MODULES = (
+    "bench_explorer",
+    "bench_modes",
+    "bench_training",
+    "bench_learning",
+    "bench_load",
+    "bench_closing",
+    "bench_closure",
+    "bench_physics",
+)
 
 
 def main(wanted: list[str]) -> int:

@@ -105,6 +105,11 @@ class ClosureAnalyser:
     measure = "the grip's quality (3 is just enough)"
     patience = 8
 
+    @property
+    def tried(self) -> int:
+        """Candidates closed for all aims that are kept."""
+        return sum(found.aimed for found in self._kept.values())
+
     def demand(self, q: Array) -> Demand:
         """What a task asks of a grip: its wrench, the load along it, and the weight."""
         move = np.where(np.abs(q[:3]) > TRANSLATION_ABSENT + 1e-9, q[:3], 0.0)
@@ -148,7 +153,7 @@ class ClosureAnalyser:
     def _explore(self, q: Array, aim: Aim) -> Grips:
         demand, settings = self.demand(q), self.settings
         rng = np.random.default_rng([self.seed, zlib.crc32(_key(aim))])
-        count, elite, rounds = self._effort(aim)
+        count, elite, rounds, enough = self._effort(aim)
         found = self._evaluate(self._draw(rng, aim, count), demand)
         recalled = self._recalled(aim)
         if recalled is not None:
@@ -158,11 +163,9 @@ class ClosureAnalyser:
         found = self.search.refine(
             rng, found, demand, elite=elite, each=settings.children, rounds=rounds, wanted=WANTED
         )
-        standing = found.take(apart(found, max(elite, 4 * settings.finished)))
+        standing = found.take(apart(found, max(elite, 4 * enough)))
         standing = self.search.steady(rng, standing, demand, wanted=WANTED)
-        finished = self.finisher.finish(
-            standing, demand, wanted=WANTED, enough=settings.finished, planes=aim.planes
-        )
+        finished = self.finisher.finish(standing, demand, wanted=WANTED, enough=enough, planes=aim.planes)
         grasps = [self._virtual(q, made) for made in finished]
         grasps.sort(key=lambda g: -g.judged)
         return _exploration(grasps, found.tried)
@@ -177,14 +180,14 @@ class ClosureAnalyser:
             found = best_of(found, more)
         return found
 
-    def _effort(self, aim: Aim) -> tuple[int, int, int]:
-        """Candidates, elite and rounds: few where experience points, many where nothing is known."""
+    def _effort(self, aim: Aim) -> tuple[int, int, int, int]:
+        """Candidates, elite, rounds, grips: few where experience points, many where nothing is known."""
         s = self.settings
         if len(aim.planes) > 1:
-            return s.everywhere, s.elite, s.rounds
+            return s.everywhere, s.elite, s.rounds, s.finished
         if len(aim.values) > FEW:
-            return s.on_plane, max(1, s.elite // 2), s.rounds
-        return s.at_aim, max(1, s.elite // 3), max(1, s.rounds - 1)
+            return s.on_plane, max(1, s.elite // 2), s.rounds, min(s.finished, 4)
+        return s.at_aim, max(1, s.elite // 3), max(1, s.rounds - 1), min(s.finished, 2)
 
     def _draw(self, rng: np.random.Generator, aim: Aim, count: int) -> Sampled:
         fingers = [n for n in range(2, len(self.hand.fingers) + 1) if min(n, MAX_FINGERS) in aim.fingers]

@@ -13,9 +13,9 @@ from ..kernels.chains import joint_frames, rotations
 from ..kernels.closing import Candidates, ClosingKernel, Closings, Fate
 from ..kernels.field import SurfaceQuery
 from ..kernels.hand_spheres import FINE
-from ..kernels.hand_tables import hand_tables
 from ..planes import APPROACH_AXES, OPPOSITION_AXES
 from ..types import Array, value
+from .hand_tables import hand_tables
 from .preshapes import posture_at
 from .search import ClosureSearch, Demand, Ranked
 

@@ -9,8 +9,10 @@ import numpy as np
 from ..hands.hand import Hand
 from ..hands.kinematics import HandKinematics
 from ..kernels.chains import fingertips
-from ..kernels.hand_tables import HandTables, hand_tables
+from ..kernels.tables import HandTables
 from ..types import Array, IntArray, value
+from .hand_cache import kept
+from .hand_tables import hand_tables
 
 POOL = 512
 """Preshapes that the search draws from [C]."""
@@ -68,6 +70,10 @@ def preshapes(hand: Hand, count: int = POOL, seed: int = 0) -> Preshapes:
         count: how many.
         seed: of the draws.
     """
+    return kept(Preshapes, hand, f"preshapes {count} {seed}", lambda: _preshapes(hand, count, seed))
+
+
+def _preshapes(hand: Hand, count: int, seed: int) -> Preshapes:
     from scipy.stats import qmc
 
     tables = hand_tables(hand)

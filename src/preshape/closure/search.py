@@ -14,9 +14,10 @@ from ..kernels.chains import rotations
 from ..kernels.closing import Candidates, ClosingKernel, Closings, Fate
 from ..kernels.field import DistanceField
 from ..kernels.hand_spheres import COARSE
-from ..kernels.hand_tables import HandTables, hand_tables
 from ..kernels.margin import cone_strengths, margins
+from ..kernels.tables import HandTables
 from ..types import Array, BoolArray, IntArray, freeze, frozen_array, value
+from .hand_tables import hand_tables
 from .preshapes import Preshapes, joint_ranges, posture_at, preshapes
 from .sampling import Sampled, quaternions, small_rotations
 from .settings import ClosureSettings

@@ -80,7 +80,7 @@ class ClosureSettings:
     elite: int = 32
     children: int = 6
     rounds: int = 3
-    finished: int = 24
+    finished: int = 6
     obstacles: Obstacles = field(default_factory=Obstacles)
     device: str = "cpu"
     threads: int | None = None

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..types import Array
-from .hand_tables import HandTables
+from .tables import HandTables
 
 
 def joint_frames(tables: HandTables, q: Array) -> tuple[Array, Array]:

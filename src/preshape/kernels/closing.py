@@ -18,7 +18,7 @@ from ..types import Array, IntArray, freeze, frozen_array, value
 
 if TYPE_CHECKING:
     from .field import DistanceField
-    from .hand_tables import HandTables
+    from .tables import HandTables
 
 CONTACTS = 8
 """Room for contacts of one candidate."""
@@ -32,7 +32,6 @@ class Fate(IntEnum):
     FINGERS_INSIDE = 2
     THUMB_MISSES = 3
     TOO_FEW = 4
-    SELF = 5
 
 
 @value
@@ -112,7 +111,7 @@ class ClosingKernel:
     """One hand and one object on a device, ready to close candidates.
 
     Args:
-        tables: the hand's arrays, :class:`preshape.kernels.hand_tables.HandTables`.
+        tables: the hand's arrays, :class:`preshape.kernels.tables.HandTables`.
         distances: the object's signed distance.
         device: ``cpu`` or a CUDA device's name.
         threads: parts of a batch that run side by side on the CPU; default one for each core.
@@ -125,6 +124,9 @@ class ClosingKernel:
 
         self._wp = wp = warp()
         from . import warp_clearance, warp_closing, warp_hand
+
+        for module in (warp_closing, warp_clearance):
+            wp.load_module(module, device=device)  # before any thread asks for it
 
         self._closing, self._clearance = warp_closing, warp_clearance
         self.device, self.threads = device, threads or usable_threads(device)

@@ -1,8 +1,26 @@
-"""The closing kernel: one thread puts the hand in its preshape and closes every finger until it touches."""
+"""The closing kernel: one thread puts one hand in its preshape and closes every finger until it touches.
+
+A finger goes along its closing path in steps. At each point every sphere's distance over its speed bounds
+how far the path is free, onwards and back; a step goes as far as the bounds at both its ends are likely to
+cover, and is taken back to what was sure where they do not. Once a step ends inside the object, the touch
+lies within it and is found by false position and halving. Bounds of groups spare most of the spheres.
+
+Import this module only inside a function: it loads Warp. It runs unchanged on the processor and on CUDA;
+:mod:`preshape.kernels.closing_numpy` is the plain version.
+
+R. Bán and G. Valasek, Automatic step size relaxation in sphere tracing, Eurographics short papers, 2023.
+B. Keinert et al., Enhanced sphere tracing, Smart Tools and Applications in Graphics, 2014.
+"""
+
+# Types are Warp's, not Python's; and a literal that a loop changes must be written as float(...) or int(...).
+# mypy: disable-error-code="attr-defined,call-overload,index,no-untyped-def,operator,untyped-decorator"
+# mypy: disable-error-code="valid-type"
+# ruff: noqa: RUF046, UP018
 
 import warp as wp
 
-from .warp_field import field_distance, field_gradient
+from .warp_field import field_gradient
+from .warp_hand import FAR, FieldArrays, HandArrays, distance_at
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 1})
 
@@ -12,45 +30,13 @@ PALM_INSIDE = wp.constant(1)
 FINGERS_INSIDE = wp.constant(2)
 THUMB_MISSES = wp.constant(3)
 TOO_FEW = wp.constant(4)
-SELF = wp.constant(5)
 
-
-# Steps along the closing path; how much further than the bound allows they go; steps that find the touch.
-STEPS = wp.constant(24)
-RELAXED = wp.constant(1.3)
+# Steps along the closing path; their factor; what they go further in any case; steps that find the touch.
+STEPS = wp.constant(64)
+RELAXED = wp.constant(1.96)
 EXTRA = wp.constant(1.0e-4)
 FALSE_POSITIONS = wp.constant(6)
 HALVINGS = wp.constant(14)
-
-
-@wp.struct
-class HandArrays:
-    """See :class:`preshape.kernels.hand_tables.HandTables`."""
-
-    joint_start: wp.array(dtype=wp.int32)
-    offset: wp.array(dtype=wp.vec3)
-    turn: wp.array(dtype=wp.quat)
-    axis: wp.array(dtype=wp.vec3)
-    sphere_start: wp.array(dtype=wp.int32)
-    sphere: wp.array(dtype=wp.vec4)
-    speed: wp.array(dtype=wp.float32)
-    bound: wp.array(dtype=wp.vec4)
-    bound_speed: wp.array(dtype=wp.float32)
-    palm: wp.array(dtype=wp.vec4)
-    path: wp.array2d(dtype=wp.float32)
-    limits: wp.array(dtype=wp.vec2)
-    fingers: wp.int32
-    thumb: wp.int32
-    knots: wp.int32
-
-
-@wp.struct
-class FieldArrays:
-    """See :class:`preshape.kernels.field.DistanceField`."""
-
-    distance: wp.array3d(dtype=wp.float32)
-    origin: wp.vec3
-    inverse_spacing: wp.float32
 
 
 @wp.func
@@ -62,58 +48,126 @@ def path_offset(hand: HandArrays, joint: int, c: float):
     return (1.0 - part) * hand.path[low, joint] + part * hand.path[low + 1, joint] - hand.path[0, joint]
 
 
+@wp.struct
+class Nearest:
+    """What is nearest to the object of some of a finger's joints.
+
+    Attributes:
+        distance: of the nearest sphere [m], less the clearance.
+        step: how far the closing may go, or go back, before any sphere can touch.
+        sphere: its number, -1 for none.
+        centre: of it [m].
+    """
+
+    distance: wp.float32
+    step: wp.float32
+    sphere: wp.int32
+    centre: wp.vec3
+
+
+@wp.struct
+class Frame:
+    """Where a joint stands in the object's frame."""
+
+    place: wp.vec3
+    turn: wp.quat
+
+
+@wp.func
+def put_joints(
+    hand: HandArrays,
+    start: wp.array2d(dtype=wp.float32),
+    candidate: int,
+    first: int,
+    end: int,
+    c: float,
+    before: Frame,
+    place: wp.array2d(dtype=wp.vec3),
+    facing: wp.array2d(dtype=wp.mat33),
+):
+    """Put joints ``first`` to ``end`` where they stand at c on the closing path; the frame of the last."""
+    p = before.place
+    q = before.turn
+    for joint in range(first, end):
+        p = p + wp.quat_rotate(q, hand.offset[joint])
+        angle = wp.clamp(
+            start[candidate, joint] + path_offset(hand, joint, c),
+            hand.limits[joint][0],
+            hand.limits[joint][1],
+        )
+        q = q * hand.turn[joint] * wp.quat_from_axis_angle(hand.axis[joint], angle)
+        place[candidate, joint - first] = p
+        facing[candidate, joint - first] = wp.quat_to_matrix(q)
+    last = Frame()
+    last.place = p
+    last.turn = q
+    return last
+
+
 @wp.func
 def nearest_link(
     hand: HandArrays,
     field: FieldArrays,
-    start: wp.array2d(dtype=wp.float32),
     candidate: int,
-    finger: int,
-    c: float,
-    place: wp.vec3,
-    turn: wp.quat,
+    first: int,
+    end: int,
+    place: wp.array2d(dtype=wp.vec3),
+    facing: wp.array2d(dtype=wp.mat33),
+    others: Nearest,
     clearance: float,
 ):
-    """Smallest distance of a finger's spheres to the object, the sphere, and how far c may go unharmed.
-
-    Returns (distance, step, centre of the sphere x, y, z, its number).
-    """
-    p = place
-    q = turn
-    least = float(1.0e6)
-    step = float(2.0)
-    which = int(-1)
-    centre = wp.vec3(0.0, 0.0, 0.0)
-    for joint in range(hand.joint_start[finger], hand.joint_start[finger + 1]):
-        p = p + wp.quat_rotate(q, hand.offset[joint])
-        angle = wp.clamp(
-            start[candidate, joint] + path_offset(hand, joint, c), hand.limits[joint][0], hand.limits[joint][1]
-        )
-        q = q * hand.turn[joint] * wp.quat_from_axis_angle(hand.axis[joint], angle)
-        m = wp.quat_to_matrix(q)
-        around = hand.bound[joint]
-        free = (
-            field_distance(
-                field.distance,
-                field.origin,
-                field.inverse_spacing,
-                p + m * wp.vec3(around[0], around[1], around[2]),
+    """The nearest sphere of joints ``first`` to ``end`` where they have been put, and of some others."""
+    least = others.distance
+    step = others.step
+    which = others.sphere
+    centre = others.centre
+    # The fingertip first: it moves most and is nearest most of the time, which spares the rest.
+    for back in range(end - first):
+        joint = end - 1 - back
+        p = place[candidate, joint - first]
+        m = facing[candidate, joint - first]
+        for group in range(hand.group_start[joint], hand.group_start[joint + 1]):
+            around = hand.bound[group]
+            free = (
+                distance_at(field, p + m * wp.vec3(around[0], around[1], around[2])) - around[3] - clearance
             )
-            - around[3]
-            - clearance
-        )
-        if free < least or free < step * hand.bound_speed[joint]:
-            for k in range(hand.sphere_start[joint], hand.sphere_start[joint + 1]):
-                s = hand.sphere[k]
-                x = p + m * wp.vec3(s[0], s[1], s[2])
-                d = field_distance(field.distance, field.origin, field.inverse_spacing, x) - s[3] - clearance
-                if d < least:
-                    least = d
-                    which = k
-                    centre = x
-                if d < step * hand.speed[k]:
-                    step = d / hand.speed[k]
-    return least, step, centre, which
+            if free < least or free < step * hand.bound_speed[group]:
+                for k in range(hand.group_sphere[group], hand.group_sphere[group + 1]):
+                    s = hand.sphere[k]
+                    x = p + m * wp.vec3(s[0], s[1], s[2])
+                    d = distance_at(field, x) - s[3] - clearance
+                    if d < least:
+                        least = d
+                        which = k
+                        centre = x
+                    if d < step * hand.speed[k]:
+                        step = d / hand.speed[k]
+    near = Nearest()
+    near.distance = least
+    near.step = step
+    near.sphere = which
+    near.centre = centre
+    return near
+
+
+@wp.func
+def nearest_at(
+    hand: HandArrays,
+    field: FieldArrays,
+    start: wp.array2d(dtype=wp.float32),
+    candidate: int,
+    first: int,
+    end: int,
+    c: float,
+    before: Frame,
+    place: wp.array2d(dtype=wp.vec3),
+    facing: wp.array2d(dtype=wp.mat33),
+    others: Nearest,
+    clearance: float,
+):
+    """The nearest sphere of joints ``first`` to ``end`` at c on the closing path, and of some others."""
+    put_joints(hand, start, candidate, first, end, c, before, place, facing)
+    return nearest_link(hand, field, candidate, first, end, place, facing, others, clearance)
 
 
 @wp.kernel
@@ -129,6 +183,9 @@ def close_hand(
     tolerance: wp.float32,
     wanted: wp.int32,
     first: wp.int32,
+    # scratch: the joints of the finger in hand
+    joint_place: wp.array2d(dtype=wp.vec3),
+    joint_facing: wp.array2d(dtype=wp.mat33),
     # out
     fate: wp.array(dtype=wp.int32),
     closing: wp.array2d(dtype=wp.float32),
@@ -137,19 +194,25 @@ def close_hand(
     normals: wp.array2d(dtype=wp.vec3),
     counts: wp.array(dtype=wp.int32),
 ):
+    """Close one hand's fingers, one after the other; see :meth:`.closing.ClosingKernel.close`."""
     i = first + wp.tid()
-    at = place[i]
-    q = turn[i]
-    counts[i] = 0
-    m = wp.quat_to_matrix(q)
+    nothing = Nearest()
+    nothing.distance = FAR
+    nothing.step = 2.0
+    nothing.sphere = -1
+    palm = Frame()
+    palm.place = place[i]
+    palm.turn = turn[i]
+    m = wp.quat_to_matrix(palm.turn)
     inside = bool(False)
-    for k in range(hand.palm.shape[0]):
-        if not inside:
-            s = hand.palm[k]
-            x = at + m * wp.vec3(s[0], s[1], s[2])
-            d = field_distance(field.distance, field.origin, field.inverse_spacing, x) - s[3]
-            if d < palm_clearance:
-                inside = True
+    for group in range(hand.palm_bound.shape[0]):
+        around = hand.palm_bound[group]
+        x = palm.place + m * wp.vec3(around[0], around[1], around[2])
+        if not inside and distance_at(field, x) - around[3] < palm_clearance:
+            for k in range(hand.palm_group[group], hand.palm_group[group + 1]):
+                s = hand.palm[k]
+                if distance_at(field, palm.place + m * wp.vec3(s[0], s[1], s[2])) - s[3] < palm_clearance:
+                    inside = True
     if inside:
         fate[i] = PALM_INSIDE
         return
@@ -161,152 +224,103 @@ def close_hand(
             finger = hand.thumb
         elif turnwise <= hand.thumb:
             finger = turnwise - 1
-        closing[i, finger] = 0.0
-        sphere[i, finger] = -1
-        if inside:
-            continue
-        used = (mask[i] >> finger) & 1
+        moving = hand.moving[finger]
+        end = hand.joint_start[finger + 1]
         c = float(0.0)
-        least, step, centre, which = nearest_link(hand, field, start, i, finger, c, at, q, clearance)
-        if least < 0.0:
-            inside = True
+        # What closing does not move stays where it is.
+        base = hand.joint_start[finger]
+        root = put_joints(hand, start, i, base, moving, c, palm, joint_place, joint_facing)
+        still = nearest_link(hand, field, i, base, moving, joint_place, joint_facing, nothing, clearance)
+        near = nearest_at(
+            hand, field, start, i, moving, end, c, root, joint_place, joint_facing, still, clearance
+        )
+        if near.distance < 0.0:
+            fate[i] = FINGERS_INSIDE
+            return
+        if (mask[i] >> finger) & 1 == 0:
             continue
-        if used == 0:
-            continue
+        trend = float(-0.5)
         for _ in range(STEPS):
-            if least <= tolerance or c >= 1.0:
+            if near.distance <= tolerance or c >= 1.0:
                 break
             before = c
-            d_before = least
-            sure = step
-            # The bound is loose: go a little further than it allows, and come back if that was too far.
-            c = wp.min(1.0, before + RELAXED * sure + EXTRA)
-            least, step, centre, which = nearest_link(hand, field, start, i, finger, c, at, q, clearance)
-            if least >= 0.0 and c - before > sure + step + 2.0 * EXTRA:
-                # What both ends allow must cover the way between them (Keinert et al. 2014).
+            d_before = near.distance
+            sure = near.step
+            # As far as what is sure here and there, by its trend, will cover (Bán and Valasek 2023).
+            c = wp.min(1.0, before + RELAXED / (1.0 - trend) * sure + EXTRA)
+            near = nearest_at(
+                hand, field, start, i, moving, end, c, root, joint_place, joint_facing, still, clearance
+            )
+            if near.distance >= 0.0 and c - before > sure + near.step + 2.0 * EXTRA:
+                # It does not cover the way between: only what is sure (Keinert et al. 2014).
                 c = before + sure
-                least, step, centre, which = nearest_link(hand, field, start, i, finger, c, at, q, clearance)
-            if least < 0.0:
+                near = nearest_at(
+                    hand, field, start, i, moving, end, c, root, joint_place, joint_facing, still, clearance
+                )
+            trend = wp.clamp((near.step - sure) / (c - before), -1.0, 0.5)
+            if near.distance < 0.0:
                 # Overshot, by a little: the touch lies in between.
                 low = before
                 high = c
                 d_low = d_before
-                d_high = least
+                d_high = near.distance
                 for k in range(FALSE_POSITIONS + HALVINGS):
                     share = wp.clamp((d_low - 0.5 * tolerance) / (d_low - d_high), 0.05, 0.95)
                     if k >= FALSE_POSITIONS:
                         share = 0.5
                     c = low + (high - low) * share
-                    least, step, centre, which = nearest_link(
-                        hand, field, start, i, finger, c, at, q, clearance
+                    near = nearest_at(
+                        hand,
+                        field,
+                        start,
+                        i,
+                        moving,
+                        end,
+                        c,
+                        root,
+                        joint_place,
+                        joint_facing,
+                        still,
+                        clearance,
                     )
-                    if least < 0.0:
+                    if near.distance < 0.0:
                         high = c
-                        d_high = least
+                        d_high = near.distance
                     else:
                         low = c
-                        d_low = least
-                    if least >= 0.0 and least <= tolerance:
-                        break
-                if least < 0.0 or least > tolerance:
+                        d_low = near.distance
+                        if near.distance <= tolerance:
+                            break
+                if near.distance < 0.0 or near.distance > tolerance:
                     c = low
-                    least, step, centre, which = nearest_link(
-                        hand, field, start, i, finger, c, at, q, clearance
+                    near = nearest_at(
+                        hand,
+                        field,
+                        start,
+                        i,
+                        moving,
+                        end,
+                        c,
+                        root,
+                        joint_place,
+                        joint_facing,
+                        still,
+                        clearance,
                     )
                 break
-        if least <= 3.0 * tolerance:
-            g = field_gradient(field.distance, field.origin, field.inverse_spacing, centre)
-            r = hand.sphere[which][3]
+        if near.distance <= 3.0 * tolerance:
+            g = field_gradient(field.distance, field.origin, field.inverse_spacing, near.centre)
+            r = hand.sphere[near.sphere][3]
             closing[i, finger] = c
-            sphere[i, finger] = which
-            points[i, found] = centre - g * (r + clearance + least)
+            sphere[i, finger] = near.sphere
+            points[i, found] = near.centre - g * (r + clearance + near.distance)
             normals[i, found] = -g
             found += 1
         elif finger == hand.thumb:
             fate[i] = THUMB_MISSES
-            counts[i] = 0
             return
-    if inside:
-        fate[i] = FINGERS_INSIDE
-        return
     if found < wanted:
         fate[i] = TOO_FEW
         return
     counts[i] = found
     fate[i] = CLOSED
-
-
-@wp.func
-def room_of(planes: wp.array(dtype=wp.vec4), boxes: wp.array2d(dtype=wp.vec3), x: wp.vec3):
-    """Distance from a point to the nearest half-space or box that is to be kept out of."""
-    room = float(1.0e6)
-    for k in range(planes.shape[0]):
-        s = planes[k]
-        room = wp.min(room, s[0] * x[0] + s[1] * x[1] + s[2] * x[2] - s[3])
-    for k in range(boxes.shape[0]):
-        middle = 0.5 * (boxes[k, 0] + boxes[k, 1])
-        half = 0.5 * (boxes[k, 1] - boxes[k, 0])
-        out = wp.vec3(
-            wp.abs(x[0] - middle[0]) - half[0],
-            wp.abs(x[1] - middle[1]) - half[1],
-            wp.abs(x[2] - middle[2]) - half[2],
-        )
-        away = wp.vec3(wp.max(out[0], 0.0), wp.max(out[1], 0.0), wp.max(out[2], 0.0))
-        room = wp.min(room, wp.length(away) + wp.min(wp.max(out[0], wp.max(out[1], out[2])), 0.0))
-    return room
-
-
-@wp.kernel
-def clearances(
-    hand: HandArrays,
-    field: FieldArrays,
-    planes: wp.array(dtype=wp.vec4),
-    boxes: wp.array2d(dtype=wp.vec3),
-    place: wp.array(dtype=wp.vec3),
-    turn: wp.array(dtype=wp.quat),
-    posture: wp.array2d(dtype=wp.float32),
-    first: wp.int32,
-    # out
-    to_object: wp.array2d(dtype=wp.float32),
-    to_rest: wp.array(dtype=wp.float32),
-):
-    """Distance of each finger, and of the palm (last), to the object; of the whole hand to what is kept out."""
-    i = first + wp.tid()
-    obstacles = planes.shape[0] + boxes.shape[0]
-    room = float(1.0e6)
-    m = wp.quat_to_matrix(turn[i])
-    least = float(1.0e6)
-    for k in range(hand.palm.shape[0]):
-        s = hand.palm[k]
-        x = place[i] + m * wp.vec3(s[0], s[1], s[2])
-        least = wp.min(least, field_distance(field.distance, field.origin, field.inverse_spacing, x) - s[3])
-        if obstacles > 0:
-            room = wp.min(room, room_of(planes, boxes, x) - s[3])
-    to_object[i, hand.fingers] = least
-    for finger in range(hand.fingers):
-        p = place[i]
-        q = turn[i]
-        least = float(1.0e6)
-        for joint in range(hand.joint_start[finger], hand.joint_start[finger + 1]):
-            p = p + wp.quat_rotate(q, hand.offset[joint])
-            q = q * hand.turn[joint] * wp.quat_from_axis_angle(hand.axis[joint], posture[i, joint])
-            m = wp.quat_to_matrix(q)
-            around = hand.bound[joint]
-            middle = p + m * wp.vec3(around[0], around[1], around[2])
-            free = (
-                field_distance(field.distance, field.origin, field.inverse_spacing, middle) - around[3]
-            )
-            near = bool(free < least)
-            if obstacles > 0:
-                if room_of(planes, boxes, middle) - around[3] < room:
-                    near = True
-            if near:
-                for k in range(hand.sphere_start[joint], hand.sphere_start[joint + 1]):
-                    s = hand.sphere[k]
-                    x = p + m * wp.vec3(s[0], s[1], s[2])
-                    d = field_distance(field.distance, field.origin, field.inverse_spacing, x) - s[3]
-                    least = wp.min(least, d)
-                    if obstacles > 0:
-                        room = wp.min(room, room_of(planes, boxes, x) - s[3])
-        to_object[i, finger] = least
-    to_rest[i] = room

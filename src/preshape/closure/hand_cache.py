@@ -1,0 +1,90 @@
+"""What takes a second to work out of a hand is kept on disk, by the hand's content.
+
+A file that cannot be read is made anew; a folder that cannot be written is done without.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import json
+import os
+import tempfile
+import zipfile
+from collections.abc import Callable
+from dataclasses import fields
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+
+from ..hands.hand import Hand
+
+VERSION = 3
+"""To be raised when tables or preshapes are made otherwise."""
+_T = TypeVar("_T")
+
+
+def kept(kind: type[_T], hand: Hand, label: str, make: Callable[[], _T]) -> _T:
+    """A value of arrays and names, from disk where it was made before.
+
+    Args:
+        kind: the value's class, a dataclass of arrays, numbers, and tuples of text.
+        hand: what it was made of.
+        label: what it is, with every setting that it depends on.
+        make: makes it.
+    """
+    file = folder() / "hands" / f"{digest(hand, label)}.npz"
+    with contextlib.suppress(OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile):
+        with np.load(file, allow_pickle=False) as stored:
+            plain = json.loads(str(stored["plain"]))
+            arrays = {name: stored[name] for name in stored.files if name != "plain"}
+        plain = {name: tuple(item) if isinstance(item, list) else item for name, item in plain.items()}
+        return kind(**plain, **arrays)
+    made = make()
+    values = {field.name: getattr(made, field.name) for field in fields(made)}  # type: ignore[arg-type]
+    arrays = {name: item for name, item in values.items() if isinstance(item, np.ndarray)}
+    plain = {name: item for name, item in values.items() if name not in arrays}
+    with contextlib.suppress(OSError):
+        _write(file, {**arrays, "plain": np.array(json.dumps(plain))})
+    return made
+
+
+def digest(hand: Hand, label: str) -> str:
+    """Hash of a hand's content and a label."""
+    state = hashlib.sha256(f"{VERSION} {label}".encode())
+    for field in fields(hand):
+        if field.name == "fingers":
+            for finger in hand.fingers:
+                for part in fields(finger):
+                    _add(state, part.name, getattr(finger, part.name))
+        else:
+            _add(state, field.name, getattr(hand, field.name))
+    return state.hexdigest()
+
+
+def folder() -> Path:
+    """``PRESHAPE_CACHE``, or the user's cache folder."""
+    chosen = os.environ.get("PRESHAPE_CACHE", "")
+    if chosen:
+        return Path(chosen)
+    from platformdirs import user_cache_path
+
+    return user_cache_path("preshape")
+
+
+def _add(state: Any, name: str, item: object) -> None:
+    state.update(name.encode())
+    state.update(item.tobytes() if isinstance(item, np.ndarray) else repr(item).encode())
+
+
+def _write(file: Path, arrays: dict[str, Any]) -> None:
+    """Whole or not at all: beside its place first, then renamed."""
+    file.parent.mkdir(parents=True, exist_ok=True)
+    handle, name = tempfile.mkstemp(dir=file.parent, suffix=".part")
+    try:
+        with os.fdopen(handle, "wb") as stream:
+            np.savez_compressed(stream, **arrays)
+        Path(name).replace(file)
+    finally:
+        Path(name).unlink(missing_ok=True)

@@ -1,0 +1,222 @@
+"""A hand as arrays for the closing kernel: joint chains, spheres that fill its links, closing paths.
+
+Everything is in the palm frame. The spheres are those of :mod:`preshape.kernels.hand_spheres`: inside the
+true shapes, which stand out of them by at most 3 mm (``COARSE``; capsules by 1 mm) or 0.5 mm (``FINE``;
+capsules by 0.15 mm), edges and corners of boxes included. Neighbours among them are grouped under a sphere
+around them all, so that most need no look.
+"""
+
+from __future__ import annotations
+
+import itertools
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from ..hands.hand import Hand
+from ..hands.kinematics import compile_hand
+from ..kernels.hand_spheres import COARSE, FINE, Shape, bound, grouped, link_spheres
+from ..kernels.tables import HandTables
+from ..types import Array, IntArray
+from .hand_cache import kept
+
+_GROUP = {COARSE: 12, FINE: 16}
+"""Most spheres under one bounding sphere [C]."""
+_STILL = 1e-6
+"""Speed of what no closing moves [m]: not zero, so that it may be divided by."""
+
+
+@lru_cache(maxsize=16)
+def hand_tables(hand: Hand, detail: float = COARSE) -> HandTables:
+    """The tables of a hand.
+
+    Args:
+        hand: which hand.
+        detail: ``COARSE`` or ``FINE``, how far the links may stand out of their spheres.
+
+    Raises:
+        HandError: MuJoCo refuses the model.
+    """
+    return kept(HandTables, hand, f"tables {detail:g}", lambda: _tables(hand, detail))
+
+
+def _tables(hand: Hand, detail: float) -> HandTables:
+    model = compile_hand(hand)
+    joint_of_body = _carriers(model)
+    frames = _frames(model)
+    anchors = _anchors(model, frames)
+    before = _joint_before(model, joint_of_body)
+    offset, turn = np.zeros((model.njnt, 3)), np.zeros((model.njnt, 4))
+    for j, (place, rotation) in enumerate(anchors):
+        base_p, base_q = anchors[before[j]] if before[j] >= 0 else (np.zeros(3), np.array([1.0, 0, 0, 0]))
+        inverse = base_q * [1, -1, -1, -1]
+        offset[j] = _quat_rotate(inverse, place - base_p)
+        turn[j] = _quat_multiply(inverse, rotation)
+    shapes = link_shapes(hand)
+    groups = [grouped(link_spheres(link, detail), _GROUP[detail]) for link in shapes]
+    palm_groups, joint_groups = groups[-1], groups[:-1]
+    links = [np.concatenate([np.zeros((0, 4)), *own]) for own in joint_groups]
+    path = np.stack([hand.at(share) for share in np.linspace(0.0, 1.0, _knots(hand))])
+    speed = np.concatenate(_speeds(hand, offset, links, path))
+    flat = [group for own in joint_groups for group in own]
+    group_sphere = _starts([len(group) for group in flat])
+    ordered = sorted(hand.fingers, key=lambda finger: hand.columns(finger.name).start)
+    firsts = [hand.columns(finger.name).start for finger in ordered]
+    return HandTables(
+        name=hand.name,
+        fingers=tuple(finger.name for finger in ordered),
+        thumb=[finger.name for finger in ordered].index(hand.fingers[0].name),
+        joint_start=np.array([*firsts, model.njnt], dtype=np.int64),
+        offset=offset,
+        turn=turn,
+        axis=np.array(model.jnt_axis),
+        moving=np.array(
+            [_first_moving(path, f, e) for f, e in itertools.pairwise([*firsts, model.njnt])], dtype=np.int64
+        ),
+        sphere_start=_starts([len(link) for link in links]),
+        sphere=np.concatenate(links),
+        speed=speed,
+        group_start=_starts([len(own) for own in joint_groups]),
+        group_sphere=group_sphere,
+        bound=np.array([bound(group) for group in flat]).reshape(-1, 4),
+        bound_speed=np.array([speed[a:b].max() for a, b in itertools.pairwise(group_sphere)]),
+        palm=np.concatenate([np.zeros((0, 4)), *palm_groups]),
+        palm_group=_starts([len(group) for group in palm_groups]),
+        palm_bound=np.array([bound(group) for group in palm_groups]).reshape(-1, 4),
+        path=path,
+        limits=np.array(hand.limits),
+        tip=np.array([_tip(model, finger.tip_site, frames, anchors, joint_of_body) for finger in ordered]),
+    )
+
+
+def _tip(model: Any, site: str, frames: list[Any], anchors: list[Any], carrier: IntArray) -> Array:
+    """(3,) centre of a fingertip in the frame of the joint that carries it [m]."""
+    index = model.site(site).id
+    place, rotation = frames[int(model.site_bodyid[index])]
+    centre = _quat_rotate(rotation, model.site_pos[index]) + place
+    at, around = anchors[carrier[int(model.site_bodyid[index])]]
+    return np.asarray((centre - at) @ _matrix(around))
+
+
+def _knots(hand: Hand) -> int:
+    """Points that hold every finger's path: all of two unless a finger's has more."""
+    return int(np.lcm.reduce([len(finger.closing) - 1 for finger in hand.fingers])) + 1
+
+
+def _carriers(model: Any) -> IntArray:
+    """(bodies,) the joint that carries each body, -1 for the palm."""
+    carrier = np.full(model.nbody, -1, dtype=np.int64)
+    for body in range(1, model.nbody):
+        own = np.flatnonzero(model.jnt_bodyid == body)
+        carrier[body] = own[-1] if len(own) else carrier[model.body_parentid[body]]
+    return carrier
+
+
+def _joint_before(model: Any, carrier: IntArray) -> list[int]:
+    before = []
+    for joint in range(model.njnt):
+        body = int(model.jnt_bodyid[joint])
+        same = [k for k in np.flatnonzero(model.jnt_bodyid == body) if k < joint]
+        before.append(int(same[-1]) if same else int(carrier[model.body_parentid[body]]))
+    return before
+
+
+def _frames(model: Any) -> list[tuple[Array, Array]]:
+    """Place and orientation of each body in the palm frame, all joints at zero."""
+    frames = [(np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]))]
+    for body in range(1, model.nbody):
+        place, rotation = frames[model.body_parentid[body]]
+        frames.append(
+            (
+                place + _quat_rotate(rotation, model.body_pos[body]),
+                _quat_multiply(rotation, model.body_quat[body]),
+            )
+        )
+    return frames
+
+
+def _starts(counts: list[int]) -> IntArray:
+    """Where each of several runs starts, and where the last ends."""
+    return np.concatenate([[0], np.cumsum(counts, dtype=np.int64)]).astype(np.int64)
+
+
+def _first_moving(path: Array, first: int, end: int) -> int:
+    """The first of a finger's joints that the path turns; ``end`` for none."""
+    return next((j for j in range(first, end) if np.ptp(path[:, j]) > 0), end)
+
+
+def link_shapes(hand: Hand) -> list[list[Shape]]:
+    """The shapes that each joint carries, in its frame, and last those of the palm, in the palm frame."""
+    import mujoco
+
+    model = compile_hand(hand)
+    carrier, frames = _carriers(model), _frames(model)
+    anchors = _anchors(model, frames)
+    links: list[list[Shape]] = [[] for _ in range(model.njnt + 1)]
+    for geom in range(model.ngeom):
+        body = int(model.geom_bodyid[geom])
+        place, rotation = frames[body]
+        centre = _quat_rotate(rotation, model.geom_pos[geom]) + place
+        facing = _matrix(_quat_multiply(rotation, model.geom_quat[geom]))
+        joint = int(carrier[body])
+        if joint >= 0:
+            at, around = anchors[joint]
+            centre, facing = (centre - at) @ _matrix(around), _matrix(around).T @ facing
+        size, kind = model.geom_size[geom], int(model.geom_type[geom])
+        box = kind == mujoco.mjtGeom.mjGEOM_BOX
+        length = float(size[1]) if kind == mujoco.mjtGeom.mjGEOM_CAPSULE else 0.0
+        links[joint].append(
+            Shape(
+                place=centre,
+                facing=facing,
+                radius=0.0 if box else float(size[0]),
+                half=np.array(size) if box else np.array([0.0, 0.0, length]),
+            )
+        )
+    return links
+
+
+def _anchors(model: Any, frames: list[tuple[Array, Array]]) -> list[tuple[Array, Array]]:
+    """Place and orientation of each joint in the palm frame, all joints at zero."""
+    return [
+        (_quat_rotate(frames[b][1], model.jnt_pos[j]) + frames[b][0], frames[b][1])
+        for j, b in enumerate(model.jnt_bodyid)
+    ]
+
+
+def _speeds(hand: Hand, offset: Array, links: list[Array], path: Array) -> list[Array]:
+    """A bound on the path length of every sphere's centre for a unit of closing, by joint."""
+    rate = np.abs(np.diff(path, axis=0)).max(axis=0) * (len(path) - 1)
+    out = []
+    for joint, spheres in enumerate(links):
+        first = next(hand.columns(f.name).start for f in hand.fingers if hand.joints[joint] in f.joints)
+        lever = np.linalg.norm(spheres[:, :3], axis=1)
+        total = rate[joint] * lever
+        for k in range(joint - 1, first - 1, -1):
+            lever = lever + np.linalg.norm(offset[k + 1])
+            total = total + rate[k] * lever
+        out.append(np.maximum(total, _STILL))
+    return out
+
+
+def _quat_multiply(a: Array, b: Array) -> Array:
+    w, x, y, z = a
+    return np.array(
+        [
+            w * b[0] - x * b[1] - y * b[2] - z * b[3],
+            w * b[1] + x * b[0] + y * b[3] - z * b[2],
+            w * b[2] - x * b[3] + y * b[0] + z * b[1],
+            w * b[3] + x * b[2] - y * b[1] + z * b[0],
+        ]
+    )
+
+
+def _matrix(q: Array) -> Array:
+    from ..spatial import rotation_from_quaternion
+
+    return rotation_from_quaternion(q)
+
+
+def _quat_rotate(q: Array, v: Array) -> Array:
+    return np.asarray(_matrix(q) @ v)

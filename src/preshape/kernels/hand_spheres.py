@@ -1,0 +1,182 @@
+"""Spheres that fill a rigid link, so that its distance to an object is the least of theirs.
+
+No sphere stands out of the link; how far the link stands out between the spheres is bounded. Along a capsule
+spheres of its own radius stand in a row. Of a box, rows of spheres follow the edges of smaller and smaller
+boxes inside it, small spheres by its edges, larger ones further in; the largest stand in its middle. What
+serves only surface inside another shape of the link is left out; of the coarse ones, also what others serve.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..types import Array, BoolArray
+
+COARSE, FINE = 0.003, 0.0005
+"""How far a link may stand out of its spheres at most [m]: for the search, and for the answers [C]."""
+_CAPSULE = {COARSE: 0.0006, FINE: 0.00012}  # ... a capsule [m]
+_BOX = {COARSE: 0.0026, FINE: 0.00045}  # ... a box [m], a little less than allowed: rows meet between samples
+_SAMPLES = {COARSE: 0.002, FINE: 0.0008}  # spacing of surface points [m]
+
+
+class Shape(NamedTuple):
+    """A capsule, a sphere (a capsule of no length) or a box, in its link's frame.
+
+    Attributes:
+        place: (3,) its middle [m].
+        facing: (3, 3) its axes as columns; a capsule lies along the third.
+        radius: of a capsule [m]; 0 for a box.
+        half: (3,) half sizes of a box; of a capsule its half length, last [m].
+    """
+
+    place: Array
+    facing: Array
+    radius: float
+    half: Array
+
+    def distance(self, points: Array) -> Array:
+        """(n,) signed distance from points (n, 3) to its surface [m]."""
+        local = np.abs((points - self.place) @ self.facing)
+        out = local - self.half
+        inside = np.minimum(out.max(axis=1), 0.0) if self.radius == 0.0 else 0.0
+        return np.asarray(np.linalg.norm(np.maximum(out, 0.0), axis=1) + inside - self.radius)
+
+    def moved(self, spheres: Array) -> Array:
+        """Spheres (n, 4) or points (n, 3) of its own frame, in the link's."""
+        return np.concatenate([spheres[:, :3] @ self.facing.T + self.place, spheres[:, 3:]], axis=1)
+
+
+def link_spheres(shapes: list[Shape], detail: float) -> Array:
+    """Spheres that stand for a link.
+
+    Args:
+        shapes: all of the link.
+        detail: ``COARSE`` or ``FINE``.
+
+    Returns:
+        (n, 4) centre and radius [m]. None is of use only inside another shape of the link.
+    """
+    if not shapes:
+        return np.zeros((0, 4))
+    spheres = np.concatenate([shape.moved(_filled(shape, detail)) for shape in shapes])
+    points, allowed = exposed(shapes, detail)
+    if detail == FINE:
+        return spheres[_near(spheres, points, float(allowed.max()))]
+    from scipy.spatial.distance import cdist
+
+    gap = cdist(spheres[:, :3], points) - spheres[:, 3:]
+    # A point that no sphere comes that near to is content with the nearest.
+    return spheres[_cover(gap <= np.maximum(allowed, gap.min(axis=0) + 1e-6))]
+
+
+def exposed(shapes: list[Shape], detail: float, spacing: float | None = None) -> tuple[Array, Array]:
+    """(n, 3) points on the surface of a link [m], and (n,) how far each may stand out of the spheres [m]."""
+    points, allowed = [], []
+    for shape in shapes:
+        own = shape.moved(_surface(shape, spacing or _SAMPLES[detail]))
+        bare = np.ones(len(own), dtype=bool)
+        for other in shapes:
+            if other is not shape:
+                bare &= other.distance(own) > -1e-9
+        points.append(own[bare])
+        allowed.append(np.full(int(bare.sum()), _BOX[detail] if shape.radius == 0.0 else _CAPSULE[detail]))
+    return np.concatenate(points), np.concatenate(allowed)
+
+
+def grouped(spheres: Array, most: int) -> list[Array]:
+    """Spheres in groups of neighbours, at most so many in each."""
+    if len(spheres) <= most:
+        return [spheres] if len(spheres) else []
+    axis = int(np.ptp(spheres[:, :3], axis=0).argmax())
+    order = np.argsort(spheres[:, axis], kind="stable")
+    half = len(order) // 2
+    return grouped(spheres[order[:half]], most) + grouped(spheres[order[half:]], most)
+
+
+def bound(spheres: Array) -> Array:
+    """(4,) a sphere around all of them."""
+    low, high = spheres[:, :3] - spheres[:, 3:], spheres[:, :3] + spheres[:, 3:]
+    middle = (low.min(axis=0) + high.max(axis=0)) / 2
+    return np.append(middle, (np.linalg.norm(spheres[:, :3] - middle, axis=1) + spheres[:, 3]).max())
+
+
+def _filled(shape: Shape, detail: float) -> Array:
+    """(n, 4) spheres of one shape in its own frame."""
+    if shape.radius == 0.0:
+        return _box_spheres(shape.half, _BOX[detail])
+    # Between two spheres of radius r a capsule stands out by about step²/8r.
+    step = float(np.sqrt(8.0 * shape.radius * _CAPSULE[detail]))
+    z = _spread(shape.half[2], step)
+    return np.stack([np.zeros_like(z), np.zeros_like(z), z, np.full_like(z, shape.radius)], axis=1)
+
+
+def _spread(half: float, step: float) -> Array:
+    """Points from -half to half, evenly, at most a step apart."""
+    return np.linspace(-half, half, int(np.ceil(2 * half / step - 1e-9)) + 1) if half > 1e-6 else np.zeros(1)
+
+
+def _box_spheres(half: Array, stand: float) -> Array:
+    """(n, 4) spheres in a box, of which it stands out by at most about ``stand`` [m]."""
+    out = []
+    largest = float(half.min())
+    # A corner stands out of its sphere by 0.73 radii.
+    radius = min(1.5 * stand, largest)
+    while True:
+        # The part of a face that a sphere of this radius serves has this radius itself.
+        served = float(np.sqrt(2 * radius * stand + stand * stand))
+        inner = half - radius
+        axes = [_spread(h, 1.2 * served) for h in inner]
+        grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+        on = (np.abs(np.abs(grid) - inner) < 1e-9).sum(axis=1)
+        centres = grid[on >= (1 if radius == largest else 2)]
+        out.append(np.concatenate([centres, np.full((len(centres), 1), radius)], axis=1))
+        if radius == largest:
+            return np.concatenate(out)
+        # Rows 1.2 apart serve a strip of 0.8 to both sides: the next strip joins this one.
+        edge, following = radius + 0.8 * served, radius
+        for _ in range(20):
+            following = edge + 0.8 * float(np.sqrt(2 * following * stand + stand * stand))
+        radius = min(following, largest)
+
+
+def _surface(shape: Shape, spacing: float) -> Array:
+    """(n, 3) points on the surface of one shape in its own frame, edges and corners of a box included."""
+    if shape.radius == 0.0:
+        axes = [_spread(h, spacing) for h in shape.half]
+        grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+        return grid[(np.abs(np.abs(grid) - shape.half) < 1e-9).any(axis=1)]
+    r, length = shape.radius, float(shape.half[2])
+    bends = _spread(np.pi / 2, spacing / r)
+    profile = np.concatenate(
+        [
+            np.stack([r * np.cos(bends), r * np.sin(bends) + np.sign(bends) * length], axis=1),
+            np.stack([np.full(len(z := _spread(length, spacing)), r), z], axis=1),
+        ]
+    )
+    angles = np.linspace(0.0, 2 * np.pi, max(6, int(np.ceil(2 * np.pi * r / spacing))), endpoint=False)
+    across, along = profile[:, :1], np.repeat(profile[:, 1:], len(angles), axis=1)
+    return np.stack([across * np.cos(angles), across * np.sin(angles), along], axis=2).reshape(-1, 3)
+
+
+def _near(spheres: Array, points: Array, within: float) -> BoolArray:
+    """Which spheres serve a point: have one within a distance of their surface."""
+    from scipy.spatial import cKDTree
+
+    distance, _ = cKDTree(points).query(spheres[:, :3])
+    return np.asarray(distance <= spheres[:, 3] + within)
+
+
+def _cover(serves: BoolArray) -> list[int]:
+    """Rows (spheres) that together serve every column (point): the one that serves most first, and so on."""
+    chosen: list[int] = []
+    left = serves.any(axis=0)
+    gains = serves[:, left].sum(axis=1)
+    while left.any():
+        best = int(gains.argmax())
+        fresh = serves[best] & left
+        chosen.append(best)
+        left &= ~fresh
+        gains -= serves[:, fresh].sum(axis=1)
+    return sorted(chosen)
