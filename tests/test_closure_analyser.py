@@ -1,0 +1,307 @@
+"""The closure analyser: what it answers the controller, and that odd objects get a result, not a crash."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from preshape.analyser import Aim
+from preshape.closure.analyser import ClosureAnalyser, Grips, inner_centre
+from preshape.closure.settings import ClosureSettings, table_below
+from preshape.exceptions import InputError
+from preshape.fuzzy import FuzzySets, approaching_degrees
+from preshape.hands.model import load_hand
+from preshape.kernels.field import prepare_field
+from preshape.objects.library import load_library_object
+from preshape.objects.mesh import TriangleMesh
+from preshape.planner import layout_of
+from preshape.tasks import parse_task
+from preshape.types import Array, Attributes, Experience
+
+HAND = load_hand(str(Path(__file__).parent.parent / "examples" / "hands" / "trident.toml"))
+VALUES = np.linspace(-0.9, 0.9, 19)
+EVERYWHERE = Aim(values=VALUES)
+SMALL = {"everywhere": 800, "on_plane": 400, "elite": 16, "children": 4, "rounds": 2, "finished": 6}
+LIFT = parse_task("lift").q
+PLAIN = np.array([0.1, 0.1, 0.1, 0.05, 0.05, 0.05])
+
+
+@pytest.fixture(scope="module", autouse=True)
+def own_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("PRESHAPE_CACHE", str(tmp_path_factory.mktemp("cache")))
+        yield
+
+
+def analyser(mesh: TriangleMesh, *, seed: int = 0, known: Any = tuple, **settings: Any) -> ClosureAnalyser:
+    made = ClosureSettings(**{"threads": 1, **SMALL, **settings})
+    return ClosureAnalyser(mesh, HAND, layout_of(HAND), settings=made, seed=seed, known=known)
+
+
+def solid(name: str) -> TriangleMesh:
+    return load_library_object(name)
+
+
+@pytest.fixture(scope="module")
+def sphere() -> ClosureAnalyser:
+    return analyser(solid("sphere"))
+
+
+@pytest.fixture(scope="module")
+def found(sphere: ClosureAnalyser) -> Grips:
+    grips = sphere.explore(LIFT, EVERYWHERE)
+    assert isinstance(grips, Grips)
+    assert len(grips) >= 3
+    return grips
+
+
+def poses(found: Grips) -> Array:
+    return np.array([np.concatenate([g.grip.palm_pose, g.grip.squeeze]) for g in found.grasps if g.grip])
+
+
+# -- the answer ----------------------------------------------------------------------------------------
+
+
+def test_the_same_seed_gives_the_same_grips_on_any_number_of_threads(found: Grips) -> None:
+    again = analyser(solid("sphere"), threads=2).explore(LIFT, EVERYWHERE)
+    assert isinstance(again, Grips)
+    assert np.array_equal(poses(again), poses(found))
+    other = analyser(solid("sphere"), seed=1).explore(LIFT, EVERYWHERE)
+    assert isinstance(other, Grips)
+    assert not np.array_equal(poses(other)[:1], poses(found)[:1])
+
+
+def test_best_first_and_each_row_is_its_grip(sphere: ClosureAnalyser, found: Grips) -> None:
+    assert (np.diff(found.match) <= 0).all()
+    assert found.aimed >= SMALL["everywhere"]
+    for i, g in enumerate(found.grasps):
+        assert g.grip is not None
+        assert sphere.grasp(LIFT, found, i) is g
+        assert (found.plane[i], found.flip[i], found.fingers[i]) == (g.plane.index, g.flip, g.fingers)
+        assert found.match[i] == g.judged == g.grip.quality
+        assert 0.0 <= g.grip.quality <= 6.0
+        assert 2 <= g.fingers <= 4
+        assert -1.0 <= g.approach_value <= 1.0
+    kept = found.where(np.array([2, 0]))
+    assert isinstance(kept, Grips)
+    assert (kept.grasps[0], kept.grasps[1]) == (found.grasps[2], found.grasps[0])
+    assert len(found.where(found.match > 99)) == 0
+    assert len(found.ranked()) == len(found)
+
+
+def test_the_papers_match_is_computed_beside(found: Grips) -> None:
+    for g in found.grasps:
+        adi = approaching_degrees(LIFT, g.net_wrench, FuzzySets())
+        assert g.tfvadi == pytest.approx(float(adi.sum()))
+        assert np.allclose(g.net_wrench, g.contacts.wrenches.sum(axis=0))
+
+
+def test_the_thumb_is_on_the_side_that_the_answer_says(found: Grips) -> None:
+    for g in found.grasps:
+        across = g.contacts.points[0] - g.contacts.points[1:].mean(axis=0)
+        assert across @ g.thumb_side > 0
+
+
+def test_an_aim_is_kept_to(sphere: ClosureAnalyser) -> None:
+    for aim in (Aim(planes=[3], values=VALUES, flips=[True]), Aim(planes=[5, 8], values=VALUES, fingers=[2])):
+        some = sphere.explore(LIFT, aim)
+        assert len(some) > 0
+        assert set(some.plane) <= set(aim.planes)
+        assert set(some.flip) <= set(aim.flips)
+    assert (some.fingers == 2).all()
+
+
+def test_an_aim_is_worked_out_once(sphere: ClosureAnalyser, found: Grips) -> None:
+    assert sphere.explore(LIFT, Aim(values=VALUES.copy())) is found
+    assert sphere.explore(parse_task("turn").q, EVERYWHERE) is not found
+
+
+@pytest.mark.parametrize(
+    "wrong", [{"planes": (13,)}, {"planes": ()}, {"values": ()}, {"values": (1.5,)}, {"flips": ()}]
+)
+def test_a_wrong_aim_is_an_input_error(sphere: ClosureAnalyser, wrong: dict[str, Any]) -> None:
+    with pytest.raises(InputError):
+        sphere.explore(LIFT, Aim(**{"values": VALUES, **wrong}))
+
+
+def test_a_wrong_task_or_exploration_is_refused(sphere: ClosureAnalyser, found: Grips) -> None:
+    with pytest.raises(InputError):
+        sphere.explore(np.full(6, np.nan), EVERYWHERE)
+    with pytest.raises(TypeError, match="explore"):
+        sphere.grasp(LIFT, super(Grips, found).where(np.arange(1)))
+
+
+# -- what is asked of a grip ---------------------------------------------------------------------------
+
+
+def test_the_demand_is_the_tasks_direction_and_minus_the_weight(sphere: ClosureAnalyser) -> None:
+    lift = sphere.demand(LIFT)
+    assert lift.direction is not None
+    assert np.allclose(lift.direction, [0, 0, 1, 0, 0, 0])
+    base = np.asarray(lift.base)
+    assert base[2] > 0  # the hand must carry: upwards
+    assert np.count_nonzero(base) == 1
+    turn = sphere.demand(parse_task("turn:-x").q)
+    assert turn.direction is not None
+    assert np.allclose(turn.direction[:3], 0)
+    assert turn.direction[3] < 0
+    assert turn.load == pytest.approx(np.linalg.norm(turn.direction))
+    assert sphere.demand(PLAIN).direction is None
+
+
+def test_a_heavier_object_is_held_worse(sphere: ClosureAnalyser, found: Grips) -> None:
+    heavy = analyser(solid("sphere"), mass=0.4).explore(LIFT, EVERYWHERE)
+    assert len(heavy) > 0
+    assert heavy.match[0] < found.match[0]
+
+
+def test_plain_holding_has_answers(sphere: ClosureAnalyser) -> None:
+    held = sphere.explore(PLAIN, EVERYWHERE)
+    assert isinstance(held, Grips)
+    assert len(held) > 0
+    for g in held.grasps:
+        assert g.grip is not None
+        assert g.grip.task_margin * 1.0 == pytest.approx(g.grip.hold_margin * 0.7, rel=1e-5)
+
+
+# -- grips recalled ------------------------------------------------------------------------------------
+
+
+def test_a_grip_that_held_before_is_tried_again(found: Grips) -> None:
+    """With hardly a draw of its own, the search finds the grip that was remembered; else nothing as good."""
+    mesh, best = solid("sphere"), found.grasps[0]
+    assert best.grip is not None
+    grip = np.concatenate(
+        [best.grip.palm_pose[:3] - mesh.cog, best.grip.palm_pose[3:], [best.grip.mask], best.grip.start]
+    )
+    remembered = Experience(
+        kind="task",
+        object_name="ball",
+        hand=HAND.name,
+        attributes=mesh.attributes,
+        task=LIFT,
+        plane=best.plane.index,
+        flip=best.flip,
+        approach_value=best.approach_value,
+        approach_set=best.approach_set,
+        fingers=best.fingers,
+        wrench=best.net_wrench,
+        match=best.tfvadi,
+        grip=grip,
+    )
+    aim = Aim(planes=[best.plane.index], values=[best.approach_value])
+    little = {"at_aim": 1, "elite": 3, "children": 1, "rounds": 0}
+    recalled = analyser(mesh, known=lambda: [remembered], **little).explore(LIFT, aim)
+    assert isinstance(recalled, Grips)
+    assert len(recalled) >= 1
+    pose = recalled.grasps[0].grip.palm_pose  # type: ignore[union-attr]
+    assert np.allclose(pose, best.grip.palm_pose, atol=1e-9)
+    # Of another size it says nothing.
+    other = replace(remembered, attributes=_sized(mesh, 2.0))
+    assert len(analyser(mesh, known=lambda: [other], **little).explore(LIFT, aim)) == 0
+
+
+def _sized(mesh: TriangleMesh, factor: float) -> Attributes:
+    return replace(mesh, vertices=mesh.vertices * factor).attributes
+
+
+# -- odd objects ---------------------------------------------------------------------------------------
+
+
+def test_a_scan_with_holes_is_held(found: Grips) -> None:
+    mesh = solid("sphere")
+    rng = np.random.default_rng(0)
+    kept = mesh.triangles[rng.random(len(mesh.triangles)) > 0.08]
+    holey = replace(mesh, triangles=kept, counts=None)
+    grips = analyser(holey).explore(LIFT, EVERYWHERE)
+    assert len(grips) >= 1
+    assert grips.match[0] > 0.6 * found.match[0]
+
+
+def test_a_mesh_wound_inside_out_is_held_as_well(found: Grips) -> None:
+    mesh = solid("sphere")
+    turned = analyser(replace(mesh, triangles=mesh.triangles[:, ::-1])).explore(LIFT, EVERYWHERE)
+    assert isinstance(turned, Grips)
+    assert turned.match[0] == pytest.approx(found.match[0], rel=0.05)
+    for g in turned.grasps:
+        inward = mesh.cog - g.contacts.points
+        assert (np.einsum("ni,ni->n", inward, g.contacts.normals_in) > 0).all()
+
+
+@pytest.mark.parametrize("factor", [1e-4, 0.01, 20.0, 1e4])
+def test_far_too_large_or_too_small_is_no_grip_and_no_crash(factor: float) -> None:
+    cube = solid("cube")
+    grips = analyser(replace(cube, vertices=cube.vertices * factor)).explore(LIFT, EVERYWHERE)
+    assert len(grips) == 0
+    assert grips.aimed >= SMALL["everywhere"]
+
+
+def test_a_single_triangle_is_no_crash() -> None:
+    flat = TriangleMesh(
+        name="flat", vertices=np.array([[0, 0, 0], [0.05, 0, 0], [0, 0.05, 0]]), triangles=[[0, 1, 2]]
+    )
+    analyser(flat).explore(LIFT, EVERYWHERE)
+
+
+def test_where_the_object_stands_in_its_file_means_nothing(found: Grips) -> None:
+    mesh, away = solid("sphere"), np.array([1.0, -2.0, 0.5])
+    there = analyser(replace(mesh, vertices=mesh.vertices + away)).explore(LIFT, EVERYWHERE)
+    assert isinstance(there, Grips)
+    assert there.match[0] == pytest.approx(found.match[0], rel=0.05)
+    for g in there.grasps:
+        assert g.grip is not None
+        assert np.linalg.norm(g.grip.palm_pose[:3] - away) < 0.3
+
+
+def test_the_centre_of_mass_is_that_of_the_solid() -> None:
+    cone = solid("cone")
+    field = prepare_field(cone, cache=None)
+    low, high = cone.bounds[:, 2]
+    centre = inner_centre(field, cone)
+    assert centre[2] == pytest.approx(low + (high - low) / 4, abs=1e-3)
+    assert abs(centre[2] - cone.cog[2]) > 0.01
+    assert np.abs(centre[:2] - cone.cog[:2]).max() < 1e-3
+
+
+def test_a_table_over_the_object_leaves_nothing() -> None:
+    mesh = solid("sphere")
+    covered = analyser(mesh, obstacles=table_below(float(mesh.vertices[:, 2].max()) + 0.3))
+    assert len(covered.explore(LIFT, EVERYWHERE)) == 0
+
+
+# -- settings ------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("name", "given"),
+    [
+        ("friction", 0.0),
+        ("friction", float("nan")),
+        ("friction", "0.6"),
+        ("torsion", -0.01),
+        ("friction_share", 1.2),
+        ("mass", -1.0),
+        ("safety", float("inf")),
+        ("everywhere", 0),
+        ("everywhere", 2.5),
+        ("rounds", -1),
+        ("threads", 0),
+        ("press_least", 1e3),
+        ("device", "abacus"),
+    ],
+)
+def test_a_setting_out_of_range_is_an_input_error_that_names_it(name: str, given: object) -> None:
+    with pytest.raises(InputError, match=name):
+        ClosureSettings(**{name: given})  # type: ignore[arg-type]
+
+
+def test_settings_say_what_is_planned_with() -> None:
+    s = ClosureSettings(friction=0.5, torsion=0.01, friction_share=0.4, mass=0.2)
+    assert (s.mu, s.gamma) == (pytest.approx(0.2), pytest.approx(0.004))
+    assert s.weight == pytest.approx(0.2 * 9.81)
+    assert table_below(0.02, "y").planes.tolist() == [[0.0, 1.0, 0.0, 0.02]]
