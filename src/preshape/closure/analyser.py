@@ -25,7 +25,7 @@ from ..types import Array, BoolArray, ContactCoefficients, Experience, IntArray,
 from ..wrench import contact_wrenches, net_wrench, screw_measures
 from .grip import Finished, Finisher
 from .sampling import Sampled, sample
-from .search import ClosureSearch, Demand, Ranked, apart, best_of
+from .search import ClosureSearch, Demand, Ranked, apart, best_of, joined
 from .settings import ClosureSettings
 
 MAX_FINGERS = 4
@@ -154,17 +154,17 @@ class ClosureAnalyser:
         demand, settings = self.demand(q), self.settings
         rng = np.random.default_rng([self.seed, zlib.crc32(_key(aim))])
         count, elite, rounds, enough = self._effort(aim)
-        found = self._evaluate(self._draw(rng, aim, count), demand)
+        drawn = self._draw(rng, aim, count)
         recalled = self._recalled(aim)
-        if recalled is not None:
-            found = best_of(found, self._evaluate(recalled, demand))
+        found = self._evaluate(drawn if recalled is None else joined(drawn, recalled), demand)
         if len(aim.planes) > 1:
             found = self._persist(rng, aim, found, demand)
         found = self.search.refine(
             rng, found, demand, elite=elite, each=settings.children, rounds=rounds, wanted=WANTED
         )
         standing = found.take(apart(found, max(elite, 4 * enough)))
-        standing = self.search.steady(rng, standing, demand, wanted=WANTED)
+        few = len(aim.planes) == 1 and len(aim.values) <= FEW
+        standing = self.search.steady(rng, standing, demand, samples=4 if few else 8, wanted=WANTED)
         finished = self.finisher.finish(standing, demand, wanted=WANTED, enough=enough, planes=aim.planes)
         grasps = [self._virtual(q, made) for made in finished]
         grasps.sort(key=lambda g: -g.judged)
@@ -187,7 +187,7 @@ class ClosureAnalyser:
             return s.everywhere, s.elite, s.rounds, s.finished
         if len(aim.values) > FEW:
             return s.on_plane, max(1, s.elite // 2), s.rounds, min(s.finished, 4)
-        return s.at_aim, max(1, s.elite // 3), max(1, s.rounds - 1), min(s.finished, 2)
+        return s.at_aim, max(1, s.elite // 4), min(1, s.rounds), 1
 
     def _draw(self, rng: np.random.Generator, aim: Aim, count: int) -> Sampled:
         fingers = [n for n in range(2, len(self.hand.fingers) + 1) if min(n, MAX_FINGERS) in aim.fingers]

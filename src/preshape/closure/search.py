@@ -29,7 +29,7 @@ OPENED, ROOM = 0.8, 0.002
 HOLD = np.concatenate([np.eye(6), -np.eye(6)])
 """Wrenches that plain holding is ranked by: pushes along and turns about the axes, torques over ``LEVER``."""
 LEVER = 0.05
-"""Torque over force of plain holding [m], as in the field's harder test."""
+"""Torque over force of plain holding [m], as in the field's harder test; less on objects smaller than that."""
 
 
 @value
@@ -108,35 +108,41 @@ def take(sampled: Sampled, rows: IntArray) -> Sampled:
     )
 
 
+def joined(*several: Sampled) -> Sampled:
+    """All drawn candidates together."""
+    return Sampled(
+        candidates=Candidates(
+            **{
+                name: np.concatenate([getattr(one.candidates, name) for one in several])
+                for name in ("place", "turn", "start", "mask")
+            }
+        ),
+        **{
+            name: np.concatenate([getattr(one, name) for one in several])
+            for name in ("plane", "flip", "value", "preshape")
+        },
+    )
+
+
 def best_of(*several: Ranked, keep: int | None = None) -> Ranked:
     """All of them together, best first."""
     parts = [one for one in several if len(one)] or [several[0]]
-    joined = Ranked(
-        sampled=Sampled(
-            candidates=Candidates(
-                **{
-                    name: np.concatenate([getattr(p.sampled.candidates, name) for p in parts])
-                    for name in ("place", "turn", "start", "mask")
-                }
-            ),
-            **{
-                name: np.concatenate([getattr(p.sampled, name) for p in parts])
-                for name in ("plane", "flip", "value", "preshape")
-            },
-        ),
+    score = np.concatenate([one.score for one in parts])
+    together = Ranked(
+        sampled=joined(*(one.sampled for one in parts)),
         closings=Closings(
             **{
-                name: np.concatenate([getattr(p.closings, name) for p in parts])
+                name: np.concatenate([getattr(one.closings, name) for one in parts])
                 for name in ("fate", "closing", "sphere", "points", "normals_in", "counts")
             }
         ),
-        score=np.concatenate([p.score for p in parts]),
-        task=np.concatenate([p.task for p in parts]),
-        hold=np.concatenate([p.hold for p in parts]),
+        score=score,
+        task=np.concatenate([one.task for one in parts]),
+        hold=np.concatenate([one.hold for one in parts]),
         tried=sum(one.tried for one in several),
     )
-    order = np.argsort(-joined.score, kind="stable")
-    return joined.take(order if keep is None else order[:keep])
+    order = np.argsort(-score, kind="stable")
+    return together.take(order if keep is None else order[:keep])
 
 
 class ClosureSearch:
@@ -197,7 +203,7 @@ class ClosureSearch:
             wrenches=HOLD,
             friction=mu,
             torsion=gamma,
-            length=LEVER,
+            length=min(LEVER, 1.5 * self.length),
             reference=self.cog,
             threads=threads,
             device=device,
