@@ -16,7 +16,7 @@ import preshape
 ROOT = Path(preshape.__file__).parent
 
 LEVELS = {
-    0: "exceptions spatial types fuzzy _version",
+    0: "exceptions spatial types fuzzy files _version",
     1: "objects tasks planes wrench kernels hands metrics",
     2: "analyser estimator training virtual_grasp hand_simulation critic closure",
     3: "memory learning decision controller closure_control",
@@ -24,7 +24,7 @@ LEVELS = {
 }
 LEVEL = {unit: level for level, units in LEVELS.items() for unit in units.split()}
 STAGES = {"virtual_grasp", "closure", "estimator", "critic", "hand_simulation"}
-DRAWING = {"viewer", "pictures", "cli", "experiments"}
+DRAWING = {"viewer", "pictures", "cli", "experiments", "app"}
 HEAVY = ("scipy", "mujoco", "matplotlib", "trimesh", "fcl", "embreex", "manifold3d", "warp", "coacd")
 
 MODULES = sorted(ROOT.rglob("*.py"))

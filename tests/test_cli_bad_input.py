@@ -228,7 +228,10 @@ def test_an_unknown_hand_lists_the_nearest_names(refused):
     ("options", "says"),
     [
         (["--analyser", "magic"], "rays, closure"),
-        (["--analyser", "closure"], "--analyser rays"),
+        (["--table"], "closure"),
+        (["--avoid", "0 0 1"], "six numbers"),
+        (["--mass", "0"], "mass"),
+        (["--friction", "nan"], "friction"),
         (["--approach", "up"], "+x, -x, +y, -y, +z, -z"),
         (["--approach", "+z,-w"], "-w"),
         (["--approach", ""], "+z,-x"),
@@ -358,7 +361,7 @@ def test_a_full_disk_under_out(refused, monkeypatch, folder):
     def full(handle):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
-    monkeypatch.setattr("preshape.io.os.fsync", full)
+    monkeypatch.setattr("preshape.files.os.fsync", full)
     reason = refused("plan", "cube", "--task", Q1, "--no-learn", "--out", "out", code=3)
     assert "No space left" in reason
     assert list((folder / "out").iterdir()) == []

@@ -240,7 +240,9 @@ def test_the_servos_bring_the_hand_where_they_are_told(name):
     assert data.warning.number.sum() == 0
     # Against gravity; of a coupled pair the sum is what the servo holds.
     assert np.abs(hand.controls(data.qpos) - hand.controls(target)).max() < 0.02
-    assert np.abs(data.qpos - target).max() < 0.06
+    coupled = {joint for pair in hand.couplings for joint in pair}
+    alone = [k for k, joint in enumerate(hand.joints) if joint not in coupled]
+    assert np.abs(data.qpos - target)[alone].max() < 0.06
     assert np.abs(data.qvel).max() < 0.05
 
 
@@ -251,7 +253,7 @@ def test_the_closing_path_goes_through_its_points():
     finger = load_hand("shadow").finger("index")
     assert np.array_equal(finger.at(0.0), finger.closing[0])
     assert np.array_equal(finger.at(1.0), finger.closing[-1])
-    assert np.allclose(finger.at(0.25), [0, 0.05 + 1.35 * 0.25, 0.5, 0.15 + 0.75 * 0.25])
+    assert np.allclose(finger.at(0.25), [0, 0.05 + 1.35 * 0.25, 0.1 + 0.5 * 0.25, 0.6 + 0.9 * 0.25])
     assert np.array_equal(finger.at([-1.0, 2.0]), finger.closing[[0, -1]])
     spread = finger.closing[0].copy()
     spread[0] = -0.2

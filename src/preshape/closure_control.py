@@ -6,14 +6,14 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from .analyser import HandLayout
+from .closure.analyser import ClosureAnalyser
+from .closure.settings import ClosureSettings
 from .controller import Controller
 from .decision import Settings
 from .hands.hand import Hand
 from .memory import Memory
 from .objects.mesh import TriangleMesh
 from .types import Array, Experience
-from .closure.analyser import ClosureAnalyser
-from .closure.settings import ClosureSettings
 
 SUFFIX = "+closure"
 """What a hand closed for real has met is kept apart from what rays have found for it."""

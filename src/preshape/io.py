@@ -7,19 +7,17 @@ paper's units (lengths in U); quaternions are w x y z.
 from __future__ import annotations
 
 import json
-import os
-import tempfile
-from collections.abc import Callable
 from importlib import resources
-from pathlib import Path
 from typing import Any
 
 from ._version import __version__
 from .analyser import VirtualGrasp
-from .exceptions import EnvironmentFailure
+from .files import dumps, write_json, write_whole
 from .fuzzy import SET_NAMES
 from .hand_simulation import HandPose
 from .planner import Answer, Plan, shortfalls
+
+__all__ = ["dumps", "error_to_json", "plan_schema", "plan_to_json", "write_json", "write_whole"]
 
 GRASP_KEYS = (
     "plane", "flip", "approach_axis", "opposition_axis", "transverse_axis", "approach_value",
@@ -44,51 +42,6 @@ def plan_schema() -> dict[str, Any]:
     text = (resources.files("preshape") / "schema" / "plan.schema.json").read_text(encoding="utf-8")
     schema: dict[str, Any] = json.loads(text)
     return schema
-
-
-def dumps(document: Any) -> str:
-    """JSON text; numbers that are not finite are a fault of ours and raise."""
-    return json.dumps(document, allow_nan=False, indent=2)
-
-
-def write_whole(path: Path, write: Callable[[Path], None]) -> None:
-    """Write a file whole or not at all: into a neighbour first, then renamed.
-
-    Args:
-        path: the file; its folder is made where it is missing.
-        write: writes the content to the path it is given.
-
-    Raises:
-        EnvironmentFailure: the folder cannot be made or written, or the disk is full.
-    """
-    temporary = None
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.stem}-", suffix=path.suffix)
-        os.close(handle)
-        temporary = Path(name)
-        write(temporary)
-        temporary.chmod(0o644)
-        temporary.replace(path)
-    except OSError as error:
-        reason = error.strerror or str(error)
-        raise EnvironmentFailure(f"cannot write {path}: {reason}; choose another folder") from error
-    finally:
-        if temporary is not None:
-            temporary.unlink(missing_ok=True)
-
-
-def write_json(path: Path, document: Any) -> None:
-    """Write JSON whole or not at all."""
-    text = dumps(document) + "\n"
-    write_whole(path, lambda target: _write_text(target, text))
-
-
-def _write_text(target: Path, text: str) -> None:
-    with target.open("w", encoding="utf-8") as file:
-        file.write(text)
-        file.flush()
-        os.fsync(file.fileno())
 
 
 def _answer(plan: Plan, answer: Answer | None) -> dict[str, Any]:

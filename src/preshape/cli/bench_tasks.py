@@ -152,9 +152,10 @@ def _answers(
     instances: tuple[TaskInstance, ...], hand: str | None, analyser: str | None, grasps: str | None
 ) -> tuple[PhysicsHand, Answers, str, list[str]]:
     """The hand in physics, who answers, that in words, and notes for the report."""
+    from ..experiments.planned_answers import PlannedAnswers
     from ..hands.model import load_hand
     from ..physics.hand import physics_hand
-    from ..physics.task_grasps import PlannedAnswers, given_answers, read_task_grasps
+    from ..physics.task_grasps import given_answers, read_task_grasps
     from ..planner import RAY_HAND, check_analyser
 
     if grasps is None:

@@ -29,7 +29,9 @@ from .options import (
 @click.option("--no-learn", is_flag=True, help="Leave the memory as it is.")
 @click.option("--count", type=int, default=1, show_default=True, help="How many different answers.")
 @click.option(
-    "--verify", is_flag=True, help="Try the best few in simulated physics; the first that holds is the answer."
+    "--verify",
+    is_flag=True,
+    help="Try the best few in simulated physics; the first that holds is the answer.",
 )
 @click.option("--out", metavar="DIR", help="Also write plan.json and plan.png there.")
 @json_option

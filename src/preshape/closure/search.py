@@ -29,7 +29,7 @@ OPENED, ROOM = 0.8, 0.002
 HOLD = np.concatenate([np.eye(6), -np.eye(6)])
 """Wrenches that plain holding is ranked by: pushes along and turns about the axes, torques over ``LEVER``."""
 LEVER = 0.05
-"""Torque over force of plain holding [m], as in the field's harder test; less on objects smaller than that."""
+"""Torque over force of plain holding [m], as in the field's harder test; less on small objects."""
 
 
 @value

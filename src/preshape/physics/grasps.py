@@ -230,7 +230,7 @@ def write_grasps(path: str | Path, grasps: GraspSet) -> None:
     Raises:
         EnvironmentFailure: the file cannot be written.
     """
-    from ..io import write_whole
+    from ..files import write_whole
 
     arrays: dict[str, Any] = {
         "object": np.array(grasps.objects, dtype=np.str_),

@@ -1,4 +1,4 @@
-"""Answers to the benchmark's instances: from a file of grasps, or from this program's planner.
+"""Answers to the benchmark's instances from a file of grasps.
 
 The file is the npz of :mod:`preshape.physics.grasps` with one more array:
 
@@ -18,12 +18,11 @@ import io
 import zipfile
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 from typing import Protocol as Shape
 
 import numpy as np
 
-from ..exceptions import InputError, PreshapeError
+from ..exceptions import InputError
 from ..tasks import parse_task
 from ..types import Array, freeze, frozen_array, value
 from .grasps import STAGES, GraspSet, read_grasps, write_grasps
@@ -102,71 +101,6 @@ class GivenAnswers:
         return self.rows[row]
 
 
-@value
-class PlannedAnswers:
-    """The first answer of this program's planner, each instance with a fresh memory.
-
-    Attributes:
-        hand: the hand's name.
-        analyser: ``rays`` or ``closure``; ``None`` for the hand's own.
-        model: the hand in physics.
-    """
-
-    hand: str
-    analyser: str | None
-    model: PhysicsHand
-
-    @property
-    def planned(self) -> bool:
-        """The poses are made here."""
-        return True
-
-    @property
-    def digest(self) -> str:
-        """Hash of hand, analyser and this version."""
-        from .._version import __version__
-
-        return hashlib.sha256(repr((self.hand, self.analyser, __version__)).encode()).hexdigest()
-
-    def answer(self, row: int, instance: TaskInstance) -> HandPoses | str:
-        """Plan, and take the hand's poses; object at the origin."""
-        from ..planner import plan
-
-        try:
-            made = plan(
-                instance.object_name,
-                instance.task,
-                hand=self.hand,
-                analyser=self.analyser,
-                scale=instance.scale,
-                memory=":memory:",
-                seed=instance.seed,
-            )
-        except PreshapeError as error:
-            return str(error)
-        result = made.hand_result
-        if result is None:
-            return made.decision.reason
-        if result.pregrasp is None or result.grasp is None or result.squeeze is None:
-            return f"the hand does not reach the grasp: {result.reason}"
-        poses: dict[str, Any] = {
-            stage: np.array([[*getattr(result, stage).palm_pose, *getattr(result, stage).q]])
-            for stage in STAGES
-        }
-        one = GraspSet(
-            hand=self.hand,
-            joints=result.joints,
-            objects=(instance.object_name,),
-            scale=np.array([instance.scale]),
-            object_pose=np.array([[0.0, 0, 0, 1, 0, 0, 0]]),
-            frame="palm",
-            **poses,
-        ).for_hand(self.model)
-        return HandPoses(
-            object_pose=one.object_pose[0], **{stage: getattr(one, stage)[0] for stage in STAGES}
-        )
-
-
 def write_task_grasps(path: str | Path, grasps: GraspSet, tasks: Sequence[str]) -> None:
     """Write grasps with their tasks as npz, whole or not at all.
 
@@ -174,7 +108,7 @@ def write_task_grasps(path: str | Path, grasps: GraspSet, tasks: Sequence[str]) 
         InputError: not one task a grasp.
         EnvironmentFailure: the file cannot be written.
     """
-    from ..io import write_whole
+    from ..files import write_whole
 
     if len(tasks) != len(grasps):
         raise InputError(f"task must name {len(grasps)} tasks, one a grasp, got {len(tasks)}")
