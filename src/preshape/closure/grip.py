@@ -74,6 +74,7 @@ class Finisher:
 
     def __init__(self, search: ClosureSearch, query: SurfaceQuery) -> None:
         self.search, self.query = search, query
+        self.unbalanced = UNBALANCED
         self.hand, self.settings = search.hand, search.settings
         self.tables = hand_tables(search.hand, FINE)
         self.kernel = ClosingKernel(
@@ -244,7 +245,7 @@ class Finisher:
         arms = (points - self.search.cog) / self.search.length
         share = grip_forces(arms, normals, settings.mu)
         left = np.concatenate([share.sum(axis=0), np.cross(arms, share).sum(axis=0)])
-        if np.linalg.norm(left) > UNBALANCED:
+        if np.linalg.norm(left) > self.unbalanced:
             return None
         torques = self._torques(candidates, packed, row, q, used, points, share)
         # A joint that would be too weak for the whole squeeze makes it weaker.

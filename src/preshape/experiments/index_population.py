@@ -8,10 +8,7 @@ hold. Every grasp squeezes with the same sum of normal forces, whatever its metr
 
 from __future__ import annotations
 
-import math
 import zlib
-from collections.abc import Iterator
-from contextlib import contextmanager
 
 import numpy as np
 
@@ -66,17 +63,6 @@ class _Unjudged(ClosureSearch):
         return np.ones(len(hold))
 
 
-@contextmanager
-def _nothing_refused() -> Iterator[None]:
-    """Squeezes may be out of balance meanwhile: the planner refuses them, here they belong to the sample."""
-    kept = grip.UNBALANCED
-    grip.UNBALANCED = math.inf
-    try:
-        yield
-    finally:
-        grip.UNBALANCED = kept
-
-
 def settings() -> ClosureSettings:
     """What the population is made with: one press for all."""
     return ClosureSettings(press_least=PRESS, press_most=PRESS, threads=1)
@@ -113,8 +99,7 @@ def draw_population(hand: Hand, mesh: TriangleMesh, count: int, rng: np.random.G
         step = LOOKED_AT * count
         for first in range(0, len(found), step):
             part = found.take(np.arange(first, min(first + step, len(found))))
-            with _nothing_refused():
-                finished = finisher.finish(part, Demand(), wanted=WANTED, enough=count - len(grips))
+            finished = finisher.finish(part, Demand(), wanted=WANTED, enough=count - len(grips))
             for made in finished:
                 grips.append(made.grip)
                 points.append(made.points)

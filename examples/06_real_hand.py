@@ -1,0 +1,21 @@
+"""A real hand: from a mesh and a task to wrist pose, preshape, contacts and squeeze."""
+
+import numpy as np
+
+import preshape
+
+# Any hand but utah_mit is closed for real; "allegro:left" or "my_hand.toml" would do as well.
+plan = preshape.plan("box", "lift", hand="allegro", memory=":memory:", learn=False, table="auto")
+grasp, hand = plan.grasp, plan.hand_result
+assert grasp is not None
+assert hand is not None
+
+grip = grasp.grip
+assert grip is not None
+print(f"{grasp.plane.label}, {len(grip.fingers)} fingers: {', '.join(grip.fingers)}")
+print(f"come along {np.round(grip.approach, 2)}, at least {1000 * grip.clearance:.1f} mm clear")
+print(f"palm {np.round(hand.grasp.palm_pose, 3)}")
+print(f"open   {np.round(hand.pregrasp.q, 2)}")
+print(f"closed {np.round(hand.grasp.q, 2)}")
+print(f"press  {np.round(hand.squeeze.q, 2)}")
+print(f"the squeeze balances {grip.task_margin:.1f} times the task's load (quality {grip.quality:.1f} of 6)")
