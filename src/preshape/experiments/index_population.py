@@ -86,6 +86,7 @@ def draw_population(hand: Hand, mesh: TriangleMesh, count: int, rng: np.random.G
     centre = inner_centre(field, mesh)
     search = _Unjudged(hand, field, centre, float(mesh.extents.max()) / 2, settings())
     finisher = grip.Finisher(search, SurfaceQuery(mesh))
+    finisher.unbalanced = math.inf  # what the planner refuses belongs to the sample
     grips: list[Grip] = []
     points: list[Array] = []
     normals: list[Array] = []
