@@ -8,6 +8,7 @@ hold. Every grasp squeezes with the same sum of normal forces, whatever its metr
 
 from __future__ import annotations
 
+import math
 import zlib
 
 import numpy as np
