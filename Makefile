@@ -11,7 +11,7 @@ JOBS ?= 2
 STAMP := $(VENV)/.installed
 OUT ?= out
 
-.PHONY: help setup demo test lint format bench reproduce pictures clean
+.PHONY: help setup demo browser test lint format bench reproduce pictures clean
 
 help:
 	@sed -n '1,/^$$/p' Makefile | sed 's/^# \{0,1\}//'
@@ -32,7 +32,16 @@ demo: setup
 	@$(BIN)/preshape plan mug --task pour --count 3 --memory $(OUT)/demo/memory.sqlite --out $(OUT)/demo
 	@echo; echo "Look at $(OUT)/demo/plan.png, then try: $(BIN)/preshape plan hammer --task strike"
 
-test: setup
+# The tests of the browser app need a browser; Debian's is installed where we may.
+browser:
+	@command -v chromium chromium-browser google-chrome >/dev/null || { \
+	  echo "installing chromium for the tests of the browser app ..."; \
+	  SUDO=$$([ "$$(id -u)" = 0 ] || echo "sudo -n"); \
+	  $$SUDO apt-get -qq update >/dev/null 2>&1; \
+	  DEBIAN_FRONTEND=noninteractive $$SUDO apt-get -qq install -y chromium >/dev/null 2>&1 \
+	    || echo "no browser could be installed: the app's tests will fail; install chromium, then make test"; }
+
+test: setup browser
 	@$(BIN)/python -m pytest -n $(JOBS) $(ARGS)
 
 lint: setup
