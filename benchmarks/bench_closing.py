@@ -12,13 +12,13 @@ from typing import Any
 
 import numpy as np
 
+from preshape.closure.hand_tables import hand_tables
 from preshape.closure.preshapes import preshapes
 from preshape.closure.sampling import sample
 from preshape.hands.model import load_hand
 from preshape.kernels.closing import ClosingKernel, Closings, Fate
 from preshape.kernels.closing_numpy import close_plain
 from preshape.kernels.field import prepare_field
-from preshape.closure.hand_tables import hand_tables
 from preshape.kernels.margin import margins
 from preshape.kernels.margin_numpy import Grip, margin_plain
 from preshape.objects.library import load_library_object

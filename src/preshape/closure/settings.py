@@ -42,7 +42,7 @@ class ClosureSettings:
 
     Attributes:
         friction: between fingers and object.
-        torsion: torsional friction [m]; a quarter of what the field's test has: a turn about a pinch creeps [C].
+        torsion: torsional friction [m]; a quarter of the field's test: a turn about a pinch creeps [C].
         friction_share: share of both that is planned with: room for error [C].
         mass: of the object [kg]; its weight and a push of the same size are what a grip is made for.
         press_least: least sum of normal forces of a squeeze [N].
