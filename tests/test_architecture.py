@@ -25,7 +25,7 @@ LEVELS = {
 LEVEL = {unit: level for level, units in LEVELS.items() for unit in units.split()}
 STAGES = {"virtual_grasp", "closure", "estimator", "critic", "hand_simulation"}
 DRAWING = {"viewer", "pictures", "cli", "experiments", "app"}
-HEAVY = ("scipy", "mujoco", "matplotlib", "trimesh", "fcl", "embreex", "manifold3d", "warp", "coacd")
+HEAVY = ("scipy", "mujoco", "matplotlib", "trimesh", "fcl", "embreex", "manifold3d", "warp", "coacd", "viser")
 
 MODULES = sorted(ROOT.rglob("*.py"))
 every_module = pytest.mark.parametrize("path", MODULES, ids=lambda p: str(p.relative_to(ROOT)))

@@ -41,6 +41,7 @@ COMMANDS = (
     "tasks",
     "hands",
     "memory",
+    "view",
     "simulate",
     "bench",
     "export",

@@ -22,9 +22,7 @@ if TYPE_CHECKING:
     "--analyser", default="closure", show_default=True, metavar="closure|rays", help="Which one plans."
 )
 @click.option("--count", type=int, default=1, show_default=True, help="Answers of each object.")
-@click.option(
-    "--scales", default="1", show_default=True, metavar="S,S", help="Factors on the size."
-)
+@click.option("--scales", default="1", show_default=True, metavar="S,S", help="Factors on the size.")
 @click.option("--pieces", metavar="DIR", help="Folder with NAME/mesh.obj and NAME/convex of each object.")
 @click.option("--friction", type=float, default=0.6, show_default=True, help="Of the test; harder: 0.3.")
 @click.option("--probes", default="six", show_default=True, metavar="six|all", help="all: 28 probes.")

@@ -23,6 +23,7 @@ _COMMANDS = {
     "tasks": ("lists", "List the named tasks and what they mean."),
     "hands": ("hands", "List the hands, or check one of your own."),
     "memory": ("memory", "Show, export, import or reset what was learnt."),
+    "view": ("view", "See a plan and steer it in the browser."),
     "simulate": ("simulate", "Run a plan in simulated physics and show what happens."),
     "bench": ("bench", "Measure grasps, planners and metrics in simulated physics."),
     "export": ("export", "Write a plan for ROS and MoveIt, MuJoCo, or as arrays."),

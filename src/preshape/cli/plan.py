@@ -33,7 +33,7 @@ from .options import (
     is_flag=True,
     help="Try the best few in simulated physics; the first that holds is the answer.",
 )
-@click.option("--out", metavar="DIR", help="Also write plan.json and plan.png there.")
+@click.option("--out", metavar="DIR", help="Also write plan.json, plan.png and plan.html there.")
 @json_option
 def plan(
     thing: str,
@@ -91,12 +91,15 @@ def plan(
     document = plan_to_json(made)
     written: list[Path] = []
     if out is not None:
+        from ..app.scenes import plan_html
         from ..pictures import plan_png
 
         folder = Path(out)
         write_json(folder / "plan.json", document)
         write_whole(folder / "plan.png", lambda path: plan_png(made, path))
-        written = [folder / "plan.json", folder / "plan.png"]
+        page = plan_html(made, document)
+        write_whole(folder / "plan.html", lambda path: _write(path, page))
+        written = [folder / "plan.json", folder / "plan.png", folder / "plan.html"]
     if as_json:
         from .main import emit
 
@@ -107,3 +110,7 @@ def plan(
         show_plan(made, written)
     failed = made.verified is not None and not made.verified.held
     return 0 if made.decision.grasp is not None and not failed else 1
+
+
+def _write(path: Path, text: str) -> None:
+    path.write_text(text, encoding="utf-8")

@@ -1,0 +1,104 @@
+"""A browser's scene as a canvas."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..hands.kinematics import pose_vector
+from ..types import Array
+from ..viewer.canvas import within
+from ..viewer.corners import indexed
+from ..viewer.raycast import Shape
+
+if TYPE_CHECKING:
+    import viser
+
+SEE_THROUGH = 0.55
+"""Opacity of a hand that is to be seen through."""
+
+
+class BrowserCanvas:
+    """Draws into one browser; groups of names can be hidden.
+
+    Args:
+        scene: the browser's scene.
+        clicked: called with the name of a solid that was clicked, where it is one of ``choosable``.
+        choosable: prefix of the solids that can be clicked.
+    """
+
+    def __init__(
+        self,
+        scene: viser.SceneApi,
+        *,
+        clicked: Callable[[str], None] | None = None,
+        choosable: str = "planes",
+    ) -> None:
+        self._scene, self._clicked, self._choosable = scene, clicked, choosable
+        self._nodes: dict[str, Any] = {}
+        self._hidden: set[str] = set()
+        self.hand_opacity = self.object_opacity = 1.0
+
+    def solid(self, name: str, shape: Shape) -> None:
+        """Draw triangles, in place of what had that name."""
+        self.remove(name)
+        vertices, _, triangles = indexed(shape)
+        of = {"hand": self.hand_opacity, "object": self.object_opacity}
+        alpha = of.get(name.partition("/")[0], shape.alpha)
+        node = self._scene.add_mesh_simple(
+            f"/{name}",
+            vertices,
+            triangles,
+            color=tuple(round(255 * c) for c in shape.colour),
+            opacity=None if alpha >= 1 else alpha,
+            side="front" if within(name, "hand") else "double",
+            material="standard",
+            # Software renderers take seconds to prepare a shadow, and a scene of arrows needs none.
+            cast_shadow=False,
+            receive_shadow=False,
+            visible=self._visible(name),
+        )
+        if self._clicked is not None and within(name, self._choosable):
+            clicked = self._clicked
+
+            def on_click(_event: Any) -> None:
+                clicked(name)
+
+            node.on_click(on_click)
+        self._nodes[name] = node
+
+    def label(self, name: str, text: str, at: Array) -> None:
+        """Write a few words."""
+        self.remove(name)
+        self._nodes[name] = self._scene.add_label(
+            f"/{name}",
+            text,
+            position=tuple(float(x) for x in at),
+            anchor="center-center",
+            font_screen_scale=0.85,
+            visible=self._visible(name),
+        )
+
+    def place(self, name: str, pose: Array) -> None:
+        """Move a solid."""
+        node = self._nodes.get(name)
+        if node is not None:
+            vector = pose_vector(np.asarray(pose[:3, :3]), np.asarray(pose[:3, 3]))
+            node.position, node.wxyz = vector[:3], vector[3:]
+
+    def remove(self, prefix: str) -> None:
+        """Take away what has that name or lies under it."""
+        for name in [n for n in self._nodes if within(n, prefix)]:
+            self._nodes.pop(name).remove()
+
+    def show(self, group: str, visible: bool) -> None:
+        """Hide or show a group, now and whatever is drawn into it later."""
+        (self._hidden.discard if visible else self._hidden.add)(group)
+        for name, node in self._nodes.items():
+            if within(name, group):
+                node.visible = visible
+
+    def _visible(self, name: str) -> bool:
+        return not any(within(name, group) for group in self._hidden)

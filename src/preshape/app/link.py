@@ -1,0 +1,126 @@
+"""The server's end of a browser's planner: start it, ask it, cancel it."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import subprocess
+import sys
+import threading
+from collections.abc import Callable
+from typing import Any
+
+from ..exceptions import EnvironmentFailure
+
+Reply = dict[str, Any]
+
+
+class PlannerLink:
+    """One planner process; it is started anew after it was cancelled or has died.
+
+    Args:
+        heard: called with every reply, in the order in which they come, on a thread of this link.
+    """
+
+    def __init__(self, heard: Callable[[Reply], None]) -> None:
+        self._heard = heard
+        self._lock = threading.Lock()
+        self._process: subprocess.Popen[str] | None = None
+        self._number = 0
+        self._open = True
+        self.busy = False
+
+    def start(self) -> None:
+        """Start the process, if none runs.
+
+        Raises:
+            EnvironmentFailure: the system refuses another process.
+        """
+        with self._lock:
+            self._start()
+
+    def ask(self, do: str, **content: Any) -> bool:
+        """Send a request; False while another one is being answered.
+
+        Raises:
+            EnvironmentFailure: the planner cannot be reached.
+        """
+        with self._lock:
+            if self.busy or not self._open:
+                return False
+            self._start()
+            assert self._process is not None
+            assert self._process.stdin is not None
+            self._number += 1
+            self.busy = True
+            try:
+                self._process.stdin.write(json.dumps({"do": do, "id": self._number, **content}) + "\n")
+                self._process.stdin.flush()
+            except OSError as error:
+                self.busy = False
+                self._stop()
+                raise EnvironmentFailure(f"the planner cannot be reached ({error}); try again") from error
+        return True
+
+    def cancel(self) -> bool:
+        """Stop what is being done, and make ready for the next request; False if nothing was."""
+        with self._lock:
+            if not self.busy:
+                return False
+            self.busy = False
+            self._number += 1  # what still comes of the old request is not heard
+            self._stop()
+            self._start()
+        return True
+
+    def close(self) -> None:
+        """Stop for good."""
+        with self._lock:
+            self._open = False
+            self._stop()
+
+    def _start(self) -> None:
+        if not self._open or (self._process is not None and self._process.poll() is None):
+            return
+        try:
+            self._process = subprocess.Popen(
+                [sys.executable, "-m", "preshape.app.worker"],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.DEVNULL,
+                text=True,
+                encoding="utf-8",
+                start_new_session=True,  # Ctrl-C is the server's
+            )
+        except OSError as error:
+            raise EnvironmentFailure(f"no planner can be started: {error.strerror or error}") from error
+        threading.Thread(target=self._listen, args=(self._process,), daemon=True).start()
+
+    def _stop(self) -> None:
+        if self._process is not None:
+            self._process.kill()
+            self._process.wait()
+            with contextlib.suppress(OSError):
+                if self._process.stdin is not None:
+                    self._process.stdin.close()
+            self._process = None
+
+    def _listen(self, process: subprocess.Popen[str]) -> None:
+        assert process.stdout is not None
+        with process.stdout:
+            for line in process.stdout:
+                reply: Reply = json.loads(line)
+                with self._lock:
+                    if process is not self._process or reply.get("id") != self._number:
+                        continue
+                    if "done" in reply or "error" in reply:
+                        self.busy = False
+                self._heard(reply)
+        with self._lock:
+            died = process is self._process and self.busy and self._open
+            if died:
+                self.busy = False
+                self._process = None
+        process.wait()
+        if died:
+            self._heard({"error": "the planner stopped (too little memory?); it is started anew, try again"})

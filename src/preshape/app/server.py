@@ -1,0 +1,119 @@
+"""The app's server: one viser server on this machine, one session for each browser."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import re
+import socket
+import threading
+from collections.abc import Iterator
+from typing import Any
+
+from ..exceptions import EnvironmentFailure, InputError
+from .session import Session, Start
+
+LOCAL = ("127.0.0.1", "localhost", "::1")
+"""Hosts that only this machine reaches."""
+PANEL = 390
+"""Width of the panel [pixels]."""
+
+
+class ViewServer:
+    """Serves until it is stopped; nothing of it asks for an address outside the machine.
+
+    Args:
+        start: what a browser shows first.
+        host: address to listen on; anyone who reaches it can use the app.
+        port: 0 for any free one.
+
+    Raises:
+        InputError: a port out of 0..65535.
+        EnvironmentFailure: the address cannot be used.
+    """
+
+    def __init__(self, start: Start, *, host: str = "127.0.0.1", port: int = 8080) -> None:
+        import viser
+
+        if not 0 <= port <= 65535:
+            raise InputError(f"a port must be 0 to 65535, got {port}")
+        self.port = _checked(host, port)
+        self.host = host
+        self._sessions: dict[int, Session] = {}
+        self._lock = threading.Lock()
+        with contextlib.redirect_stdout(io.StringIO()), _same_machine(host):
+            self._server = viser.ViserServer(host=host, port=self.port, label="preshape", verbose=False)
+        self.port = int(self._server.get_port())
+        # A browser could ask for a tunnel to the world: here nobody can.
+        self._server.request_share_url = lambda *_, **__: None
+        self._server.gui.configure_theme(
+            show_logo=False, show_share_button=False, control_width="large", brand_color=(0, 114, 178)
+        )
+        self._server.gui.main_panel.dock_right()
+        self._server.gui.main_panel.set_width(PANEL)
+        self._server.scene.set_up_direction("+z")
+        self._server.scene.configure_default_lights(cast_shadow=False)
+
+        def connected(client: viser.ClientHandle) -> None:
+            session = Session(client, start)
+            with self._lock:
+                self._sessions[client.client_id] = session
+
+        def gone(client: viser.ClientHandle) -> None:
+            with self._lock:
+                session = self._sessions.pop(client.client_id, None)
+            if session is not None:
+                session.close()
+
+        self._server.on_client_connect(connected)
+        self._server.on_client_disconnect(gone)
+
+    @property
+    def address(self) -> str:
+        """Where a browser finds it."""
+        name = "localhost" if self.host in ("0.0.0.0", "::", *LOCAL) else self.host
+        return f"http://{name}:{self.port}"
+
+    def stop(self) -> None:
+        """Close every browser's planner, and the server."""
+        with self._lock:
+            sessions, self._sessions = list(self._sessions.values()), {}
+        for session in sessions:
+            session.close()
+        self._server.stop()
+
+
+def _checked(host: str, port: int) -> int:
+    """The port, where it can be listened on; a free one for 0."""
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
+    try:
+        with socket.socket(family, socket.SOCK_STREAM) as probe:
+            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            probe.bind((host, port))
+            return int(probe.getsockname()[1])
+    except OSError as error:
+        raise EnvironmentFailure(
+            f"cannot listen on {host} port {port} ({error.strerror or error}); choose another with --port"
+        ) from error
+
+
+@contextlib.contextmanager
+def _same_machine(host: str) -> Iterator[None]:
+    """While the server starts: of a local one, pages of other origins may not open its socket.
+
+    Any page that a person visits could otherwise talk to a server on their own machine.
+    """
+    from websockets.asyncio import server
+
+    original = server.serve
+
+    def serve(*args: Any, **kwargs: Any) -> Any:
+        names = "|".join(re.escape(name) for name in ("127.0.0.1", "localhost", "[::1]"))
+        return original(*args, origins=[re.compile(rf"https?://({names})(:\d+)?"), None], **kwargs)
+
+    if host in LOCAL:
+        server.serve = serve
+    try:
+        yield
+    finally:
+        server.serve = original

@@ -1,0 +1,384 @@
+"""One browser: its panel, its scene and its planner, and how they answer each other."""
+
+from __future__ import annotations
+
+import contextlib
+import threading
+import time
+from collections.abc import Callable, Iterator
+from functools import partial
+from html import escape
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ..exceptions import InputError, PreshapeError
+from ..objects.library import names as object_names
+from ..objects.mesh import TriangleMesh
+from ..planes import AXIS_NAMES
+from ..tasks import family_names, parse_task
+from ..types import value
+from ..viewer import readings
+from .link import PlannerLink, Reply
+from .memory_browser import memory_html, memory_place
+from .panel import ACCEPT, ANY, SIX, USUAL, Panel
+from .reading import STAGES, Reading
+from .scenes import Document
+from .stage import Stage
+from .uploads import Uploads
+from .worker import Order, decoded, order_fields
+
+if TYPE_CHECKING:
+    import viser
+
+PLAYED = 3.0
+"""How long the grasp is played [s]."""
+
+
+@value
+class Start:
+    """What a browser shows first.
+
+    Attributes:
+        order: object, task, hand and settings.
+        document: a plan to be shown, where one was given.
+    """
+
+    order: Order
+    document: Document | None = None
+
+
+class Session:
+    """Everything of one browser; browsers share nothing but the memory's file.
+
+    Args:
+        client: the browser.
+        start: what it shows first.
+    """
+
+    def __init__(self, client: viser.ClientHandle, start: Start) -> None:
+        self._client, self._start = client, start
+        self._lock = threading.RLock()
+        self._uploads = Uploads()
+        self._uploaded: dict[str, Path] = {}
+        self._planner = PlannerLink(self._heard)
+        self._deadlock = False
+        self._source: tuple[str, str, float] = ("", "m", 1.0)
+        self._pending = self._source
+        self._words = ""
+        self._after: Callable[[], None] | None = None
+        self._playing = threading.Event()
+        self._since = 0.0
+        place = escape(memory_place(start.order.memory))
+        self.panel = Panel(client.gui, start.order, place)
+        self.stage = Stage(client, self._picked)
+        self.reading = Reading(self.panel, self.stage)
+        self._wire()
+        self._say("warn", "Welcome", "Choose an object and a task, then press Plan.")
+        self._recall()
+        self._set_numbers()
+        with self._told():
+            self._planner.start()
+            if start.document is not None:
+                self._after = self._show_given
+            self._load(start.order.source, start.order.unit, start.order.scale)
+
+    def close(self) -> None:
+        """The browser has gone."""
+        self._playing.clear()
+        self._planner.close()
+        self._uploads.close()
+
+    # Wiring.
+
+    def _wire(self) -> None:
+        p = self.panel
+
+        def on(handle: Any, act: Callable[[], None]) -> None:
+            def called(event: Any) -> None:
+                if event.client is not None:  # not when the program itself sets it
+                    with self._told():
+                        act()
+
+            (handle.on_click if hasattr(handle, "on_click") else handle.on_update)(called)
+
+        on(p.thing, self._choose_object)
+        p.upload.on_upload(lambda _: self._upload())
+        on(p.unit, self._choose_object)
+        on(p.task, self._set_numbers)
+        on(p.axis, self._set_numbers)
+        for slider in p.numbers:
+            on(slider, self._use_numbers)
+        on(p.hand, self._choose_hand)
+        on(p.run, lambda: self._plan("plan"))
+        on(p.teach, lambda: self._plan("teach"))
+        on(p.cancel, self._cancel)
+        on(p.reset, self._reset)
+        on(p.verdict, self._judge)
+        on(p.slider, self._slide)
+        on(p.play, self._play)
+        on(p.memory_again, self._recall)
+        on(p.camera, self.stage.look)
+        on(p.glass, lambda: self.stage.glass(p.glass.value, self.reading.share()))
+        on(p.glass_object, lambda: self.stage.glass_object(p.glass_object.value))
+        for i, button in enumerate(p.offers):
+            on(button, partial(self._take_offer, i))
+        for i, button in enumerate(p.answers):
+            on(button, partial(self.reading.show, i))
+        for group, box in p.layers.items():
+            on(box, partial(self._layer, group))
+            self.stage.layer(group, box.value)
+
+    def _layer(self, group: str) -> None:
+        self.stage.layer(group, bool(self.panel.layers[group].value))
+
+    @contextlib.contextmanager
+    def _told(self) -> Iterator[None]:
+        """What goes wrong inside is told to the person, and the browser lives on."""
+        try:
+            yield
+        except PreshapeError as error:
+            self._say("bad", "This does not work", str(error))
+        except Exception as error:
+            self._say("bad", "Internal fault", f"{type(error).__name__}: {error}; please report it")
+
+    def _say(self, kind: str, title: str, words: str) -> None:
+        text = f'<div class="head {kind}"><b>{escape(title)}</b>{escape(words)}</div>'
+        self.panel.headline.content = readings.wrapped(text)
+
+    # Steering.
+
+    def _choose_object(self) -> None:
+        name = self.panel.thing.value
+        if name in self._uploaded:
+            unit = self.panel.unit.value
+            self._load(str(self._uploaded[name]), unit if unit in ("m", "cm", "mm", "in") else "m", 1.0)
+        elif name in object_names():
+            self._load(name, "m", 1.0)
+
+    def _upload(self) -> None:
+        with self._told():
+            given = self.panel.upload.value
+            path = self._uploads.keep(given.name, given.content)
+            with self._lock:
+                label = f"{path.stem} (upload {path.parent.name})"
+                self._uploaded[label] = path
+
+            def arrived() -> None:
+                self.panel.thing.options = (*self.panel.thing.options, label)
+                self.panel.thing.value = label
+
+            self._after = arrived
+            unit = self.panel.unit.value
+            self._load(str(path), unit if unit in ("m", "cm", "mm", "in") else "m", 1.0)
+
+    def _load(self, source: str, unit: str, scale: float) -> None:
+        if self._planner.ask("load", source=source, unit=unit, scale=scale):
+            self._pending = (source, unit, scale)
+            self._begin("reading the object")
+        else:
+            self._busy()
+
+    def _choose_hand(self) -> None:
+        self.panel.analyser.value = "rays" if self.panel.hand.value == "utah_mit" else "closure"
+
+    def _set_numbers(self) -> None:
+        """The sliders show the six numbers of the named task."""
+        if self.panel.task.value in family_names():
+            for slider, number in zip(self.panel.numbers, parse_task(self._task()).q, strict=True):
+                slider.value = float(number)
+
+    def _use_numbers(self) -> None:
+        self.panel.task.value = SIX
+
+    def _task(self) -> str:
+        name, axis = self.panel.task.value, self.panel.axis.value
+        if name not in family_names():
+            return " ".join(f"{slider.value:.3f}" for slider in self.panel.numbers)
+        return f"{name}:{axis}" if axis in AXIS_NAMES and axis != USUAL else str(name)
+
+    def _order(self) -> Order:
+        p = self.panel
+        source, unit, scale = self._source
+        if p.hand.value not in p.hand.options:
+            raise InputError(f"no hand {p.hand.value!r:.60} here; choose one of the list")
+        return Order(
+            source=source,
+            unit=unit,
+            scale=scale,
+            task=self._task(),
+            hand=str(p.hand.value),
+            analyser=str(p.analyser.value),
+            estimation=float(p.estimation.value),
+            recognition=float(p.recognition.value),
+            friction=float(p.friction.value),
+            mass=float(p.mass.value),
+            approaches="" if p.approach.value == ANY else str(p.approach.value),
+            memory=self._start.order.memory,
+        )
+
+    def _plan(self, do: str) -> None:
+        if self._deadlock:
+            self._say("bad", "Deadlock", "Reset it first, then ask for another task or object.")
+            return
+        if not self._source[0]:
+            self._say("warn", "No object", "Choose an object first.")
+            return
+        if self._planner.ask(do, **order_fields(self._order())):
+            self._forget()
+            self._begin("planning")
+        else:
+            self._busy()
+
+    def _busy(self) -> None:
+        self._say("warn", "One thing at a time", "Something is being done: wait for it, or cancel it.")
+
+    def _begin(self, words: str) -> None:
+        self._since = time.monotonic()
+        self.panel.progress.value = 2
+        self.panel.progress.visible = self.panel.cancel.visible = True
+        self.panel.run.disabled = self.panel.teach.disabled = True
+        self._say("warn", "Working", f"{words} …")
+        self._words = words
+        threading.Thread(target=self._tick, daemon=True).start()
+
+    def _tick(self) -> None:
+        while self._planner.busy:
+            time.sleep(0.5)
+            passed = time.monotonic() - self._since
+            if self._planner.busy and passed > 1.0 and self.reading.document is None:
+                self._say("warn", "Working", f"{self._words} … {passed:.0f} s")
+
+    def _end(self) -> None:
+        self.panel.progress.visible = self.panel.cancel.visible = False
+        self.panel.run.disabled = self.panel.teach.disabled = False
+
+    def _cancel(self) -> None:
+        if self._planner.cancel():
+            self._after = None
+            self._end()
+            self._say("warn", "Cancelled", "Nothing that was learnt before is lost.")
+
+    # Replies of the planner.
+
+    def _heard(self, reply: Reply) -> None:
+        with self._told():
+            if "progress" in reply:
+                self._words = str(reply["progress"])
+                self.panel.progress.value = float(reply["share"])
+            elif "mesh" in reply:
+                self._arrived(reply["mesh"])
+            elif "document" in reply:
+                self._planned(reply)
+            elif "error" in reply:
+                self._failed(str(reply["error"]))
+            elif "done" in reply:
+                self._done()
+
+    def _arrived(self, said: dict[str, Any]) -> None:
+        mesh = TriangleMesh(
+            name=said["name"],
+            vertices=decoded(said["vertices"], "<f8", 3),
+            triangles=decoded(said["triangles"], "<i8", 3),
+        )
+        self._source = self._pending
+        self._forget()
+        self.stage.put(mesh)
+        size = " × ".join(f"{1000 * x:.0f}" for x in said["extents"])
+        drawn = f", {len(mesh.triangles)} of them drawn" if len(mesh.triangles) < said["whole"] else ""
+        self._say("warn", said["name"], f"{size} mm, {said['whole']} triangles{drawn}. Press Plan.")
+        after, self._after = self._after, None
+        if after is not None:
+            after()
+
+    def _planned(self, reply: Reply) -> None:
+        first = self.reading.document is None
+        self.reading.take(reply["document"], reply.get("rays", []))
+        if first:
+            self._deadlock = bool(reply["document"].get("deadlock"))
+            self.panel.reset.visible = self._deadlock
+            self.stage.look()
+
+    def _done(self) -> None:
+        self._end()
+        self._recall()
+
+    def _failed(self, words: str) -> None:
+        self._end()
+        self._after = None
+        for name, path in list(self._uploaded.items()):
+            if str(path) in words:
+                words = words.replace(str(path), path.name)
+                if name not in self.panel.thing.options:
+                    del self._uploaded[name]
+        self._say("bad", "This does not work", words)
+
+    def _forget(self) -> None:
+        self._playing.clear()
+        self.reading.forget()
+
+    def _show_given(self) -> None:
+        if self._start.document is not None:
+            self.reading.take(self._start.document, [])
+            self.stage.look()
+
+    def _picked(self, index: int) -> None:
+        with self._told():
+            self.stage.select(index)
+            self.reading.pick(index)
+
+    def _recall(self) -> None:
+        self.panel.memory.content = readings.wrapped(memory_html(self._start.order.memory))
+
+    # The external critic.
+
+    def _take_offer(self, index: int) -> None:
+        offers = self.reading.offers
+        if index >= len(offers):
+            return
+        name, _, axis = offers[index].partition(":")
+        self.panel.task.value = name
+        self.panel.axis.value = axis if axis in AXIS_NAMES else USUAL
+        self._set_numbers()
+        self._plan("plan")
+
+    def _judge(self) -> None:
+        if self.panel.verdict.value == ACCEPT:
+            self._accept()
+        else:
+            self._reject()
+
+    def _accept(self) -> None:
+        name = self.reading.title()
+        for ending, content in self.reading.files().items():
+            self._client.send_file_download(f"{name}.{ending}", content)
+        self._say("good", "Accepted", f"{name}.json and {name}.html are ready to be saved.")
+
+    def _reject(self) -> None:
+        if not self.reading.reject():
+            words = "Ask for another task, or teach this object with this task."
+            self._say("warn", "All answers rejected", words)
+
+    def _reset(self) -> None:
+        self._deadlock = False
+        self.panel.reset.visible = False
+        self._say("warn", "Deadlock reset", "Ask for another task or object.")
+
+    # The hand.
+
+    def _slide(self) -> None:
+        self._playing.clear()
+        self.stage.move(self.reading.share())
+
+    def _play(self) -> None:
+        if self._playing.is_set():
+            self._playing.clear()
+            return
+        self._playing.set()
+        begun = time.monotonic()
+        while self._playing.is_set():
+            passed = min(1.0, (time.monotonic() - begun) / PLAYED)
+            self.panel.slider.value = STAGES * passed
+            self.stage.move(passed)
+            if passed >= 1.0:
+                self._playing.clear()
+            time.sleep(0.05)

@@ -1,0 +1,436 @@
+"""The app and the report in a real browser: headless Chromium, driven from the outside as a person would."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from urllib.parse import urlparse
+
+import numpy as np
+import pytest
+from websockets.exceptions import InvalidStatus
+from websockets.sync.client import connect
+
+import preshape
+from preshape.app.link import PlannerLink
+from preshape.app.scenes import answers_of, document_motion, document_scene, light_mesh, plan_html
+from preshape.app.uploads import Uploads
+from preshape.app.worker import decoded
+from preshape.exceptions import InputError
+from preshape.hand_simulation import hand_geometry
+from preshape.objects.load import load_object
+from preshape.objects.mesh import TriangleMesh
+from preshape.viewer.canvas import NullCanvas, RecordingCanvas
+from preshape.viewer.draw import GROUPS, draw_hand, draw_object, draw_plan
+from preshape.viewer.hand_motion import STEPS
+from preshape.viewer.reduce import MOST
+
+BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
+FLAGS = [
+    "--use-gl=angle",
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+    "--disable-gpu-rasterization",  # the software renderer draws the 3D only
+    "--no-sandbox",
+]
+SERVE = "import sys; from preshape.cli.view import view; view(sys.argv[1:], standalone_mode=False)"
+PATIENCE = 30_000.0
+SMALL = {"width": 720, "height": 700}
+"""Software rendering takes its time for every pixel; the panel is most of this."""
+HARMLESS = ("GPU stall", "GL Driver Message", "THREE.Clock", "KHR_parallel_shader_compile")
+
+BOX = """v 0 0 0
+v .06 0 0
+v .06 .05 0
+v 0 .05 0
+v 0 0 .08
+v .06 0 .08
+v .06 .05 .08
+v 0 .05 .08
+f 4 3 2 1
+f 5 6 7 8
+f 1 2 6 5
+f 2 3 7 6
+f 3 4 8 7
+f 4 1 5 8
+"""
+
+
+class Watched:
+    """A page, everything it asked for, and everything it complained about."""
+
+    def __init__(self, context) -> None:
+        self.page = context.new_page()
+        self.page.set_default_timeout(PATIENCE)
+        self.asked: list[str] = []
+        self.complaints: list[str] = []
+        self.page.on("request", lambda request: self.asked.append(request.url))
+        self.page.on("websocket", lambda socket: self.asked.append(socket.url))
+        self.page.on("pageerror", lambda error: self.complaints.append(str(error)))
+        self.page.on("console", self._heard)
+
+    def _heard(self, message) -> None:
+        if message.type in ("error", "warning") and not any(h in message.text for h in HARMLESS):
+            self.complaints.append(message.text)
+
+    def strangers(self) -> list[str]:
+        """Addresses outside this machine."""
+        local = {"localhost", "127.0.0.1"}
+        named = [(url, urlparse(url)) for url in self.asked]
+        return [u for u, p in named if p.scheme not in ("data", "blob", "file") and p.hostname not in local]
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[object]:
+    try:
+        from playwright.sync_api import sync_playwright
+    except ImportError:
+        pytest.fail("the browser tests need Playwright: pip install -e '.[dev]'", pytrace=False)
+    program = next(filter(None, map(shutil.which, BROWSERS)), None)
+    if program is None:
+        pytest.fail("the browser tests need Chromium: on Debian, apt-get install chromium", pytrace=False)
+    with sync_playwright() as driver:
+        opened = driver.chromium.launch(executable_path=program, args=FLAGS)
+        yield opened
+        opened.close()
+
+
+@pytest.fixture
+def app(tmp_path: Path) -> Iterator[str]:
+    """The address of a `preshape view` that runs as a process of its own."""
+    arguments = ["hammer", "--task", "lift", "--port", "0", "--memory", str(tmp_path / "memory.sqlite")]
+    with subprocess.Popen(
+        [sys.executable, "-c", SERVE, *arguments],
+        stderr=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "TMPDIR": str(tmp_path), "OPENBLAS_NUM_THREADS": "1"},
+    ) as process:
+        said = process.stderr.readline()
+        found = re.search(r"http://\S+", said)
+        assert found, said + process.stderr.read()
+        rest: list[str] = []
+        reader = threading.Thread(target=lambda: rest.extend(process.stderr), daemon=True)
+        reader.start()
+        yield found[0]
+        process.terminate()
+        process.wait(timeout=20)
+        reader.join(timeout=5)
+    assert not [line for line in rest if "Traceback" in line or "exception" in line.lower()], rest
+
+
+def saw(page, words: str) -> None:
+    page.get_by_text(words).locator("visible=true").first.wait_for()
+
+
+def press(page, name: str) -> None:
+    page.get_by_role("button", name=name, exact=True).click()
+
+
+def tab(page, name: str) -> None:
+    page.get_by_role("tab", name=name, exact=True).click()
+
+
+def choose(page, label: str, option: str) -> None:
+    page.get_by_label(label, exact=True).first.click()
+    page.get_by_role("option", name=option, exact=True).first.click()
+
+
+def set_number(page, label: str, number: str) -> None:
+    """Type into the box beside a slider."""
+    row = page.locator(f"div:has(> div > p > label:text-is('{label}'))")
+    box = row.locator("input:not([type=hidden])").last
+    box.fill(number)
+    box.press("Enter")
+
+
+def answer_buttons(page) -> list[str]:
+    found = page.get_by_role("button", name=re.compile(r"^\d · plane"))
+    found.first.wait_for()
+    return found.all_text_contents()
+
+
+def keep(page, name: str, size: tuple[int, int] = (1280, 800)) -> None:
+    """A screenshot in the folder that PRESHAPE_SCREENSHOTS names; software rendering makes it slow."""
+    folder = os.environ.get("PRESHAPE_SCREENSHOTS")
+    if folder:
+        before = page.viewport_size
+        page.set_viewport_size({"width": size[0], "height": size[1]})
+        time.sleep(1.5)
+        page.screenshot(path=Path(folder) / f"{name}.png")
+        page.set_viewport_size(before)
+
+
+def test_a_person_plans_reads_corrects_and_teaches(browser, app: str, tmp_path: Path) -> None:
+    context = browser.new_context(viewport=SMALL)
+    watched = Watched(context)
+    page = watched.page
+    with pytest.raises(InvalidStatus), connect(app.replace("http", "ws"), origin="http://elsewhere.example"):
+        pass  # a page of another origin may not open the app's socket
+    page.goto(app)
+    saw(page, "triangles. Press Plan.")
+
+    # a new object: explored and learned
+    press(page, "Plan")
+    saw(page, "Preshape found")
+    saw(page, "Mode 3")
+    page.get_by_role("button", name="Cancel").wait_for(state="hidden")
+
+    # another answer
+    tab(page, "Answers")
+    labels = answer_buttons(page)
+    assert len(labels) >= 2
+    planes = [re.search(r"plane (\d+)", label)[1] for label in labels]
+    other = next((i for i, p in enumerate(planes) if p != planes[0]), 1)
+    press(page, labels[other])
+    tab(page, "Why")
+    saw(page, f"{planes[other]}: the hand moves along")
+    saw(page, "Task against net wrench")
+
+    # the hand moves with the slider
+    time.sleep(0.5)
+    keep(page, "app-squeeze")
+    closed = page.screenshot()
+    set_number(page, "Move hand", "0")
+    time.sleep(1.0)
+    assert page.screenshot() != closed
+
+    # the same object with a task that does not fit well enough: mode 2 offers others
+    tab(page, "Plan")
+    choose(page, "Task", "strike")
+    page.get_by_text("Thresholds and load").click()
+    set_number(page, "enough match", "4")
+    press(page, "Plan")
+    saw(page, "The object is known, but this task does not fit it")
+    keep(page, "app-correction")
+    page.get_by_role("button", name=re.compile(r"^Try .* instead")).first.click()
+    saw(page, "Preshape found")
+    assert page.get_by_role("button", name=re.compile(r"^Try .* instead")).count() == 0
+
+    # uploads: a broken one is explained, a good one is planned with, whatever it is called
+    files = page.locator("input[type=file]")
+    files.set_input_files({"name": "broken.stl", "mimeType": "model/stl", "buffer": b"solid nothing"})
+    saw(page, "This does not work")
+    assert str(tmp_path) not in page.content()
+    nasty = "../../evil <b>name.obj"
+    files.set_input_files({"name": nasty, "mimeType": "model/obj", "buffer": BOX.encode()})
+    saw(page, "60 × 50 × 80 mm, 12 triangles")
+    assert not list(tmp_path.parent.glob("evil*"))
+    assert [p.parent.parent.parent for p in tmp_path.rglob("evil*.obj")] == [tmp_path]
+
+    # teach it; a second browser begins anew, has nothing of the first but what is in the memory
+    press(page, "Teach this object and task")
+    page.get_by_role("button", name="Cancel").wait_for(state="hidden")
+    tab(page, "Memory")
+    saw(page, "evil_b_name")
+    keep(page, "app-memory")
+    mine = page.locator(".ps .head").first.text_content()
+    second = Watched(browser.new_context(viewport=SMALL))
+    second.page.goto(app)
+    saw(second.page, "triangles. Press Plan.")
+    assert second.page.get_by_text("60 × 50 × 80 mm").count() == 0
+    keep(second.page, "app-phone", (390, 844))
+    tab(second.page, "Memory")
+    saw(second.page, "evil_b_name")
+    assert page.locator(".ps .head").first.text_content() == mine
+
+    for one in (watched, second):
+        assert one.complaints == []
+        assert one.asked
+        assert one.strangers() == []
+    context.close()
+
+
+@pytest.fixture(scope="module")
+def planned() -> preshape.Plan:
+    return preshape.plan("cube", "1 1 .1 .05 .8 .05", memory=":memory:", count=3)
+
+
+def test_the_report_opens_from_disk_without_a_network(browser, planned, tmp_path: Path) -> None:
+    document = preshape.plan_to_json(planned)
+    html = plan_html(planned, document)
+    assert len(html.encode()) < 5_000_000
+    file = tmp_path / "plan.html"
+    file.write_text(html, encoding="utf-8")
+    context = browser.new_context(viewport=SMALL, offline=True, accept_downloads=True)
+    watched = Watched(context)
+    page = watched.page
+    page.goto(file.as_uri())
+    saw(page, "Preshape found")
+    saw(page, f"{document['plane']}: the hand moves along")
+
+    # what is drawn is something, and it moves with the slider and turns with the mouse
+    def picture() -> bytes:
+        time.sleep(0.3)
+        return page.locator("#gl").screenshot()
+
+    views = [picture()]
+    assert page.locator("#stage").text_content() == "squeeze"
+    page.locator("#slider").fill("0")
+    assert page.locator("#stage").text_content() == "away"
+    views.append(picture())
+    page.mouse.move(100, 300)
+    page.mouse.down()
+    page.mouse.move(180, 330, steps=3)
+    page.mouse.up()
+    views.append(picture())
+    page.locator("tr[data-answer='1']").click()
+    other = document["alternatives"][0]
+    saw(page, f"{other['plane']}: the hand moves along")
+    saw(page, f"{other['tfvadi']:.2f} of 6")
+    views.append(picture())
+    assert len(set(views)) == 4
+    keep(page, "report")
+    keep(page, "report-phone", (390, 844))
+
+    with page.expect_download() as downloaded:
+        page.locator("#save").click()
+    assert json.loads(Path(downloaded.value.path()).read_text(encoding="utf-8")) == document
+    assert watched.complaints == []
+    assert watched.strangers() == []
+    context.close()
+
+
+def test_nothing_in_a_name_becomes_part_of_the_page(planned) -> None:
+    document = preshape.plan_to_json(planned)
+    evil = "</script><script>alert(1)</script>"
+    document["object"] = {**document["object"], "name": evil}
+    document["hand"] = {**document["hand"], "reason": evil}
+    html = plan_html(planned, document)
+    assert "<script>alert" not in html.replace(" ", "")
+    assert html.count("</script>") == 3
+
+
+def test_every_group_is_drawn_for_every_answer_and_one_card_for_each_plane(planned) -> None:
+    document = preshape.plan_to_json(planned)
+    for made, answer in zip((planned.answer, *planned.alternatives), answers_of(document), strict=True):
+        rays = made.grasp.contacts.ray_origins.tolist()
+        scene = document_scene(planned.mesh, document, answer, rays=rays)
+        drawn = RecordingCanvas()
+        draw_object(scene, drawn)
+        draw_plan(scene, drawn)
+        draw_hand(document_motion(planned.hand, answer), drawn)
+        assert {name.partition("/")[0] for name in drawn.solids} == set(GROUPS)
+        cards = [name for name in drawn.solids if name.startswith("planes/") and name.endswith("/card")]
+        assert len(cards) == 12
+        assert sum(drawn.solids[n].alpha > 0.5 for n in cards) == 1
+        tips = [n for n in drawn.solids if n.startswith("contacts/") and n.endswith("/point")]
+        middles = np.array([drawn.solids[n].vertices.mean(axis=0) for n in tips])
+        assert np.allclose(middles, made.grasp.contacts.points, atol=1e-6)
+        drawn.remove("planes")
+        assert not any(name.startswith("planes") for name in (*drawn.solids, *drawn.labels))
+        draw_plan(scene, NullCanvas())
+
+
+def test_the_hand_passes_through_its_planned_poses(planned) -> None:
+    answer = preshape.plan_to_json(planned)
+    motion = document_motion(planned.hand, answer)
+    assert motion.stages == ("away", "open", "closed", "squeeze")
+    assert len(motion) == 3 * STEPS + 1
+    result = planned.hand_result
+    for stage, pose in ((1, result.pregrasp), (2, result.grasp), (3, result.squeeze)):
+        links = hand_geometry(planned.hand, pose.palm_pose, pose.q)
+        middles = np.array([(link.p0 + link.p1) / 2 for link in links])
+        assert np.allclose(motion.poses[stage * STEPS][:, :3, 3], middles, atol=1e-9)
+    # it comes along the approach, and no link ever leaps
+    way = motion.poses[STEPS][:, :3, 3] - motion.poses[0][:, :3, 3]
+    assert np.allclose(way / np.linalg.norm(way, axis=1)[:, None], answer["approach_axis"], atol=1e-9)
+    assert np.abs(np.diff(motion.poses[:, :, :3, 3], axis=0)).max() < 0.025
+
+
+def test_a_large_mesh_is_reduced_for_the_eye_only() -> None:
+    n = 260
+    u, v = np.meshgrid(np.linspace(0, 2 * np.pi, n), np.linspace(0, np.pi, n), indexing="ij")
+    points = 0.05 * np.column_stack(
+        [(np.cos(u) * np.sin(v)).ravel(), (np.sin(u) * np.sin(v)).ravel(), np.cos(v).ravel()]
+    )
+    i, j = (a.ravel() for a in np.mgrid[: n - 1, : n - 1])
+    a, b, c, d = i * n + j, i * n + j + 1, (i + 1) * n + j, (i + 1) * n + j + 1
+    ball = TriangleMesh(
+        name="ball",
+        vertices=points,
+        triangles=np.concatenate([np.column_stack([a, b, c]), np.column_stack([b, d, c])]),
+    )
+    light = light_mesh(ball)
+    assert len(ball.triangles) > 130_000
+    assert MOST // 2 < len(light.triangles) <= MOST
+    assert np.allclose(light.extents, ball.extents, rtol=0.02)
+    assert np.allclose(np.linalg.norm(light.vertices, axis=1), 0.05, rtol=0.02)
+    small = load_object("cube")
+    assert light_mesh(small) is small
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "../../up.obj",
+        "..\\..\\up.obj",
+        "/etc/up.obj",
+        "C:\\up.obj",
+        "up\0.obj",
+        "..obj",
+        ".obj",
+        "a/b/../c.obj",
+    ],
+)
+def test_an_upload_stays_in_its_folder_whatever_its_name(name: str) -> None:
+    uploads = Uploads()
+    try:
+        paths = [uploads.keep(name, b"content") for _ in range(2)]
+        assert paths[0] != paths[1]
+        for path in paths:
+            assert path.read_bytes() == b"content"
+            assert re.fullmatch(r"[A-Za-z0-9_-]+\.obj", path.name)
+            assert path.resolve().parent.parent.name.startswith("preshape-")
+    finally:
+        uploads.close()
+    assert not paths[0].parent.parent.exists()
+
+
+@pytest.mark.parametrize("name", ["up.exe", "up", "", "..", "up.obj.sh"])
+def test_an_upload_of_another_kind_is_refused(name: str) -> None:
+    with pytest.raises(InputError, match="a mesh file ends in"):
+        Uploads().keep(name, b"content")
+
+
+def test_a_cancelled_planner_answers_the_next_request(tmp_path: Path) -> None:
+    heard: list[dict] = []
+    news = threading.Condition()
+
+    def hear(reply: dict) -> None:
+        with news:
+            heard.append(reply)
+            news.notify_all()
+
+    def wait(key: str) -> dict:
+        with news:
+            assert news.wait_for(lambda: any(key in reply for reply in heard), timeout=60), heard
+            return next(reply for reply in heard if key in reply)
+
+    link = PlannerLink(hear)
+    try:
+        # the closing hand's first lesson takes many seconds; it is stopped in its midst
+        order = {"source": "cube", "hand": "shadow", "analyser": "closure"}
+        assert link.ask("plan", **order, memory=str(tmp_path / "m.sqlite"))
+        wait("progress")
+        assert not link.ask("load", source="cube", unit="m", scale=1.0)
+        assert link.cancel()
+        assert not link.cancel()
+        heard.clear()
+        assert link.ask("load", source="cube", unit="m", scale=1.0)
+        said = wait("mesh")["mesh"]
+        wait("done")
+        assert np.array_equal(decoded(said["vertices"], "<f8", 3), load_object("cube").vertices)
+        assert not any("document" in reply or "error" in reply for reply in heard)
+        assert link.ask("plan", source="no such thing")
+        assert "no such thing" in wait("error")["error"]
+    finally:
+        link.close()
+    assert not link.ask("load", source="cube", unit="m", scale=1.0)
