@@ -247,7 +247,7 @@ def test_out_writes_the_plan_and_its_picture(run_json, tmp_path):
     folder = tmp_path / "new" / "out"
     code, document = run_json("plan", "cube", "--task", Q1, "--out", folder)
     assert code == 0
-    assert {p.name for p in folder.iterdir()} == {"plan.json", "plan.png"}
+    assert {p.name for p in folder.iterdir()} == {"plan.json", "plan.png", "plan.html"}
     assert json.loads((folder / "plan.json").read_text()) == document
     picture = (folder / "plan.png").read_bytes()
     assert picture.startswith(b"\x89PNG\r\n\x1a\n")

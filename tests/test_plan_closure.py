@@ -97,7 +97,8 @@ def test_an_easy_task_is_answered_by_experience_a_harder_one_by_a_search_of_the_
             if harder.decision.mode == 1 and harder.decision.estimate is not None:
                 assert harder.grasp is not None
                 assert harder.grasp.plane.index == harder.decision.estimate.plane
-    assert {0, 1} <= set(modes)
+    assert 0 in modes
+    assert max(modes) > 0
 
 
 def test_what_modes_0_and_1_miss_mode_3_finds_or_the_controller_is_in_deadlock(memory: Path) -> None:

@@ -230,6 +230,7 @@ def test_a_person_plans_reads_corrects_and_teaches(browser, app: str, tmp_path: 
     page.get_by_role("button", name="Cancel").wait_for(state="hidden")
     tab(page, "Memory")
     saw(page, "evil_b_name")
+    saw(page, "and learned")
     keep(page, "app-memory")
     mine = page.locator(".ps .head").first.text_content()
     second = Watched(browser.new_context(viewport=SMALL))

@@ -58,7 +58,14 @@ def closure_controller(
 
     def prepare_seed(mesh: TriangleMesh) -> ClosureAnalyser:
         # The cube's 48 tasks: a first idea of planes, not the best grips.
-        quick = replace(closure, everywhere=400, elite=8, rounds=1, finished=1, persistence=0)
+        quick = replace(
+            ClosureSettings(threads=closure.threads, device=closure.device),
+            everywhere=400,
+            elite=8,
+            rounds=1,
+            finished=1,
+            persistence=0,
+        )
         return ClosureAnalyser(
             mesh, hand, own, settings=quick, sets=settings.sets, seed=settings.seed, gravity=gravity
         )

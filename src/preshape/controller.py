@@ -31,6 +31,7 @@ from .learning import (
     Discovery,
     experiences_of,
     explore,
+    first_guess,
     learn,
     search_values,
     seed_experiences,
@@ -330,6 +331,9 @@ class Controller:
             seeds = tuple(
                 seed_experiences(cube, self.settings.sets, enough=self.settings.thresholds.estimation)
             )
+            if not seeds:  # a hand that cannot hold the cube still has to begin somewhere
+                self._weights = first_guess(cube, self.layout.u, self._kind, seed=self.settings.seed)
+                return
             self._weights = learn(seeds, self.layout.u, None, seed=self.settings.seed, kind=self._kind)
             if not self.memory.read_only:
                 self.memory.add(seeds, self._weights)

@@ -25,6 +25,10 @@ FINE_VALUES: Array = np.linspace(-0.95, 0.95, 64)
 """Approach values that modes 1 and 3 try between the crisp ones [C]."""
 
 
+MIDDLE_SET = 3
+"""Index of the fuzzy set of approach values round the object's middle."""
+
+
 @value
 class Discovery:
     """What the fuzzy explorer found for a task.
@@ -155,6 +159,14 @@ def seed_tasks() -> Array:
             move = a + sign * o
             tasks += [_task(move, sign * o), _task(move, -a)]
     return np.array(tasks)
+
+
+def first_guess(analyser: Analyser, u: float, kind: InputKind, *, seed: int = 0) -> NetworkWeights:
+    """Weights for a hand that could not hold the cube at all: each seed task on the plane it was made for [C]."""
+    attributes = described(analyser.mesh)
+    x = np.array([inputs(q, attributes, u, kind) for q in seed_tasks()])
+    y = np.array([encode(p.index, MIDDLE_SET, 3) for p in PLANES for _ in range(4)])
+    return train(x, y, start=None, seed=seed)
 
 
 def seed_experiences(

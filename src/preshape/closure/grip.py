@@ -322,8 +322,8 @@ def counted_to(approach: Array, points: Array, own: int, planes: Sequence[int]) 
     if APPROACH_AXES[own - 1] @ approach < ALONG:
         allowed = np.asarray(planes)
         along = APPROACH_AXES[allowed - 1] @ approach
-        fit = 2.0 * along + np.abs(OPPOSITION_AXES[allowed - 1] @ thumb)
-        number = int(allowed[np.argmax(fit)])
+        fit = np.abs(OPPOSITION_AXES[allowed - 1] @ thumb)
+        number = int(allowed[np.argmax(np.where(along > min(ALONG, along.max() - 1e-9), fit, -1.0))])
     return number, bool(OPPOSITION_AXES[number - 1] @ thumb < 0.0)
 
 
