@@ -162,7 +162,7 @@ def seed_tasks() -> Array:
 
 
 def first_guess(analyser: Analyser, u: float, kind: InputKind, *, seed: int = 0) -> NetworkWeights:
-    """Weights for a hand that could not hold the cube at all: each seed task on the plane it was made for [C]."""
+    """Weights for a hand that cannot hold the cube: each seed task on the plane that it was made for [C]."""
     attributes = described(analyser.mesh)
     x = np.array([inputs(q, attributes, u, kind) for q in seed_tasks()])
     y = np.array([encode(p.index, MIDDLE_SET, 3) for p in PLANES for _ in range(4)])
