@@ -9,6 +9,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from functools import cache
 from itertools import pairwise
+from pathlib import Path
 from typing import Any
 
 SMALLEST_PART = 16
@@ -23,6 +24,8 @@ def warp() -> Any:
     wp.config.log_level = max(wp.config.log_level, wp.LOG_ERROR)
     with _quiet():
         wp.init()
+    if not any(Path(wp.config.kernel_cache_dir).glob("*preshape.kernels.warp_closing*")):
+        print("compiling the kernels for this machine, once: about 20 s ...", file=sys.stderr, flush=True)
     return wp
 
 
