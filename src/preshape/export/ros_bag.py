@@ -1,7 +1,7 @@
 """Messages in ROS 2's own serialisation: a bag folder that ``ros2 bag`` plays, or one MCAP file.
 
 Needs the package ``rosbags`` (extra ``ros``), not ROS. The field lists of the two MoveIt messages are those
-of https://github.com/moveit/moveit_msgs (BSD 3-Clause, copyright 2008-2013 Willow Garage, Inc.); the messages
+of moveit_msgs (BSD 3-Clause, copyright 2008-2013 Willow Garage, Inc.); the messages
 inside them come with ``rosbags``. Nothing depends on the clock: the same grasps give the same messages.
 """
 
