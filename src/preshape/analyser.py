@@ -133,13 +133,25 @@ class VirtualGrasp:
         return -o if self.flip else o
 
 
+def wrist_distance(places: Array, turns: Array, place: Array, turn: Array) -> Array:
+    """How far wrists are from one of them: 1 is 20 mm, or a turn of 0.35 rad, or a mixture [C].
+
+    Args:
+        places: (..., 3) [m].
+        turns: (..., 4) quaternions.
+        place: (3,) [m].
+        turn: (4,) quaternion.
+    """
+    angle = 2.0 * np.arccos(np.minimum(1.0, np.abs(turns @ turn)))
+    return np.asarray(np.linalg.norm(places - place, axis=-1) / 0.02 + angle / 0.35)
+
+
 def same_grip(a: VirtualGrasp, b: VirtualGrasp) -> bool:
-    """Whether two grips are nearly one: the wrist within 20 mm and 0.35 rad, or a mixture [C]."""
+    """Whether two grips are nearly one: their wrists at a distance under 1."""
     if a.grip is None or b.grip is None:
         return False
     p, r = a.grip.palm_pose, b.grip.palm_pose
-    angle = 2.0 * float(np.arccos(min(1.0, abs(float(p[3:] @ r[3:])))))
-    return float(np.linalg.norm(p[:3] - r[:3])) / 0.02 + angle / 0.35 < 1.0
+    return float(wrist_distance(p[:3], p[3:], r[:3], r[3:])) < 1.0
 
 
 @value

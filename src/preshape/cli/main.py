@@ -5,7 +5,6 @@ Exit codes: 0 an answer · 1 no answer · 2 bad input · 3 files, disk, environm
 
 from __future__ import annotations
 
-import importlib
 import json
 import os
 import sys
@@ -15,6 +14,7 @@ import click
 
 from .._version import __version__
 from ..exceptions import PreshapeError
+from .lazy import LazyGroup
 
 _COMMANDS = {
     "plan": ("plan", "Plan a preshape for an object and a task."),
@@ -33,26 +33,9 @@ _COMMANDS = {
 EXIT_INTERRUPTED = 130
 
 
-class _Lazy(click.Group):
-    """Commands that are imported when they are used, so that ``--help`` stays quick."""
-
-    def list_commands(self, ctx: click.Context) -> list[str]:
-        return list(_COMMANDS)
-
-    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        if cmd_name not in _COMMANDS:
-            return None
-        module = importlib.import_module(f"preshape.cli.{_COMMANDS[cmd_name][0]}")
-        command: click.Command = getattr(module, cmd_name)
-        return command
-
-    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        with formatter.section("Commands"):
-            formatter.write_dl([(name, text) for name, (_, text) in _COMMANDS.items()])
-
-
 @click.group(
-    cls=_Lazy,
+    cls=LazyGroup,
+    commands_of=_COMMANDS,
     no_args_is_help=False,
     invoke_without_command=True,
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},

@@ -296,10 +296,8 @@ class Finisher:
             )
             for j in range(int(self.tables.joint_start[finger]), last + 1):
                 torques[j] = axes[j] @ np.cross(point - anchors[j], force)
-        for (
-            a,
-            b,
-        ) in self._couples:  # one tendon: the same torque on both, the nearest to what each should have
+        # One tendon: the same torque on both, the nearest to what each should have.
+        for a, b in self._couples:
             torques[[a, b]] = (torques[a] + torques[b]) / 2
         return torques
 

@@ -9,9 +9,10 @@ from dataclasses import replace
 
 import numpy as np
 
+from ..analyser import wrist_distance
 from ..hands.hand import Hand
 from ..kernels.chains import rotations
-from ..kernels.closing import Candidates, ClosingKernel, Closings, Fate
+from ..kernels.closing import CLOSING_ARRAYS, Candidates, ClosingKernel, Closings, Fate
 from ..kernels.field import DistanceField
 from ..kernels.hand_spheres import COARSE
 from ..kernels.margin import cone_strengths, margins
@@ -79,17 +80,9 @@ class Ranked:
 
     def take(self, rows: IntArray) -> Ranked:
         """The candidates of these rows, in that order."""
-        c = self.closings
         return Ranked(
             sampled=take(self.sampled, rows),
-            closings=Closings(
-                fate=c.fate[rows],
-                closing=c.closing[rows],
-                sphere=c.sphere[rows],
-                points=c.points[rows],
-                normals_in=c.normals_in[rows],
-                counts=c.counts[rows],
-            ),
+            closings=self.closings.take(rows),
             score=self.score[rows],
             task=self.task[rows],
             hold=self.hold[rows],
@@ -133,7 +126,7 @@ def best_of(*several: Ranked, keep: int | None = None) -> Ranked:
         closings=Closings(
             **{
                 name: np.concatenate([getattr(one.closings, name) for one in parts])
-                for name in ("fate", "closing", "sphere", "points", "normals_in", "counts")
+                for name in CLOSING_ARRAYS
             }
         ),
         score=score,
@@ -170,15 +163,20 @@ class ClosureSearch:
         """Close the candidates and rank those that hold on to the object."""
         closings = self.kernel.close(sampled.candidates, wanted=wanted)
         rows = np.flatnonzero(closings.fate == Fate.CLOSED)
-        nothing = np.zeros(len(rows))
-        found = Ranked(sampled=sampled, closings=closings, score=nothing, task=nothing, hold=nothing, tried=0)
         if self.settings.obstacles:
             rows = rows[self._out_of_the_way(sampled, closings, rows)]
-        found = replace(_closed(found, rows), tried=len(sampled.candidates))
-        task, hold = self.strengths(found.closings, demand)
+        closed = closings.take(rows)
+        task, hold = self.strengths(closed, demand)
         score = self.score(task, hold, demand)
-        order = np.argsort(-score, kind="stable")
-        return replace(found, score=score, task=task, hold=hold).take(order)
+        found = Ranked(
+            sampled=take(sampled, rows),
+            closings=closed,
+            score=score,
+            task=task,
+            hold=hold,
+            tried=len(sampled.candidates),
+        )
+        return found.take(np.argsort(-score, kind="stable"))
 
     def _out_of_the_way(self, sampled: Sampled, closings: Closings, rows: IntArray) -> BoolArray:
         """Which of the rows keep out of table and boxes, closed and a little opened."""
@@ -324,21 +322,6 @@ class ClosureSearch:
         return replace(found, score=left).take(np.argsort(-left, kind="stable"))
 
 
-def _closed(found: Ranked, rows: IntArray) -> Ranked:
-    """Only the closed ones; scores are filled in later."""
-    c = found.closings
-    return replace(
-        found,
-        sampled=take(found.sampled, rows),
-        closings=Closings(
-            **{
-                name: getattr(c, name)[rows]
-                for name in ("fate", "closing", "sphere", "points", "normals_in", "counts")
-            }
-        ),
-    )
-
-
 def apart(found: Ranked, count: int, least: float = 1.0) -> IntArray:
     """Rows of at most ``count`` candidates, best first, that stand apart from each other.
 
@@ -356,7 +339,5 @@ def apart(found: Ranked, count: int, least: float = 1.0) -> IntArray:
         if not free[i]:
             continue
         chosen.append(i)
-        angle = 2 * np.arccos(np.minimum(1.0, np.abs(turn @ turn[i])))
-        distance = np.linalg.norm(place - place[i], axis=1) / 0.02 + angle / 0.35
-        free &= distance >= least
+        free &= wrist_distance(place, turn, place[i], turn[i]) >= least
     return np.array(chosen, dtype=np.int64)

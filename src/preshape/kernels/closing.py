@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 
 CONTACTS = 8
 """Room for contacts of one candidate."""
+CLOSING_ARRAYS = ("fate", "closing", "sphere", "points", "normals_in", "counts")
+"""Everything in :class:`Closings`, one row a candidate."""
 
 
 class Fate(IntEnum):
@@ -79,6 +81,10 @@ class Closings:
     points: Array
     normals_in: Array
     counts: IntArray
+
+    def take(self, rows: IntArray) -> Closings:
+        """Those of these rows, in that order."""
+        return Closings(**{name: getattr(self, name)[rows] for name in CLOSING_ARRAYS})
 
 
 @value

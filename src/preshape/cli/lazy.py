@@ -1,0 +1,41 @@
+"""Groups of commands that are imported when they are used, so that ``--help`` stays quick."""
+
+from __future__ import annotations
+
+import importlib
+from typing import Any
+
+import click
+
+
+class LazyGroup(click.Group):
+    """A group that knows its commands by name.
+
+    Args:
+        commands_of: name of each command, the module of ``preshape.cli`` that defines it under that name, and
+            its line in the list.
+        heading: over the list.
+    """
+
+    def __init__(
+        self, *args: Any, commands_of: dict[str, tuple[str, str]], heading: str = "Commands", **options: Any
+    ) -> None:
+        super().__init__(*args, **options)
+        self.commands_of, self.heading = commands_of, heading
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        """Names, in the order of the list."""
+        return list(self.commands_of)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        """Import a command."""
+        if cmd_name not in self.commands_of:
+            return None
+        module = importlib.import_module(f"preshape.cli.{self.commands_of[cmd_name][0]}")
+        command: click.Command = getattr(module, cmd_name)
+        return command
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """The list, without importing anything."""
+        with formatter.section(self.heading):
+            formatter.write_dl([(name, text) for name, (_, text) in self.commands_of.items()])
