@@ -1,7 +1,8 @@
-"""Files that are written whole or not at all."""
+"""Files that are written whole or not at all, and the folder of those that can be made again."""
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import tempfile
@@ -55,3 +56,25 @@ def _write_text(target: Path, text: str) -> None:
         file.write(text)
         file.flush()
         os.fsync(file.fileno())
+
+
+def cache_folder() -> Path:
+    """Where what can be made again is kept: ``PRESHAPE_CACHE``, or the user's cache directory."""
+    chosen = os.environ.get("PRESHAPE_CACHE", "")
+    if chosen:
+        return Path(chosen)
+    from platformdirs import user_cache_path
+
+    return user_cache_path("preshape")
+
+
+def keep_arrays(path: Path, **arrays: Any) -> None:
+    """Write arrays to a cache as npz, whole or not at all. One that cannot be written is done without."""
+    import numpy as np
+
+    def write(target: Path) -> None:
+        with target.open("wb") as stream:
+            np.savez(stream, **arrays)
+
+    with contextlib.suppress(EnvironmentFailure):
+        write_whole(path, write)

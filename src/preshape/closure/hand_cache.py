@@ -8,16 +8,14 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import json
-import os
-import tempfile
 import zipfile
 from collections.abc import Callable
 from dataclasses import fields
-from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
 
+from ..files import cache_folder, keep_arrays
 from ..hands.hand import Hand
 
 VERSION = 3
@@ -34,7 +32,7 @@ def kept(kind: type[_T], hand: Hand, label: str, make: Callable[[], _T]) -> _T:
         label: what it is, with every setting that it depends on.
         make: makes it.
     """
-    file = folder() / "hands" / f"{digest(hand, label)}.npz"
+    file = cache_folder() / "hands" / f"{digest(hand, label)}.npz"
     with contextlib.suppress(OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile):
         with np.load(file, allow_pickle=False) as stored:
             plain = json.loads(str(stored["plain"]))
@@ -45,8 +43,7 @@ def kept(kind: type[_T], hand: Hand, label: str, make: Callable[[], _T]) -> _T:
     values = {field.name: getattr(made, field.name) for field in fields(made)}  # type: ignore[arg-type]
     arrays = {name: item for name, item in values.items() if isinstance(item, np.ndarray)}
     plain = {name: item for name, item in values.items() if name not in arrays}
-    with contextlib.suppress(OSError):
-        _write(file, {**arrays, "plain": np.array(json.dumps(plain))})
+    keep_arrays(file, **arrays, plain=np.array(json.dumps(plain)))
     return made
 
 
@@ -63,28 +60,6 @@ def digest(hand: Hand, label: str) -> str:
     return state.hexdigest()
 
 
-def folder() -> Path:
-    """``PRESHAPE_CACHE``, or the user's cache folder."""
-    chosen = os.environ.get("PRESHAPE_CACHE", "")
-    if chosen:
-        return Path(chosen)
-    from platformdirs import user_cache_path
-
-    return user_cache_path("preshape")
-
-
 def _add(state: Any, name: str, item: object) -> None:
     state.update(name.encode())
     state.update(item.tobytes() if isinstance(item, np.ndarray) else repr(item).encode())
-
-
-def _write(file: Path, arrays: dict[str, Any]) -> None:
-    """Whole or not at all: beside its place first, then renamed."""
-    file.parent.mkdir(parents=True, exist_ok=True)
-    handle, name = tempfile.mkstemp(dir=file.parent, suffix=".part")
-    try:
-        with os.fdopen(handle, "wb") as stream:
-            np.savez_compressed(stream, **arrays)
-        Path(name).replace(file)
-    finally:
-        Path(name).unlink(missing_ok=True)

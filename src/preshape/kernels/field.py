@@ -12,8 +12,6 @@ from __future__ import annotations
 import hashlib
 import io
 import math
-import os
-import tempfile
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..exceptions import InputError
+from ..files import cache_folder, keep_arrays
 from ..objects.mesh import TriangleMesh
 from ..types import Array, IntArray, freeze, frozen_array, read_only, value
 from .launch import in_parts, usable_threads, warp
@@ -99,11 +98,17 @@ def prepare_field(
     digest = _digest(mesh, int(cells), float(padding))
     if cache is None:
         return _fill(mesh, int(cells), float(padding), digest)
-    file = (Path(cache) if str(cache) else _user_cache()) / "fields" / f"{digest}.npz"
+    file = (Path(cache) if str(cache) else cache_folder()) / "fields" / f"{digest}.npz"
     field = _read(file, digest)
     if field is None:
         field = _fill(mesh, int(cells), float(padding), digest)
-        _write(file, field)
+        keep_arrays(
+            file,
+            origin=field.origin,
+            spacing=np.float64(field.spacing),
+            distance=field.distance,
+            digest=np.array(field.digest),
+        )
     return field
 
 
@@ -226,15 +231,6 @@ def _digest(mesh: TriangleMesh, cells: int, padding: float) -> str:
     return state.hexdigest()[:40]
 
 
-def _user_cache() -> Path:
-    chosen = os.environ.get("PRESHAPE_CACHE", "")
-    if chosen:
-        return Path(chosen)
-    from platformdirs import user_cache_path
-
-    return user_cache_path("preshape")
-
-
 def _read(file: Path, digest: str) -> DistanceField | None:
     """The cached field; ``None`` where there is none, or the file is damaged."""
     try:
@@ -249,26 +245,3 @@ def _read(file: Path, digest: str) -> DistanceField | None:
             )
     except Exception:  # a damaged zip raises whatever its damaged bytes happen to mean
         return None
-
-
-def _write(file: Path, field: DistanceField) -> None:
-    """Into a neighbour, then renamed. A cache that cannot be written is none: the field serves anyway."""
-    temporary = None
-    try:
-        file.parent.mkdir(parents=True, exist_ok=True)
-        handle, name = tempfile.mkstemp(dir=file.parent, prefix=".", suffix=".npz")
-        temporary = Path(name)
-        with os.fdopen(handle, "wb") as stream:
-            np.savez(
-                stream,
-                origin=field.origin,
-                spacing=np.float64(field.spacing),
-                distance=field.distance,
-                digest=np.array(field.digest),
-            )
-        temporary.replace(file)
-    except OSError:
-        pass
-    finally:
-        if temporary is not None:
-            temporary.unlink(missing_ok=True)

@@ -8,8 +8,6 @@ from __future__ import annotations
 
 import hashlib
 import io
-import os
-import tempfile
 import zipfile
 from importlib.metadata import version
 from pathlib import Path
@@ -17,6 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from ..exceptions import EnvironmentFailure, ObjectError, UnknownObject
+from ..files import cache_folder, keep_arrays
 from ..objects.mesh import TriangleMesh
 from ..types import Array, IntArray, freeze, frozen_array, value
 
@@ -82,16 +81,6 @@ class ConvexPieces:
         return hashlib.sha256(b"".join(piece.tobytes() for piece in self.pieces)).hexdigest()
 
 
-def cache_folder() -> Path:
-    """Where decompositions are kept: ``PRESHAPE_CACHE``, or the user's cache directory."""
-    chosen = os.environ.get("PRESHAPE_CACHE", "")
-    if chosen:
-        return Path(chosen)
-    from platformdirs import user_cache_path
-
-    return user_cache_path("preshape")
-
-
 def load_pieces(name: str, folder: str | Path | None = None) -> ConvexPieces:
     """The pieces of an object by its name.
 
@@ -147,7 +136,7 @@ def decompose(mesh: TriangleMesh, *, threshold: float = THRESHOLD, cache: Path |
     Args:
         mesh: need not be watertight.
         threshold: concavity accepted, 0.01 (fine) to 1 (one hull).
-        cache: folder; default :func:`cache_folder`. It may be unusable: then nothing is kept.
+        cache: folder; default :func:`preshape.files.cache_folder`. It may be unusable: then nothing is kept.
 
     Raises:
         ObjectError: the mesh encloses no volume, or coacd is not able to cut it.
@@ -158,7 +147,7 @@ def decompose(mesh: TriangleMesh, *, threshold: float = THRESHOLD, cache: Path |
     kept = _read(file)
     if kept is None:
         kept = _cut(mesh, threshold)
-        _write(file, kept)
+        keep_arrays(file, corners=np.concatenate(kept), ends=np.cumsum([len(p) for p in kept]))
     return ConvexPieces(name=mesh.name, pieces=kept)
 
 
@@ -259,20 +248,3 @@ def _read(file: Path) -> tuple[Array, ...] | None:
             return tuple(np.split(stored["corners"].astype(np.float64), ends[:-1]))
     except (OSError, ValueError, KeyError, IndexError, EOFError, zipfile.BadZipFile):
         return None
-
-
-def _write(file: Path, pieces: tuple[Array, ...]) -> None:
-    """Into a neighbour, then renamed. A cache that cannot be written is none: the pieces serve anyway."""
-    temporary = None
-    try:
-        file.parent.mkdir(parents=True, exist_ok=True)
-        handle, name = tempfile.mkstemp(dir=file.parent, prefix=".", suffix=".npz")
-        temporary = Path(name)
-        with os.fdopen(handle, "wb") as stream:
-            np.savez(stream, corners=np.concatenate(pieces), ends=np.cumsum([len(p) for p in pieces]))
-        temporary.replace(file)
-    except OSError:
-        pass
-    finally:
-        if temporary is not None:
-            temporary.unlink(missing_ok=True)
