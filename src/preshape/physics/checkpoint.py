@@ -10,17 +10,30 @@ import json
 import os
 from collections.abc import Iterable
 from pathlib import Path
-from typing import IO, Any
+from typing import IO, Any, Generic, Protocol, Self, TypeVar
 
 from ..exceptions import EnvironmentFailure, InputError
 from .report import result_from_json, result_to_json
 from .six_directions import HoldResult
 
-FORMAT = "preshape holds 1"
+
+class _Row(Protocol):
+    @property
+    def row(self) -> int:
+        """Of the grasp or instance in its run."""
 
 
-class Checkpoint:
-    """An open file of results; a context manager.
+R = TypeVar("R", bound=_Row)
+
+
+class ResultFile(Generic[R]):
+    """An open file of one kind of result; a context manager. A subclass says which kind.
+
+    Attributes:
+        format: the first line's mark; its last word is the version.
+        kind: what such a file holds, for people.
+        of: what two runs must share to share a file.
+        done: results by row.
 
     Args:
         path: the file; made where it is missing.
@@ -31,9 +44,13 @@ class Checkpoint:
         EnvironmentFailure: it cannot be read or written.
     """
 
+    format: str
+    kind: str
+    of: str
+
     def __init__(self, path: str | Path, key: str) -> None:
         self.path = Path(path)
-        self.done: dict[int, HoldResult] = {}
+        self.done: dict[int, R] = {}
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)
             self._file: IO[bytes] = self.path.open("a+b")
@@ -45,7 +62,7 @@ class Checkpoint:
             whole = self._read(key)
             self._file.truncate(whole)
             if not whole:
-                self._line({"format": FORMAT, "key": key})
+                self._line({"format": self.format, "key": key})
         except OSError as error:
             self._file.close()
             raise self._failure(error) from error
@@ -53,13 +70,21 @@ class Checkpoint:
             self._file.close()
             raise
 
-    def __enter__(self) -> Checkpoint:
+    def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:
         self._file.close()
 
-    def add(self, results: Iterable[HoldResult]) -> None:
+    def to_json(self, result: R) -> dict[str, Any]:
+        """A result as plain JSON values."""
+        raise NotImplementedError
+
+    def from_json(self, document: dict[str, Any]) -> R:
+        """The result again."""
+        raise NotImplementedError
+
+    def add(self, results: Iterable[R]) -> None:
         """Append results; they are on the disk when this returns.
 
         Raises:
@@ -68,7 +93,7 @@ class Checkpoint:
         try:
             for result in results:
                 self.done[result.row] = result
-                self._line(result_to_json(result))
+                self._line(self.to_json(result))
         except OSError as error:
             raise self._failure(error) from error
 
@@ -84,20 +109,21 @@ class Checkpoint:
         whole = content.rfind(b"\n") + 1
         lines = content[:whole].splitlines()
         if not lines:
-            if content and not content.startswith(b'{"format": "preshape holds'[: len(content)]):
-                raise self._other("is not a file of holding tests")
+            head = f'{{"format": "{self.format.rpartition(" ")[0]}'.encode()
+            if content and not content.startswith(head[: len(content)]):
+                raise self._other(f"is not a file of {self.kind}")
             return 0
         try:
-            head = json.loads(lines[0])
-            if head["format"] != FORMAT:
-                raise self._other(f"has the format {head['format']!r}, not {FORMAT!r}")
-            if head["key"] != key:
-                raise self._other("belongs to a test of other grasps, objects, hand or settings")
+            first = json.loads(lines[0])
+            if first["format"] != self.format:
+                raise self._other(f"has the format {first['format']!r}, not {self.format!r}")
+            if first["key"] != key:
+                raise self._other(f"belongs to a test of other {self.of}")
             for line in lines[1:]:
-                result = result_from_json(json.loads(line))
+                result = self.from_json(json.loads(line))
                 self.done[result.row] = result
         except (ValueError, KeyError, TypeError, AttributeError) as error:
-            raise self._other("is not a file of holding tests, or is damaged") from error
+            raise self._other(f"is not a file of {self.kind}, or is damaged") from error
         return whole
 
     def _other(self, what: str) -> InputError:
@@ -105,6 +131,22 @@ class Checkpoint:
 
     def _failure(self, error: OSError) -> EnvironmentFailure:
         return EnvironmentFailure(f"cannot keep results in {self.path}: {error.strerror}")
+
+
+class Checkpoint(ResultFile[HoldResult]):
+    """Results of the holding test."""
+
+    format = "preshape holds 1"
+    kind = "holding tests"
+    of = "grasps, objects, hand or settings"
+
+    def to_json(self, result: HoldResult) -> dict[str, Any]:
+        """A result as plain JSON values."""
+        return result_to_json(result)
+
+    def from_json(self, document: dict[str, Any]) -> HoldResult:
+        """The result again."""
+        return result_from_json(document)
 
 
 def _locked(file: IO[bytes]) -> bool:

@@ -138,7 +138,7 @@ def run_tasks(
         bench = _Bench(hand=hand, pieces=found, protocol=protocol, answers=answers)
         kept = stack.enter_context(TaskCheckpoint(checkpoint, _key(instances, bench))) if checkpoint else None
         if kept is not None:
-            done.update(kept.results)
+            done.update(kept.done)
         for row, instance in enumerate(instances):
             if instance.object_name in reasons:
                 why = reasons[instance.object_name]
