@@ -68,7 +68,7 @@ def cache_folder() -> Path:
     return user_cache_path("preshape")
 
 
-def keep_arrays(path: Path, **arrays: Any) -> None:
+def keep_arrays(path: Path, /, **arrays: Any) -> None:
     """Write arrays to a cache as npz, whole or not at all. One that cannot be written is done without."""
     import numpy as np
 
