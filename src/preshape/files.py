@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import io
 import json
 import os
 import tempfile
@@ -66,6 +67,23 @@ def cache_folder() -> Path:
     from platformdirs import user_cache_path
 
     return user_cache_path("preshape")
+
+
+def read_arrays(path: Path) -> dict[str, Any]:
+    """The arrays of an npz, read into memory, without pickle.
+
+    Raises:
+        OSError: the file cannot be read.
+        ValueError: it is no such file, or a damaged one.
+    """
+    import numpy as np
+
+    content = io.BytesIO(path.read_bytes())
+    try:
+        with np.load(content, allow_pickle=False) as stored:
+            return {name: stored[name] for name in stored.files}
+    except Exception as error:  # a damaged zip raises whatever its damaged bytes happen to mean
+        raise ValueError(str(error) or type(error).__name__) from error
 
 
 def keep_arrays(path: Path, /, **arrays: Any) -> None:

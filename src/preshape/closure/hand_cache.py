@@ -8,14 +8,13 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import json
-import zipfile
 from collections.abc import Callable
 from dataclasses import fields
 from typing import Any, TypeVar
 
 import numpy as np
 
-from ..files import cache_folder, keep_arrays
+from ..files import cache_folder, keep_arrays, read_arrays
 from ..hands.hand import Hand
 
 VERSION = 3
@@ -33,10 +32,9 @@ def kept(kind: type[_T], hand: Hand, label: str, make: Callable[[], _T]) -> _T:
         make: makes it.
     """
     file = cache_folder() / "hands" / f"{digest(hand, label)}.npz"
-    with contextlib.suppress(OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile):
-        with np.load(file, allow_pickle=False) as stored:
-            plain = json.loads(str(stored["plain"]))
-            arrays = {name: stored[name] for name in stored.files if name != "plain"}
+    with contextlib.suppress(OSError, ValueError, KeyError, TypeError):
+        arrays = read_arrays(file)
+        plain = json.loads(str(arrays.pop("plain")))
         plain = {name: tuple(item) if isinstance(item, list) else item for name, item in plain.items()}
         return kind(**plain, **arrays)
     made = make()

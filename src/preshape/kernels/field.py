@@ -10,7 +10,6 @@ The grid is :func:`preshape.kernels.warp_field.field_distance` on the device and
 from __future__ import annotations
 
 import hashlib
-import io
 import math
 from pathlib import Path
 from typing import Any
@@ -19,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..exceptions import InputError
-from ..files import cache_folder, keep_arrays
+from ..files import cache_folder, keep_arrays, read_arrays
 from ..objects.mesh import TriangleMesh
 from ..types import Array, IntArray, freeze, frozen_array, read_only, value
 from .launch import in_parts, usable_threads, warp
@@ -234,14 +233,14 @@ def _digest(mesh: TriangleMesh, cells: int, padding: float) -> str:
 def _read(file: Path, digest: str) -> DistanceField | None:
     """The cached field; ``None`` where there is none, or the file is damaged."""
     try:
-        with np.load(io.BytesIO(file.read_bytes()), allow_pickle=False) as stored:
-            if str(stored["digest"]) != digest or stored["distance"].dtype != np.float32:
-                return None
-            return DistanceField(
-                origin=stored["origin"],
-                spacing=float(stored["spacing"]),
-                distance=stored["distance"],
-                digest=digest,
-            )
-    except Exception:  # a damaged zip raises whatever its damaged bytes happen to mean
+        stored = read_arrays(file)
+        if str(stored["digest"]) != digest or stored["distance"].dtype != np.float32:
+            return None
+        return DistanceField(
+            origin=stored["origin"],
+            spacing=float(stored["spacing"]),
+            distance=stored["distance"],
+            digest=digest,
+        )
+    except (OSError, ValueError, KeyError, TypeError):
         return None

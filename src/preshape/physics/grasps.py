@@ -26,7 +26,6 @@ the others are tested all the same.
 from __future__ import annotations
 
 import json
-import zipfile
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -35,6 +34,7 @@ import numpy as np
 
 from .. import spatial
 from ..exceptions import EnvironmentFailure, InputError
+from ..files import read_arrays
 from ..types import Array, freeze, value
 from .hand import PhysicsHand
 from .locate import object_extent, plan_object
@@ -316,9 +316,8 @@ def grasps_from_plans(
 
 def _read_npz(path: Path) -> GraspSet:
     try:
-        with np.load(path, allow_pickle=False) as stored:
-            arrays = {name: stored[name] for name in stored.files}
-    except (ValueError, OSError, EOFError, zipfile.BadZipFile) as error:
+        arrays = read_arrays(path)
+    except (OSError, ValueError) as error:
         raise InputError(f"{path}: not an npz without pickle, or a damaged one ({error})") from error
     missing = [name for name in ("object", "scale", "obj_pose", *STAGES) if name not in arrays]
     if missing:

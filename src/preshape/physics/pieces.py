@@ -7,15 +7,13 @@ all: several processes may work on the same object and folder at once.
 from __future__ import annotations
 
 import hashlib
-import io
-import zipfile
 from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
 
 from ..exceptions import EnvironmentFailure, ObjectError, UnknownObject
-from ..files import cache_folder, keep_arrays
+from ..files import cache_folder, keep_arrays, read_arrays
 from ..objects.mesh import TriangleMesh
 from ..types import Array, IntArray, freeze, frozen_array, value
 
@@ -243,8 +241,8 @@ def _cut(mesh: TriangleMesh, threshold: float) -> tuple[Array, ...]:
 def _read(file: Path) -> tuple[Array, ...] | None:
     """The cached pieces; ``None`` where there are none, or the file is damaged."""
     try:
-        with np.load(io.BytesIO(file.read_bytes()), allow_pickle=False) as stored:
-            ends = stored["ends"].astype(np.int64)
-            return tuple(np.split(stored["corners"].astype(np.float64), ends[:-1]))
-    except (OSError, ValueError, KeyError, IndexError, EOFError, zipfile.BadZipFile):
+        stored = read_arrays(file)
+        ends = stored["ends"].astype(np.int64)
+        return tuple(np.split(stored["corners"].astype(np.float64), ends[:-1]))
+    except (OSError, ValueError, KeyError, IndexError):
         return None

@@ -23,6 +23,7 @@ from typing import Protocol as Shape
 import numpy as np
 
 from ..exceptions import InputError
+from ..files import read_arrays
 from ..tasks import parse_task
 from ..types import Array, freeze, frozen_array, value
 from .grasps import STAGES, GraspSet, read_grasps, write_grasps
@@ -132,9 +133,8 @@ def read_task_grasps(path: str | Path) -> tuple[GraspSet, tuple[str, ...]]:
     """
     grasps = read_grasps(path)
     try:
-        with np.load(path, allow_pickle=False) as stored:
-            texts = stored["task"] if "task" in stored.files else None
-    except (ValueError, OSError, EOFError, AttributeError, zipfile.BadZipFile) as error:
+        texts = read_arrays(Path(path)).get("task")
+    except (OSError, ValueError) as error:
         raise InputError(
             f"{path}: the task test needs an npz of grasps with an array task, not a plan"
         ) from error
