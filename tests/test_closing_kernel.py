@@ -133,6 +133,9 @@ def test_clearances_agree_with_the_plain_version(hand: str, detail: float) -> No
         plain = clearances_plain(tables, field, at.place, at.turn, q, obstacles)
         assert np.abs(fast[0] - plain[0]).max() < 2e-6
         assert np.abs(fast[1] - plain[1]).max() < 1e-6 * (1e6 if obstacles is None else 2)
+        near = kernel.clearances(at.place, at.turn, q, obstacles, enough=0.004)
+        for whole, clipped in zip(fast, near, strict=True):
+            np.testing.assert_array_equal(clipped, np.minimum(whole, np.float32(0.004)))
     # The hands are spread over both sides of what is to be kept out.
     assert np.ptp(fast[1]) > 0.05
 

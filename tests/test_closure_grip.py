@@ -25,7 +25,7 @@ from preshape.hands.kinematics import (
     pose_matrix,
 )
 from preshape.hands.model import load_hand
-from preshape.kernels.closing import Obstacles
+from preshape.kernels.closing import Candidates, Obstacles
 from preshape.metrics import Contacts, ForceLimits, task_margin
 from preshape.objects.library import load_library_object
 from preshape.objects.mesh import TriangleMesh
@@ -367,3 +367,16 @@ def test_forces_turn_and_balance_with_the_scene(seed: int) -> None:
     turned = grip_forces(arms @ Q.T, -arms @ Q.T, 0.5)
     # Eight edges stand otherwise about each normal: the cone is the same but for 8 %.
     assert turned == pytest.approx(forces @ Q.T, abs=0.08)
+
+
+def test_hands_that_cannot_open_are_no_error(mug: Case) -> None:
+    finisher, middle = mug.analyser.finisher, mug.mesh.cog
+    inside = Candidates(  # palms in the middle of the object
+        place=np.tile(middle, (3, 1)),
+        turn=np.tile([1.0, 0, 0, 0], (3, 1)),
+        start=np.zeros((3, len(mug.hand.joints))),
+        mask=np.full(3, 31),
+    )
+    closing = np.ones((3, len(mug.hand.fingers)))
+    for rows in (np.arange(3), np.zeros(0, dtype=np.int64)):
+        assert len(finisher.opener.find(inside, closing, rows, np.ones(3, dtype=np.int64), range(1, 13))) == 0

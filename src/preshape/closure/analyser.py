@@ -38,6 +38,8 @@ WANTED = 2
 """Contacts that a grip must have, the thumb's included; the margin decides whether they are enough."""
 RECALLED, MOST_RECALLED = 0.25, 16
 """Grips of objects whose extents are within this ratio (logarithm) are tried again, the last of them [C]."""
+AS_GOOD = 0.95
+"""A grip of experience that is this share as good as the best of them was is the answer of mode 0 [C]."""
 EASY, FEWEST = 1.5, 100
 """More candidates are drawn where the best margin is under ``EASY`` or fewer than ``FEWEST`` closed [C]."""
 FEWEST_NODES = 50
@@ -152,10 +154,15 @@ class ClosureAnalyser:
 
     def _explore(self, q: Array, aim: Aim) -> Grips:
         demand, settings = self.demand(q), self.settings
+        recalled, quality = self._recalled(aim)
+        few = len(aim.planes) == 1 and len(aim.values) <= FEW
+        if few and recalled is not None:
+            known = self._again(q, aim, demand, recalled, quality)
+            if known is not None:
+                return known
         rng = np.random.default_rng([self.seed, zlib.crc32(_key(aim))])
         count, elite, rounds, enough = self._effort(aim)
         drawn = self._draw(rng, aim, count)
-        recalled = self._recalled(aim)
         found = self._evaluate(drawn if recalled is None else joined(drawn, recalled), demand)
         if len(aim.planes) > 1:
             found = self._persist(rng, aim, found, demand)
@@ -163,12 +170,19 @@ class ClosureAnalyser:
             rng, found, demand, elite=elite, each=settings.children, rounds=rounds, wanted=WANTED
         )
         standing = found.take(apart(found, max(elite, 4 * enough)))
-        few = len(aim.planes) == 1 and len(aim.values) <= FEW
         standing = self.search.steady(rng, standing, demand, samples=4 if few else 8, wanted=WANTED)
         finished = self.finisher.finish(standing, demand, wanted=WANTED, enough=enough, planes=aim.planes)
         grasps = [self._virtual(q, made) for made in finished]
         grasps.sort(key=lambda g: -g.judged)
         return _exploration(grasps, found.tried)
+
+    def _again(self, q: Array, aim: Aim, demand: Demand, recalled: Sampled, quality: Array) -> Grips | None:
+        """The best grip of experience, if it is as good here as it was there; then no other is looked for."""
+        found = self._evaluate(recalled, demand)
+        finished = self.finisher.finish(found, demand, wanted=WANTED, enough=1, planes=aim.planes)
+        if not finished or finished[0].grip.quality < AS_GOOD * quality.max():
+            return None
+        return _exploration([self._virtual(q, finished[0])], found.tried)
 
     def _persist(self, rng: np.random.Generator, aim: Aim, found: Ranked, demand: Demand) -> Ranked:
         """More draws for an object on which the first ones found little."""
@@ -207,8 +221,8 @@ class ClosureAnalyser:
     def _evaluate(self, sampled: Sampled, demand: Demand) -> Ranked:
         return self.search.evaluate(sampled, demand, wanted=WANTED)
 
-    def _recalled(self, aim: Aim) -> Sampled | None:
-        """Grips that held objects of about this size on these planes, put on this one."""
+    def _recalled(self, aim: Aim) -> tuple[Sampled | None, Array]:
+        """Grips that held objects of about this size on these planes, put on this one; how good they were."""
         joints = len(self.hand.joints)
         rows = [
             e
@@ -220,8 +234,9 @@ class ClosureAnalyser:
             and np.abs(np.log(e.attributes.extents / self.mesh.attributes.extents)).max() < RECALLED
         ][-MOST_RECALLED:]
         if not rows:
-            return None
+            return None, np.zeros(0)
         grips = np.array([e.grip for e in rows])
+        quality = np.array([e.match if e.quality is None else e.quality for e in rows])
         return Sampled(
             candidates=Candidates(
                 place=grips[:, :3] + self.mesh.cog,
@@ -233,7 +248,7 @@ class ClosureAnalyser:
             flip=np.array([e.flip for e in rows]),
             value=np.array([e.approach_value for e in rows]),
             preshape=np.full(len(rows), -1),
-        )
+        ), quality
 
     def _virtual(self, q: Array, made: Finished) -> VirtualGrasp:
         p = plane(made.plane)

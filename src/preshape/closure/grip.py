@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..analyser import Grip
-from ..hands.kinematics import HandKinematics
+from ..hands.kinematics import HandKinematics, cross
 from ..kernels.chains import joint_frames, rotations
 from ..kernels.closing import Candidates, ClosingKernel, Closings, Fate
 from ..kernels.field import SurfaceQuery
@@ -16,6 +16,7 @@ from ..kernels.hand_spheres import FINE
 from ..planes import APPROACH_AXES, OPPOSITION_AXES
 from ..types import Array, value
 from .hand_tables import hand_tables
+from .opening import ALONG, NEAREST, OPENING, Opener, Openings
 from .preshapes import posture_at
 from .search import ClosureSearch, Demand, Ranked
 
@@ -23,20 +24,10 @@ GAP = 0.0001
 """How far from the surface a finger stops in an answer [m] [C]."""
 DEEPEST = 0.0007
 """Deeper than this nothing may be in the object [m] [C]."""
-SELF_DEPTH = 0.001
-"""Deeper than this no links may be in each other [m] [C]."""
-OPENING = 0.006
-"""The pregrasp clears the object by this [m] [C]."""
-NEAREST = 0.0008
-"""... and by this at least, the palm included [m] [C]."""
-ALONG = 0.7
-"""Least cosine between the way in and the approach axis of the plane that a grip is counted to."""
 UNBALANCED = 0.03
 """Forces of a squeeze may leave this share of the press unbalanced, torques over ℓ."""
-STATIONS = np.linspace(0.0, 1.0, 21)
-"""Shares of the way back to the open posture at which a pregrasp is looked for."""
-WAY_IN, STRIDE = 0.12, 0.006
-"""Length of the straight approach that is checked, and the step [m] [C]."""
+SPARE = 2
+"""So many more candidates than grips wanted are looked at side by side: some will not do."""
 EVENNESS = 0.1
 """Weight of an even spread of the forces, against ten for their balance [C]."""
 EDGES = 8
@@ -80,7 +71,7 @@ class Finisher:
         self.kernel = ClosingKernel(
             self.tables, search.field, device=self.settings.device, threads=self.settings.threads
         )
-        self.kinematics = HandKinematics(search.hand)
+        self.opener = Opener(self.tables, self.kernel, HandKinematics(search.hand), self.settings.obstacles)
         joints = list(search.hand.joints)
         self._couples = [(joints.index(a), joints.index(b)) for a, b in search.hand.couplings]
         # One drive sets the sum of a couple's angles: each of the two takes half of what it is told.
@@ -93,10 +84,12 @@ class Finisher:
             found.sampled.candidates, wanted=wanted, clearance=GAP, palm_clearance=NEAREST, tolerance=5e-5
         )
 
-    def contacts(self, candidates: Candidates, closings: Closings, posture: Array) -> tuple[Array, Array]:
+    def contacts(
+        self, candidates: Candidates, closings: Closings, frames: tuple[Array, Array]
+    ) -> tuple[Array, Array]:
         """(n, f, 3), (n, f, 3) exact contact points and inward normals by finger; NaN where not in use."""
         n, f = closings.sphere.shape
-        places, turns = joint_frames(self.tables, posture)
+        places, turns = frames
         R = rotations(candidates.turn)
         points, normals = np.full((n, f, 3), np.nan), np.full((n, f, 3), np.nan)
         rows, fingers = np.nonzero(closings.sphere >= 0)
@@ -134,26 +127,29 @@ class Finisher:
         candidates, obstacles = found.sampled.candidates, self.settings.obstacles
         closings = self.close(found, wanted)
         grasp = posture_at(self.tables, candidates.start, closings.closing)
-        points, normals = self.contacts(candidates, closings, grasp)
+        frames = joint_frames(self.tables, grasp)
+        points, normals = self.contacts(candidates, closings, frames)
         packed = self._packed(closings, points, normals)
         task, hold = self.search.strengths(packed, demand)
         score = self.search.score(task, hold, demand)
-        to_object, to_rest = self.kernel.clearances(candidates.place, candidates.turn, grasp, obstacles)
+        to_object, to_rest = self.kernel.clearances(
+            candidates.place, candidates.turn, grasp, obstacles, enough=OPENING
+        )
         sound = (closings.fate == Fate.CLOSED) & (to_object.min(axis=1) > -DEEPEST)
         sound &= (to_rest > 0) & (score > 0)
-        grips: list[Finished] = []
-        for row in np.flatnonzero(sound):
-            if len(grips) == enough:
-                break
-            if not self._free_of_itself(grasp[row]):
-                continue
-            opened = self._open(candidates, closings, int(row))
-            way = None if opened is None else self._way_in(found, int(row), opened, planes)
-            if opened is not None and way is not None:
+        rows, grips = np.flatnonzero(sound), list[Finished]()
+        each = enough + SPARE
+        for some in (rows[first : first + each] for first in range(0, len(rows), each)):
+            free = some[[self.opener.free_of_itself(grasp[row]) for row in some]]
+            ways = self.opener.find(candidates, closings.closing, free, found.sampled.plane, planes)
+            for k, row in enumerate(ways.row):
                 margins = float(task[row]) / demand.load, float(hold[row]) / self.settings.hold
-                made = self._grip(found, int(row), packed, grasp[row], opened, way, margins, planes)
+                where = frames[0][row], frames[1][row]
+                made = self._grip(found, int(row), packed, grasp[row], where, ways, k, margins, planes)
                 if made is not None:
                     grips.append(made)
+                if len(grips) == enough:
+                    return grips
         return grips
 
     def _packed(self, closings: Closings, points: Array, normals: Array) -> Closings:
@@ -174,66 +170,15 @@ class Finisher:
         t = self.tables.thumb
         return [t, *(f for f in range(len(self.tables.fingers)) if f != t)]
 
-    def _free_of_itself(self, q: Array) -> bool:
-        self.kinematics.set_posture(q)
-        return not self.kinematics.self_collisions(SELF_DEPTH)
-
-    def _open(self, candidates: Candidates, closings: Closings, row: int) -> tuple[Array, float] | None:
-        """The posture back along the path that just clears the object, and its clearance [m]."""
-        n = len(STATIONS)
-        shares = closings.closing[row] * (1.0 - STATIONS[:, None])
-        postures = posture_at(self.tables, np.repeat(candidates.start[[row]], n, axis=0), shares)
-        place = np.repeat(candidates.place[[row]], n, axis=0)
-        turn = np.repeat(candidates.turn[[row]], n, axis=0)
-        to_object, to_rest = self.kernel.clearances(place, turn, postures, self.settings.obstacles)
-        # Each finger by itself: the station where it has cleared, or where it is clearest.
-        fingers = to_object[:, :-1]
-        clear = fingers >= OPENING
-        station = np.where(clear.any(axis=0), clear.argmax(axis=0), fingers.argmax(axis=0))
-        opened = posture_at(
-            self.tables,
-            candidates.start[[row]],
-            (closings.closing[row] * (1.0 - STATIONS[station]))[None],
-        )[0]
-        least = min(float(fingers[station, np.arange(len(station))].min()), float(to_object[0, -1]))
-        blocked = (to_rest[: int(station.max()) + 1] <= 0).any()
-        if least < NEAREST or blocked or not self._free_of_itself(opened):
-            return None
-        return opened, least
-
-    def _way_in(
-        self, found: Ranked, row: int, opened: tuple[Array, float], planes: Sequence[int]
-    ) -> tuple[Array, float] | None:
-        """A direction along which the opened hand comes straight and free, and the least clearance on it."""
-        candidates = found.sampled.candidates
-        R = rotations(candidates.turn[row])
-        steps = np.arange(1, int(WAY_IN / STRIDE) + 1) * STRIDE
-        axes = APPROACH_AXES[np.asarray(planes) - 1]
-        # The plane's own direction first; else the fingers' and the palm's, where they are some plane's.
-        own = APPROACH_AXES[found.sampled.plane[row] - 1]
-        others = (R[:, 2], unit(R[:, 2] - R[:, 1]), -R[:, 1])
-        for approach in (own, *(way for way in others if (axes @ way).max() > ALONG)):
-            place = candidates.place[row] - steps[:, None] * approach
-            n = len(steps)
-            to_object, to_rest = self.kernel.clearances(
-                place,
-                np.repeat(candidates.turn[[row]], n, axis=0),
-                np.repeat(opened[0][None], n, axis=0),
-                self.settings.obstacles,
-            )
-            least = min(float(to_object.min()), opened[1])
-            if least > 0.3 * NEAREST and (to_rest > 0).all():
-                return np.asarray(approach), least
-        return None
-
     def _grip(
         self,
         found: Ranked,
         row: int,
         packed: Closings,
         q: Array,
-        opened: tuple[Array, float],
-        way: tuple[Array, float],
+        frames: tuple[Array, Array],
+        ways: Openings,
+        k: int,
         margins: tuple[float, float],
         planes: Sequence[int],
     ) -> Finished | None:
@@ -247,7 +192,7 @@ class Finisher:
         left = np.concatenate([share.sum(axis=0), np.cross(arms, share).sum(axis=0)])
         if np.linalg.norm(left) > self.unbalanced:
             return None
-        torques = self._torques(candidates, packed, row, q, used, points, share)
+        torques = self._torques(candidates, packed, row, frames, used, points, share)
         # A joint that would be too weak for the whole squeeze makes it weaker.
         strain = float((np.abs(torques) / self.hand.torque_limits).max())
         most = min(settings.press_most, 1.0 / max(strain, 1e-9))
@@ -256,11 +201,11 @@ class Finisher:
         # A target beyond a joint's limit is meant: a servo that stops at the limit would press with nothing.
         squeeze = q + press * torques / self.hand.gains / self._sharing
         grip = Grip(
-            approach=way[0],
+            approach=ways.approach[k],
             palm_pose=np.concatenate([candidates.place[row], candidates.turn[row]]),
             start=candidates.start[row],
             mask=int(candidates.mask[row]),
-            pregrasp=opened[0],
+            pregrasp=ways.pregrasp[k],
             grasp=q,
             squeeze=squeeze,
             fingers=tuple(self.tables.fingers[f] for f in used),
@@ -269,9 +214,9 @@ class Finisher:
             task_margin=margins[0] * press / settings.weight,
             hold_margin=margins[1] * press / settings.weight,
             quality=quality(min(margins) * most / settings.weight),
-            clearance=min(opened[1], way[1]),
+            clearance=float(ways.clearance[k]),
         )
-        number, flip = counted_to(way[0], points, int(found.sampled.plane[row]), planes)
+        number, flip = counted_to(ways.approach[k], points, int(found.sampled.plane[row]), planes)
         return Finished(grip=grip, row=row, plane=number, flip=flip, points=points, normals_in=normals)
 
     def _torques(
@@ -279,23 +224,21 @@ class Finisher:
         candidates: Candidates,
         packed: Closings,
         row: int,
-        q: Array,
+        frames: tuple[Array, Array],
         used: list[int],
         points: Array,
         forces: Array,
     ) -> Array:
         """(j,) joint torques that make the contact forces (n, 3), Jᵀ f."""
-        places, turns = joint_frames(self.tables, q[None])
+        places, turns = frames
         R = rotations(candidates.turn[row])
-        anchors = candidates.place[row] + places[0] @ R.T
-        axes = np.einsum("ij,njk,nk->ni", R, turns[0], self.tables.axis)
-        torques = np.zeros(len(q))
+        anchors = candidates.place[row] + places @ R.T
+        axes = np.einsum("ij,njk,nk->ni", R, turns, self.tables.axis)
+        torques = np.zeros(len(places))
+        touching = np.searchsorted(self.tables.sphere_start, packed.sphere[row], side="right") - 1
         for finger, point, force in zip(used, points, forces, strict=True):
-            last = (
-                int(np.searchsorted(self.tables.sphere_start, packed.sphere[row, finger], side="right")) - 1
-            )
-            for j in range(int(self.tables.joint_start[finger]), last + 1):
-                torques[j] = axes[j] @ np.cross(point - anchors[j], force)
+            chain = slice(int(self.tables.joint_start[finger]), int(touching[finger]) + 1)
+            torques[chain] = (axes[chain] * cross(point - anchors[chain], force)).sum(axis=1)
         # One tendon: the same torque on both, the nearest to what each should have.
         for a, b in self._couples:
             torques[[a, b]] = (torques[a] + torques[b]) / 2
@@ -332,11 +275,6 @@ def quality(margin: float) -> float:
     (0.0, 3.0, 4.5)
     """
     return float(6.0 * (1.0 - 2.0 ** -max(margin, 0.0)))
-
-
-def unit(vector: Array) -> Array:
-    """The vector at length one."""
-    return np.asarray(vector / np.linalg.norm(vector))
 
 
 def grip_forces(arms: Array, normals_in: Array, mu: float) -> Array:

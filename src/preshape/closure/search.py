@@ -6,16 +6,17 @@ Everything here is arrays over candidates; nothing knows the task's name, the me
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from ..analyser import wrist_distance
 from ..hands.hand import Hand
 from ..kernels.chains import rotations
-from ..kernels.closing import CLOSING_ARRAYS, Candidates, ClosingKernel, Closings, Fate
+from ..kernels.closing import CLOSING_ARRAYS, Candidates, ClosingKernel, Closings
 from ..kernels.field import DistanceField
 from ..kernels.hand_spheres import COARSE
-from ..kernels.margin import cone_strengths, margins
+from ..kernels.margin import MarginKernel
 from ..kernels.tables import HandTables
 from ..types import Array, BoolArray, IntArray, freeze, frozen_array, value
 from .hand_tables import hand_tables
@@ -158,14 +159,16 @@ class ClosureSearch:
         self.pool: Preshapes = preshapes(hand)
         self.ranges = joint_ranges(hand, self.tables)
         self.kernel = ClosingKernel(self.tables, field, device=settings.device, threads=settings.threads)
+        self._holding = self._margins(HOLD)
+        self._asked: Demand | None = None
+        self._cone: MarginKernel | None = None
 
     def evaluate(self, sampled: Sampled, demand: Demand, *, wanted: int = 3) -> Ranked:
         """Close the candidates and rank those that hold on to the object."""
-        closings = self.kernel.close(sampled.candidates, wanted=wanted)
-        rows = np.flatnonzero(closings.fate == Fate.CLOSED)
+        rows, closed = self.kernel.closed(sampled.candidates, wanted=wanted)
         if self.settings.obstacles:
-            rows = rows[self._out_of_the_way(sampled, closings, rows)]
-        closed = closings.take(rows)
+            free = self._out_of_the_way(sampled, closed, rows)
+            rows, closed = rows[free], closed.take(np.flatnonzero(free))
         task, hold = self.strengths(closed, demand)
         score = self.score(task, hold, demand)
         found = Ranked(
@@ -183,7 +186,7 @@ class ClosureSearch:
         c = sampled.candidates.take(rows)
         free = np.ones(len(rows), dtype=bool)
         for share in (1.0, OPENED):
-            posture = posture_at(self.tables, c.start, share * closings.closing[rows])
+            posture = posture_at(self.tables, c.start, share * closings.closing)
             free &= self.kernel.clearances(c.place, c.turn, posture, self.settings.obstacles)[1] > ROOM
         return free
 
@@ -191,38 +194,26 @@ class ClosureSearch:
         """(n,), (n,) strength along the task's cone, and of plain holding."""
         if not len(closings.counts):
             return np.zeros(0), np.zeros(0)
-        points, normals, counts = closings.points, closings.normals_in, closings.counts
-        mu, gamma = self.settings.mu, self.settings.gamma
-        threads, device = self.settings.threads, self.settings.device
-        hold = margins(
-            points,
-            normals,
-            counts,
-            wrenches=HOLD,
-            friction=mu,
-            torsion=gamma,
-            length=min(LEVER, 1.5 * self.length),
-            reference=self.cog,
-            threads=threads,
-            device=device,
-        ).strength
-        if demand.direction is None:
-            return hold, hold
-        task = cone_strengths(
-            points,
-            normals,
-            counts,
-            direction=demand.direction,
-            half_angle=demand.half_angle,
-            base=demand.base,
-            friction=mu,
-            torsion=gamma,
-            length=self.length,
-            reference=self.cog,
-            threads=threads,
-            device=device,
-        ).strength
-        return task, hold
+        given = closings.points, closings.normals_in, closings.counts
+        hold = self._holding.strengths(*given, min(LEVER, 1.5 * self.length), self.cog)
+        kernel = self._serving(demand)
+        return (hold if kernel is None else kernel.strengths(*given, self.length, self.cog)), hold
+
+    def _margins(self, wrenches: Array, **cone: Any) -> MarginKernel:
+        s = self.settings
+        return MarginKernel(
+            wrenches, friction=s.mu, torsion=s.gamma, device=s.device, threads=s.threads, **cone
+        )
+
+    def _serving(self, demand: Demand) -> MarginKernel | None:
+        """The kernel of a demand's cone, the last one kept; ``None`` for plain holding."""
+        if self._asked is not demand:
+            self._asked, self._cone = demand, None
+            if demand.direction is not None:
+                self._cone = self._margins(
+                    demand.direction[None], base=demand.base, half_angle=demand.half_angle
+                )
+        return self._cone
 
     def score(self, task: Array, hold: Array, demand: Demand) -> Array:
         """(n,) margin over the loads expected, the smaller of the task's and of plain holding's."""
@@ -313,9 +304,9 @@ class ClosureSearch:
         if not len(found):
             return found
         moved = self.near(rng, found, samples, 0.0, shift=shift, turn=turn)
-        closings = self.kernel.close(moved.candidates, wanted=wanted)
-        task, hold = self.strengths(closings, demand)
-        score = np.where(closings.fate == Fate.CLOSED, self.score(task, hold, demand), 0.0)
+        rows, closings = self.kernel.closed(moved.candidates, wanted=wanted)
+        score = np.zeros(len(moved.candidates))
+        score[rows] = self.score(*self.strengths(closings, demand), demand)
         each = np.sort(score.reshape(len(found), samples), axis=1)
         # The worse half of what may happen counts as much as the grasp as planned.
         left = 0.5 * (found.score + each[:, : max(1, samples // 2)].mean(axis=1))

@@ -178,6 +178,11 @@ class HandKinematics:
             rotation=rotation,
         )
 
+    def collides(self, depth: float = 0.0) -> bool:
+        """Whether two links are deeper in each other than ``depth`` [m]; see :meth:`self_collisions`."""
+        self._mujoco.mj_collision(self.model, self._data)
+        return bool((self._data.contact.dist < -depth).any())
+
     def self_collisions(self, depth: float = 0.0) -> list[tuple[str, str, float]]:
         """Pairs of links deeper in each other than ``depth`` [m]: two names and the penetration [m].
 

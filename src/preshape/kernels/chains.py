@@ -20,12 +20,13 @@ def joint_frames(tables: HandTables, q: Array) -> tuple[Array, Array]:
     """
     n, joints = q.shape
     places, turns = np.empty((n, joints, 3)), np.empty((n, joints, 3, 3))
-    fixed = rotations(tables.turn)
+    own = rotations(tables.turn) @ about(tables.axis, q)
     for first, end in zip(tables.joint_start[:-1], tables.joint_start[1:], strict=True):
-        p, R = np.zeros((n, 3)), np.broadcast_to(np.eye(3), (n, 3, 3))
-        for j in range(first, end):
+        p, R = np.broadcast_to(tables.offset[first], (n, 3)), own[:, first]
+        places[:, first], turns[:, first] = p, R
+        for j in range(first + 1, end):
             p = p + R @ tables.offset[j]
-            R = R @ fixed[j] @ about(tables.axis[j], q[:, j])
+            R = R @ own[:, j]
             places[:, j], turns[:, j] = p, R
     return places, turns
 
@@ -48,9 +49,10 @@ def rotations(quaternions: Array) -> Array:
     return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
 
 
-def about(axis: Array, angles: Array) -> Array:
-    """(n, 3, 3) rotations by ``angles`` (n,) [rad] about a unit axis (3,)."""
-    x, y, z = axis
-    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    s, c = np.sin(angles)[:, None, None], np.cos(angles)[:, None, None]
+def about(axes: Array, angles: Array) -> Array:
+    """(n, j, 3, 3) rotations by ``angles`` (n, j) [rad] about unit axes (j, 3)."""
+    cross = np.zeros((len(axes), 3, 3))
+    cross[:, 0, 1], cross[:, 0, 2], cross[:, 1, 2] = -axes[:, 2], axes[:, 1], -axes[:, 0]
+    cross -= cross.transpose(0, 2, 1)
+    s, c = np.sin(angles)[..., None, None], np.cos(angles)[..., None, None]
     return np.asarray(np.eye(3) + s * cross + (1.0 - c) * (cross @ cross))

@@ -7,9 +7,10 @@ the CPU and on CUDA; :mod:`preshape.kernels.closing_numpy` is its specification.
 
 from __future__ import annotations
 
+import math
 from dataclasses import field
 from enum import IntEnum
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -24,6 +25,9 @@ CONTACTS = 8
 """Room for contacts of one candidate."""
 CLOSING_ARRAYS = ("fate", "closing", "sphere", "points", "normals_in", "counts")
 """Everything in :class:`Closings`, one row a candidate."""
+_FAR = 1e6
+_SETTINGS = 6
+"""Place of the clearance among the closing kernel's arguments; the other settings come after it."""
 
 
 class Fate(IntEnum):
@@ -134,7 +138,6 @@ class ClosingKernel:
         for module in (warp_closing, warp_clearance):
             wp.load_module(module, device=device)  # before any thread asks for it
 
-        self._closing, self._clearance = warp_closing, warp_clearance
         self.device, self.threads = device, threads or usable_threads(device)
         self.fingers, self.joints = len(tables.joint_start) - 1, len(tables.axis)
         self._widest = int(np.diff(tables.joint_start).max())
@@ -155,6 +158,46 @@ class ClosingKernel:
         grid.origin = wp.vec3(*distances.origin)
         grid.inverse_spacing = 1.0 / distances.spacing
         self.hand, self.field = hand, grid
+        self._launches(warp_closing.close_hand, warp_clearance.clearances)
+
+    def _launches(self, close: Any, clear: Any) -> None:
+        from .kept import FIRST, Launch, Rows
+
+        wp, fingers, joints, device = self._wp, self.fingers, self.joints, self.device
+        how: Any = {"device": device, "threads": self.threads}
+
+        def rows(dtype: Any, *shape: int) -> Rows:
+            return Rows(dtype, *shape, device=device)
+
+        self._in = {
+            "place": rows(wp.vec3),
+            "turn": rows(wp.quat),
+            "start": rows(wp.float32, joints),
+            "mask": rows(wp.int32),
+        }
+        scratch = rows(wp.vec3, self._widest), rows(wp.mat33, self._widest)
+        self._out = {
+            "fate": rows(wp.int32),
+            "closing": rows(wp.float32, fingers),
+            "sphere": rows(wp.int32, fingers),
+            "points": rows(wp.vec3, CONTACTS),
+            "normals_in": rows(wp.vec3, CONTACTS),
+            "counts": rows(wp.int32),
+        }
+        settings = (0.0, 0.0, 1e-4, 3)
+        self._close = Launch(
+            close,
+            [self.hand, self.field, *self._in.values(), *settings, FIRST, *scratch, *self._out.values()],
+            **how,
+        )
+        self._posed = rows(wp.vec3), rows(wp.quat), rows(wp.float32, joints)
+        self._to_object, self._to_rest = rows(wp.float32, fingers + 1), rows(wp.float32)
+        self._kept_out: Obstacles | None = None
+        self._solid = self._solids(Obstacles())
+        apart = self._to_object, self._to_rest
+        self._clear = Launch(
+            clear, [self.hand, self.field, *self._solid.values(), *self._posed, _FAR, FIRST, *apart], **how
+        )
 
     def close(
         self,
@@ -174,58 +217,33 @@ class ClosingKernel:
             palm_clearance: how near the palm may come [m].
             tolerance: to which a finger finds that distance [m].
         """
-        from .launch import in_parts
+        with self._close.lock:
+            self._run(candidates, (clearance, palm_clearance, tolerance, wanted))
+            return self._read(len(candidates))
 
-        wp, n = self._wp, len(candidates)
-        device = self.device
-        place = wp.array(candidates.place, dtype=wp.vec3, device=device)
-        turn = wp.array(_xyzw(candidates.turn), dtype=wp.quat, device=device)
-        start = wp.array(candidates.start, dtype=wp.float32, device=device)
-        mask = wp.array(candidates.mask, dtype=wp.int32, device=device)
-        fate = wp.zeros(n, dtype=wp.int32, device=device)
-        closing = wp.zeros((n, self.fingers), dtype=wp.float32, device=device)
-        sphere = wp.full((n, self.fingers), -1, dtype=wp.int32, device=device)
-        points = wp.zeros((n, CONTACTS), dtype=wp.vec3, device=device)
-        normals = wp.zeros((n, CONTACTS), dtype=wp.vec3, device=device)
-        counts = wp.zeros(n, dtype=wp.int32, device=device)
-        joint_place = wp.empty((n, self._widest), dtype=wp.vec3, device=device)
-        joint_facing = wp.empty((n, self._widest), dtype=wp.mat33, device=device)
+    def closed(self, candidates: Candidates, *, wanted: int = 3) -> tuple[IntArray, Closings]:
+        """(k,) which of the candidates closed, and how these did."""
+        with self._close.lock:
+            self._run(candidates, (0.0, 0.0, 1e-4, wanted))
+            rows = np.flatnonzero(self._out["fate"].get(len(candidates)) == Fate.CLOSED)
+            return rows, self._read(rows)
 
-        def launch(first: int, size: int) -> None:
-            wp.launch(
-                self._closing.close_hand,
-                dim=size,
-                inputs=[
-                    self.hand,
-                    self.field,
-                    place,
-                    turn,
-                    start,
-                    mask,
-                    clearance,
-                    palm_clearance,
-                    tolerance,
-                    wanted,
-                    first,
-                    joint_place,
-                    joint_facing,
-                ],
-                outputs=[fate, closing, sphere, points, normals, counts],
-                device=device,
-            )
+    def _run(self, candidates: Candidates, settings: tuple[float, float, float, int]) -> None:
+        for name, values in zip(("place", "turn", "start", "mask"), _arrays(candidates), strict=True):
+            self._in[name].put(values)
+        self._close(len(candidates), dict(enumerate(settings, _SETTINGS)))
 
-        in_parts(launch, n, self.threads)
-        return Closings(
-            fate=fate.numpy(),
-            closing=closing.numpy(),
-            sphere=sphere.numpy(),
-            points=points.numpy(),
-            normals_in=normals.numpy(),
-            counts=counts.numpy(),
-        )
+    def _read(self, which: int | IntArray) -> Closings:
+        return Closings(**{name: rows.get(which) for name, rows in self._out.items()})
 
     def clearances(
-        self, place: Array, turn: Array, posture: Array, obstacles: Obstacles | None = None
+        self,
+        place: Array,
+        turn: Array,
+        posture: Array,
+        obstacles: Obstacles | None = None,
+        *,
+        enough: float = math.inf,
     ) -> tuple[Array, Array]:
         """How far hands in given postures are from the object and from what is to be kept out of.
 
@@ -234,34 +252,30 @@ class ClosingKernel:
             turn: (n, 4) quaternions wxyz.
             posture: (n, j) joint angles [rad].
             obstacles: a table, boxes.
+            enough: what is farther than this [m] is given as so far; the less, the faster.
 
         Returns:
             (n, f + 1) distance of each finger and, last, of the palm to the object; (n,) of the whole hand
             to the obstacles [m], negative inside.
         """
-        from .launch import in_parts
+        n = len(place)
+        with self._clear.lock:
+            if self._kept_out is not obstacles:
+                self._kept_out, self._solid = obstacles, self._solids(obstacles or Obstacles())
+            for rows, values in zip(self._posed, (place, _xyzw(turn), posture), strict=True):
+                rows.put(values)
+            self._clear(n, {**self._solid, 7: min(float(enough), _FAR)})
+            return self._to_object.get(n), self._to_rest.get(n)
 
-        wp, n, device = self._wp, len(place), self.device
-        rest = obstacles or Obstacles()
-        planes = wp.array(np.reshape(rest.planes, (-1, 4)), dtype=wp.vec4, device=device)
-        boxes = wp.array(np.reshape(rest.boxes, (-1, 2, 3)), dtype=wp.vec3, device=device)
-        places = wp.array(place, dtype=wp.vec3, device=device)
-        turns = wp.array(_xyzw(turn), dtype=wp.quat, device=device)
-        postures = wp.array(posture, dtype=wp.float32, device=device)
-        to_object = wp.zeros((n, self.fingers + 1), dtype=wp.float32, device=device)
-        to_rest = wp.zeros(n, dtype=wp.float32, device=device)
+    def _solids(self, rest: Obstacles) -> dict[int, Any]:
+        wp = self._wp
+        planes = wp.array(np.reshape(rest.planes, (-1, 4)), dtype=wp.vec4, device=self.device)
+        boxes = wp.array(np.reshape(rest.boxes, (-1, 2, 3)), dtype=wp.vec3, device=self.device)
+        return {2: planes, 3: boxes}
 
-        def launch(first: int, size: int) -> None:
-            wp.launch(
-                self._clearance.clearances,
-                dim=size,
-                inputs=[self.hand, self.field, planes, boxes, places, turns, postures, first],
-                outputs=[to_object, to_rest],
-                device=device,
-            )
 
-        in_parts(launch, n, self.threads)
-        return to_object.numpy(), to_rest.numpy()
+def _arrays(candidates: Candidates) -> tuple[Array, Array, Array, IntArray]:
+    return candidates.place, _xyzw(candidates.turn), candidates.start, candidates.mask
 
 
 def _xyzw(quaternions: Array) -> Array:

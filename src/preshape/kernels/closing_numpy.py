@@ -173,7 +173,7 @@ def nearest_link(
     p, R = place, turns
     for joint, angle in angles.items():
         p = p + R @ tables.offset[joint]
-        R = R @ rotations(tables.turn[joint]) @ about(tables.axis[joint], angle)
+        R = R @ rotations(tables.turn[joint]) @ about(tables.axis[[joint]], angle[:, None])[:, 0]
         part = slice(int(tables.sphere_start[joint]), int(tables.sphere_start[joint + 1]))
         if part.start == part.stop:
             continue
@@ -278,7 +278,7 @@ def clearances_plain(
         p, R = place, turns
         for joint in range(tables.joint_start[finger], tables.joint_start[finger + 1]):
             p = p + R @ tables.offset[joint]
-            R = R @ rotations(tables.turn[joint]) @ about(tables.axis[joint], posture[:, joint])
+            R = R @ rotations(tables.turn[joint]) @ about(tables.axis[[joint]], posture[:, [joint]])[:, 0]
             meet(finger, p, R, tables.sphere[tables.sphere_start[joint] : tables.sphere_start[joint + 1]])
     return to_object, to_rest
 

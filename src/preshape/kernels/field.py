@@ -21,6 +21,7 @@ from ..exceptions import InputError
 from ..files import cache_folder, keep_arrays, read_arrays
 from ..objects.mesh import TriangleMesh
 from ..types import Array, IntArray, freeze, frozen_array, read_only, value
+from .kept import FIRST, Launch, Rows
 from .launch import in_parts, usable_threads, warp
 from .surface_points import surface_points as surface_points
 from .winding import oriented_triangles
@@ -144,6 +145,14 @@ class SurfaceQuery:
         self.device = device
         self.mesh = _warp_mesh(mesh, device)
         self._bounds = mesh.bounds
+        wp, warp_field = _warp()
+        self._given = Rows(wp.vec3, device=device)
+        kinds = (wp.float32, wp.vec3, wp.vec3, wp.int32)
+        self._found = [Rows(kind, device=device) for kind in kinds]
+        arguments = [self.mesh.id, FIRST, 0.0, self._given, *self._found]
+        self._closest = Launch(
+            warp_field.closest_points, arguments, device=device, threads=usable_threads(device)
+        )
 
     def closest(self, points: ArrayLike) -> Closest:
         """The nearest surface point of each point.
@@ -154,20 +163,12 @@ class SurfaceQuery:
         Raises:
             InputError: not n×3 finite numbers.
         """
-        wp, warp_field = _warp()
         where = frozen_array(points, (None, 3), "points")
-        count = len(where)
-        given = wp.array(where.astype(np.float32), dtype=wp.vec3, device=self.device)
-        kinds = (float, wp.vec3, wp.vec3, int)
-        found = [wp.empty(count, dtype=kind, device=self.device) for kind in kinds]
         far = float(np.abs(self._bounds).max() + np.abs(where).max(initial=0.0)) * 4.0
-
-        def launch(first: int, size: int) -> None:
-            inputs = [self.mesh.id, first, far, given, *found]
-            wp.launch(warp_field.closest_points, dim=size, inputs=inputs, device=self.device)
-
-        in_parts(launch, count, usable_threads(self.device))
-        distance, point, normal_out, triangle = (array.numpy() for array in found)
+        with self._closest.lock:
+            self._given.put(where)
+            self._closest(len(where), {2: far})
+            distance, point, normal_out, triangle = (rows.get(len(where)) for rows in self._found)
         return Closest(
             distance=read_only(distance.astype(np.float64)),
             point=read_only(point.astype(np.float64)),

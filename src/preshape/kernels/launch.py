@@ -58,6 +58,13 @@ def _pool(threads: int) -> ThreadPoolExecutor:
     return ThreadPoolExecutor(threads, thread_name_prefix="preshape-kernel")
 
 
+def part_count(count: int, threads: int) -> int:
+    """Into how many parts :func:`in_parts` cuts ``count``."""
+    parts = max(1, min(threads, count // SMALLEST_PART))
+    # More parts than threads: candidates differ in what they cost.
+    return 1 if parts == 1 else 2 * parts
+
+
 def in_parts(launch: Callable[[int, int], None], count: int, threads: int) -> None:
     """Call ``launch(first, size)`` for parts that cover ``count``, side by side.
 
@@ -66,13 +73,12 @@ def in_parts(launch: Callable[[int, int], None], count: int, threads: int) -> No
         count: how many there are in all.
         threads: how many parts at most.
     """
-    parts = max(1, min(threads, count // SMALLEST_PART))
+    parts = part_count(count, threads)
     if parts == 1:
         if count:
             launch(0, count)
         return
-    # More parts than threads: candidates differ in what they cost.
-    edges = [count * k // (2 * parts) for k in range(2 * parts + 1)]
+    edges = [count * k // parts for k in range(parts + 1)]
     tasks = [_pool(threads).submit(launch, first, end - first) for first, end in pairwise(edges)]
     for task in tasks:
         task.result()

@@ -29,8 +29,8 @@ CONTACTS = 8
 WRENCHES = 32
 """Most wrenches asked for."""
 HALF_ANGLE = math.radians(15.0)
-NOBODY = -1
-"""Index of the deciding wrench where none decided."""
+_BOUND = 13
+"""Place of the bound among the kernel's arguments."""
 
 
 @value
@@ -116,6 +116,7 @@ class MarginKernel:
         device: str = "cpu",
         threads: int | None = None,
     ) -> None:
+        from .kept import FIRST, Launch, Rows
         from .launch import usable_threads, warp
 
         asked = frozen_array(wrenches, (None, 6), "wrenches asked for")
@@ -158,6 +159,18 @@ class MarginKernel:
             float(friction),
             float(torsion),
         ]
+
+        def rows(dtype: Any, *shape: int) -> Rows:
+            return Rows(dtype, *shape, device=device)
+
+        self._in = rows(wp.vec3, CONTACTS), rows(wp.vec3, CONTACTS), rows(wp.int32), rows(wp.float32)
+        self._out = MarginArrays(rows(wp.float32), rows(wp.float32), rows(wp.int32, 2), rows(vec6))
+        self._compute = Launch(
+            warp_margin.margins,
+            [*self._asked, *self._in, wp.vec3(), math.inf, FIRST, *self._out],
+            device=device,
+            threads=self.threads,
+        )
 
     def room(self, count: int) -> MarginArrays:
         """Arrays on the device for the results of so many candidates."""
@@ -217,8 +230,11 @@ class MarginKernel:
         reference: ArrayLike = (0.0, 0.0, 0.0),
         bound: float = math.inf,
     ) -> MarginArrays:
-        """Check host arrays, move them to the device and compute; see :func:`margins`."""
-        wp = self._wp
+        """Check host arrays, move them to the device and compute; see :func:`margins`.
+
+        Returns:
+            Host arrays.
+        """
         p = frozen_array(points, (None, CONTACTS, 3), "contact points")
         n = frozen_array(normals_in, (len(p), CONTACTS, 3), "contact normals")
         c = frozen_array(counts, (len(p),), "numbers of contacts")
@@ -233,16 +249,24 @@ class MarginKernel:
             raise InputError(f"lengths must be positive, got {ell.min():g} m")
         if math.isnan(bound):
             raise InputError("the bound on the residual must be a number, got nan")
-        out = self.room(len(p))
-        self.launch(
-            wp.array((p - about).astype(np.float32), dtype=wp.vec3, device=self.device),
-            wp.array(n.astype(np.float32), dtype=wp.vec3, device=self.device),
-            wp.array(c.astype(np.int32), dtype=wp.int32, device=self.device),
-            wp.array(ell.astype(np.float32), dtype=wp.float32, device=self.device),
-            out,
-            bound=bound,
-        )
-        return out
+        with self._compute.lock:
+            self._run(p, n, c, ell, about, bound)
+            return MarginArrays(*(rows.get(len(p)) for rows in self._out))
+
+    def strengths(
+        self, points: Array, normals_in: Array, counts: IntArray, length: float, reference: Array
+    ) -> Array:
+        """(c,) strength alone, of arrays that are not checked."""
+        with self._compute.lock:
+            self._run(points, normals_in, counts, np.full(len(points), length), reference, -1.0)
+            return np.asarray(self._out.strength.get(len(points)), dtype=np.float64)
+
+    def _run(
+        self, points: Array, normals: Array, counts: Any, lengths: Array, about: Array, bound: float
+    ) -> None:
+        for rows, values in zip(self._in, (points - about, normals, counts, lengths), strict=True):
+            rows.put(values)
+        self._compute(len(points), {_BOUND: float(bound)})
 
 
 def margins(
@@ -283,10 +307,10 @@ def margins(
         wrenches, base=base, friction=friction, torsion=torsion, device=device, threads=threads
     )
     out = kernel(points, normals_in, counts, length, reference=reference, bound=bound)
-    worst = out.worst.numpy().astype(np.int64)
+    worst = out.worst.astype(np.int64)
     return Margins(
-        residual=read_only(out.residual.numpy().astype(np.float64)),
-        strength=read_only(out.strength.numpy().astype(np.float64)),
+        residual=read_only(out.residual.astype(np.float64)),
+        strength=read_only(out.strength.astype(np.float64)),
         residual_worst=read_only(worst[:, 0]),
         strength_worst=read_only(worst[:, 1]),
     )
@@ -342,8 +366,8 @@ def cone_strengths(
     )
     out = kernel(points, normals_in, counts, length, reference=reference)
     return ConeStrengths(
-        strength=read_only(out.strength.numpy().astype(np.float64)),
-        wrench=read_only(out.wrench.numpy().astype(np.float64)),
+        strength=read_only(out.strength.astype(np.float64)),
+        wrench=read_only(out.wrench.astype(np.float64)),
     )
 
 

@@ -44,17 +44,21 @@ def clearances(
     place: wp.array(dtype=wp.vec3),
     turn: wp.array(dtype=wp.quat),
     posture: wp.array2d(dtype=wp.float32),
+    enough: wp.float32,
     first: wp.int32,
     # out
     to_object: wp.array2d(dtype=wp.float32),
     to_rest: wp.array(dtype=wp.float32),
 ):
-    """Distance of each finger and, last, of the palm to the object; of the whole hand to the obstacles."""
+    """Distance of each finger and, last, of the palm to the object; of the whole hand to the obstacles.
+
+    What is farther than ``enough`` counts as so far.
+    """
     i = first + wp.tid()
     obstacles = planes.shape[0] + boxes.shape[0]
-    room = float(FAR)
+    room = float(enough)
     m = wp.quat_to_matrix(turn[i])
-    least = float(FAR)
+    least = float(enough)
     for group in range(hand.palm_bound.shape[0]):
         around = hand.palm_bound[group]
         x = place[i] + m * wp.vec3(around[0], around[1], around[2])
@@ -72,7 +76,7 @@ def clearances(
     for finger in range(hand.fingers):
         p = place[i]
         q = turn[i]
-        least = float(FAR)
+        least = float(enough)
         for joint in range(hand.joint_start[finger], hand.joint_start[finger + 1]):
             p = p + wp.quat_rotate(q, hand.offset[joint])
             q = q * hand.turn[joint] * wp.quat_from_axis_angle(hand.axis[joint], posture[i, joint])

@@ -196,6 +196,13 @@ def close_hand(
 ):
     """Close one hand's fingers, one after the other; see :meth:`.closing.ClosingKernel.close`."""
     i = first + wp.tid()
+    for finger in range(hand.fingers):
+        closing[i, finger] = 0.0
+        sphere[i, finger] = -1
+    for k in range(points.shape[1]):
+        points[i, k] = wp.vec3()
+        normals[i, k] = wp.vec3()
+    counts[i] = 0
     nothing = Nearest()
     nothing.distance = FAR
     nothing.step = 2.0

@@ -73,7 +73,8 @@ def margin(
             every unit wrench of the cone; the search starts from ``units``.
         cos_half: of the cone's half-angle.
         sin_half: of the cone's half-angle.
-        bound: the search ends where the residual is certainly above this.
+        bound: the search ends where the residual is certainly above this; below 0, only the strength is
+            sought.
 
     Returns:
         Residual, strength, the indices of the wrenches that decided them, and the wrench of the cone that
@@ -97,7 +98,7 @@ def margin(
     asked = units[0]
     worst = asked
     z = base + asked * sizes[0]
-    if cone:
+    if cone or bound < 0.0:
         mode = BASE
         z = base
         if not loaded:
