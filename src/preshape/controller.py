@@ -24,7 +24,7 @@ import numpy as np
 
 from .analyser import Aim, Analyser, Exploration, HandLayout, VirtualGrasp, same_grip
 from .critic import Recognition, Verdict, judge, recognise, recognise_shape
-from .decision import Decision, Offer, Settings, Status, Transition
+from .decision import Decision, Offer, Settings, Status, Transition, decided
 from .estimator import Estimate, InputKind, decode, inputs, predict
 from .exceptions import InputError
 from .learning import (
@@ -33,6 +33,7 @@ from .learning import (
     explore,
     first_guess,
     learn,
+    outcomes_of,
     search_values,
     seed_experiences,
     training_set,
@@ -151,7 +152,7 @@ class Controller:
             if approaches is not None:
                 steps[-1] = replace(steps[-1], reason=f"{steps[-1].reason}; approaches allowed: {approaches}")
             offers = self._offers(pa, task, allowed)
-            return _decision(task, 2, Status.CORRECTION, steps, estimate, offers=offers)
+            return decided(task, 2, Status.CORRECTION, steps, estimate, offers=offers)
         return self._mode_3(pa, task, allowed, count, steps, may_learn)
 
     def teach(self, thing: TriangleMesh | Analyser, task: Task, *, approaches: str | None = None) -> Decision:
@@ -221,7 +222,7 @@ class Controller:
         if discovery is None:
             reason = "no virtual grasp on any allowed plane: fingers and thumb never meet the object together"
             steps.append(Transition(mode=3, outcome="no grasp", reason=reason))
-            return _decision(task, 3, Status.NO_GRASP, steps, None)
+            return decided(task, 3, Status.NO_GRASP, steps, None)
         best = discovery.answer
         steps.append(Transition(mode=3, outcome="explored", reason=_explored(discovery)))
         verdict = judge(best.judged, threshold, subject=pa.measure)
@@ -236,7 +237,7 @@ class Controller:
         steps.append(_step(3, verdict, missed="deadlock"))
         if not verdict.reward:
             self.deadlock = True
-            return _decision(task, 3, Status.DEADLOCK, steps, None, best=best)
+            return decided(task, 3, Status.DEADLOCK, steps, None, best=best)
         return self._answer(pa, task, 3, best, steps, allowed, count, None)
 
     # What the modes are made of.
@@ -251,15 +252,33 @@ class Controller:
     def _learn(self, pa: Analyser, task: Task, discovery: Discovery) -> str:
         """Incremental learning (§3.5): experiences and new weights reach the memory together."""
         new = experiences_of(pa, pa.mesh.name, task.q, discovery, self.settings.sets)
-        everything = (*self._experiences, *new)
-        weights = learn(everything, self.layout.u, self._weights, seed=self.settings.seed, kind=self._kind)
-        self.memory.add(new, weights)
-        self._experiences, self._weights = everything, weights
+        weights = self._remember(new)
         return (
             f"{pa.mesh.name} on plane {discovery.taught.plane.index}, with this task and its best possible "
             f"task; {weights.trained_on} samples, "
             f"mean-square error {weights.mean_square_error:.1e}"
         )
+
+    def learn_outcomes(self, pa: Analyser, task: Task, tried: Sequence[tuple[VirtualGrasp, bool]]) -> None:
+        """Remember what physics said of grasps, and teach the estimator accordingly.
+
+        A grasp that held is the way to hold the object for this task from now on; one that was lost is
+        neither taught nor recalled again [C].
+
+        Args:
+            pa: the object's performance element.
+            task: what the grasps were for.
+            tried: grasps and whether each held, in the order in which they were tried.
+        """
+        if tried:
+            self._remember(outcomes_of(pa, task.q, tried, self.settings.sets))
+
+    def _remember(self, new: Sequence[Experience]) -> NetworkWeights:
+        everything = (*self._experiences, *new)
+        weights = learn(everything, self.layout.u, self._weights, seed=self.settings.seed, kind=self._kind)
+        self.memory.add(new, weights)
+        self._experiences, self._weights = everything, weights
+        return weights
 
     def _self_test(self, pa: Analyser, q: Array, allowed: BoolArray) -> Verdict:
         estimate, _, verdict = self._mode_0(pa, q, allowed)
@@ -282,7 +301,7 @@ class Controller:
         others: tuple[VirtualGrasp, ...] = ()
         if count > 1:
             others = self._alternatives(pa, task.q, grasp, allowed, count - 1)
-        return _decision(task, mode, Status.ANSWER, steps, estimate, grasp=grasp, alternatives=others)
+        return decided(task, mode, Status.ANSWER, steps, estimate, grasp=grasp, alternatives=others)
 
     def _alternatives(
         self, pa: Analyser, q: Array, grasp: VirtualGrasp, allowed: BoolArray, count: int
@@ -369,29 +388,3 @@ def _explored(discovery: Discovery) -> str:
 
 def _indices(allowed: BoolArray) -> Sequence[int]:
     return [int(i) + 1 for i in np.flatnonzero(allowed)]
-
-
-def _decision(
-    task: Task,
-    mode: int,
-    status: Status,
-    steps: list[Transition],
-    estimate: Estimate | None,
-    *,
-    grasp: VirtualGrasp | None = None,
-    best: VirtualGrasp | None = None,
-    alternatives: tuple[VirtualGrasp, ...] = (),
-    offers: tuple[Offer, ...] = (),
-) -> Decision:
-    return Decision(
-        status=status,
-        reason=steps[-1].reason,
-        mode=mode,
-        task=task,
-        grasp=grasp,
-        best=best or grasp,
-        alternatives=alternatives,
-        offers=offers,
-        transitions=tuple(steps),
-        estimate=estimate,
-    )

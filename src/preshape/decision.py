@@ -117,3 +117,30 @@ class Decision:
     def deadlock(self) -> bool:
         """Whether the controller waits for a reset."""
         return self.status is Status.DEADLOCK
+
+
+def decided(
+    task: Task,
+    mode: int,
+    status: Status,
+    steps: list[Transition],
+    estimate: Estimate | None,
+    *,
+    grasp: VirtualGrasp | None = None,
+    best: VirtualGrasp | None = None,
+    alternatives: tuple[VirtualGrasp, ...] = (),
+    offers: tuple[Offer, ...] = (),
+) -> Decision:
+    """How a run ended, with the last step's reason."""
+    return Decision(
+        status=status,
+        reason=steps[-1].reason,
+        mode=mode,
+        task=task,
+        grasp=grasp,
+        best=best or grasp,
+        alternatives=alternatives,
+        offers=offers,
+        transitions=tuple(steps),
+        estimate=estimate,
+    )

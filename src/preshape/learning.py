@@ -19,7 +19,7 @@ from .fuzzy import FuzzySets, approaching_degrees
 from .objects.shape import described
 from .planes import PLANES
 from .training import train
-from .types import Array, BoolArray, Experience, NetworkWeights, value
+from .types import Array, Attributes, BoolArray, Experience, NetworkWeights, value
 
 FINE_VALUES: Array = np.linspace(-0.95, 0.95, 64)
 """Approach values that modes 1 and 3 try between the crisp ones [C]."""
@@ -111,29 +111,54 @@ def experiences_of(
     self_match = approaching_degrees(discovery.found.wrench, discovery.found.wrench, sets).sum(axis=1)
     landmark = analyser.grasp(q, discovery.found, int(np.argmax(np.round(self_match, 9))))
     attributes = described(analyser.mesh)
-
-    def remember(kind: str, task: Array, g: VirtualGrasp) -> Experience:
-        return Experience(
-            kind=kind,
-            object_name=object_name,
-            hand=analyser.layout.name,
-            attributes=attributes,
-            task=task,
-            plane=g.plane.index,
-            flip=g.flip,
-            approach_value=g.approach_value,
-            approach_set=g.approach_set,
-            fingers=g.fingers,
-            wrench=g.net_wrench,
-            match=float(approaching_degrees(task, g.net_wrench, sets).sum()),
-            grip=_remembered(g, analyser.mesh.cog),
-            quality=None if g.grip is None else g.grip.quality,
-        )
-
     return [
-        remember("task", q, grasp),
-        remember("best", grasp.net_wrench, grasp),
-        remember("landmark", landmark.net_wrench, landmark),
+        experience_of(analyser, object_name, kind, task, g, sets, attributes)
+        for kind, task, g in (
+            ("task", q, grasp),
+            ("best", grasp.net_wrench, grasp),
+            ("landmark", landmark.net_wrench, landmark),
+        )
+    ]
+
+
+def experience_of(
+    analyser: Analyser,
+    object_name: str,
+    kind: str,
+    task: Array,
+    g: VirtualGrasp,
+    sets: FuzzySets,
+    attributes: Attributes,
+    outcome: str = "",
+) -> Experience:
+    """A grasp of an object as what is remembered of it; see :class:`preshape.types.Experience`."""
+    return Experience(
+        kind=kind,
+        object_name=object_name,
+        hand=analyser.layout.name,
+        attributes=attributes,
+        task=task,
+        plane=g.plane.index,
+        flip=g.flip,
+        approach_value=g.approach_value,
+        approach_set=g.approach_set,
+        fingers=g.fingers,
+        wrench=g.net_wrench,
+        match=float(approaching_degrees(task, g.net_wrench, sets).sum()),
+        grip=_remembered(g, analyser.mesh.cog),
+        quality=None if g.grip is None else g.grip.quality,
+        outcome=outcome,
+    )
+
+
+def outcomes_of(
+    analyser: Analyser, q: Array, tried: Sequence[tuple[VirtualGrasp, bool]], sets: FuzzySets
+) -> list[Experience]:
+    """What physics said of grasps for task Q, in the order in which they were tried: held, or lost."""
+    attributes, name = described(analyser.mesh), analyser.mesh.name
+    return [
+        experience_of(analyser, name, "task", q, g, sets, attributes, "held" if held else "lost")
+        for g, held in tried
     ]
 
 
@@ -188,8 +213,9 @@ def training_set(
 ) -> tuple[Array, Array]:
     """Inputs and output bits of all experiences that are trained on.
 
-    Where the same task on the same object was learnt twice, the later one counts. Experiences from before
-    there were shape descriptors teach nothing where the inputs are of kind ``shape``.
+    Where the same task on the same object was learnt twice, the later one counts. What physics refused is
+    not taught, and takes with it what was learnt before of the same task and the same way to hold.
+    Experiences from before there were shape descriptors teach nothing where the inputs are of kind ``shape``.
 
     Args:
         experiences: of one hand, in the order in which they were met.
@@ -209,7 +235,11 @@ def training_set(
         if e.kind == "landmark" or (kind == "shape" and e.attributes.shape is None):
             continue
         x = inputs(e.task, e.attributes, u, kind)
-        rows[np.round(x, 6).tobytes()] = (x, encode(e.plane, e.approach_set, e.fingers))
+        key, bits = np.round(x, 6).tobytes(), encode(e.plane, e.approach_set, e.fingers)
+        if e.outcome != "lost":
+            rows[key] = (x, bits)
+        elif key in rows and np.array_equal(rows[key][1], bits):
+            del rows[key]
     if not rows:
         return np.zeros((0, INPUT_COUNTS[kind])), np.zeros((0, OUTPUTS))
     return np.array([x for x, _ in rows.values()]), np.array([y for _, y in rows.values()])

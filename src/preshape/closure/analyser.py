@@ -223,12 +223,13 @@ class ClosureAnalyser:
 
     def _recalled(self, aim: Aim) -> tuple[Sampled | None, Array]:
         """Grips that held objects of about this size on these planes, put on this one; how good they were."""
-        joints = len(self.hand.joints)
+        joints, known = len(self.hand.joints), self._known()
+        lost = {e.grip.tobytes() for e in known if e.grip is not None and e.outcome == "lost"}
         rows = [
             e
-            for e in self._known()
+            for e in known
             if e.grip is not None
-            and e.outcome != "lost"
+            and e.grip.tobytes() not in lost
             and e.plane in aim.planes
             and len(e.grip) == 8 + joints
             and np.abs(np.log(e.attributes.extents / self.mesh.attributes.extents)).max() < RECALLED

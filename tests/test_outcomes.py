@@ -1,0 +1,96 @@
+"""What physics says of a grip is remembered: what held is taught and recalled, what was lost is neither."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from preshape.analyser import VirtualGrasp
+from preshape.closure.analyser import ClosureAnalyser
+from preshape.closure.settings import ClosureSettings
+from preshape.closure_control import closure_controller
+from preshape.controller import Controller
+from preshape.decision import Settings
+from preshape.hands import load_hand
+from preshape.learning import training_set
+from preshape.memory import Memory
+from preshape.objects.library import load_library_object
+from preshape.planner import layout_of
+from preshape.tasks import parse_task
+
+HAND, TASK = load_hand("allegro"), parse_task("lift")
+QUICK = ClosureSettings(everywhere=600, elite=8, rounds=2, finished=4, persistence=1)
+
+
+@pytest.fixture
+def met() -> Iterator[tuple[Controller, ClosureAnalyser, list[VirtualGrasp]]]:
+    """A controller that has met a box, and the grips found for it, best first."""
+    with Memory.open(":memory:") as memory:
+        controller = closure_controller(
+            memory, HAND, layout_of(HAND), settings=Settings(), closure=QUICK, gravity=TASK.gravity
+        )
+        element = controller.prepare(load_library_object("box"))
+        assert isinstance(element, ClosureAnalyser)
+        decision = controller.teach(element, TASK)
+        assert decision.grasp is not None
+        everything = next(iter(element._kept.values()))
+        assert len(everything.grasps) >= 2
+        yield controller, element, list(everything.grasps)
+
+
+def start(grasp: VirtualGrasp | None) -> bytes:
+    assert grasp is not None
+    assert grasp.grip is not None
+    return grasp.grip.start.tobytes()
+
+
+def again(controller: Controller, element: ClosureAnalyser) -> tuple[int, VirtualGrasp | None]:
+    element._kept.clear()
+    controller.reset()
+    decision = controller.run(element, TASK, may_learn=False)
+    return decision.mode, decision.grasp
+
+
+def test_what_is_remembered_is_the_answer_at_once(met) -> None:
+    controller, element, _ = met
+    mode, grasp = again(controller, element)
+    assert mode == 0
+    assert start(grasp) == controller.experiences[-3].grip[8:].tobytes()
+    assert element.tried <= 16, "only what is remembered was closed"
+
+
+def test_what_was_lost_is_not_recalled_nor_taught(met) -> None:
+    controller, element, _ = met
+    _, first = again(controller, element)
+    before = len(training_set(controller.experiences, 0.1, kind="shape")[0])
+    controller.learn_outcomes(element, TASK, [(first, False)])
+    assert [e.outcome for e in controller.experiences[-2:]] == ["", "lost"]
+    assert len(training_set(controller.experiences, 0.1, kind="shape")[0]) == before - 1
+    _, second = again(controller, element)
+    if second is not None:
+        assert start(second) != start(first)
+
+
+def test_what_held_in_place_of_it_is_the_answer_from_now_on(met) -> None:
+    controller, element, grasps = met
+    _, first = again(controller, element)
+    other = next(g for g in grasps if start(g) != start(first))
+    controller.learn_outcomes(element, TASK, [(first, False), (other, True)])
+    stored = controller.memory.experiences(hand=controller.layout.name)
+    assert [e.outcome for e in stored[-2:]] == ["lost", "held"], "both are on disk"
+    mode, second = again(controller, element)
+    assert mode == 0
+    assert second is not None
+    assert second.plane.index == other.plane.index
+    assert start(second) == start(other)
+    x, y = training_set(stored, layout_of(HAND).u, kind="shape")
+    assert len(x) == len(y) == len(np.unique(np.round(x, 6), axis=0))
+
+
+def test_nothing_tried_is_nothing_learnt(met) -> None:
+    controller, element, _ = met
+    before = controller.experiences
+    controller.learn_outcomes(element, TASK, [])
+    assert controller.experiences is before
