@@ -19,7 +19,7 @@ _PROBES = 8
 _ANGLES = (0.003, 0.05, 0.4)  # of the directions probed round a minimum [rad]
 _WIDE = (0.3, 0.8, 1.3, 1.7)  # and round the axis, to start from
 _LOWER = 1e-10
-_APART = 0.45  # angle between the wrenches that a search starts from [rad], or half the cap's
+_APART = 0.45  # angle between the wrenches that a search starts from [rad], or a third of the half-angle
 _SHARE = 1e-4  # of the normal force, below which a contact does not touch the face
 
 
@@ -66,7 +66,7 @@ def inscribe(space: WrenchSpace, base: Array, axis: Array, half_angle: float, *,
     """
     normals = np.concatenate([axis[None], space.faces(), _around(space, axis, _WIDE)])
     k, wrenches = phi(space, base, axis, half_angle, normals)
-    apart = math.cos(min(_APART, half_angle / 2))
+    apart = math.cos(min(_APART, half_angle / 3))
     chosen: list[int] = []
     for i in np.argsort(k, kind="stable"):
         if all(wrenches[i] @ wrenches[j] < apart for j in chosen):

@@ -26,7 +26,7 @@ from .wrench_space import WrenchSpace
 
 HALF_ANGLE = math.radians(15.0)
 _HELD = 1e-7  # unproduced part of the load, over the force limit, that is rounding
-_STARTS, _EACH_STARTS = 6, 24  # faces that the search in closed form starts from
+_STARTS = 32  # faces that the search in closed form starts from
 
 
 def task_margin(
@@ -87,7 +87,7 @@ def _in_closed_form(
             return Measure(number=None, status=status)
     if reached(cone_matrix(contacts)) < 6:
         return Measure(number=0.0, status=Status.RANK_DEFICIENT)
-    fit = inscribe(space, base / unit, axis, half_angle, starts=_EACH_STARTS if space.each else _STARTS)
+    fit = inscribe(space, base / unit, axis, half_angle, starts=_STARTS)
     if fit.settled:
         return _measure(fit.k * unit, unit, fit.wrench)
     program = force_program(contacts, limits)
