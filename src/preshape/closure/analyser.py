@@ -24,9 +24,12 @@ from ..tasks.task import ROTATION_ABSENT, TRANSLATION_ABSENT
 from ..types import Array, BoolArray, ContactCoefficients, Experience, IntArray, frozen_array, value
 from ..wrench import contact_wrenches, net_wrench, screw_measures
 from .grip import Finished, Finisher
+from .pinches import hand_pinches
+from .pinching import PINCHED, pinched
 from .sampling import Sampled, sample
-from .search import ClosureSearch, Demand, Ranked, apart, best_of, joined
+from .search import ClosureSearch, Demand, Ranked, apart, best_of, joined, turn_levers
 from .settings import ClosureSettings
+from .spots import find_spots
 
 MAX_FINGERS = 4
 """Virtual fingers of the paper's estimator; a hand's fifth counts as the fourth."""
@@ -100,7 +103,11 @@ class ClosureAnalyser:
         self.query = SurfaceQuery(mesh, device=self.settings.device)
         self.middle = inner_centre(self.field, mesh)
         length = float(mesh.extents.max()) / 2
-        self.search = ClosureSearch(hand, self.field, self.middle, length, self.settings)
+        self.search = ClosureSearch(
+            hand, self.field, self.middle, length, self.settings, turns=turn_levers(mesh, self.middle, length)
+        )
+        self.pinches = hand_pinches(hand)
+        self.spots = find_spots(mesh, self.field, float(self.pinches.tip[0]), self.pinches.widest)
         self.finisher = Finisher(self.search, self.query)
         self._kept: dict[bytes, Grips] = {}
 
@@ -205,18 +212,31 @@ class ClosureAnalyser:
 
     def _draw(self, rng: np.random.Generator, aim: Aim, count: int) -> Sampled:
         fingers = [n for n in range(2, len(self.hand.fingers) + 1) if min(n, MAX_FINGERS) in aim.fingers]
-        half = self.mesh.extents / 2
-        return sample(
+        half, values = self.mesh.extents / 2, list(aim.values) if len(aim.values) <= FEW else None
+        pinching = pinched(
+            rng,
+            self.pinches,
+            self.spots,
+            self.mesh.cog,
+            half,
+            int(PINCHED * count),
+            planes=list(aim.planes),
+            flips=list(aim.flips),
+            values=values,
+            fingers=fingers or None,
+        )
+        anywhere = sample(
             rng,
             self.search.pool,
             self.mesh.cog,
             half,
-            count,
+            count - len(pinching.plane),
             planes=list(aim.planes),
             flips=list(aim.flips),
-            values=list(aim.values) if len(aim.values) <= FEW else None,
+            values=values,
             fingers=fingers or None,
         )
+        return joined(pinching, anywhere)
 
     def _evaluate(self, sampled: Sampled, demand: Demand) -> Ranked:
         return self.search.evaluate(sampled, demand, wanted=WANTED)

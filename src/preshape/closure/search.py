@@ -5,6 +5,7 @@ Everything here is arrays over candidates; nothing knows the task's name, the me
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -18,6 +19,7 @@ from ..kernels.field import DistanceField
 from ..kernels.hand_spheres import COARSE
 from ..kernels.margin import MarginKernel
 from ..kernels.tables import HandTables
+from ..objects.mesh import TriangleMesh
 from ..types import Array, BoolArray, IntArray, freeze, frozen_array, value
 from .hand_tables import hand_tables
 from .preshapes import Preshapes, joint_ranges, posture_at, preshapes
@@ -139,6 +141,35 @@ def best_of(*several: Ranked, keep: int | None = None) -> Ranked:
     return together.take(order if keep is None else order[:keep])
 
 
+def turn_levers(mesh: TriangleMesh, cog: Array, length: float) -> list[tuple[float, Array]]:
+    """Turns that plain holding asks for about the object's own axes, where it is slender; else none.
+
+    No push on a pen turns it about its long axis with a lever of ``LEVER``: it is as long as the object
+    reaches from that axis, and half as long again.
+
+    Args:
+        mesh: the object.
+        cog: (3,) the point that torques are about [m].
+        length: ℓ [m].
+
+    Returns:
+        Pairs of a lever [m] and the (k, 6) wrenches that have it; none where all have that of plain holding.
+    """
+    whole = min(LEVER, 1.5 * length)
+    middle = mesh.corners.mean(axis=1) - cog
+    _, axes = np.linalg.eigh(np.einsum("n,ni,nj->ij", mesh.areas / mesh.areas.sum(), middle, middle))
+    local = (mesh.vertices - cog) @ axes
+    reach = [float(np.linalg.norm(np.delete(local, k, axis=1), axis=1).max()) for k in range(3)]
+    levers = [min(whole, round(1.5 * one, 6)) for one in reach]
+    if min(levers) > 0.999 * whole:
+        return []
+    turns = np.concatenate([np.zeros((3, 3)), axes]).T
+    return [
+        (lever, np.concatenate([[turns[k], -turns[k]] for k in range(3) if levers[k] == lever]))
+        for lever in sorted(set(levers))
+    ]
+
+
 class ClosureSearch:
     """One hand and one object, ready to be searched.
 
@@ -148,10 +179,17 @@ class ClosureSearch:
         cog: (3,) the point that torques are about [m].
         length: ℓ, half the object's largest extent [m].
         settings: friction, device, size of the search.
+        turns: turns that plain holding asks for in place of those about the frame's axes, and their levers.
     """
 
     def __init__(
-        self, hand: Hand, field: DistanceField, cog: Array, length: float, settings: ClosureSettings
+        self,
+        hand: Hand,
+        field: DistanceField,
+        cog: Array,
+        length: float,
+        settings: ClosureSettings,
+        turns: Sequence[tuple[float, Array]] = (),
     ) -> None:
         self.hand, self.field, self.settings = hand, field, settings
         self.cog, self.length = np.asarray(cog, dtype=np.float64), float(length)
@@ -159,7 +197,9 @@ class ClosureSearch:
         self.pool: Preshapes = preshapes(hand)
         self.ranges = joint_ranges(hand, self.tables)
         self.kernel = ClosingKernel(self.tables, field, device=settings.device, threads=settings.threads)
-        self._holding = self._margins(HOLD)
+        lever = min(LEVER, 1.5 * self.length)
+        asked = [(lever, HOLD if not turns else HOLD[[0, 1, 2, 6, 7, 8]]), *turns]
+        self._holding = [(lever, self._margins(wrenches)) for lever, wrenches in asked]
         self._asked: Demand | None = None
         self._cone: MarginKernel | None = None
 
@@ -195,7 +235,7 @@ class ClosureSearch:
         if not len(closings.counts):
             return np.zeros(0), np.zeros(0)
         given = closings.points, closings.normals_in, closings.counts
-        hold = self._holding.strengths(*given, min(LEVER, 1.5 * self.length), self.cog)
+        hold = np.min([kernel.strengths(*given, lever, self.cog) for lever, kernel in self._holding], axis=0)
         kernel = self._serving(demand)
         return (hold if kernel is None else kernel.strengths(*given, self.length, self.cog)), hold
 

@@ -7,6 +7,7 @@ all: several processes may work on the same object and folder at once.
 from __future__ import annotations
 
 import hashlib
+import math
 from importlib.metadata import version
 from pathlib import Path
 
@@ -20,6 +21,12 @@ from ..types import Array, IntArray, freeze, frozen_array, value
 THRESHOLD = (
     0.1  # concavity that coacd accepts; its default 0.05 takes four times as long for three times the pieces
 )
+FINE = (
+    0.03  # ... where that fills too much of a thin object: takes ten times as long for five times the pieces
+)
+FILLED = 0.15  # share of the pieces' volume that may be outside of the object, by more than
+OUTSIDE = 0.005  # ... this share of its largest extent
+SAMPLES = 4000  # points in the pieces that this is measured with
 MOST_TRIANGLES = 10_000
 SEED = 0
 RESOLUTION = 30  # of coacd's own repair; at its default 50 a small scan takes minutes
@@ -128,12 +135,17 @@ def pieces_from_folder(folder: str | Path, name: str) -> ConvexPieces:
     return ConvexPieces(name=name, pieces=tuple(load_object(file).vertices for file in files))
 
 
-def decompose(mesh: TriangleMesh, *, threshold: float = THRESHOLD, cache: Path | None = None) -> ConvexPieces:
+def decompose(
+    mesh: TriangleMesh, *, threshold: float | None = None, cache: Path | None = None
+) -> ConvexPieces:
     """Cut a mesh into convex pieces, or take them from the cache.
+
+    By default it is cut coarsely first. Where the pieces then fill much that is outside of it, such as the
+    bowl of a spoon or the jaws of a wrench, it is cut again finely, to the shape that was planned for.
 
     Args:
         mesh: need not be watertight.
-        threshold: concavity accepted, 0.01 (fine) to 1 (one hull).
+        threshold: concavity accepted, 0.01 (fine) to 1 (one hull), whatever is filled.
         cache: folder; default :func:`preshape.files.cache_folder`. It may be unusable: then nothing is kept.
 
     Raises:
@@ -141,12 +153,54 @@ def decompose(mesh: TriangleMesh, *, threshold: float = THRESHOLD, cache: Path |
         EnvironmentFailure: coacd is not installed.
     """
     folder = (cache or cache_folder()) / "convex"
-    file = folder / f"{_key(mesh, threshold)}.npz"
+    rule = f"{threshold!r}" if threshold is not None else f"{THRESHOLD!r} {FINE!r} {FILLED!r} {OUTSIDE!r}"
+    file = folder / f"{_key(mesh, rule)}.npz"
     kept = _read(file)
     if kept is None:
-        kept = _cut(mesh, threshold)
+        kept = _fitting(mesh, folder) if threshold is None else _cut(mesh, threshold)
         keep_arrays(file, corners=np.concatenate(kept), ends=np.cumsum([len(p) for p in kept]))
     return ConvexPieces(name=mesh.name, pieces=kept)
+
+
+def _fitting(mesh: TriangleMesh, folder: Path) -> tuple[Array, ...]:
+    """Coarse pieces, or fine ones where those fill too much."""
+    coarse = _read(folder / f"{_key(mesh, repr(THRESHOLD))}.npz") or _cut(mesh, THRESHOLD)
+    if filled_share(mesh, ConvexPieces(name=mesh.name, pieces=coarse)) <= FILLED:
+        return coarse
+    return _cut(mesh, FINE)
+
+
+def filled_share(mesh: TriangleMesh, pieces: ConvexPieces) -> float:
+    """Share of the pieces' volume that is outside of the mesh, by more than ``OUTSIDE`` of its extent.
+
+    Args:
+        mesh: need not be watertight.
+        pieces: of the mesh, at scale 1.
+    """
+    from ..kernels.field import SurfaceQuery
+
+    rng = np.random.default_rng(SEED)
+    shares = np.array(pieces.volumes) / pieces.volume
+    points = [
+        _inside(corners, max(10, math.ceil(SAMPLES * share)), rng)
+        for corners, share in zip(pieces.pieces, shares, strict=True)
+    ]
+    weights = np.concatenate(
+        [np.full(len(own), share / len(own)) for own, share in zip(points, shares, strict=True)]
+    )
+    out = SurfaceQuery(mesh).closest(np.concatenate(points)).distance > OUTSIDE * float(mesh.extents.max())
+    return float(weights[out].sum())
+
+
+def _inside(corners: Array, count: int, rng: np.random.Generator) -> Array:
+    """(count, 3) points spread evenly in a convex piece."""
+    from scipy.spatial import ConvexHull
+
+    faces = corners[ConvexHull(corners).simplices]
+    solids = np.concatenate([np.broadcast_to(corners.mean(axis=0), (len(faces), 1, 3)), faces], axis=1)
+    volumes = np.abs(np.linalg.det(solids[:, 1:] - solids[:, :1]))
+    which = rng.choice(len(solids), count, p=volumes / volumes.sum())
+    return np.asarray(np.einsum("nk,nkd->nd", rng.dirichlet(np.ones(4), count), solids[which]))
 
 
 def closed(vertices: Array, triangles: IntArray) -> tuple[Array, IntArray]:
@@ -206,9 +260,9 @@ def simplified(vertices: Array, triangles: IntArray, most: int = MOST_TRIANGLES)
     return vertices, triangles
 
 
-def _key(mesh: TriangleMesh, threshold: float) -> str:
+def _key(mesh: TriangleMesh, rule: str) -> str:
     # A piece of another version of coacd is another piece; without coacd what is cached still serves.
-    state = hashlib.sha256(f"convex 2 {threshold!r} {SEED} {MOST_TRIANGLES}".encode())
+    state = hashlib.sha256(f"convex 2 {rule} {SEED} {MOST_TRIANGLES}".encode())
     for array in (mesh.vertices, mesh.triangles):
         state.update(np.ascontiguousarray(array).tobytes())
     return state.hexdigest()[:40]

@@ -1,0 +1,225 @@
+"""Thin and flat objects: pinches of a hand, spots of an object, hands put there, and pieces that fit."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from preshape.closure.hand_tables import hand_tables
+from preshape.closure.pinches import FACING, WIDTHS, Pinches, finger_sets, hand_pinches
+from preshape.closure.pinching import frames, in_turn, pinched
+from preshape.closure.preshapes import preshapes
+from preshape.closure.sampling import Sampled, quaternions, sample
+from preshape.closure.search import ClosureSearch, Demand
+from preshape.closure.settings import ClosureSettings
+from preshape.closure.spots import Spots, find_spots
+from preshape.hands.model import load_hand
+from preshape.kernels.closing import Candidates, ClosingKernel, Fate
+from preshape.kernels.field import prepare_field
+from preshape.objects.load import load_object
+from preshape.objects.mesh import TriangleMesh
+from preshape.physics import pieces as pieces_module
+from preshape.physics.pieces import FILLED, FINE, THRESHOLD, ConvexPieces, decompose, filled_share
+from preshape.planes import APPROACH_AXES, OPPOSITION_AXES
+
+HANDS = ("shadow", "allegro", "leap")
+WIDE = 0.004
+
+
+def slab(x: float, y: float, z: float, turned: bool = False) -> TriangleMesh:
+    """A box of these edges [m]; every second triangle the wrong way round, if so wished."""
+    box = load_object("box")
+    triangles = np.array(box.triangles)
+    if turned:
+        triangles[::2] = triangles[::2, ::-1]
+    return TriangleMesh(name="slab", vertices=box.vertices / box.extents * [x, y, z], triangles=triangles)
+
+
+@pytest.fixture(scope="module")
+def strip() -> TriangleMesh:
+    return slab(0.12, 0.03, 0.003)
+
+
+def spots_of(mesh: TriangleMesh, pinches: Pinches) -> Spots:
+    return find_spots(mesh, prepare_field(mesh), float(pinches.tip[0]), pinches.widest)
+
+
+@pytest.mark.parametrize("name", HANDS)
+class TestPinches:
+    def test_they_are_what_they_say(self, name: str) -> None:
+        hand = load_hand(name)
+        pinches = hand_pinches(hand)
+        counts = np.histogram(pinches.width, WIDTHS)[0]
+        assert (counts >= 10).all(), counts
+        assert (np.diff(pinches.width) >= 0).all()
+        used = np.isfinite(pinches.pads).all(axis=2)
+        assert (used.sum(axis=1) == pinches.fingers).all()
+        assert ((used << np.arange(used.shape[1])).sum(axis=1) == pinches.mask).all()
+        np.testing.assert_allclose(np.linalg.norm(pinches.opposition, axis=1), 1.0, atol=1e-9)
+        thumb = hand_tables(hand).thumb
+        np.testing.assert_allclose(pinches.pads[:, thumb], pinches.thumb)
+        # The fingers stand in one plane across the opposition; the thumb's pad is a width away from it.
+        depth = np.einsum("nfi,ni->nf", pinches.thumb[:, None] - pinches.pads, pinches.opposition)
+        others = np.delete(np.where(used, depth, pinches.width[:, None]), thumb, axis=1)
+        assert np.abs(others - pinches.width[:, None]).max() < 1e-3
+        rate = np.einsum("ni,ni->n", pinches.thumb_rate - pinches.others_rate, pinches.opposition)
+        np.testing.assert_allclose(rate, 1.0, atol=1e-6)
+        assert np.linalg.norm(pinches.thumb_rate, axis=1).max() <= 0.5 / FACING + 1e-6
+
+    def test_a_small_plate_between_the_pads_is_met_there(self, name: str) -> None:
+        """Closed by the kernel, thumb and finger touch where the pinch says, whatever its width."""
+        hand = load_hand(name)
+        pinches = hand_pinches(hand)
+        rows = np.flatnonzero((pinches.fingers == 2) & (np.abs(pinches.width - WIDE) < 0.003))
+        middle, opposition = pinches.at(rows, np.full(len(rows), WIDE))
+        turn = frames(np.tile([0.0, 0, 1], (len(rows), 1)), np.tile([1.0, 0, 0], (len(rows), 1)))
+        turn = turn @ frames(opposition, np.tile([0.3, -0.5, 0.8], (len(rows), 1))).transpose(0, 2, 1)
+        place = -np.einsum("nij,nj->ni", turn, middle)
+        field = prepare_field(slab(0.014, 0.014, WIDE), cache=None)
+        kernel = ClosingKernel(hand_tables(hand), field)
+        closed = kernel.close(
+            Candidates(
+                place=place, turn=quaternions(turn), start=pinches.start[rows], mask=pinches.mask[rows]
+            ),
+            wanted=2,
+        )
+        good = closed.fate == Fate.CLOSED
+        assert good.mean() > 0.8
+        # The thumb on +z, the finger on -z, and next to no way between them along the plate.
+        assert (closed.normals_in[good, 0, 2] < -0.9).mean() > 0.9
+        aside = np.linalg.norm(closed.points[good, 0, :2] - closed.points[good, 1, :2], axis=1)
+        assert np.median(aside) < 0.0007
+
+
+def test_sets_of_fingers() -> None:
+    assert finger_sets(3, 0) == [0b011, 0b101, 0b111]
+    assert all(mask >> 4 & 1 for mask in finger_sets(5, 4))
+    assert len(finger_sets(5, 4)) == 4 + 3 + 2 + 1
+
+
+class TestSpots:
+    @pytest.mark.parametrize("turned", [False, True])
+    def test_of_a_strip(self, turned: bool) -> None:
+        mesh = slab(0.12, 0.03, 0.003, turned)
+        spots = find_spots(mesh, prepare_field(mesh, cache=None), 0.008, 0.05)
+        flat = np.abs(spots.normal[:, 2]) > 0.999
+        assert 0.85 < flat.mean() < 1.0
+        np.testing.assert_allclose(spots.width[flat], 0.003, atol=1e-6)
+        np.testing.assert_allclose(spots.middle[flat, 2], 0.0, atol=1e-6)
+        assert {*np.sign(spots.normal[flat, 2])} == {-1.0, 1.0}
+        # Its ends are too far apart for the hand, its long sides are not.
+        np.testing.assert_allclose(spots.width[~flat], 0.03, atol=1e-6)
+        np.testing.assert_allclose(np.abs(spots.normal[~flat, 1]), 1.0, atol=1e-6)
+
+    def test_only_where_fingertips_have_room(self) -> None:
+        """A closed shell has walls that no finger comes behind."""
+        outer, inner = slab(0.05, 0.05, 0.05), slab(0.044, 0.044, 0.044)
+        shell = TriangleMesh(
+            name="shell",
+            vertices=np.concatenate([outer.vertices, inner.vertices]),
+            triangles=np.concatenate([outer.triangles, inner.triangles[:, ::-1] + len(outer.vertices)]),
+        )
+        field = prepare_field(shell, cache=None)
+        assert len(find_spots(shell, field, 0.005, 0.04))
+        spots = find_spots(shell, field, 0.03, 0.04)
+        assert not len(spots)
+
+
+@pytest.mark.parametrize("name", HANDS)
+class TestPinched:
+    def drawn(self, name: str, mesh: TriangleMesh, count: int, **where: object) -> Sampled:
+        pinches = hand_pinches(load_hand(name))
+        rng = np.random.default_rng(3)
+        half = mesh.extents / 2
+        return pinched(rng, pinches, spots_of(mesh, pinches), mesh.cog, half, count, **where)  # type: ignore[arg-type]
+
+    def test_as_asked(self, name: str, strip: TriangleMesh) -> None:
+        first = self.drawn(name, strip, 200, planes=[2, 7], flips=[True], values=[0.0], fingers=[2, 3])
+        again = self.drawn(name, strip, 200, planes=[2, 7], flips=[True], values=[0.0], fingers=[2, 3])
+        np.testing.assert_array_equal(first.candidates.place, again.candidates.place)
+        assert {*first.plane} <= {2, 7}
+        assert first.flip.all()
+        assert np.abs(first.value).max() <= 0.2
+        fingers = np.array([mask.bit_count() for mask in first.candidates.mask.tolist()])
+        assert {*fingers} <= {2, 3}
+
+    def test_the_thumb_is_on_its_side(self, name: str, strip: TriangleMesh) -> None:
+        found = self.drawn(name, strip, 300)
+        search = searched(name, strip)
+        closed = search.kernel.close(found.candidates, wanted=2)
+        rows = np.flatnonzero(closed.fate == Fate.CLOSED)
+        side = np.where(found.flip[:, None], -1, 1) * OPPOSITION_AXES[found.plane - 1]
+        inward = np.einsum("ni,ni->n", closed.normals_in[rows, 0], side[rows])
+        assert (inward < 0).mean() > 0.9
+        assert (np.einsum("ni,ni->n", APPROACH_AXES[found.plane - 1], side) == 0).all()
+
+    def test_far_more_of_them_hold_a_thin_thing(self, name: str, strip: TriangleMesh) -> None:
+        search, hand = searched(name, strip), load_hand(name)
+        pinching = self.drawn(name, strip, 600)
+        assert len(pinching.plane) > 300
+        anywhere = sample(np.random.default_rng(3), preshapes(hand), strip.cog, strip.extents / 2, 600)
+
+        def holding(drawn: Sampled) -> float:
+            return float((search.evaluate(drawn, Demand(), wanted=2).hold > 0).sum() / len(drawn.plane))
+
+        assert holding(pinching) > 0.15
+        assert holding(pinching) > 8 * holding(anywhere)
+
+    def test_nothing_to_pinch(self, name: str) -> None:
+        """A ball larger than the hand: no candidates, and no failure."""
+        ball = load_object("sphere", scale=4.0)
+        assert len(self.drawn(name, ball, 50).plane) == 0
+
+
+def searched(name: str, mesh: TriangleMesh) -> ClosureSearch:
+    field = prepare_field(mesh)
+    return ClosureSearch(load_hand(name), field, mesh.cog, float(mesh.extents.max()) / 2, ClosureSettings())
+
+
+def test_good_rows_in_turn() -> None:
+    kinds = np.array([2, 2, 2, 3, 3, 4])
+    assert in_turn(np.array([True] * 5 + [False]), kinds).tolist() == [0, 3, 1, 4, 2]
+
+
+def test_frames_are_rotations() -> None:
+    rng = np.random.default_rng(0)
+    first = rng.normal(size=(20, 3))
+    first /= np.linalg.norm(first, axis=1, keepdims=True)
+    second = rng.normal(size=(20, 3))
+    R = frames(first, second)
+    np.testing.assert_allclose(R @ R.transpose(0, 2, 1), np.tile(np.eye(3), (20, 1, 1)), atol=1e-12)
+    np.testing.assert_allclose(np.linalg.det(R), 1.0)
+    np.testing.assert_allclose(R[:, :, 0], first)
+    assert (np.einsum("ni,ni->n", R[:, :, 1], second) > 0).all()
+
+
+class TestPieces:
+    def test_share_that_is_filled(self) -> None:
+        cube = load_object("cube")
+        corners = np.array(cube.vertices)
+        exact = ConvexPieces(name="cube", pieces=(corners,))
+        assert filled_share(cube, exact) < 0.001
+        double = ConvexPieces(name="cube", pieces=(corners * [2, 1, 1],))
+        assert filled_share(cube, double) == pytest.approx(0.5, abs=0.03)
+        beside = ConvexPieces(name="cube", pieces=(corners, corners + np.array([0.1, 0, 0])))
+        assert filled_share(cube, beside) == pytest.approx(0.5, abs=0.01)
+
+    @pytest.mark.parametrize("factor", [1.0, 2.0])
+    def test_cut_finely_only_where_much_is_filled(self, factor: float, tmp_path, monkeypatch) -> None:
+        cube = load_object("cube")
+        asked: list[float] = []
+
+        def cut(mesh: TriangleMesh, threshold: float) -> tuple[np.ndarray, ...]:
+            asked.append(threshold)
+            return (np.array(mesh.vertices) * [factor if threshold == THRESHOLD else 1.0, 1, 1],)
+
+        monkeypatch.setattr(pieces_module, "_cut", cut)
+        made = decompose(cube, cache=tmp_path)
+        assert asked == ([THRESHOLD] if factor == 1.0 else [THRESHOLD, FINE])
+        assert filled_share(cube, made) < FILLED
+        assert decompose(cube, cache=tmp_path).digest == made.digest
+        assert len(asked) <= 2
+        # What is asked for by number is not second-guessed, and is another entry of the cache.
+        assert filled_share(cube, decompose(cube, threshold=THRESHOLD, cache=tmp_path)) == pytest.approx(
+            1.0 - 1.0 / factor, abs=0.03
+        )
