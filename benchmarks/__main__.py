@@ -21,6 +21,7 @@ MODULES = (
     "bench_closing",
     "bench_closure",
     "bench_physics",
+    "bench_dataset",
 )
 
 

@@ -36,6 +36,7 @@ UNFIT = "0 0 0 2 2 2"
 PLAN = jsonschema.Draft202012Validator(plan_schema())
 COMMANDS = (
     "plan",
+    "dataset",
     "learn",
     "objects",
     "tasks",
@@ -51,7 +52,7 @@ HELPS = [
     [],
     *([command] for command in COMMANDS),
     *(["memory", command] for command in ("show", "export", "import", "reset")),
-    *(["bench", command] for command in ("holds", "planner", "tasks", "indices")),
+    *(["bench", command] for command in ("holds", "planner", "tasks", "indices", "clouds")),
 ]
 
 

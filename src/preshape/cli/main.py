@@ -25,6 +25,7 @@ _COMMANDS = {
     "memory": ("memory", "Show, export, import or reset what was learnt."),
     "view": ("view", "See a plan and steer it in the browser."),
     "simulate": ("simulate", "Run a plan in simulated physics and show what happens."),
+    "dataset": ("dataset", "Write many grasps as Parquet, on all cores or a cluster."),
     "bench": ("bench", "Measure grasps, planners and metrics in simulated physics."),
     "export": ("export", "Write a plan for ROS and MoveIt, MuJoCo, or as arrays."),
     "reproduce": ("reproduce", "Reproduce the paper's tables and figures as a report."),

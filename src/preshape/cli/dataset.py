@@ -1,0 +1,222 @@
+"""``preshape dataset``: grasps with margins, indices and physics outcomes, as Parquet."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from ..exceptions import InputError
+from .options import json_option
+
+if TYPE_CHECKING:
+    from ..dataset.engines import Engine
+    from ..dataset.run import DatasetReport
+
+ENGINES = ("local", "ray")
+SHOWN = 12  # shards with too few grasps in the terminal; --json has all
+
+
+@click.command(
+    epilog="Example: preshape dataset mug box can --hands shadow,allegro --tasks lift,pour --per 100 --out d"
+)
+@click.argument("objects", metavar="OBJECTS...", nargs=-1, required=True)
+@click.option("--hands", required=True, metavar="HAND,…", help="See preshape hands.")
+@click.option("--tasks", required=True, metavar="TASK,…", help="See preshape tasks; ALL: every family.")
+@click.option("--per", type=int, required=True, metavar="N", help="Grasps of each object, hand and task.")
+@click.option("--out", required=True, metavar="DIR", help="The dataset; the same command goes on with it.")
+@click.option("--scales", default="1", show_default=True, metavar="S,S", help="Factors on the size.")
+@click.option("--pieces", metavar="DIR", help="Folder with NAME/mesh.obj and NAME/convex of each object.")
+@click.option("--unranked", is_flag=True, help="Hands closed at random instead of the planner's answers.")
+@click.option("--no-physics", is_flag=True, help="Leave the holding test and the task test out.")
+@click.option("--friction", type=float, default=0.6, show_default=True, help="Of planning and tests.")
+@click.option("--mass", type=float, default=0.1, show_default=True, help="Of every object [kg].")
+@click.option("--seed", type=int, default=0, show_default=True, help="Of everything random.")
+@click.option("--per-shard", type=int, default=25, show_default=True, metavar="N", help="Grasps of a file.")
+@click.option(
+    "--candidates", type=int, default=2000, show_default=True, metavar="N", help="Hands closed for a shard."
+)
+@click.option("--engine", default="local", show_default=True, metavar="local|ray", help="Who does the work.")
+@click.option("--workers", type=int, metavar="N", help="Local processes; default: one for each core.")
+@click.option("--address", metavar="ADDRESS", help="Of the Ray cluster; default: RAY_ADDRESS, or one here.")
+@json_option
+def dataset(
+    objects: tuple[str, ...],
+    hands: str,
+    tasks: str,
+    per: int,
+    out: str,
+    scales: str,
+    pieces: str | None,
+    unranked: bool,
+    no_physics: bool,
+    friction: float,
+    mass: float,
+    seed: int,
+    per_shard: int,
+    candidates: int,
+    engine: str,
+    workers: int | None,
+    address: str | None,
+    as_json: bool,
+) -> int:
+    """Write grasps of OBJECTS (library names, files, or a folder of files) as Parquet, for learning.
+
+    Every grasp stands there with its postures, contacts, forces, margins, indices, and what the holding test
+    and the task test said of it; docs/dataset.md lists the columns. A run that was stopped or killed goes on
+    with the same command: finished shards stand. The content depends on neither workers nor engine.
+    Exit code 1: there is not one grasp.
+    """
+    from ..dataset.run import run_dataset
+    from ..dataset.settings import DatasetSettings
+    from ..tasks import FAMILIES
+    from .bench_planner import cases_of
+
+    named = {
+        "--per": per,
+        "--per-shard": per_shard,
+        "--candidates": candidates,
+        "--workers": 1 if workers is None else workers,
+    }
+    for option, number in named.items():
+        if number < 1:
+            raise InputError(f"{option} must be 1 or more, got {number}")
+    settings = DatasetSettings(
+        per=per,
+        per_shard=per_shard,
+        ranked=not unranked,
+        candidates=candidates,
+        physics=not no_physics,
+        friction=friction,
+        mass=mass,
+        seed=seed,
+    )
+    cases = cases_of(objects, scales, pieces)
+    who = _engine(engine, workers, address)
+    with _progress() as told:
+        report = run_dataset(
+            cases,
+            _listed(hands, "--hands"),
+            list(FAMILIES) if tasks == "ALL" else _listed(tasks, "--tasks"),
+            out,
+            engine=who,
+            settings=settings,
+            progress=told,
+        )
+    if as_json:
+        from .main import emit
+
+        emit(report.to_json())
+    else:
+        _show(report, settings.physics)
+    return 0 if report.total("rows") else 1
+
+
+def _listed(text: str, option: str) -> list[str]:
+    names = [part.strip() for part in text.split(",")]
+    if not all(names):
+        raise InputError(f"{option} takes names with commas between, got {text!r}")
+    return names
+
+
+def _engine(name: str, workers: int | None, address: str | None) -> Engine:
+    from ..dataset.engines import LocalEngine, RayEngine
+    from ..physics.runner import usable_cores
+
+    if name not in ENGINES:
+        raise InputError(f"no engine {name!r}; known: {', '.join(ENGINES)}")
+    if name == "ray":
+        if workers is not None:
+            raise InputError("--workers is for local processes; a Ray cluster knows its own")
+        return RayEngine(address=address)
+    if address is not None:
+        raise InputError("--address is that of a Ray cluster; add --engine ray")
+    return LocalEngine(workers=usable_cores() if workers is None else workers)
+
+
+@contextmanager
+def _progress() -> Iterator[Callable[[str, int, int], None]]:
+    """Progress on standard error: a bar in a terminal, lines in a log."""
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
+    console = Console(stderr=True)
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+        TextColumn("{task.fields[left]}"),
+    )
+    first: dict[str, tuple[int, float]] = {}
+    state = {"done": 0, "of": 0, "said": -1}
+    with Progress(*columns, console=console, disable=not console.is_terminal, transient=True) as bar:
+        step = bar.add_task("starting", total=None, left="")
+
+        def told(what: str, done: int, of: int) -> None:
+            if what not in first:  # what an earlier run has done says nothing of the speed
+                first[what] = done, time.perf_counter()
+                bar.reset(step, total=of, completed=done, description=what)
+            left = _left(*first[what], done, of)
+            bar.update(step, completed=done, left=left.removeprefix(", "))
+            if what != "made shards":
+                return
+            state["done"], state["of"] = done, of
+            if not console.is_terminal and 20 * done // of > state["said"]:
+                state["said"] = 20 * done // of
+                click.echo(f"{100 * done // of:3d} %, {done} of {of} shards{left}", err=True)
+
+        try:
+            yield told
+        except KeyboardInterrupt:
+            bar.stop()
+            if state["of"]:
+                click.echo(
+                    f"stopped; {state['done']} of {state['of']} shards are finished and stand, "
+                    "the same command goes on from there",
+                    err=True,
+                )
+            raise
+
+
+def _left(before: int, start: float, done: int, of: int) -> str:
+    if not before < done < of:
+        return ""
+    seconds = (time.perf_counter() - start) / (done - before) * (of - done)
+    return f", about {_span(seconds)} left"
+
+
+def _span(seconds: float) -> str:
+    if seconds < 90:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"
+
+
+def _show(report: DatasetReport, physics: bool) -> None:
+    shards, rows = len(report.facts), report.total("rows")
+    click.echo(
+        f"{rows} grasps of {report.total('asked')} asked for, in {shards} shards; "
+        f"{report.made} made now in {_span(report.seconds)}"
+    )
+    if report.damaged:
+        click.echo(f"{report.damaged} shards that stood there could not be read and were made again")
+    if physics:
+        click.echo(
+            f"holding test: {_share(report, 'held', 'hold_tested')}; "
+            f"task test, where the task suits the object: {_share(report, 'task_done', 'task_tested')}"
+        )
+    short = report.short()
+    for row in short[:SHOWN]:
+        click.echo(f"  {row['shard']}: {row['rows']} of {row['asked']}; {row['reason']}")
+    if len(short) > SHOWN:
+        click.echo(f"  and {len(short) - SHOWN} more with fewer than asked for; --json lists all")
+    click.echo(f"wrote {report.folder}")
+
+
+def _share(report: DatasetReport, part: str, whole: str) -> str:
+    tested = report.total(whole)
+    passed: Any = report.total(part)
+    return f"{passed} of {tested} passed ({100 * passed / tested:.1f} %)" if tested else "none tested"

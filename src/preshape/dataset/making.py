@@ -1,0 +1,261 @@
+"""One shard, from its name to the bytes of its file: a pure function that any process can call."""
+
+from __future__ import annotations
+
+import os
+import socket
+import time
+from functools import partial
+from importlib.metadata import PackageNotFoundError, version
+from typing import Any
+
+import numpy as np
+
+from .._version import __version__
+from ..analyser import VirtualGrasp
+from ..exceptions import EnvironmentFailure, InputError, ObjectError, PreshapeError
+from ..experiments.index_values import INDICES, Grasp, index_values, planner_score
+from ..fuzzy import SET_NAMES
+from ..hands.hand import Hand
+from ..hands.model import load_hand
+from ..objects.load import load_object
+from ..objects.mesh import TriangleMesh
+from ..physics.task_instances import makes_sense
+from ..physics.task_motion import task_motion
+from ..planner import Answer, execute
+from ..tasks import Task, parse_task
+from ..types import value
+from .drawing import Drawn, draw
+from .outcomes import Row, tested, untested
+from .schema import FORMAT, METRICS, parquet_bytes
+from .settings import DatasetSettings, Shard, mesh_digest, task_label
+
+LIBRARIES = ("numpy", "scipy", "warp-lang", "mujoco-core", "coacd", "pyarrow")
+"""Libraries on which the numbers, or the bytes of a file, depend."""
+
+
+@value
+class Made:
+    """A shard's file, not yet on the disk.
+
+    Attributes:
+        name: of the shard.
+        content: the file.
+        facts: what its metadata says.
+        seconds: ``plan``, ``metrics``, ``physics``, ``total``; and ``processor``, the core's own time.
+        process: of the process that made it.
+        host: where that runs.
+        fault: what went wrong inside, where there is no file for it; else empty.
+    """
+
+    name: str
+    content: bytes
+    facts: dict[str, Any]
+    seconds: dict[str, float]
+    process: int
+    host: str
+    fault: str = ""
+
+
+def versions() -> dict[str, str]:
+    """Versions of this program and of what the numbers depend on."""
+    found = {"preshape": __version__}
+    for name in LIBRARIES:
+        try:
+            found[name] = version(name)
+        except PackageNotFoundError:
+            continue
+    return found
+
+
+def make_shard(shard: Shard, settings: DatasetSettings, wanted: dict[str, str]) -> Made:
+    """Plan, measure and test one shard's grasps.
+
+    The same arguments give the same bytes, whoever calls. A fault inside is told in the answer, not raised.
+
+    Args:
+        shard: which.
+        settings: the dataset's.
+        wanted: versions that this process must have, of :func:`versions`.
+
+    Raises:
+        InputError: the object is another one here.
+        EnvironmentFailure: other versions, or something is missing.
+    """
+    from threadpoolctl import threadpool_limits
+
+    here = versions()
+    if here != wanted:
+        other = [f"{k} {here.get(k)} instead of {wanted.get(k)}" for k in {**here, **wanted}
+                 if here.get(k) != wanted.get(k)]  # fmt: skip
+        raise EnvironmentFailure(
+            f"{socket.gethostname()} has {', '.join(other)}; install the same versions everywhere"
+        )
+    clock = _Clock()
+    facts, content, fault = {}, b"", ""
+    try:
+        with threadpool_limits(1):  # one shard, one core
+            rows, reason, suits = _rows(shard, settings, clock)
+        facts = _facts(shard, rows, reason, suits)
+        content = parquet_bytes(rows, facts)
+    except PreshapeError:
+        raise
+    except Exception as error:  # one shard is no reason to lose a night's run
+        if os.environ.get("PRESHAPE_DEBUG"):
+            raise
+        fault = f"{type(error).__name__}: {error}"
+    return Made(
+        name=shard.name,
+        content=content,
+        facts=facts,
+        seconds=clock.seconds(),
+        process=os.getpid(),
+        host=socket.gethostname(),
+        fault=fault,
+    )
+
+
+class _Clock:
+    def __init__(self) -> None:
+        self.start = self.last = time.perf_counter()
+        self.processor = time.process_time()
+        self.laps: dict[str, float] = {}
+
+    def lap(self, name: str) -> None:
+        now = time.perf_counter()
+        self.laps[name], self.last = now - self.last, now
+
+    def seconds(self) -> dict[str, float]:
+        return {
+            **self.laps,
+            "total": time.perf_counter() - self.start,
+            "processor": time.process_time() - self.processor,
+        }
+
+
+def _rows(shard: Shard, settings: DatasetSettings, clock: _Clock) -> tuple[list[Row], str, bool | None]:
+    """The rows, why they are fewer than asked for, and whether the task makes sense."""
+    hand, task = load_hand(shard.hand), parse_task(shard.task)
+    if mesh_digest(shard.source, shard.scale) != shard.mesh:
+        raise InputError(
+            f"{shard.source} is another object on {socket.gethostname()}; "
+            "every machine needs the same file at the same path"
+        )
+    try:
+        mesh = load_object(shard.source, scale=shard.scale)
+        found = draw(hand, mesh, task, shard.count, shard.seed, settings)
+    except ObjectError as error:
+        clock.lap("plan")
+        return [], str(error), None
+    clock.lap("plan")
+    answers = tuple(execute(hand, mesh, grasp, seed=shard.seed) for grasp in found.grasps)
+    suits = makes_sense(task, mesh)
+    place = {
+        "shard": shard.name,
+        "object": shard.object_name,
+        "scale": shard.scale,
+        "hand": hand.name,
+        "task": task_label(task),
+        "part": shard.part,
+        "seed": shard.seed,
+        "ranked": settings.ranked,
+        "task_q": task.q.tolist(),
+        "task_suits": suits,
+    }
+    rows = [
+        {**place, "row": k, **_of_grasp(answer), **_metrics(answer.grasp, found, hand, mesh, task, settings)}
+        for k, answer in enumerate(answers)
+    ]
+    clock.lap("metrics")
+    outcomes = (
+        tested(shard, hand, mesh, task, answers, settings) if settings.physics else untested(len(answers))
+    )
+    clock.lap("physics")
+    return [row | outcome for row, outcome in zip(rows, outcomes, strict=True)], found.reason, suits
+
+
+def _of_grasp(answer: Answer) -> Row:
+    """The columns that the planner fills."""
+    g, result = answer.grasp, answer.hand_result
+    grip = g.grip
+    assert grip is not None
+    poses: Row = {}
+    for stage in ("pregrasp", "grasp", "squeeze"):
+        pose = getattr(result, stage)
+        poses |= {f"{stage}_palm": pose.palm_pose.tolist(), f"{stage}_q": pose.q.tolist()}
+    return {
+        **poses,
+        "plane": g.plane.index,
+        "approach_axis": (g.plane.approach_axis + 0.0).tolist(),
+        "opposition_axis": (g.plane.opposition_axis + 0.0).tolist(),
+        "flip": g.flip,
+        "approach_value": g.approach_value,
+        "approach_set": SET_NAMES[g.approach_set],
+        "virtual_fingers": g.fingers,
+        "fingers": list(grip.fingers),
+        "approach": grip.approach.tolist(),
+        "torques": grip.torques.tolist(),
+        "contact_points": g.contacts.points.tolist(),
+        "contact_normals": g.contacts.normals_in.tolist(),
+        "forces": grip.forces.tolist(),
+        "press": _press(g),
+        "net_wrench": g.net_wrench.tolist(),
+        "adi": g.adi.tolist(),
+        "clearance": grip.clearance,
+        "quality": grip.quality,
+        "task_margin": grip.task_margin,
+        "hold_margin": grip.hold_margin,
+    }
+
+
+def _press(grasp: VirtualGrasp) -> float:
+    """Sum of the normal forces of the squeeze [N]."""
+    assert grasp.grip is not None
+    return float(np.einsum("ni,ni->", grasp.grip.forces, grasp.contacts.normals_in))
+
+
+def _metrics(
+    grasp: VirtualGrasp, found: Drawn, hand: Hand, mesh: TriangleMesh, task: Task, settings: DatasetSettings
+) -> Row:
+    """The columns ``metric_…``."""
+    analyser, length = found.analyser, float(mesh.extents.max()) / 2
+    seen = Grasp(
+        grasp.contacts.points,
+        grasp.contacts.normals_in,
+        centre=analyser.middle,
+        cog=mesh.cog,
+        length=length,
+        u=hand.u,
+        plane=grasp.plane.index,
+    )
+    values = index_values(
+        seen,
+        task.q,
+        task_motion(task, mesh.cog, length),
+        mass=settings.mass,
+        press=_press(grasp),
+        settings=analyser.settings,
+        score=partial(planner_score, analyser.search, seen),
+    )
+    closed = values["closed"][0]
+    return {
+        "metric_closed": None if closed is None else bool(closed),
+        **{f"metric_{index.name}": values[index.name][0] for index in METRICS},
+        "metric_status": {index.name: values[index.name][1] for index in INDICES},
+    }
+
+
+def _facts(shard: Shard, rows: list[Row], reason: str, suits: bool | None) -> dict[str, Any]:
+    """The facts of a shard, for its metadata."""
+    return {
+        "format": FORMAT,
+        "shard": shard.name,
+        "asked": shard.count,
+        "rows": len(rows),
+        "reason": reason,
+        "held": sum(row["held"] is True for row in rows),
+        "hold_tested": sum(row["held"] is not None for row in rows),
+        "task_done": sum(row["task_done"] is True for row in rows),
+        "task_tested": sum(row["task_done"] is not None for row in rows),
+        "task_suits": suits,
+    }

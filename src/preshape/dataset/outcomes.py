@@ -1,0 +1,147 @@
+"""What simulated physics says of a shard's grasps: holding test, and the task test where it makes sense."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ..exceptions import InputError
+from ..experiments.planner_bench import Case, Planned, grasps_of
+from ..hands.hand import Hand
+from ..objects.mesh import TriangleMesh
+from ..physics.grasps import STAGES
+from ..physics.hand import physics_hand
+from ..physics.pieces import load_pieces
+from ..physics.protocol import Protocol
+from ..physics.runner import run_holds
+from ..physics.six_directions import HoldResult, Status
+from ..physics.task_grasps import GivenAnswers, HandPoses
+from ..physics.task_instances import TaskInstance, makes_sense
+from ..physics.task_runner import run_tasks
+from ..physics.task_test import TaskProtocol, TaskResult, TaskStatus
+from ..planner import Answer
+from ..tasks import Task
+from .settings import DatasetSettings, Shard
+
+Row = dict[str, Any]
+
+HOLD_COLUMNS = (
+    "hold_status", "hold_reason", "held", "held_directions", "hold_displacement", "hold_rotation",
+    "touching_at_grasp", "touching_at_squeeze", "parts_at_grasp", "only_by_squeeze", "clean", "penetration",
+    "self_penetration", "contact_distance",
+)  # fmt: skip
+TASK_COLUMNS = (
+    "task_status", "task_reason", "task_done", "task_progress", "task_displacement", "task_rotation",
+)  # fmt: skip
+
+
+def untested(count: int, reason: str | None = None) -> list[Row]:
+    """The columns of both tests for grasps that were not tested; with a reason, that could not be."""
+    row: Row = dict.fromkeys((*HOLD_COLUMNS, *TASK_COLUMNS))
+    if reason is not None:
+        row |= {"hold_status": "invalid", "hold_reason": reason}
+        row |= {"task_status": "invalid", "task_reason": reason}
+    return [dict(row) for _ in range(count)]
+
+
+def tested(
+    shard: Shard,
+    hand: Hand,
+    mesh: TriangleMesh,
+    task: Task,
+    answers: tuple[Answer, ...],
+    settings: DatasetSettings,
+) -> list[Row]:
+    """The columns of both tests.
+
+    Args:
+        shard: the shard.
+        hand: its hand.
+        mesh: its object at its scale.
+        task: its task.
+        answers: its grasps.
+        settings: the dataset's.
+
+    Raises:
+        EnvironmentFailure: the object cannot be cut into pieces here.
+    """
+    case = Case(name=shard.object_name, source=shard.source, scale=shard.scale)
+    planned = Planned(case=case, answers=answers, mode=3, reason="", seconds={})
+    grasps = grasps_of([planned], hand)
+    if grasps is None:
+        return []
+    try:
+        known = shard.object_name if shard.pieces else shard.source
+        pieces = {shard.source: load_pieces(known, shard.pieces)}
+    except InputError as error:
+        return untested(len(answers), str(error))
+    model = physics_hand(hand)
+    protocol = Protocol(friction=settings.friction, mass=settings.mass)
+    holds = run_holds(grasps, model, protocol=protocol, pieces=pieces, workers=1)
+    rows = [_hold(result) for result in holds.results]
+    if not makes_sense(task, mesh):
+        return [row | dict.fromkeys(TASK_COLUMNS) for row in rows]
+    instance = TaskInstance(
+        object_name=shard.source,
+        scale=shard.scale,
+        task=task,
+        cog=mesh.cog,
+        half_extent=float(mesh.extents.max()) / 2,
+        gravity=np.asarray(task.gravity),
+    )
+    own = grasps.for_hand(model)
+    poses = tuple(
+        HandPoses(object_pose=own.object_pose[k], **{stage: getattr(own, stage)[k] for stage in STAGES})
+        for k in range(len(own))
+    )
+    taken = run_tasks(
+        [instance] * len(poses),
+        model,
+        GivenAnswers(rows=poses),
+        protocol=TaskProtocol(hold=protocol),
+        pieces=pieces,
+        workers=1,
+    )
+    return [row | _task(result) for row, result in zip(rows, taken.results, strict=True)]
+
+
+def _hold(result: HoldResult) -> Row:
+    row: Row = dict.fromkeys(HOLD_COLUMNS)
+    row |= {"hold_status": result.status.name.lower(), "hold_reason": result.reason}
+    if result.status is Status.INVALID:
+        return row
+    row |= {
+        "held": result.held,
+        "touching_at_grasp": result.touching_at_grasp,
+        "touching_at_squeeze": result.touching_at_squeeze,
+        "only_by_squeeze": result.only_by_squeeze,
+        "clean": result.clean,
+    }
+    if result.probes:
+        row |= {
+            "held_directions": [probe.held for probe in result.probes],
+            "hold_displacement": [probe.displacement for probe in result.probes],
+            "hold_rotation": [probe.rotation for probe in result.probes],
+        }
+    if result.at_grasp is not None:
+        row |= {
+            "parts_at_grasp": result.at_grasp.parts,
+            "penetration": result.at_grasp.penetration,
+            "self_penetration": result.at_grasp.self_penetration,
+            "contact_distance": result.at_grasp.contact_distance,
+        }
+    return row
+
+
+def _task(result: TaskResult) -> Row:
+    row: Row = dict.fromkeys(TASK_COLUMNS)
+    row |= {"task_status": result.status.name.lower(), "task_reason": result.reason}
+    if result.status is not TaskStatus.INVALID:
+        row |= {
+            "task_done": result.passed,
+            "task_progress": result.progress,
+            "task_displacement": result.displacement,
+            "task_rotation": result.rotation,
+        }
+    return row
