@@ -85,6 +85,8 @@ def test_what_held_in_place_of_it_is_the_answer_from_now_on(met) -> None:
     assert second is not None
     assert second.plane.index == other.plane.index
     assert start(second) == start(other)
+    controller.learn_outcomes(element, TASK, [(second, True)])
+    assert len(controller.memory.experiences(hand=controller.layout.name)) == len(stored), "no news"
     x, y = training_set(stored, layout_of(HAND).u, kind="shape")
     assert len(x) == len(y) == len(np.unique(np.round(x, 6), axis=0))
 

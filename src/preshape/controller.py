@@ -270,8 +270,10 @@ class Controller:
             task: what the grasps were for.
             tried: grasps and whether each held, in the order in which they were tried.
         """
-        if tried:
-            self._remember(outcomes_of(pa, task.q, tried, self.settings.sets))
+        known = {_said(e) for e in self._experiences}
+        new = [e for e in outcomes_of(pa, task.q, tried, self.settings.sets) if _said(e) not in known]
+        if new:
+            self._remember(new)
 
     def _remember(self, new: Sequence[Experience]) -> NetworkWeights:
         everything = (*self._experiences, *new)
@@ -384,6 +386,11 @@ def _explored(discovery: Discovery) -> str:
         f"{len(found)} virtual grasps of {found.aimed} aimed at; the best is {best.plane.label}, "
         f"{best.fingers} fingers, TFVADI {best.tfvadi:.2f}"
     )
+
+
+def _said(e: Experience) -> tuple[str, bytes, bytes]:
+    """What physics said of which grasp for which task, to tell whether it is news."""
+    return e.outcome, e.task.tobytes(), (e.wrench if e.grip is None else e.grip).tobytes()
 
 
 def _indices(allowed: BoolArray) -> Sequence[int]:

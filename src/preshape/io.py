@@ -15,7 +15,7 @@ from .analyser import VirtualGrasp
 from .files import dumps, write_json, write_whole
 from .fuzzy import SET_NAMES
 from .hand_simulation import HandPose
-from .planner import Answer, Plan, shortfalls
+from .planner import Answer, Plan, scan_trust, shortfalls
 
 __all__ = ["dumps", "error_to_json", "plan_schema", "plan_to_json", "write_json", "write_whole"]
 
@@ -63,6 +63,7 @@ def _answer(plan: Plan, answer: Answer | None) -> dict[str, Any]:
         "hand": _hand(plan, answer),
         "grip": _grip(answer.grasp) if answer else None,
         "verified": _verified(plan) if answer is plan.answer else None,
+        "cloud": _cloud(plan, answer),
         "alternatives": [],
         "offers": [
             {"task": o.task.label, "q": o.task.q.tolist(), "tfvadi": o.match, "mode": o.mode}
@@ -124,6 +125,20 @@ def _grip(g: VirtualGrasp) -> dict[str, Any] | None:
 def _verified(plan: Plan) -> dict[str, Any] | None:
     said = plan.verified
     return None if said is None else {"held": said.held, "tried": said.tried, "reason": said.reason}
+
+
+def _cloud(plan: Plan, answer: Answer | None) -> dict[str, Any] | None:
+    """What of a point cloud's answer was seen."""
+    said = scan_trust(plan, answer)
+    if said is None:
+        return None
+    return {
+        "points": said.points,
+        "seen_share": said.seen_share,
+        "contacts_seen": list(said.contacts_seen),
+        "trust": said.trust,
+        "sentence": said.sentence,
+    }
 
 
 def _contacts(answer: Answer) -> list[dict[str, Any]]:

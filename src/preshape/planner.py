@@ -16,6 +16,7 @@ import numpy as np
 
 from .analyser import HandLayout, VirtualGrasp
 from .closure.settings import ClosureSettings
+from .clouds.trust import Trust, trust_of, worth
 from .controller import Controller
 from .decision import Decision, Settings
 from .exceptions import InputError
@@ -32,6 +33,8 @@ from .types import Array, frozen_array, value
 ANALYSERS = ("rays", "closure")
 VERIFIED = 6
 """Answers that are tried in physics at most, where it is asked."""
+ON_CLOUDS = 8
+"""Answers looked at on a point cloud, for one with its contacts where the surface was seen."""
 RAY_HAND = "utah_mit"
 """The hand whose default analyser is the paper's; any other hand's is closure."""
 
@@ -119,6 +122,7 @@ def plan(
     table: float | str | None = None,
     avoid: Sequence[Sequence[float]] = (),
     verify: bool = False,
+    view: Sequence[float] | str | None = None,
 ) -> Plan:
     """Plan a preshape.
 
@@ -142,6 +146,8 @@ def plan(
             frame [m]; closure only.
         verify: whether the best few answers are put to the holding test in simulated physics; the first that
             holds becomes the answer.
+        view: of a point cloud, where the camera was, in the file's frame and unit, or ``all`` for points from
+            all round; by default what the file says, else its origin where that can be.
 
     Raises:
         InputError: any argument that cannot be used; the message says what to change.
@@ -152,7 +158,9 @@ def plan(
     kind = check_analyser(analyser, hand)
     wanted = max(count, VERIFIED) if verify and count > 0 else count
     asked = task if isinstance(task, Task) else _task(task)
-    mesh = thing if isinstance(thing, TriangleMesh) else load_object(thing, unit=unit, scale=scale)
+    mesh = thing if isinstance(thing, TriangleMesh) else load_object(thing, unit=unit, scale=scale, view=view)
+    if mesh.scan is not None and count > 0:
+        wanted = max(wanted, ON_CLOUDS)
     loaded = time.perf_counter()
     chosen = settings or Settings(seed=seed)
     own = None if isinstance(memory, Memory) else Memory.open(memory, read_only=not learn)
@@ -177,32 +185,67 @@ def plan(
         element = controller.prepare(mesh)
         prepared = time.perf_counter()
         decision = controller.run(element, asked, approaches=approaches, count=wanted, may_learn=learn)
+        answer = execute(model, mesh, decision.grasp, seed=seed) if decision.grasp else None
+        others = tuple(execute(model, mesh, g, seed=seed) for g in decision.alternatives)
+        end = time.perf_counter()
+        made = Plan(
+            mesh=mesh,
+            source=str(thing) if not isinstance(thing, TriangleMesh) else mesh.name,
+            hand=model,
+            settings=chosen,
+            decision=decision,
+            answer=answer,
+            alternatives=others,
+            seconds={
+                "load": loaded - start,
+                "prepare": prepared - loaded,
+                "search": end - prepared,
+                "total": end - start,
+            },
+        )
+        if mesh.scan is not None:
+            made = seen_first(made, keep=count if not verify else wanted)
+        if verify:
+            made, tried = verified_plan(made, keep=count)
+            if learn and not store.read_only:
+                controller.learn_outcomes(element, asked, tried)
+        return made
     finally:
         if own is not None:
             own.close()
-    answer = execute(model, mesh, decision.grasp, seed=seed) if decision.grasp else None
-    others = tuple(execute(model, mesh, g, seed=seed) for g in decision.alternatives)
-    end = time.perf_counter()
-    made = Plan(
-        mesh=mesh,
-        source=str(thing) if not isinstance(thing, TriangleMesh) else mesh.name,
-        hand=model,
-        settings=chosen,
-        decision=decision,
-        answer=answer,
-        alternatives=others,
-        seconds={
-            "load": loaded - start,
-            "prepare": prepared - loaded,
-            "search": end - prepared,
-            "total": end - start,
-        },
-    )
-    return verified_plan(made, keep=count) if verify else made
 
 
-def verified_plan(plan: Plan, *, keep: int) -> Plan:
-    """The plan with the first of its answers that holds in the holding test, if one does.
+def seen_first(plan: Plan, *, keep: int) -> Plan:
+    """The plan of a point cloud with its answers in the order of margin and of what was seen under them.
+
+    Args:
+        plan: with all answers that may be chosen.
+        keep: how many answers are kept in all.
+    """
+    scan = plan.mesh.scan
+    if plan.answer is None or scan is None:
+        return plan
+
+    def rank(answer: Answer) -> float:
+        # The critic's figure is 6 (1 - 2^-m) of a margin m; of a virtual grasp it is the match itself.
+        judged = min(answer.grasp.judged, 6.0 - 1e-9)
+        margin = -np.log2(1.0 - judged / 6.0) if answer.grasp.grip is not None else judged
+        return float(margin) * worth(scan, answer.grasp.contacts.triangles)
+
+    best, *others = sorted((plan.answer, *plan.alternatives), key=lambda answer: -rank(answer))
+    return replace(plan, answer=best, alternatives=tuple(others[: keep - 1]))
+
+
+def scan_trust(plan: Plan, answer: Answer | None) -> Trust | None:
+    """How much an answer on a point cloud can be trusted; ``None`` on a mesh."""
+    scan = plan.mesh.scan
+    if scan is None:
+        return None
+    return trust_of(scan, answer.grasp.contacts.triangles if answer is not None else None)
+
+
+def verified_plan(plan: Plan, *, keep: int) -> tuple[Plan, list[tuple[VirtualGrasp, bool]]]:
+    """The plan with the first of its answers that holds in the holding test; and which were tried, and held.
 
     Args:
         plan: with all answers that may be tried.
@@ -212,21 +255,21 @@ def verified_plan(plan: Plan, *, keep: int) -> Plan:
 
     answers = [a for a in (plan.answer, *plan.alternatives) if a is not None]
     if not answers:
-        return plan
+        return plan, []
     found = verify(plan.hand, plan.mesh, [a.hand_result for a in answers])
+    reached = [a.grasp for a in answers if a.hand_result.grasp is not None]
+    tried = [(grasp, result.held) for grasp, result in zip(reached, found.results, strict=False)]
     if found.held is None:
         why = found.results[0].reason if found.results else "the hand reached none of the answers"
         said = Verified(
             held=False, tried=max(1, len(found.results)), reason=f"no answer held in physics: {why}"
         )
-        return replace(plan, alternatives=plan.alternatives[: keep - 1], verified=said)
+        return replace(plan, alternatives=plan.alternatives[: keep - 1], verified=said), tried
     best = answers.pop(found.held)
-    tried = len(found.results)
-    said = Verified(held=True, tried=tried, reason=found.results[-1].reason)
+    said = Verified(held=True, tried=len(found.results), reason=found.results[-1].reason)
     # What was tried before and lost is no alternative.
-    return replace(
-        plan, answer=best, alternatives=tuple(answers[found.held : found.held + keep - 1]), verified=said
-    )
+    rest = tuple(answers[found.held : found.held + keep - 1])
+    return replace(plan, answer=best, alternatives=rest, verified=said), tried
 
 
 def execute(hand: Hand, mesh: TriangleMesh, grasp: VirtualGrasp, *, seed: int = 0) -> Answer:

@@ -10,6 +10,7 @@ _BENCHES = {
     "holds": ("bench_holds", "Put grasps to the holding test: six directions and harder."),
     "planner": ("bench_planner", "Plan objects and put the answers to the holding test."),
     "tasks": ("bench_tasks", "Put a planner to the task test: the open benchmark."),
+    "clouds": ("bench_clouds", "Plan on partial views and test on the true objects."),
     "indices": ("bench_indices", "Measure how well each grasp metric predicts success."),
 }  # fmt: skip
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
@@ -15,6 +17,9 @@ from .options import (
     object_options,
     settings_from,
 )
+
+if TYPE_CHECKING:
+    from ..planner import Plan
 
 
 @click.command(
@@ -32,6 +37,11 @@ from .options import (
     "--verify",
     is_flag=True,
     help="Try the best few in simulated physics; the first that holds is the answer.",
+)
+@click.option(
+    "--view",
+    metavar="X,Y,Z",
+    help="Where a point cloud was seen from, in its frame and unit, or all; default: its origin if outside.",
 )
 @click.option("--out", metavar="DIR", help="Also write plan.json, plan.png and plan.html there.")
 @json_option
@@ -54,10 +64,11 @@ def plan(
     no_learn: bool,
     count: int,
     verify: bool,
+    view: str | None,
     out: str | None,
     as_json: bool,
 ) -> int:
-    """Plan a preshape for OBJECT, a mesh file or a name from `preshape objects`.
+    """Plan a preshape for OBJECT: a mesh file, a point cloud, or a name from `preshape objects`.
 
     Exit code 0: an answer. 1: none (task correction asked for, deadlock, no grasp, or none that holds with
     --verify). 2: bad input.
@@ -87,6 +98,7 @@ def plan(
         table=table,
         avoid=boxes,
         verify=verify,
+        view=_view(view),
     )
     document = plan_to_json(made)
     written: list[Path] = []
@@ -95,11 +107,16 @@ def plan(
         from ..pictures import plan_png
 
         folder = Path(out)
+        surface = written_surface(made, folder)
+        if surface is not None:  # what was planned with; other commands find it beside the plan
+            for one in (document, *document["alternatives"]):
+                one["object"]["source"] = surface.name
         write_json(folder / "plan.json", document)
         write_whole(folder / "plan.png", lambda path: plan_png(made, path))
         page = plan_html(made, document)
         write_whole(folder / "plan.html", lambda path: _write(path, page))
         written = [folder / "plan.json", folder / "plan.png", folder / "plan.html"]
+        written += [surface] if surface is not None else []
     if as_json:
         from .main import emit
 
@@ -110,6 +127,43 @@ def plan(
         show_plan(made, written)
     failed = made.verified is not None and not made.verified.held
     return 0 if made.decision.grasp is not None and not failed else 1
+
+
+def _view(text: str | None) -> list[float] | str | None:
+    """A camera's position from the text of ``--view``.
+
+    Raises:
+        InputError: neither three numbers nor ``all``.
+    """
+    if text is None or text.strip() == "all":
+        return None if text is None else "all"
+    try:
+        numbers = [float(part) for part in text.replace(",", " ").split()]
+    except ValueError:
+        numbers = []
+    if len(numbers) != 3 or not all(map(math.isfinite, numbers)):
+        raise InputError(f"--view takes a camera's position x,y,z or all, got {text!r}")
+    return numbers
+
+
+def written_surface(made: Plan, folder: Path) -> Path | None:
+    """Write the surface that was made of a point cloud, in metres; nothing for a mesh.
+
+    Args:
+        made: the plan.
+        folder: where ``NAME-surface.obj`` goes.
+
+    Raises:
+        EnvironmentFailure: the file cannot be written.
+    """
+    if made.mesh.scan is None:
+        return None
+    from ..files import write_whole
+    from ..physics.task_instances import mesh_text
+
+    path = folder / f"{made.mesh.name}-surface.obj"
+    write_whole(path, lambda target: _write(target, mesh_text(made.mesh)))
+    return path
 
 
 def _write(path: Path, text: str) -> None:

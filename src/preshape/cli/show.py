@@ -14,7 +14,7 @@ from ..analyser import VirtualGrasp
 from ..decision import Decision, Status
 from ..fuzzy import SET_NAMES
 from ..planes import axis_name
-from ..planner import Answer, Plan, shortfalls
+from ..planner import Answer, Plan, scan_trust, shortfalls
 
 _COMPONENTS = ("Tx", "Ty", "Tz", "Rx", "Ry", "Rz")
 _COLOURS = {"reward": "green", "learned": "green", "known": "yellow", "deadlock": "red", "no grasp": "red"}
@@ -72,8 +72,12 @@ def _grid(*rows: tuple[str, str | Text]) -> Table:
 def _what(plan: Plan) -> Table:
     mesh, task = plan.mesh, plan.decision.task
     size = " × ".join(f"{1000 * x:.0f}" for x in mesh.extents)
+    rows = [("object", f"{mesh.name}, {size} mm, {len(mesh.triangles)} triangles")]
+    said = scan_trust(plan, plan.answer)
+    if said is not None:
+        rows.append(("cloud", f"{said.points} points; trust {said.trust:.2f} of 1: {said.sentence}"))
     return _grid(
-        ("object", f"{mesh.name}, {size} mm, {len(mesh.triangles)} triangles"),
+        *rows,
         ("task", f"{task.label}: {task.describe()}. {task.means}"),
         ("hand", f"{plan.hand.name}, U = {1000 * plan.hand.u:.0f} mm"),
     )

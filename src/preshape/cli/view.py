@@ -45,7 +45,7 @@ def view(
     """
     if memory == ":memory:":
         raise InputError("the browser app needs a memory file, which it may open again; give --memory FILE")
-    start = _start(thing, task, hand, unit, scale, memory)
+    start = start_of(thing, task, hand, unit, scale, memory)
     try:
         from ..app.server import ViewServer
     except ImportError as error:
@@ -61,7 +61,14 @@ def view(
         server.stop()
 
 
-def _start(thing: str, task: str | None, hand: str, unit: str, scale: float, memory: str | None) -> Start:
+def start_of(
+    thing: str,
+    task: str | None = None,
+    hand: str = "utah_mit",
+    unit: str = "m",
+    scale: float = 1.0,
+    memory: str | None = None,
+) -> Start:
     """What is shown first; whatever is wrong with it is said before anything is served."""
     from ..app.session import Start
     from ..app.worker import Order
@@ -76,11 +83,10 @@ def _start(thing: str, task: str | None, hand: str, unit: str, scale: float, mem
         document = _read(Path(thing))
         thing, scale = _object(document, Path(thing))
         unit, hand = "m", str(document["hand"]["name"])
-        task = task or str(document["task"]["name"])
+        task = task or _task(document)
     elif thing not in names():
         load_object(thing, unit=unit, scale=scale)
-    if document is None:
-        parse_task(task or "lift")
+    parse_task(task or "lift")
     load_hand(hand)
     analyser = "rays" if hand == RAY_HAND and not (document or {}).get("grip") else "closure"
     order = Order(
@@ -109,6 +115,15 @@ def _read(path: Path) -> dict[str, Any]:
     if not isinstance(document, dict) or not {"status", "hand", "object", "task", "plane"} <= set(document):
         raise InputError(f"{path} is no plan; give a plan.json that preshape plan --out wrote")
     return document
+
+
+def _task(document: dict[str, Any]) -> str:
+    """A plan's task by its name, or as six numbers where the name means nothing here."""
+    from ..tasks import family_names
+
+    name = str(document["task"]["name"])
+    known = name.partition(":")[0] in family_names()
+    return name if known else " ".join(f"{float(x):g}" for x in document["task"]["q"])
 
 
 def _object(document: dict[str, Any], path: Path) -> tuple[str, float]:

@@ -44,7 +44,7 @@ def has_faces(name: str, vertices: int, faces: int) -> None:
     if not faces:
         raise ObjectError(
             f"{name}: found {vertices} vertices but no faces: this is a point cloud; "
-            "give a surface mesh, for instance a reconstruction of it"
+            "give a surface mesh, or the points as PLY, PCD, XYZ or NPY"
         )
 
 

@@ -4,17 +4,21 @@ from __future__ import annotations
 
 import os
 import stat
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
 
+from ..clouds.read_points import read_npy, read_pcd, read_xyz
+from ..clouds.scan import RawCloud
 from ..exceptions import EnvironmentFailure, InputError, ObjectError, PreshapeError
+from ..types import Array, frozen_array
 from . import checks, read_gltf, read_obj, read_ply, read_trimesh
 from .mesh import TriangleMesh
 from .read_raw import RawMesh, group_rows
+from .read_text import shown
 
-_Reader = Callable[[str, bytes, Path], RawMesh]
+_Reader = Callable[[str, bytes, Path], RawMesh | RawCloud]
 
 _READERS: dict[str, _Reader] = {
     ".obj": lambda name, data, path: read_obj.read_obj(name, data),
@@ -26,7 +30,18 @@ _READERS: dict[str, _Reader] = {
 }
 
 SUFFIXES = tuple(_READERS)
-"""Suffixes of the files that can be read."""
+"""Suffixes of the mesh files that can be read; a PLY may also be a point cloud."""
+
+_CLOUD_READERS: dict[str, _Reader] = {
+    ".pcd": lambda name, data, path: read_pcd(name, data),
+    ".xyz": lambda name, data, path: read_xyz(name, data),
+    ".npy": lambda name, data, path: read_npy(name, data),
+}
+
+CLOUD_SUFFIXES = tuple(_CLOUD_READERS)
+"""Suffixes of files that hold points alone."""
+
+_ALL_READERS = {**_READERS, **_CLOUD_READERS}
 
 _SIGNATURES = {
     b"\x89PNG": "a PNG image",
@@ -40,7 +55,13 @@ _SIGNATURES = {
 }
 
 
-def load_object(source: str | Path, *, unit: str = "m", scale: float = 1.0) -> TriangleMesh:
+def load_object(
+    source: str | Path,
+    *,
+    unit: str = "m",
+    scale: float = 1.0,
+    view: Sequence[float] | Array | str | None = None,
+) -> TriangleMesh:
     """Read an object from a file, or build one of the library.
 
     Several parts, groups or scene nodes in one file become one mesh, in the file's own axes. Polygons
@@ -50,23 +71,32 @@ def load_object(source: str | Path, *, unit: str = "m", scale: float = 1.0) -> T
     as they state them, STL and glTF with equal positions counted once; where a file has no normals (or
     hides their number: PLY, OFF, STL, glTF) there are as many as vertices [C].
 
+    A point cloud (.pcd, .xyz, .npy, or a .ply without faces) becomes a closed surface, whose unseen side is
+    guessed; ``scan`` says which (:mod:`preshape.clouds.complete`).
+
     Args:
         source: a file (.obj, .stl, .ply, .off, .glb, .gltf) or the name of a library object.
         unit: what the file's numbers are: m, cm, mm, in or inch; library objects are in metres.
         scale: a further factor on every length.
+        view: of a point cloud: where the camera was, in the file's frame and unit, or ``all`` for points from
+            all round; by default what the file says, else its origin where that can be.
 
     Returns:
         The mesh [m]; a library object with its mass [kg].
 
     Raises:
-        InputError: an unknown unit, or a scale that is not a positive, finite number.
+        InputError: an unknown unit, a scale that is not a positive, finite number, or a view that is no
+            camera's or is given for something else than a point cloud.
         UnknownObject: neither a file nor a library object.
         ObjectError: no such file; a folder; empty; not a mesh; an unknown suffix; positions that are
-            not finite; no faces; no area; flat; an index out of range; a size that makes no sense.
+            not finite; no faces; no area; flat; an index out of range; a size that makes no sense;
+            points that are no body: too few, on a plane, or two things.
         EnvironmentFailure: the file cannot be read.
     """
     factor = checks.metres(unit, scale)
     if not _is_file(source):
+        if view is not None:
+            raise _no_cloud(str(source))
         return _from_library(str(source), unit, float(scale))
     path, name = Path(source), str(source)
     suffix = path.suffix.lower()
@@ -74,7 +104,11 @@ def load_object(source: str | Path, *, unit: str = "m", scale: float = 1.0) -> T
     _refuse_other_kinds(name, suffix, data)
     try:
         with np.errstate(all="ignore"):  # the checks look for what is not finite, and say where
-            raw = _READERS[suffix](name, data, path)
+            raw = _ALL_READERS[suffix](name, data, path)
+            if isinstance(raw, RawCloud):
+                return _from_cloud(name, path.stem, raw, factor, float(scale), view)
+            if view is not None:
+                raise _no_cloud(name)
             return _finish(name, path.stem, raw, factor, float(scale))
     except (PreshapeError, KeyboardInterrupt):
         raise
@@ -85,7 +119,7 @@ def load_object(source: str | Path, *, unit: str = "m", scale: float = 1.0) -> T
     except RecursionError as error:
         raise ObjectError(f"{name}: nested too deeply to be a mesh; the file is damaged") from error
     except Exception as error:
-        reason = f"{type(error).__name__}: {error}".splitlines()[0][:120]
+        reason = shown(f"{type(error).__name__}: {error}".strip().splitlines()[0], 120)
         raise ObjectError(
             f"{name}: no {suffix[1:].upper()} mesh, or a damaged one ({reason}); "
             "re-export it or convert it to OBJ"
@@ -123,10 +157,10 @@ def _content(path: Path, name: str, suffix: str) -> bytes:
             raise ObjectError(f"{name}: this is a folder; name one mesh file in it")
         if not stat.S_ISREG(mode):
             raise ObjectError(f"{name}: this is not a regular file; name a mesh file")
-        if suffix not in _READERS:
+        if suffix not in _ALL_READERS:
             raise ObjectError(
                 f"{name}: a file with suffix {suffix!r} cannot be read as an object; "
-                f"known: {', '.join(SUFFIXES)}"
+                f"known: {', '.join(_ALL_READERS)}"
             )
         data = path.read_bytes()
     except (FileNotFoundError, NotADirectoryError) as error:
@@ -163,6 +197,34 @@ def _refuse_other_kinds(name: str, suffix: str, data: bytes) -> None:
             f"{name}: the suffix says {suffix}, the content is {actual[1:].upper()}; "
             f"rename it to end in {actual}"
         )
+
+
+def _no_cloud(name: str) -> InputError:
+    return InputError(f"{name}: a view is for a point cloud, this is a mesh; leave it out")
+
+
+def _from_cloud(
+    name: str,
+    stem: str,
+    raw: RawCloud,
+    factor: float,
+    scale: float,
+    view: Sequence[float] | Array | str | None,
+) -> TriangleMesh:
+    """Scale, and make a closed surface."""
+    from ..clouds.complete import complete
+
+    points = raw.points * factor
+    echoes = points[np.isfinite(points).all(axis=1)]
+    if len(echoes) and np.ptp(echoes, axis=0).any():
+        checks.size(name, np.ptp(echoes, axis=0))
+    if view is not None and not isinstance(view, str):
+        view = factor * frozen_array(view, (3,), "the camera's position")
+    camera = None if raw.camera is None else factor * raw.camera
+    made = complete(name, RawCloud(points=points, camera=camera), view)
+    return TriangleMesh(
+        name=stem, vertices=made.vertices, triangles=made.triangles, scale=scale, scan=made.scan
+    )
 
 
 def _finish(name: str, stem: str, raw: RawMesh, factor: float, scale: float) -> TriangleMesh:

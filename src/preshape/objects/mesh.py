@@ -7,6 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
+from ..clouds.scan import Scan
 from ..exceptions import ObjectError
 from ..types import Array, Attributes, IntArray, read_only, rebuilt
 
@@ -27,6 +28,7 @@ class TriangleMesh:
             ``None`` takes them from the arrays.
         mass: [kg], where it is known.
         scale: factor on the file's size that is already in the vertices, for messages.
+        scan: how it was seen, where it was made from a point cloud.
 
     Raises:
         ObjectError: see :func:`preshape.objects.load.load_object` for what is refused.
@@ -38,6 +40,7 @@ class TriangleMesh:
     counts: tuple[int, int, int, int] | None = None
     mass: float | None = None
     scale: float = 1.0
+    scan: Scan | None = None
 
     def __post_init__(self) -> None:
         try:

@@ -14,6 +14,7 @@ from urllib.parse import unquote
 
 from ..exceptions import ObjectError
 from .read_raw import RawMesh
+from .read_text import shown
 from .read_trimesh import read_scene
 
 # Far beyond any scan, and still bearable: numbers drawn, nodes, and levels of nodes (trimesh takes their
@@ -42,7 +43,7 @@ def read_gltf(name: str, data: bytes, path: Path) -> RawMesh:
     for extension in tree.get("extensionsRequired", ()):
         if "compression" in extension:
             raise ObjectError(
-                f"{name}: the mesh is compressed ({extension}), which is not read; export it without"
+                f"{name}: the mesh is compressed ({shown(extension)}), which is not read; export it without"
             )
     files = {
         uri: _beside(name, uri, path)

@@ -1,5 +1,7 @@
 """PLY and OFF, read by trimesh as whole polygons, with a check wherever it would let a damaged file through.
 
+A PLY without faces is a point cloud, with its camera where the file has an element of that name.
+
 trimesh reads lists of different lengths only in text: a binary PLY that has them is spelled out for it.
 """
 
@@ -12,10 +14,12 @@ from typing import Any
 
 import numpy as np
 
+from ..clouds.read_points import check_finite
+from ..clouds.scan import RawCloud
 from ..exceptions import ObjectError
-from ..types import IntArray
+from ..types import Array, IntArray
 from .read_raw import RawMesh, assemble
-from .read_text import plain_text
+from .read_text import plain_text, shown
 from .read_trimesh import quietly
 
 _OFF = re.compile(r"(?:\s|#.*\n)*(?:ST)?C?N?OFF\b(?!\s*BINARY)")
@@ -52,11 +56,13 @@ def read_off(name: str, data: bytes) -> RawMesh:
         raise ObjectError(f"{name}: expected the numbers of vertices and faces after OFF, found none")
     points = [f"element vertex {counts[1]}", *(f"property double {axis}" for axis in "xyz")]
     faces = [f"element -face {counts[2]}", "property list int int64 vertex_indices"]
-    return _polygons(name, "ascii", [*points, *faces], text[counts.end() :])
+    return _mesh(name, *_read(name, "ascii", [*points, *faces], text[counts.end() :]))
 
 
-def read_ply(name: str, data: bytes) -> RawMesh:
+def read_ply(name: str, data: bytes) -> RawMesh | RawCloud:
     """Read a PLY file. Its vertices are counted as they stand, with one normal each [C].
+
+    Without faces (and without strips of triangles) it is a point cloud.
 
     Raises:
         ObjectError: see :func:`preshape.objects.load.load_object`.
@@ -81,14 +87,21 @@ def read_ply(name: str, data: bytes) -> RawMesh:
                 raise ObjectError(f"{name}: cannot make sense of {line!r:.60} in the PLY header")
     if form not in _FORMATS:
         raise ObjectError(f"{name}: the PLY header names no format; known: {', '.join(_FORMATS)}")
-    if form != "ascii":
-        return _polygons(name, form, elements, data[end:])
-    text = plain_text(name, data[end:], "a text PLY mesh").decode("ascii", "replace")
-    return _polygons(name, form, elements, text)
+    body: str | bytes = data[end:]
+    if form == "ascii":
+        body = plain_text(name, data[end:], "a text PLY mesh").decode("ascii", "replace")
+    vertices, raw, rows = _read(name, form, elements, body)
+    if len(vertices) and not raw.get("-face", {"length": 0})["length"] and "-tristrips" not in raw:
+        _faces(name, raw, rows)  # refuses a file that is cut short
+        check_finite(name, vertices, no_echo=False)
+        return RawCloud(points=vertices, camera=_camera(raw))
+    return _mesh(name, vertices, raw, rows)
 
 
-def _polygons(name: str, form: str, elements: list[str], body: str | bytes) -> RawMesh:
-    """Vertices and polygons as trimesh finds them, before it would cut them into triangles."""
+def _read(
+    name: str, form: str, elements: list[str], body: str | bytes
+) -> tuple[Array, dict[str, Any], list[str] | None]:
+    """Vertices and the elements as trimesh finds them, before it would cut polygons into triangles."""
     from trimesh.exchange.ply import load_ply
 
     rows: list[str] | None = None
@@ -106,14 +119,27 @@ def _polygons(name: str, form: str, elements: list[str], body: str | bytes) -> R
         if "unexpected length" not in str(error):
             raise
         try:
-            return _polygons(name, "ascii", elements, _spelled_out(form, elements, body))
+            return _read(name, "ascii", elements, _spelled_out(form, elements, body))
         except struct.error:
             raise ObjectError(
                 f"{name}: {len(body)} bytes do not hold what the PLY header promises; {_SHORT}"
             ) from error
-    vertices = np.asarray(found.get("vertices", np.zeros((0, 3))), dtype=np.float64)
+    return np.asarray(found.get("vertices", np.zeros((0, 3))), dtype=np.float64), raw, rows
+
+
+def _mesh(name: str, vertices: Array, raw: dict[str, Any], rows: list[str] | None) -> RawMesh:
     corners, sizes = _faces(name, raw, rows)
     return assemble(name, vertices, corners, sizes)
+
+
+def _camera(raw: dict[str, Any]) -> Array | None:
+    """The camera's position in the file's unit, where an element says so (PCL writes it)."""
+    table = raw.get("-camera", {"length": 0})
+    words = ("view_px", "view_py", "view_pz")
+    if not table["length"] or not set(words) <= set(table["properties"]):
+        return None
+    place = np.array([float(np.ravel(table["data"][word])[0]) for word in words])
+    return place if np.isfinite(place).all() and place.any() else None
 
 
 def _alike(table: Any) -> bool:
@@ -153,7 +179,8 @@ def _faces(name: str, raw: dict[str, Any], rows: list[str] | None) -> tuple[IntA
         if rows is not None and len(rows) < before + element["length"]:
             found = max(0, len(rows) - before)
             raise ObjectError(
-                f"{name}: expected {element['length']} of {kind.lstrip('-')}, found {found}; {_SHORT}"
+                f"{name}: expected {element['length']} of {shown(kind.lstrip('-'), 40)}, "
+                f"found {found}; {_SHORT}"
             )
         if kind == "-face":
             break

@@ -17,6 +17,16 @@ _INDENT = (9, 11, 12, 32)
 _CHUNK = 1 << 21
 
 
+def shown(text: object, longest: int = 80) -> str:
+    r"""What a file says, fit for a message: one line, printable, not too long.
+
+    >>> shown("a\x1b[31m\nb")
+    'a?[31m b'
+    """
+    words = " ".join(str(text).split())[:longest]
+    return "".join(c if c.isprintable() else "?" for c in words)
+
+
 def plain_text(name: str, data: bytes, kind: str) -> bytes:
     """A text file without byte order mark and carriage returns.
 

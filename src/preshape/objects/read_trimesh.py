@@ -15,7 +15,7 @@ import numpy as np
 
 from ..exceptions import ObjectError
 from .read_raw import RawMesh, assemble, merge_equal
-from .read_text import plain_text
+from .read_text import plain_text, shown
 
 
 @contextmanager
@@ -82,7 +82,7 @@ def read_scene(name: str, data: bytes, kind: str, files: dict[str, bytes], facet
     for note in notes:
         text = note.getMessage()
         if kind != "stl" and (note.levelno >= WARNING or text.startswith("skipping primitive")):
-            raise ObjectError(f"{name}: a part is not read ({text:.80}); export it as plain triangles")
+            raise ObjectError(f"{name}: a part is not read ({shown(text)}); export it as plain triangles")
     vertices, triangles, count = [np.zeros((0, 3))], [np.zeros((0, 3), dtype=np.int64)], 0
     for part in parts:
         own = np.asarray(getattr(part, "faces", np.zeros((0, 3))), dtype=np.int64)  # lines, points: none

@@ -1,0 +1,146 @@
+"""``preshape bench clouds``: how good the answers on partial views are."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from ..exceptions import InputError
+from .options import json_option
+
+if TYPE_CHECKING:
+    from ..experiments.partial_views import Progress
+
+
+@click.command(epilog="Example: preshape bench clouds box cylinder bottle --hand shadow --out out/clouds")
+@click.argument("objects", metavar="OBJECTS...", nargs=-1, required=True)
+@click.option("--hand", default="shadow", show_default=True, metavar="HAND,…", help="See preshape hands.")
+@click.option("--views", type=int, default=4, show_default=True, help="Of each object and size.")
+@click.option("--noise", type=float, default=1.0, show_default=True, metavar="MM", help="Of the depth.")
+@click.option("--scales", default="1", show_default=True, metavar="S,S", help="Factors on the size.")
+@click.option("--pieces", metavar="DIR", help="Folder with NAME/mesh.obj and NAME/convex of each object.")
+@click.option(
+    "--methods",
+    default="symmetry,straight,hull",
+    show_default=True,
+    metavar="NAME,…",
+    help="How the far side is guessed; the first is planned on.",
+)
+@click.option("--task", default="lift", show_default=True, metavar="TASK", help="What is planned for.")
+@click.option("--seed", type=int, default=0, show_default=True, help="Of views, noise and planner.")
+@click.option("--workers", type=int, metavar="N", help="Processes of the test; default: one for each core.")
+@click.option("--out", metavar="DIR", help="Keep rows there as they come; write report.json and report.md.")
+@json_option
+def clouds(
+    objects: tuple[str, ...],
+    hand: str,
+    views: int,
+    noise: float,
+    scales: str,
+    pieces: str | None,
+    methods: str,
+    task: str,
+    seed: int,
+    workers: int | None,
+    out: str | None,
+    as_json: bool,
+) -> int:
+    """Look at OBJECTS with a virtual depth camera, plan on the points, test on the true objects.
+
+    Beside each stands the planner's answer on the whole mesh. A view without an answer counts as lost.
+    With --out a stopped run goes on from there. Exit code 0: the study ran.
+    """
+    from ..experiments.partial_report import figures, write_report
+    from ..experiments.partial_views import CloudRun, run_clouds
+    from .bench_planner import cases_of
+
+    if workers is not None and workers < 1:
+        raise InputError(f"--workers must be 1 or more, got {workers}")
+    if out is not None and not out.strip():
+        raise InputError("--out needs a folder, got an empty name")
+    run = CloudRun(
+        hands=_words(hand),
+        cases=tuple(cases_of(objects, scales, pieces)),
+        views=views,
+        noise=noise / 1000,
+        seed=seed,
+        task=task,
+        methods=_words(methods),
+    )
+    folder = None if out is None else Path(out)
+    with _progress(folder is not None) as told:
+        rows = run_clouds(run, folder=folder, workers=workers, progress=told)
+    document = figures(run, rows)
+    written = [] if folder is None else write_report(document, folder)
+    if as_json:
+        from .main import emit
+
+        emit({**document, "files": [str(path) for path in written]})
+    else:
+        _show(document, written)
+    return 0
+
+
+def _words(text: str) -> tuple[str, ...]:
+    return tuple(dict.fromkeys(word.strip() for word in text.split(",") if word.strip()))
+
+
+@contextmanager
+def _progress(keeps: bool) -> Iterator[Progress]:
+    """Lines on standard error, with an estimate."""
+    start = time.perf_counter()
+    first: list[tuple[int, float]] = []
+    state = {"done": 0}
+
+    def told(done: int, of: int, what: str) -> None:
+        state["done"] = done
+        now = time.perf_counter() - start
+        first.append((done, now))
+        left = ""
+        if len(first) > 1 and done < of:
+            left = f", about {(now - first[0][1]) / (done - first[0][0]) * (of - done):.0f} s left"
+        click.echo(f"{done} of {of}{left}: {what}", err=True)
+
+    try:
+        yield told
+    except KeyboardInterrupt:
+        how = "the same command goes on from there" if keeps else "with --out they would be kept"
+        click.echo(f"stopped after {state['done']} objects; {how}", err=True)
+        raise
+
+
+def _show(document: dict[str, Any], written: list[Path]) -> None:
+    from rich.box import SIMPLE_HEAD
+    from rich.console import Console
+    from rich.table import Table
+    from rich.text import Text
+
+    from ..experiments.partial_report import tables
+
+    console = Console(highlight=False)
+    if not console.is_terminal:
+        console.width = 140  # a log is read in a window of any width
+    for content in tables(document):
+        table = Table(
+            title=Text(content.caption),
+            title_justify="left",
+            title_style="dim",
+            box=SIMPLE_HEAD,
+            pad_edge=False,
+        )
+        for index, heading in enumerate(content.columns):
+            table.add_column(heading, justify="right" if index else "left")
+        for row in content.rows:
+            table.add_row(*map(Text, row))
+        console.print(table)
+    for one in document["refused"]:
+        console.print(
+            Text(f"! {one['hand']}, {one['case']}, view {one['view']}: {one['reason']}", style="yellow")
+        )
+    for path in written:
+        console.print(f"wrote {path}", markup=False, soft_wrap=True)

@@ -1,0 +1,76 @@
+"""``--verify``: physics chooses among the answers, and what it said is remembered."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from preshape.closure.settings import ClosureSettings
+from preshape.memory import Memory
+from preshape.physics import verify as verifying
+from preshape.physics.pieces import ConvexPieces
+from preshape.physics.six_directions import HoldResult, Status
+from preshape.planner import Plan, plan
+
+QUICK = ClosureSettings(everywhere=800, elite=12, rounds=2, finished=4, persistence=1)
+
+
+@pytest.fixture(autouse=True)
+def one_piece(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A box is convex: nothing is to be cut."""
+    monkeypatch.setattr(
+        verifying, "decompose", lambda mesh: ConvexPieces(name=mesh.name, pieces=(mesh.vertices,))
+    )
+
+
+def planned(memory: Memory, **how: Any) -> Plan:
+    return plan("box", "lift", hand="allegro", memory=memory, closure=QUICK, verify=True, **how)
+
+
+def outcomes(memory: Memory) -> list[str]:
+    return [e.outcome for e in memory.experiences(hand="allegro+closure") if e.outcome]
+
+
+def told(monkeypatch: pytest.MonkeyPatch, *answers: bool) -> None:
+    """Physics that says what it is told."""
+    said = iter(answers)
+
+    def hold_test(*args: Any, **kwargs: Any) -> HoldResult:
+        status = Status.HELD if next(said) else Status.LOST
+        return HoldResult(row=0, object_name="box", scale=1.0, status=status, reason=str(status.value))
+
+    monkeypatch.setattr(verifying, "hold_test", hold_test)
+
+
+def test_real_physics_holds_the_box_and_that_is_remembered() -> None:
+    with Memory.open(":memory:") as memory:
+        made = planned(memory)
+        assert made.verified is not None
+        assert made.verified.held
+        assert outcomes(memory) == ["lost"] * (made.verified.tried - 1) + ["held"]
+
+
+def test_the_first_that_holds_is_the_answer(monkeypatch: pytest.MonkeyPatch) -> None:
+    with Memory.open(":memory:") as memory:
+        told(monkeypatch, True)
+        first = planned(memory, count=3, learn=False)
+        assert outcomes(memory) == [], "learn=False learns nothing"
+    with Memory.open(":memory:") as memory:
+        told(monkeypatch, False, True)
+        second = planned(memory, count=3)
+        assert first.answer is not None
+        assert second.answer is not None
+        assert second.verified is not None
+        assert (second.verified.held, second.verified.tried) == (True, 2)
+        assert second.answer.grasp.grip is not first.answer.grasp.grip
+        assert outcomes(memory) == ["lost", "held"]
+
+
+def test_none_holds(monkeypatch: pytest.MonkeyPatch) -> None:
+    with Memory.open(":memory:") as memory:
+        told(monkeypatch, *[False] * 20)
+        made = planned(memory)
+        assert made.verified is not None
+        assert not made.verified.held
+        assert outcomes(memory) == ["lost"] * made.verified.tried
