@@ -11,11 +11,11 @@ JOBS ?= 2
 STAMP := $(VENV)/.installed
 OUT ?= out
 
-.PHONY: help setup demo browser test lint format bench reproduce pictures clean
+.PHONY: help setup demo browser test lint format bench reproduce pictures docs fuzz harden clean
 
 help:
 	@sed -n '1,/^$$/p' Makefile | sed 's/^# \{0,1\}//'
-	@echo "  make lint | bench | reproduce | pictures | clean"
+	@echo "  make lint | bench | reproduce | pictures | docs | fuzz | harden | clean"
 
 setup: $(STAMP)
 
@@ -57,6 +57,22 @@ format: setup
 
 bench: setup
 	@$(BIN)/python -m benchmarks $(ARGS)
+
+# Slow studies: each shows its progress, goes on where it was stopped, and writes to out/.
+fuzz: setup
+	@$(BIN)/python -c 'import atheris' 2>/dev/null || \
+	  $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[fuzz]'
+	@$(BIN)/python -m hardening.fuzz $(ARGS)
+
+harden: setup
+	@$(BIN)/python -m hardening.kill
+	@test -z "$(OBJECTS)" || $(BIN)/python -m hardening.objects $(OBJECTS)
+
+docs: setup
+	@$(BIN)/python -c 'import sphinx, furo' 2>/dev/null || \
+	  $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[docs]'
+	@$(BIN)/python -m sphinx --fail-on-warning --keep-going -q docs/api $(OUT)/docs
+	@echo "open $(OUT)/docs/index.html"
 
 reproduce: setup
 	@$(BIN)/preshape reproduce --out reports/reproduce $(ARGS)

@@ -7,8 +7,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from ..exceptions import HandError, InputError
 from ..types import value
 from .description import Table, couplings_of, finger_from, per_joint, side_of
@@ -18,6 +16,9 @@ if TYPE_CHECKING:
 
 SMALLEST_TIP, LARGEST_TIP = 1e-3, 30e-3
 """Fingertip radii that are believed [m] [C]: a needle, a plum."""
+
+LARGEST_ANGLE = 1000.0
+"""[rad] [C]; no joint's limit is further out."""
 
 LARGEST_U = 0.2
 """[m] [C]; a larger U is a file in another unit."""
@@ -79,7 +80,7 @@ def _attempt(code: str, rule: Any, *arguments: Any) -> list[Finding]:
     """The rule's own complaint as a finding, without the name of the hand before it."""
     try:
         rule(*arguments)
-    except (InputError, TypeError, ValueError, KeyError, AttributeError) as error:
+    except (InputError, TypeError, ValueError, KeyError, AttributeError, OverflowError) as error:
         return [Finding(code=code, text=str(error).removeprefix("hand 'it': "))]
     return []
 
@@ -129,7 +130,7 @@ def _numbers(data: Table) -> list[Finding]:
         inside = tables[table]
         if isinstance(inside, dict) and key in inside and not _is_positive(inside[key]):
             what = "U" if key == "u" else f"{table}{key}"
-            text = f"{what} must be a positive number of {unit}, got {inside[key]!r}"
+            text = f"{what} must be a positive number of {unit}, got {inside[key]!r:.60}"
             found.append(Finding(code="not_positive", text=text))
     u = data.get("u")
     if _is_positive(u) and float(u) > LARGEST_U:  # type: ignore[arg-type]
@@ -141,7 +142,7 @@ def _numbers(data: Table) -> list[Finding]:
 def _finger(entry: Table, name: str) -> list[Finding]:
     radius = entry.get("tip_radius")
     if radius is not None and not _is_positive(radius):
-        text = f"the {name}'s tip_radius must be a positive number of m, got {radius!r}"
+        text = f"the {name}'s tip_radius must be a positive number of m, got {radius!r:.60}"
         return [Finding(code="tip_radius", text=text)]
     if radius is not None and not SMALLEST_TIP <= float(radius) <= LARGEST_TIP:
         text = (
@@ -162,7 +163,10 @@ def _twice(noun: str, names: list[str]) -> list[Finding]:
 def _is_positive(number: Any) -> bool:
     if isinstance(number, bool) or not isinstance(number, (int, float)):
         return False
-    return bool(np.isfinite(number) and number > 0)
+    try:
+        return 0.0 < float(number) < float("inf")
+    except OverflowError:  # a whole number beyond any float
+        return False
 
 
 def model_findings(data: Table, model: ForeignModel) -> list[Finding]:
@@ -206,19 +210,37 @@ def _frames(data: Table, palm: Table) -> list[Finding]:
             z, y = (direction(palm[key], key) for key in ("points", "faces"))
             if abs(float(z @ y)) > 1e-6:
                 found.append(Finding(code="frame", text="palm.points and palm.faces must be perpendicular"))
+    if "pos" in palm:
+        found += _attempt("frame", _place, palm["pos"], "palm.pos")
     for entry in fingers_of(data):
         if "tip_site" not in entry and "tip_pos" not in entry:
             text = f"the {entry.get('name', '?')} needs a tip_site, or tip_pos in its tip_body's frame"
             found.append(Finding(code="frame", text=text))
+        if "tip_pos" in entry:
+            found += _attempt("frame", _place, entry["tip_pos"], "tip_pos")
         if "tip_points" in entry:
             found += _attempt("frame", direction, entry["tip_points"], "tip_points")
     return found
 
 
+def _place(numbers: Any, label: str) -> None:
+    """Refuse what is not three finite numbers."""
+    if not (isinstance(numbers, list) and len(numbers) == 3 and all(x == 0 or _is_size(x) for x in numbers)):
+        raise HandError(f"{label} must be three numbers in m, got {numbers!r:.60}")
+
+
+def _is_size(number: Any) -> bool:
+    return isinstance(number, (int, float)) and _is_positive(abs(number))
+
+
 def _joints(data: Table, model: ForeignModel) -> list[Finding]:
     found = []
     listed = {joint for entry in fingers_of(data) for joint in joints_of(entry)}
-    fixed = {str(joint) for joint in data.get("fixed", [])}
+    named = data.get("fixed", [])
+    if not isinstance(named, (list, dict)):
+        text = f"fixed must be a list of joints, or a table of their angles, got {named!r:.60}"
+        return [Finding(code="unknown_joint", text=text)]
+    fixed = {str(joint) for joint in named}
     inside = model.joints_under(data.get("root"))
     for joint in sorted((listed | fixed) - set(model.joints)):
         text = f"the model has no joint {joint!r}; it has {_few(model.joints)}"
@@ -233,7 +255,10 @@ def _joints(data: Table, model: ForeignModel) -> list[Finding]:
             found.append(Finding(code="not_a_hinge", text=text))
             continue
         low, high = model.ranges[joint]
-        if low > high:
+        if not max(abs(low), abs(high)) <= LARGEST_ANGLE:
+            text = f"the limits of {joint!r} are no angles in rad: {low:g} to {high:g}"
+            found.append(Finding(code="limits_missing", text=text))
+        elif low > high:
             text = f"the limits of {joint!r} are the wrong way round: {low:g} to {high:g}"
             found.append(Finding(code="limits_reversed", text=text))
         elif low == high:

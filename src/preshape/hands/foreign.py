@@ -8,6 +8,9 @@ needs no file beside it.
 
 from __future__ import annotations
 
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -15,6 +18,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from ..exceptions import HandError
+from ..objects.read_text import shown
 from ..types import Array, value
 from .description import Table
 from .findings import description_findings, model_findings, refuse
@@ -83,8 +87,12 @@ def model_file(data: Table, path: Path) -> Path:
     if not isinstance(named, str):
         raise HandError(f"{path}: the description lacks 'model', the MJCF or URDF of the hand")
     file = path.parent / named
-    if not file.is_file():
-        raise HandError(f"{path}: there is no model {file}")
+    try:
+        found = file.is_file()
+    except OSError:  # no name for a file at all
+        found = False
+    if not found:
+        raise HandError(f"{path}: there is no model {shown(file, 400)}")
     return file
 
 
@@ -97,6 +105,11 @@ def read_model(source: Path | str) -> ForeignModel:
     Raises:
         HandError: MuJoCo refuses it.
     """
+    with _quietly():
+        return _compiled(source)
+
+
+def _compiled(source: Path | str) -> ForeignModel:
     import mujoco
 
     label = str(source) if isinstance(source, Path) else "the MJCF"
@@ -120,10 +133,24 @@ def read_model(source: Path | str) -> ForeignModel:
             if low > high:
                 joint.range = [high, low]
         model = spec.compile()
-    except (ValueError, ElementTree.ParseError, OSError) as error:
+    except (ValueError, ElementTree.ParseError, LookupError, OSError) as error:
         reason = " ".join(str(error).removeprefix("Error: ").split())
         raise HandError(f"{label}: MuJoCo cannot read it: {reason}") from error
     return _noted(model, ranges)
+
+
+@contextmanager
+def _quietly() -> Iterator[None]:
+    """MuJoCo's warnings neither on the screen nor in a MUJOCO_LOG.TXT in the working folder."""
+    import mujoco
+
+    before = mujoco.get_mju_user_warning()
+    mujoco.set_mju_user_warning(lambda text: None)
+    try:
+        with warnings.catch_warnings(action="ignore", category=UserWarning):
+            yield
+    finally:
+        mujoco.set_mju_user_warning(before)
 
 
 def _urdf_text(path: Path) -> str:
@@ -178,7 +205,12 @@ def rebuilt(data: Table, model: ForeignModel, label: str, *, name: str | None = 
     from .rewrite import rewritten
 
     refuse([*description_findings(data), *model_findings(data, model)], label)
-    mjcf = rewritten(data, model)
+    try:
+        with _quietly():
+            mjcf = rewritten(data, model)
+    except (ValueError, TypeError, OverflowError, FloatingPointError) as error:
+        reason = " ".join(str(error).removeprefix("Error: ").split())
+        raise HandError(f"{label}: the model cannot be rebuilt from simple shapes: {reason}") from error
     fingers = [{**entry, "tip_site": f"{entry['name']}_tip"} for entry in data["finger"]]
     bodies = rewritten_bodies(data, model)
     for entry in fingers:

@@ -77,7 +77,7 @@ def parse_hand(description: str, mjcf: str) -> Hand:
     """
     try:
         data = tomllib.loads(description)
-    except tomllib.TOMLDecodeError as error:
+    except (ValueError, RecursionError) as error:  # ValueError: also a number of thousands of digits
         raise HandError(f"the hand's description cannot be read: {error}") from error
     return hand_from(data, mjcf)
 
@@ -91,7 +91,7 @@ def hand_from(data: dict[str, Any], mjcf: str, *, name: str | None = None) -> Ha
         raise HandError(f"the hand's description cannot be read: {error}") from error
     except KeyError as error:
         raise HandError(f"hand {called!r}: the description lacks {error}") from error
-    except (TypeError, ValueError, AttributeError) as error:
+    except (TypeError, ValueError, AttributeError, OverflowError) as error:
         raise HandError(f"hand {called!r}: {error}") from error
     except HandError:
         raise
@@ -114,7 +114,7 @@ def read_description(path: Path) -> dict[str, Any]:
         raise HandError(f"{path} is a folder; a hand is a TOML file") from error
     except OSError as error:
         raise EnvironmentFailure(f"{path} cannot be read: {error.strerror or error}") from error
-    except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+    except (ValueError, RecursionError) as error:  # ValueError: also a number of thousands of digits
         raise HandError(f"{path} is not valid TOML: {error}") from error
 
 

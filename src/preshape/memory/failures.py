@@ -27,9 +27,9 @@ def primary_code(error: sqlite3.Error) -> int:
 
 def describe(error: sqlite3.Error, where: str) -> PreshapeError:
     """The error of ours that says the same about the memory at ``where``."""
-    code = primary_code(error)
+    code, said = primary_code(error), one_line(error)
     if isinstance(error, sqlite3.ProgrammingError):
-        return EnvironmentFailure(f"the memory {where} is closed or belongs to another thread: {error}")
+        return EnvironmentFailure(f"the memory {where} is closed or belongs to another thread: {said}")
     if code in _BUSY:
         return EnvironmentFailure(
             f"the memory {where} was locked by another process for over {BUSY_SECONDS:.0f} s; try again"
@@ -40,13 +40,18 @@ def describe(error: sqlite3.Error, where: str) -> PreshapeError:
         )
     if code in _DENIED:
         return EnvironmentFailure(
-            f"the memory {where} cannot be opened or written ({error}); check its permissions or {ELSEWHERE}"
+            f"the memory {where} cannot be opened or written ({said}); check its permissions or {ELSEWHERE}"
         )
     if code == sqlite3.SQLITE_NOTADB:
         return MemoryFileError(f"{where} is not a memory of preshape (not a SQLite file); {ELSEWHERE}")
     if code in {sqlite3.SQLITE_IOERR, sqlite3.SQLITE_NOMEM, sqlite3.SQLITE_INTERRUPT}:
-        return EnvironmentFailure(f"the memory {where} could not be read or written ({error}); try again")
-    return MemoryFileError(f"the memory {where} is damaged ({error}); restore a copy or {ELSEWHERE}")
+        return EnvironmentFailure(f"the memory {where} could not be read or written ({said}); try again")
+    return MemoryFileError(f"the memory {where} is damaged ({said}); restore a copy or {ELSEWHERE}")
+
+
+def one_line(error: Exception) -> str:
+    """What an error says, which may quote the damaged file, as text that prints in one line."""
+    return " ".join("".join(c if c.isprintable() else " " for c in str(error)).split())[:200]
 
 
 @contextmanager
@@ -61,6 +66,10 @@ def translated(where: str) -> Iterator[None]:
         yield
     except sqlite3.Error as error:
         raise describe(error, where) from error
+    except MemoryError as error:  # SQLite's answer to a record that says it is longer than all memory
+        raise MemoryFileError(
+            f"the memory {where} is damaged (a record of no possible length); restore a copy or {ELSEWHERE}"
+        ) from error
     except (OSError, UnicodeError) as error:
         reason = getattr(error, "strerror", None) or error
         raise EnvironmentFailure(

@@ -14,7 +14,7 @@ from typing import Self
 from ..exceptions import EnvironmentFailure, InputError, MemoryFileError
 from ..types import Experience, NetworkWeights
 from . import records, schema, summary, transfer
-from .failures import ELSEWHERE, transaction, translated
+from .failures import ELSEWHERE, one_line, transaction, translated
 from .summary import MemoryStatistics, ObjectSummary
 
 _COLUMNS = ", ".join(records.EXPERIENCE_COLUMNS)
@@ -267,7 +267,7 @@ class Memory:
             return records.experience_from_row(row)
         except InputError as error:
             raise MemoryFileError(
-                f"the memory {self.where} is damaged: experience {number}: {error};"
+                f"the memory {self.where} is damaged: experience {number}: {one_line(error)};"
                 f" restore a copy or {ELSEWHERE}"
             ) from error
 
@@ -276,7 +276,7 @@ class Memory:
             return records.weights_from_row(row)
         except InputError as error:
             raise MemoryFileError(
-                f"the memory {self.where} is damaged: weights of {row[0]!r:.60}: {error};"
+                f"the memory {self.where} is damaged: weights of {row[0]!r:.60}: {one_line(error)};"
                 f" restore a copy, reset that hand or {ELSEWHERE}"
             ) from error
 

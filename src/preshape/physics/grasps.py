@@ -26,6 +26,7 @@ the others are tested all the same.
 from __future__ import annotations
 
 import json
+import warnings
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -35,6 +36,7 @@ import numpy as np
 from .. import spatial
 from ..exceptions import EnvironmentFailure, InputError
 from ..files import read_arrays
+from ..objects.read_text import shown
 from ..types import Array, freeze, value
 from .hand import PhysicsHand
 from .locate import object_extent, plan_object
@@ -91,7 +93,7 @@ class GraspSet:
 
     def __post_init__(self) -> None:
         if self.frame not in FRAMES:
-            raise InputError(f"no frame {self.frame!r}; known: {', '.join(FRAMES)}")
+            raise InputError(f"no frame {self.frame!r:.60}; known: {', '.join(FRAMES)}")
         count = len(self.objects)
         if len(self.origin) not in (0, count):
             raise InputError(f"origin must name {count} rows, got {len(self.origin)}")
@@ -279,27 +281,26 @@ def grasps_from_plans(
             scale = float(max(thing["extents"])) / extents[source]
             for answer in answers:
                 hand = answer["hand"]
-                hands.append((str(hand["name"]), tuple(hand["joints"])))
+                hands.append((str(hand["name"]), tuple(map(str, hand["joints"]))))
                 row = {"object": source, "scale": scale}
                 for stage in STAGES:
                     pose = hand[stage]
                     if pose is None:
-                        nothing = [0.0, 0, 0, 1, 0, 0, 0] + [0.0] * len(hand["joints"])
-                        row[stage] = nothing
+                        row[stage] = [0.0, 0, 0, 1, 0, 0, 0] + [0.0] * len(hand["joints"])
                         why = f"the plan has no {stage}: {hand.get('reason') or document.get('reason')}"
                         if not faults or faults[-1].row != len(rows):
                             faults.append(Fault(row=len(rows), reason=why))
                     else:
                         row[stage] = [*pose["palm_pose"], *pose["q"]]
                 rows.append(row)
-        except (KeyError, TypeError, ValueError, AttributeError) as error:
+        except (KeyError, TypeError, ValueError, AttributeError, OverflowError, OSError) as error:
             raise InputError(
-                f"{name}: plan {index} is not a plan of this program ({type(error).__name__}: {error})"
+                f"{name}: plan {index} is not a plan of this program ({type(error).__name__}: {shown(error)})"
             ) from error
     if not rows:
         raise InputError(f"{name}: no plan in it")
     if len(set(hands)) > 1:
-        names = ", ".join(sorted({hand for hand, _ in hands}))
+        names = shown(", ".join(sorted({hand for hand, _ in hands})))
         raise InputError(f"{name}: plans for different hands ({names}); give the plans of one hand")
     stages: dict[str, Any] = {stage: _ragged([row[stage] for row in rows], stage) for stage in STAGES}
     return GraspSet(
@@ -316,12 +317,16 @@ def grasps_from_plans(
 
 def _read_npz(path: Path) -> GraspSet:
     try:
-        arrays = read_arrays(path)
+        with warnings.catch_warnings(action="ignore"):  # how old the file looks is no matter
+            arrays = read_arrays(path)
     except (OSError, ValueError) as error:
-        raise InputError(f"{path}: not an npz without pickle, or a damaged one ({error})") from error
+        raise InputError(f"{path}: not an npz without pickle, or a damaged one ({shown(error)})") from error
     missing = [name for name in ("object", "scale", "obj_pose", *STAGES) if name not in arrays]
     if missing:
-        raise InputError(f"{path}: missing arrays {', '.join(missing)}; it has {', '.join(sorted(arrays))}")
+        raise InputError(f"{path}: missing arrays {', '.join(missing)}; it has {shown(sorted(arrays), 400)}")
+    strange = [name for name, array in arrays.items() if not isinstance(array, np.ndarray)]
+    if strange:
+        raise InputError(f"{path}: {shown(', '.join(map(repr, strange)))}: no array; use numpy.savez")
     names = arrays["object"]
     if names.ndim != 1 or names.dtype.kind not in "US":
         raise InputError(f"{path}: object must be n names as text, got {names.dtype} of shape {names.shape}")
@@ -342,7 +347,10 @@ def _read_npz(path: Path) -> GraspSet:
 
 
 def _words(array: Any) -> tuple[str, ...]:
-    words = np.asarray(array).ravel().tolist()
+    try:
+        words = np.asarray(array).ravel().tolist()
+    except SystemError as error:  # letters that there are not
+        raise InputError(f"text is damaged ({shown(error)}); write the file again") from error
     return tuple(word.decode(errors="replace") if isinstance(word, bytes) else str(word) for word in words)
 
 
@@ -358,16 +366,17 @@ def _word(arrays: dict[str, Any], name: str, default: str) -> str:
 def _ragged(rows: list[list[float]], name: str) -> Array:
     try:
         return np.array(rows, dtype=np.float64)
-    except ValueError as error:
-        raise InputError(f"{name}: the plans have different numbers of joint angles") from error
+    except (TypeError, ValueError, OverflowError) as error:
+        raise InputError(f"{name}: no numbers, or different numbers of joint angles in the plans") from error
 
 
 def _array(data: Any, name: str, shape: tuple[int, ...]) -> Array:
     """A float64 copy, which may hold numbers that are not finite."""
     try:
         array = np.array(data, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise InputError(f"{name} must be numbers, got {data!r:.80}") from error
+    except (TypeError, ValueError, OverflowError, SystemError) as error:
+        got = data.dtype if isinstance(data, np.ndarray) else shown(repr(data))
+        raise InputError(f"{name} must be numbers, got {got}") from error
     if array.shape != shape:
         wanted, got = ("×".join(map(str, s)) or "a single number" for s in (shape, array.shape))
         raise InputError(f"{name} must be {wanted} numbers, got {got}")
@@ -383,6 +392,9 @@ def _fault(row: dict[str, Array]) -> str:
         if name == "scale":
             if not numbers > 0:
                 return f"scale must be positive, got {float(numbers):g}"
-        elif abs(float(np.linalg.norm(numbers[3:7])) - 1.0) > 0.01:
-            return f"{shown}: the quaternion's length is {np.linalg.norm(numbers[3:7]):.3g}, not 1"
+        else:
+            with np.errstate(over="ignore"):  # a length that is infinite is not 1 either
+                length = float(np.linalg.norm(numbers[3:7]))
+            if abs(length - 1.0) > 0.01:
+                return f"{shown}: the quaternion's length is {length:.3g}, not 1"
     return ""

@@ -1,0 +1,167 @@
+"""Fuzzing of every reader, with progress; stopped at any moment it goes on where it was.
+
+    python -m hardening.fuzz [READER …] [--runs 100000] [--out out/fuzz]
+
+Needs atheris, which is no dependency of the project: ``pip install atheris``.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+from preshape.files import write_json
+
+from .seeds import CORPUS
+
+RUNS = 100_000
+
+
+def main(arguments: list[str]) -> int:
+    """0: every promise kept; 1: a fault was found; 3: no fuzzer."""
+    known = sorted(folder.name for folder in CORPUS.iterdir())
+    parser = argparse.ArgumentParser(prog="python -m hardening.fuzz", description="Fuzz the readers.")
+    parser.add_argument("readers", nargs="*", metavar="READER", help=f"default all: {', '.join(known)}")
+    parser.add_argument(
+        "--runs", type=int, default=RUNS, help="inputs for each reader (default: %(default)s)"
+    )
+    parser.add_argument("--out", type=Path, default=Path("out/fuzz"), help="folder (default: %(default)s)")
+    parser.add_argument("--afresh", action="store_true", help="forget what was run before")
+    given = parser.parse_args(arguments)
+    wrong = set(given.readers) - set(known)
+    if wrong:
+        parser.error(f"no reader {', '.join(sorted(wrong))}; known: {', '.join(known)}")
+    if find_spec("atheris") is None:
+        print("fuzzing needs atheris: .venv/bin/pip install atheris", file=sys.stderr)
+        return 3
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # a run in the background can be stopped too
+    rows = []
+    for name in given.readers or known:
+        work = given.out.resolve() / name
+        if given.afresh:
+            shutil.rmtree(work, ignore_errors=True)
+        rows.append(fuzz(name, work, given.runs))
+        write_json(given.out / f"{name}.json", rows[-1])
+    print(
+        f"\n{'reader':12} {'inputs':>8} {'read':>8} {'refused':>8} {'code reached':>12} {'slowest':>9} faults"
+    )
+    for row in rows:
+        print(
+            f"{row['reader']:12} {row['inputs']:8} {row['read']:8} {row['refused']:8} {row['reached']:12} "
+            f"{1000 * row['slowest_s']:6.0f} ms {sum(row['faults'].values())}"
+        )
+    return int(any(row["faults"] for row in rows))
+
+
+def fuzz(name: str, work: Path, runs: int) -> dict[str, Any]:
+    """Run one reader until it has had its inputs; what ends the process counts as a fault.
+
+    Args:
+        name: of the reader.
+        work: folder of this reader.
+        runs: inputs wanted, those of earlier runs included.
+    """
+    for folder in ("corpus", "faults", "ended"):
+        (work / folder).mkdir(parents=True, exist_ok=True)
+    total: dict[str, Any] = {
+        "reader": name,
+        "inputs": 0,
+        "read": 0,
+        "refused": 0,
+        "reached": 0,
+        "seconds": 0.0,
+    }
+    total |= {"kinds_of_refusal": 0, "slowest_s": 0.0, "memory_mb": 0, "faults": {}}
+    kept = work / "total.json"
+    if kept.is_file():
+        total = json.loads(kept.read_text())
+    while total["inputs"] < runs:
+        (work / "tally.json").unlink(missing_ok=True)
+        begin, before = time.monotonic(), total["inputs"]
+        code = _segment(name, work, runs, total)
+        _add(total, work, time.monotonic() - begin)
+        if code:
+            reason = _ending(work)
+            total["faults"][reason] = total["faults"].get(reason, 0) + 1
+            total["inputs"] = max(total["inputs"], before + 1)
+        write_json(kept, total)
+        if sum(count for reason, count in total["faults"].items() if reason.startswith("ended")) > 50:
+            break
+    total["corpus"] = len(list((work / "corpus").iterdir()))
+    return total
+
+
+def _segment(name: str, work: Path, runs: int, total: dict[str, Any]) -> int:
+    """One process; returns its exit code."""
+    command = [sys.executable, "-m", "hardening.fuzz_one", name, str(work)]
+    command += [f"-runs={runs - total['inputs']}", f"-seed={1 + total['inputs']}", "-print_final_stats=1"]
+    command += [f"-artifact_prefix={work / 'ended'}/", str(work / "corpus"), str(CORPUS / name)]
+    environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
+    with (work / "log").open("wb") as log:
+        process = subprocess.Popen(command, stdout=log, stderr=log, env=environment)
+        begin, shown = time.monotonic(), 0.0
+        try:
+            while process.poll() is None:
+                time.sleep(0.5)
+                if time.monotonic() - shown > (2 if sys.stderr.isatty() else 30):
+                    shown = time.monotonic()
+                    _progress(name, total["inputs"], _tally(work).get("inputs", 0), runs, shown - begin)
+        except KeyboardInterrupt:
+            process.kill()
+            process.wait()
+            _add(total, work, time.monotonic() - begin)
+            write_json(work / "total.json", total)
+            raise SystemExit(130) from None
+    _progress(name, total["inputs"], _tally(work).get("inputs", 0), runs, time.monotonic() - begin, last=True)
+    return process.returncode
+
+
+def _add(total: dict[str, Any], work: Path, seconds: float) -> None:
+    """The figures of one process to those of the reader."""
+    tally = _tally(work)
+    log = (work / "log").read_bytes().decode("utf-8", "replace")
+    for key in ("inputs", "read", "refused"):
+        total[key] += tally.get(key, 0)
+    for key in ("kinds_of_refusal", "slowest_s", "memory_mb"):
+        total[key] = max(total[key], tally.get(key, 0))
+    total["reached"] = max([total["reached"], *map(int, re.findall(r"cov: (\d+)", log))])
+    total["seconds"] = round(total["seconds"] + seconds, 1)
+    for kind, count in tally.get("faults", {}).items():
+        total["faults"][kind] = total["faults"].get(kind, 0) + count
+
+
+def _tally(work: Path) -> dict[str, Any]:
+    try:
+        return dict(json.loads((work / "tally.json").read_text()))
+    except (OSError, ValueError):
+        return {}
+
+
+def _ending(work: Path) -> str:
+    """Why the process ended, from libFuzzer's report."""
+    log = (work / "log").read_bytes().decode("utf-8", "replace")
+    said = re.search(r"SUMMARY: libFuzzer: (.*)|ERROR: libFuzzer: (.*)", log)
+    return f"ended: {(said[1] or said[2])[:60] if said else 'without a word'}"
+
+
+def _progress(name: str, before: int, now: int, runs: int, seconds: float, *, last: bool = False) -> None:
+    done = before + now
+    left = f", about {(runs - done) * seconds / now / 60:.0f} min left" if now and not last else ""
+    line = f"{name}: {done} of {runs}{left}"
+    end = "\n" if last or not sys.stderr.isatty() else ""
+    print(f"\r\x1b[K{line}" if sys.stderr.isatty() else line, end=end, file=sys.stderr, flush=True)
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

@@ -1,0 +1,271 @@
+"""Every reader keeps its promise on the corpus, on what fuzzing found, and on files cut and changed."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import json
+import random
+import sqlite3
+import zipfile
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from preshape.exceptions import EnvironmentFailure, HandError, InputError, MemoryFileError, ObjectError
+from preshape.hands.model import load_hand, parse_hand
+from preshape.memory import Memory
+from preshape.objects.load import load_object
+from preshape.physics.grasps import GraspSet, read_grasps
+
+hardening = pytest.importorskip("hardening.readers", reason="the folder hardening is not here")
+
+from hardening import mutate, pincer  # noqa: E402
+from hardening.readers import READERS, Fault, Reader, attempt  # noqa: E402
+from hardening.seeds import CORPUS  # noqa: E402
+
+FILES = [file for folder in sorted(CORPUS.iterdir()) for file in sorted(folder.iterdir())]
+EACH = 60
+"""New inputs for each reader; ``make fuzz`` tries a hundred thousand."""
+
+
+def changed(data: bytes, largest: int, rng: random.Random) -> bytes:
+    """A file with a few bytes changed, dropped or doubled, as a fuzzer does it."""
+    out = bytearray(data or b"\0")
+    for _ in range(rng.choice((1, 1, 2, 5))):
+        at = rng.randrange(len(out))
+        match rng.randrange(5):
+            case 0:
+                out[at] = rng.randrange(256)
+            case 1:
+                del out[at : at + rng.randrange(1, 20)]
+            case 2:
+                out[at:at] = out[at : at + rng.randrange(1, 40)]
+            case 3:
+                out[at] ^= 1 << rng.randrange(8)
+            case _:
+                out[at:at] = rng.choice((b"nan", b"-1", b"1e999", b"\0", b"\xff\xff\xff\xff", b"99999999999"))
+        out = out or bytearray(b"\0")
+    return bytes(out[:largest])
+
+
+@pytest.mark.parametrize("file", FILES, ids=lambda file: f"{file.parent.name}/{file.name}")
+def test_the_corpus(file: Path, tmp_path: Path) -> None:
+    refused = attempt(READERS[file.parent.name], tmp_path, file.read_bytes())
+    assert bool(refused) == file.name.startswith("found-"), refused
+
+
+def test_the_corpus_is_small_and_every_reader_has_one() -> None:
+    assert {folder.name for folder in CORPUS.iterdir()} == set(READERS)
+    assert sum(file.stat().st_size for file in FILES) < 200_000
+
+
+@pytest.mark.parametrize("name", READERS)
+def test_changed_files(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("preshape.hands.rewrite._SAMPLES", 4)
+    reader, rng = READERS[name], random.Random(f"17 {name}")
+    seeds = [file.read_bytes() for file in FILES if file.parent.name == name]
+    refused = 0
+    for number in range(EACH):
+        data = rng.choice(seeds)
+        if reader.mutate is not None and number % 3:
+            step = random.Random(rng.random())
+            with contextlib.suppress(OverflowError, ValueError, TypeError, UnicodeError):
+                data = reader.mutate(data, reader.largest, step, partial(changed, rng=step))
+        else:
+            data = changed(data, reader.largest, rng)
+        refused += bool(attempt(reader, tmp_path, data))
+    assert refused > EACH // 4  # else nothing was damaged
+
+
+@pytest.mark.parametrize("name", READERS)
+def test_files_cut_short(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("preshape.hands.rewrite._SAMPLES", 4)
+    for file in (file for file in FILES if file.parent.name == name and not file.name.startswith("found-")):
+        data = file.read_bytes()
+        for part in range(12):
+            attempt(READERS[name], tmp_path, data[: part * len(data) // 12])
+
+
+@pytest.mark.parametrize(
+    ("reader", "said"),
+    [
+        (Reader(file="a", read=lambda path: int("x")), "ValueError"),
+        (Reader(file="a", read=lambda path: _refuse("")), "message of 0 characters"),
+        (Reader(file="a", read=lambda path: _refuse("a\nb")), "does not print"),
+        (Reader(file="a", read=lambda path: _refuse("\x1b[31m")), "does not print"),
+        (Reader(file="a", read=lambda path: _refuse("x" * 3000)), "message of 3000"),
+        (Reader(file="a", read=lambda path: _exhaust()), "exhausted the memory"),
+        (Reader(file="a", read=lambda path: np.sqrt(np.array(-1.0))), "a warning reaches people"),
+    ],
+    ids=["foreign", "silent", "two lines", "escape", "long", "memory", "warning"],
+)
+def test_a_broken_promise_is_seen(reader: Reader, said: str, tmp_path: Path) -> None:
+    with pytest.raises(Fault, match=said):
+        attempt(reader, tmp_path, b"")
+
+
+def _refuse(message: str) -> None:
+    raise ObjectError(message)
+
+
+def _exhaust() -> None:
+    try:
+        raise MemoryError
+    except MemoryError as error:
+        raise EnvironmentFailure("not enough memory") from error
+
+
+def test_structured_changes_keep_the_framing() -> None:
+    rng = random.Random(3)
+
+    def bytewise(data: bytes, largest: int) -> bytes:
+        return changed(data, largest, rng)
+
+    npz = (CORPUS / "grasps-npz" / "cube").read_bytes()
+    whole = 0
+    for _ in range(40):
+        with contextlib.suppress(zipfile.BadZipFile):
+            whole += (
+                zipfile.ZipFile(io.BytesIO(mutate.mutated_npz(npz, 99999, rng, bytewise))).testzip() is None
+            )
+    assert whole > 30
+    glb = (CORPUS / "glb" / "tetra").read_bytes()
+    made = [mutate.mutated_glb(glb, 99999, rng, bytewise) for _ in range(40)]
+    assert sum(int.from_bytes(one[8:12], "little") == len(one) for one in made) > 30
+    assert len(set(made)) > 20
+
+
+# What fuzzing found, in words.
+
+
+def test_an_archive_member_that_is_no_array(tmp_path: Path) -> None:
+    file = tmp_path / "a.npz"
+    with zipfile.ZipFile(CORPUS / "grasps-npz" / "cube") as old, zipfile.ZipFile(file, "w") as new:
+        for name in old.namelist():
+            new.writestr(name, b"no array" if name == "object.npy" else old.read(name))
+    with pytest.raises(InputError, match="'object': no array"):
+        read_grasps(file)
+
+
+def test_a_quaternion_beyond_all_measure_is_a_fault_of_its_row() -> None:
+    row = [[0.0, 0, 0, 1e200, 1e200, 0, 0]]
+    good = [[0.0, 0, 0, 1, 0, 0, 0]]
+    made = GraspSet(
+        hand="",
+        joints=(),
+        objects=("a",),
+        scale=np.array([1.0]),
+        object_pose=np.array(good),
+        pregrasp=np.array(row),
+        grasp=np.array(good),
+        squeeze=np.array(good),
+    )
+    assert [fault.reason for fault in made.faults] == ["pregrasp: the quaternion's length is inf, not 1"]
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda plan: plan["hand"].update(joints=[{}, []]),
+        lambda plan: plan["hand"]["grasp"].update(q=[{"a": 1}] * 24),
+        lambda plan: plan["hand"]["grasp"].update(q=[10**400] * 24),
+        lambda plan: plan["object"].update(extents=[10**400]),
+        lambda plan: plan["object"].update(source="9" * 5000),
+        lambda plan: plan["alternatives"][0]["hand"].update(name="\0\x1b[31m"),
+    ],
+)
+def test_plans_with_things_that_are_no_numbers(change, tmp_path: Path) -> None:
+    plan = json.loads((CORPUS / "plan-json" / "cube").read_text())
+    change(plan)
+    file = tmp_path / "a.json"
+    file.write_text(json.dumps(plan))
+    with pytest.raises(InputError, match=r"numbers|not a plan|different hands") as caught:
+        read_grasps(file)
+    assert str(caught.value).isprintable()
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("gain = 5.0", f"gain = {10**400}", "gain must be a positive number"),
+        ("gain = 5.0", f"gain = 1{'0' * 5000}", "not valid TOML"),
+        ("u = 0.05", f"u = {'[' * 3000}{']' * 3000}", "not valid TOML"),
+        ("pos = [0.0, 0.0, 0.0]", f"pos = [{10**400}, 0, 0]", "palm.pos must be three numbers"),
+    ],
+    ids=["huge", "endless", "deep", "huge place"],
+)
+def test_hands_beyond_all_measure(old: str, new: str, said: str, tmp_path: Path) -> None:
+    (tmp_path / "pincer.xml").write_text(pincer.MJCF)
+    file = tmp_path / "hand.toml"
+    assert old in pincer.TOML
+    file.write_text(pincer.TOML.replace(old, new))
+    with pytest.raises(HandError, match=said):
+        load_hand(file)
+    with pytest.raises(HandError):
+        parse_hand(file.read_text(), pincer.MJCF)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ('lower="-1" upper="1.5"', 'lower="-1e308" upper="1e308"', "no angles in rad"),
+        ('lower="-1" upper="1.5"', 'lower="nan" upper="1.5"', "no angles in rad|cannot read"),
+        ('mass value="0.05"', 'mass value="1e-308"', "mass"),
+        ('<?xml version="1.0"?>', '<?xml version="1.0" encoding="klingon"?>', "cannot read"),
+    ],
+)
+def test_models_beyond_all_measure(old: str, new: str, said: str, tmp_path: Path) -> None:
+    (tmp_path / "hand.toml").write_text(pincer.TOML.replace("pincer.xml", "pincer.urdf"))
+    assert old in pincer.URDF
+    (tmp_path / "pincer.urdf").write_text(pincer.URDF.replace(old, new))
+    with pytest.raises(HandError, match=said):
+        load_hand(tmp_path / "hand.toml")
+
+
+def test_a_model_with_nan_leaves_no_log_behind_and_says_nothing_beside(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "hand.toml").write_text(pincer.TOML)
+    (tmp_path / "pincer.xml").write_text(pincer.MJCF.replace('range="-1 1.5"', 'range="-1 nan"'))
+    with pytest.raises(HandError):
+        load_hand(tmp_path / "hand.toml")
+    assert {file.name for file in tmp_path.iterdir()} == {"hand.toml", "pincer.xml"}
+    assert capfd.readouterr() == ("", "")
+
+
+def test_a_damaged_memory_is_refused_in_one_line(tmp_path: Path) -> None:
+    file = tmp_path / "a.sqlite"
+    file.write_bytes((CORPUS / "memory" / "two").read_bytes().replace(b"fingers INTEGER", b'"ingers INTEGER'))
+    for read_only in (True, False):
+        with (
+            pytest.raises(MemoryFileError, match="damaged") as caught,
+            Memory.open(file, read_only=read_only) as memory,
+        ):
+            memory.statistics()
+        assert str(caught.value).isprintable()
+
+
+def test_a_damaged_row_is_refused_in_one_line(tmp_path: Path) -> None:
+    file = tmp_path / "a.sqlite"
+    file.write_bytes((CORPUS / "memory" / "two").read_bytes())
+    with contextlib.closing(sqlite3.connect(file)) as connection:
+        connection.execute("UPDATE experiences SET shape = ?", (np.full(28, np.nan).tobytes(),))
+        connection.commit()
+    with Memory.open(file) as memory, pytest.raises(MemoryFileError, match="shape") as caught:
+        memory.experiences()
+    assert str(caught.value).isprintable()
+
+
+def test_what_a_mesh_file_says_of_itself_is_shown_as_text(tmp_path: Path) -> None:
+    file = tmp_path / "a.ply"
+    file.write_bytes(
+        b"ply\nformat ascii 1.0\nelement \x1b[31mred 4\nproperty int a\nelement face 1\n"
+        b"property list uchar int vertex_indices\nend_header\n1\n"
+    )
+    with pytest.raises(ObjectError) as caught:
+        load_object(file)
+    assert str(caught.value).isprintable()
