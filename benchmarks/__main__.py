@@ -22,6 +22,7 @@ MODULES = (
     "bench_closure",
     "bench_physics",
     "bench_dataset",
+    "bench_view",
 )
 
 

@@ -2,31 +2,99 @@
 
 from __future__ import annotations
 
+import io
+import shutil
+import tempfile
 from pathlib import Path
 
 import numpy as np
+from PIL import Image
 
 import preshape
+from preshape.cli.simulate import simulate
 from preshape.hand_simulation import hand_geometry
+from preshape.io import dumps
 from preshape.objects.library import load_library_object, names
 from preshape.pictures import plan_png
 from preshape.viewer.gallery import contact_sheet, hand_picture
 
 OUT = Path(__file__).parent / "pictures"
+LARGEST = 200_000
+"""Bytes of a picture at most."""
+BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
+FLAGS = ["--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--no-sandbox"]
 
 
 def main() -> None:
     OUT.mkdir(exist_ok=True)
-    plan = preshape.plan("mug", "pour", memory=":memory:")
-    plan_png(plan, OUT / "plan.png")
+    plan_png(preshape.plan("mug", "pour", memory=":memory:"), OUT / "plan.png")
     contact_sheet(
         [(load_library_object(name), name) for name in names()], OUT / "library.png", columns=9, cell=150
     )
     hand = preshape.load_hand("utah_mit")
     still = np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
     hand_picture(hand_geometry(hand, still, hand.posture("rest")), OUT / "utah_mit.png", size=(600, 600))
+    real_hand()
     for path in sorted(OUT.glob("*.png")):
+        small(path)
         print(f"wrote {path.relative_to(OUT.parent.parent)} ({path.stat().st_size // 1024} KiB)")
+
+
+def real_hand() -> None:
+    """The Shadow hand on the mug: its plan, a run in simulated physics, and the app that shows it."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        plan = preshape.plan("mug", "pour", hand="shadow", memory=folder / "memory.sqlite", count=3)
+        plan_png(plan, OUT / "shadow.png")
+        file = folder / "plan.json"
+        file.write_text(dumps(preshape.plan_to_json(plan)), encoding="utf-8")
+        simulate([str(file), "--out", str(folder)], standalone_mode=False)
+        shutil.copyfile(folder / "filmstrip.png", OUT / "filmstrip.png")
+        app(file, folder / "memory.sqlite")
+
+
+def app(file: Path, memory: Path) -> None:
+    """The browser app with a plan, as it stands in Chromium."""
+    program = next(filter(None, map(shutil.which, BROWSERS)), None)
+    if program is None:
+        print("no Chromium here: docs/pictures/app.png stays as it is")
+        return
+    from playwright.sync_api import sync_playwright
+
+    from preshape.app.server import ViewServer
+    from preshape.cli.view import start_of
+
+    server = ViewServer(start_of(str(file), memory=str(memory)), port=0)
+    try:
+        with sync_playwright() as driver:
+            browser = driver.chromium.launch(executable_path=program, args=FLAGS)
+            page = browser.new_page(viewport={"width": 1280, "height": 800})
+            page.set_default_timeout(120_000)
+            page.goto(server.address)
+            page.get_by_text("Preshape found").first.wait_for()
+            page.get_by_role("tab", name="Why").click()
+            notice = page.locator(".mantine-Notification-closeButton")
+            page.wait_for_timeout(6000)  # the software renderer takes its time for the labels
+            if notice.count():  # it says that it is one
+                notice.first.click()
+            page.wait_for_timeout(4000)
+            page.screenshot(path=OUT / "app.png")
+            browser.close()
+    finally:
+        server.stop()
+
+
+def small(path: Path) -> None:
+    """Fewer colours, then fewer pixels, until a picture is small enough for a page."""
+    picture = Image.open(path).convert("RGB")
+    for share in (1.0, 0.85, 0.7, 0.6, 0.5):
+        if path.stat().st_size <= LARGEST:
+            return
+        size = (round(share * picture.width), round(share * picture.height))
+        scaled = picture.resize(size, Image.Resampling.LANCZOS) if share < 1 else picture
+        content = io.BytesIO()
+        scaled.quantize(256, dither=Image.Dither.NONE).save(content, format="PNG", optimize=True)
+        path.write_bytes(content.getvalue())
 
 
 if __name__ == "__main__":

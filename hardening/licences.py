@@ -26,6 +26,9 @@ _TEXTS = {
 }
 """What the texts of licences say, for packages that state their licence by its text alone."""
 
+_SILENT = {"atheris": "Apache-2.0"}
+"""The licences of packages that state none, as their source has them."""
+
 
 def direct() -> dict[str, str]:
     """Every package that ``pyproject.toml`` asks for itself, and where: ``run`` or the name of an extra."""
@@ -57,7 +60,7 @@ def stated(name: str) -> str | None:
     known = next((name for name, words in _TEXTS.items() if words in text), None)
     if classes:
         return ", ".join(classes)
-    return text if text and len(text) <= 40 else known or "not stated"
+    return text if text and len(text) <= 40 else known or _SILENT.get(name, "not stated")
 
 
 def rows() -> list[str]:

@@ -3,16 +3,10 @@
 from __future__ import annotations
 
 import json
-import os
 import re
-import shutil
-import subprocess
-import sys
 import threading
 import time
-from collections.abc import Iterator
 from pathlib import Path
-from urllib.parse import urlparse
 
 import numpy as np
 import pytest
@@ -23,7 +17,7 @@ import preshape
 from preshape.app.link import PlannerLink
 from preshape.app.scenes import answers_of, document_motion, document_scene, light_mesh, plan_html
 from preshape.app.uploads import Uploads
-from preshape.app.worker import decoded
+from preshape.app.wire_format import decoded
 from preshape.exceptions import InputError
 from preshape.hand_simulation import hand_geometry
 from preshape.objects.load import load_object
@@ -32,20 +26,9 @@ from preshape.viewer.canvas import NullCanvas, RecordingCanvas
 from preshape.viewer.draw import GROUPS, draw_hand, draw_object, draw_plan
 from preshape.viewer.hand_motion import STEPS
 from preshape.viewer.reduce import MOST
+from view_app_page import SMALL, Watched, answer_buttons, choose, keep, press, saw, set_number, tab
 
-BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
-FLAGS = [
-    "--use-gl=angle",
-    "--use-angle=swiftshader",
-    "--enable-unsafe-swiftshader",
-    "--disable-gpu-rasterization",  # the software renderer draws the 3D only
-    "--no-sandbox",
-]
-SERVE = "import sys; from preshape.cli.view import view; view(sys.argv[1:], standalone_mode=False)"
-PATIENCE = 30_000.0
-SMALL = {"width": 720, "height": 700}
-"""Software rendering takes its time for every pixel; the panel is most of this."""
-HARMLESS = ("GPU stall", "GL Driver Message", "THREE.Clock", "KHR_parallel_shader_compile")
+pytest_plugins = ("view_app_fixtures",)
 
 BOX = """v 0 0 0
 v .06 0 0
@@ -64,111 +47,8 @@ f 4 1 5 8
 """
 
 
-class Watched:
-    """A page, everything it asked for, and everything it complained about."""
-
-    def __init__(self, context) -> None:
-        self.page = context.new_page()
-        self.page.set_default_timeout(PATIENCE)
-        self.asked: list[str] = []
-        self.complaints: list[str] = []
-        self.page.on("request", lambda request: self.asked.append(request.url))
-        self.page.on("websocket", lambda socket: self.asked.append(socket.url))
-        self.page.on("pageerror", lambda error: self.complaints.append(str(error)))
-        self.page.on("console", self._heard)
-
-    def _heard(self, message) -> None:
-        if message.type in ("error", "warning") and not any(h in message.text for h in HARMLESS):
-            self.complaints.append(message.text)
-
-    def strangers(self) -> list[str]:
-        """Addresses outside this machine."""
-        local = {"localhost", "127.0.0.1"}
-        named = [(url, urlparse(url)) for url in self.asked]
-        return [u for u, p in named if p.scheme not in ("data", "blob", "file") and p.hostname not in local]
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[object]:
-    try:
-        from playwright.sync_api import sync_playwright
-    except ImportError:
-        pytest.fail("the browser tests need Playwright: pip install -e '.[dev]'", pytrace=False)
-    program = next(filter(None, map(shutil.which, BROWSERS)), None)
-    if program is None:
-        pytest.fail("the browser tests need Chromium: on Debian, apt-get install chromium", pytrace=False)
-    with sync_playwright() as driver:
-        opened = driver.chromium.launch(executable_path=program, args=FLAGS)
-        yield opened
-        opened.close()
-
-
-@pytest.fixture
-def app(tmp_path: Path) -> Iterator[str]:
-    """The address of a `preshape view` that runs as a process of its own."""
-    arguments = ["hammer", "--task", "lift", "--port", "0", "--memory", str(tmp_path / "memory.sqlite")]
-    with subprocess.Popen(
-        [sys.executable, "-c", SERVE, *arguments],
-        stderr=subprocess.PIPE,
-        text=True,
-        env={**os.environ, "TMPDIR": str(tmp_path), "OPENBLAS_NUM_THREADS": "1"},
-    ) as process:
-        said = process.stderr.readline()
-        found = re.search(r"http://\S+", said)
-        assert found, said + process.stderr.read()
-        rest: list[str] = []
-        reader = threading.Thread(target=lambda: rest.extend(process.stderr), daemon=True)
-        reader.start()
-        yield found[0]
-        process.terminate()
-        process.wait(timeout=20)
-        reader.join(timeout=5)
-    assert not [line for line in rest if "Traceback" in line or "exception" in line.lower()], rest
-
-
-def saw(page, words: str) -> None:
-    page.get_by_text(words).locator("visible=true").first.wait_for()
-
-
-def press(page, name: str) -> None:
-    page.get_by_role("button", name=name, exact=True).click()
-
-
-def tab(page, name: str) -> None:
-    page.get_by_role("tab", name=name, exact=True).click()
-
-
-def choose(page, label: str, option: str) -> None:
-    page.get_by_label(label, exact=True).first.click()
-    page.get_by_role("option", name=option, exact=True).first.click()
-
-
-def set_number(page, label: str, number: str) -> None:
-    """Type into the box beside a slider."""
-    row = page.locator(f"div:has(> div > p > label:text-is('{label}'))")
-    box = row.locator("input:not([type=hidden])").last
-    box.fill(number)
-    box.press("Enter")
-
-
-def answer_buttons(page) -> list[str]:
-    found = page.get_by_role("button", name=re.compile(r"^\d · plane"))
-    found.first.wait_for()
-    return found.all_text_contents()
-
-
-def keep(page, name: str, size: tuple[int, int] = (1280, 800)) -> None:
-    """A screenshot in the folder that PRESHAPE_SCREENSHOTS names; software rendering makes it slow."""
-    folder = os.environ.get("PRESHAPE_SCREENSHOTS")
-    if folder:
-        before = page.viewport_size
-        page.set_viewport_size({"width": size[0], "height": size[1]})
-        time.sleep(1.5)
-        page.screenshot(path=Path(folder) / f"{name}.png")
-        page.set_viewport_size(before)
-
-
-def test_a_person_plans_reads_corrects_and_teaches(browser, app: str, tmp_path: Path) -> None:
+def test_a_person_plans_reads_corrects_and_teaches(browser, serve, tmp_path: Path) -> None:
+    app = serve("hammer", "lift")
     context = browser.new_context(viewport=SMALL)
     watched = Watched(context)
     page = watched.page

@@ -48,7 +48,11 @@ def write_whole(path: Path, write: Callable[[Path], None]) -> None:
 
 def write_json(path: Path, document: Any) -> None:
     """Write JSON whole or not at all."""
-    text = dumps(document) + "\n"
+    write_text(path, dumps(document) + "\n")
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write text whole or not at all."""
     write_whole(path, lambda target: _write_text(target, text))
 
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
-from ..hands.kinematics import pose_vector
+from ..spatial import seven_from_pose
 from ..types import Array
+from ..viewer.camera import Camera
 from ..viewer.canvas import within
 from ..viewer.corners import indexed
+from ..viewer.declutter import crowded_out
 from ..viewer.raycast import Shape
 
 if TYPE_CHECKING:
@@ -39,6 +39,8 @@ class BrowserCanvas:
         self._scene, self._clicked, self._choosable = scene, clicked, choosable
         self._nodes: dict[str, Any] = {}
         self._hidden: set[str] = set()
+        self._words: dict[str, tuple[str, Array]] = {}
+        self._crowded: set[str] = set()
         self.hand_opacity = self.object_opacity = 1.0
 
     def solid(self, name: str, shape: Shape) -> None:
@@ -72,6 +74,7 @@ class BrowserCanvas:
     def label(self, name: str, text: str, at: Array) -> None:
         """Write a few words."""
         self.remove(name)
+        self._words[name] = (text, at)
         self._nodes[name] = self._scene.add_label(
             f"/{name}",
             text,
@@ -85,20 +88,33 @@ class BrowserCanvas:
         """Move a solid."""
         node = self._nodes.get(name)
         if node is not None:
-            vector = pose_vector(np.asarray(pose[:3, :3]), np.asarray(pose[:3, 3]))
-            node.position, node.wxyz = vector[:3], vector[3:]
+            seven = seven_from_pose(pose)
+            node.position, node.wxyz = seven[:3], seven[3:]
 
     def remove(self, prefix: str) -> None:
         """Take away what has that name or lies under it."""
         for name in [n for n in self._nodes if within(n, prefix)]:
             self._nodes.pop(name).remove()
+            self._words.pop(name, None)
 
     def show(self, group: str, visible: bool) -> None:
         """Hide or show a group, now and whatever is drawn into it later."""
         (self._hidden.discard if visible else self._hidden.add)(group)
         for name, node in self._nodes.items():
             if within(name, group):
-                node.visible = visible
+                node.visible = self._visible(name)
+
+    def declutter(self, camera: Camera, size: tuple[int, int]) -> None:
+        """Hide the labels that have no room in a camera's picture of that size [pixels]."""
+        shown = {n: said for n, said in self._words.items() if not self._behind(n)}
+        self._crowded = crowded_out(shown, camera, size)
+        for name in shown:
+            visible = name not in self._crowded
+            if self._nodes[name].visible != visible:
+                self._nodes[name].visible = visible
 
     def _visible(self, name: str) -> bool:
-        return not any(within(name, group) for group in self._hidden)
+        return not self._behind(name) and name not in self._crowded
+
+    def _behind(self, name: str) -> bool:
+        return any(within(name, group) for group in self._hidden)

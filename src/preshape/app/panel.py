@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from importlib import resources
 from typing import TYPE_CHECKING, Any
 
 from ..hands.model import hand_names
 from ..objects.library import names as object_names
 from ..planes import AXIS_NAMES
-from ..tasks import family_names
+from ..tasks import family_names, parse_task
 from ..tasks.task import COMPONENTS
 from ..viewer.draw import GROUPS
+from ..viewer.readings import wrapped
+from .tuning import Tuning
 from .worker import ALTERNATIVES, Order
 
 if TYPE_CHECKING:
@@ -20,6 +23,10 @@ ANY = "any"
 USUAL = "usual"
 OFFERS = 3
 ACCEPT, REJECT = VERDICTS = ("Accept", "Reject")
+TRIAL = (
+    "The hand grasps and squeezes in simulated physics (MuJoCo), then the object is pushed from six sides. "
+    "Friction and mass are those of the Plan tab. A scan takes up to a minute the first time."
+)
 HIDDEN = ("rays", "frame")
 """Groups of the scene that are hidden at first."""
 
@@ -35,6 +42,7 @@ class Panel:
 
     def __init__(self, gui: viser.GuiApi, order: Order, memory: str) -> None:
         self.gui = gui
+        gui.add_html(f"<style>{(resources.files('preshape.viewer') / 'web' / 'app.css').read_text()}</style>")
         self.headline = gui.add_html("")
         self.progress = gui.add_progress_bar(0, visible=False, animated=True)
         self.cancel = gui.add_button(
@@ -49,6 +57,10 @@ class Panel:
             self.why = gui.add_html("")
         with tabs.add_tab("Answers"):
             self._answers(gui)
+        with tabs.add_tab("Physics"):
+            self._physics(gui)
+        with tabs.add_tab("Tune"):
+            self.tuning = Tuning(gui)
         with tabs.add_tab("Memory"):
             self.memory = gui.add_html("")
             self.memory_again = gui.add_button("Read again", color="gray")
@@ -81,10 +93,23 @@ class Panel:
         tasks = [*family_names(), SIX]
         named = order.task.partition(":")[0]
         self.task = gui.add_dropdown("Task", tasks, initial_value=named if named in tasks else SIX)
-        self.axis = gui.add_dropdown("along / about", (USUAL, *AXIS_NAMES), hint="The task's signed axis")
+        axis = order.task.partition(":")[2]
+        self.axis = gui.add_dropdown(
+            "along / about",
+            (USUAL, *AXIS_NAMES),
+            initial_value=axis if axis in AXIS_NAMES else USUAL,
+            hint="The task's signed axis",
+        )
+        self.task_note = gui.add_html("")
+        self.drag = gui.add_checkbox(
+            "Drag the task", False, hint="Arrows move, arcs turn: to where the object is to go"
+        )
         self.numbers_box = gui.add_folder("The task as six numbers", expand_by_default=False)
         with self.numbers_box:
-            self.numbers = [gui.add_slider(name, -1.2, 1.2, 0.05, 0.0) for name in COMPONENTS]
+            self.numbers = [
+                gui.add_slider(name, -1.2, 1.2, 0.05, float(number))
+                for name, number in zip(COMPONENTS, parse_task(order.task).q.clip(-1.2, 1.2), strict=True)
+            ]
         hands = list(hand_names())
         hands += [order.hand] if order.hand not in hands else []  # a hand of the person's own
         self.hand = gui.add_dropdown("Hand", hands, initial_value=order.hand)
@@ -116,7 +141,14 @@ class Panel:
         self.answers = [
             gui.add_button(f"answer {i + 1}", visible=False, color="gray") for i in range(ALTERNATIVES + 1)
         ]
-        self.facts = gui.add_html("")
+
+    def _physics(self, gui: viser.GuiApi) -> None:
+        gui.add_html(wrapped(f'<p class="quiet">{TRIAL}</p>'))
+        self.simulate = gui.add_button("Simulate this answer", color="blue", disabled=True)
+        self.run_words = gui.add_html("")
+        self.moment = gui.add_slider("Moment", 0.0, 1.0, 0.005, 0.0, visible=False)
+        self.replay = gui.add_button("Play the run", visible=False, color="gray")
+        self.run_report = gui.add_html("")
 
     def _layers(self, gui: viser.GuiApi) -> None:
         self.layers: dict[str, Any] = {

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from html import escape
 from typing import Any
 
 from ..hands.model import load_hand
 from ..io import dumps
-from ..planes import plane
 from ..viewer import readings
 from .panel import Panel
 from .scenes import Document, answers_of, document_html
@@ -43,9 +41,10 @@ class Reading:
         p = self._panel
         self.document, self._answers, self._rays, self._rejected = None, [], [], set()
         self._shown, self.offers = 0, []
-        p.why.content = p.facts.content = p.answers_note.content = ""
+        p.why.content = p.answers_note.content = ""
         for handle in (*p.offers, *p.answers, p.verdict, p.slider, p.play):
             handle.visible = False
+        p.simulate.disabled = True
         self._stage.show(None, None)
 
     def take(self, document: Document, rays: list[Any]) -> None:
@@ -68,24 +67,39 @@ class Reading:
         rays = self._rays[index] if index < len(self._rays) else None
         friction = float(p.friction.value)
         self._stage.show(document, answer, friction=friction, rays=rays, share=1.0)
-        p.headline.content = readings.wrapped(readings.headline(document))
-        why = [readings.transitions(document)]
+        self.headline()
+        p.simulate.disabled = answer is None or answer["hand"]["grasp"] is None
+        words = [readings.transitions(document), readings.glossary()]
         if answer is not None:
-            why = [readings.facts(document, answer), readings.bars(document, answer), *why]
-        p.why.content = readings.wrapped(*why)
-        p.facts.content = ""
+            words[:0] = [
+                readings.why(document, self._answers, index),
+                readings.facts(document, answer),
+                readings.bars(document, answer),
+            ]
+        p.why.content = readings.wrapped(*words)
         p.slider.visible = p.play.visible = self._stage.motion is not None
         p.verdict.visible = answer is not None
         self._list()
 
-    def pick(self, index: int) -> None:
-        """Show the best answer on a plane, or say that there is none."""
+    @property
+    def answer(self) -> Document | None:
+        """The answer that is shown."""
+        return self._answers[self._shown] if self._shown < len(self._answers) else None
+
+    def headline(self) -> None:
+        """Say how the plan ended."""
+        if self.document is not None:
+            self._panel.headline.content = readings.wrapped(readings.headline(self.document))
+
+    def pick(self, index: int) -> str:
+        """Show the best answer on a plane; a sentence where there is none."""
         kept = [i for i, a in enumerate(self._answers) if a["plane"] == index and i not in self._rejected]
         if kept:
             self.show(kept[0])
-            return
-        words = f'<div class="head warn"><b>{escape(plane(index).label)}</b>No answer on this plane.</div>'
-        self._panel.facts.content = readings.wrapped(words)
+            return ""
+        if self.document is None:
+            return "Press Plan; then a click on a plane shows the best answer on it."
+        return "None of the answers lies on this plane: what it gives matches the task too little."
 
     def reject(self) -> bool:
         """Take the shown answer out of the ranking and show the next best; False where none is left."""

@@ -11,27 +11,31 @@ from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..exceptions import InputError, PreshapeError
+from ..exceptions import PreshapeError
 from ..objects.library import names as object_names
 from ..objects.mesh import TriangleMesh
-from ..planes import AXIS_NAMES
-from ..tasks import family_names, parse_task
+from ..planes import plane
 from ..types import value
 from ..viewer import readings
 from .link import PlannerLink, Reply
 from .memory_browser import memory_html, memory_place
-from .panel import ACCEPT, ANY, SIX, USUAL, Panel
+from .panel import ACCEPT, Panel
 from .reading import STAGES, Reading
 from .scenes import Document
 from .stage import Stage
+from .steering import Steering
+from .trial import Trial
 from .uploads import Uploads
-from .worker import Order, decoded, order_fields
+from .wire_format import decoded
+from .worker import Order, order_fields
 
 if TYPE_CHECKING:
     import viser
 
 PLAYED = 3.0
 """How long the grasp is played [s]."""
+RUN_PLAYED = 9.0
+"""How long a run in simulated physics is played [s]."""
 
 
 @value
@@ -72,10 +76,12 @@ class Session:
         self.panel = Panel(client.gui, start.order, place)
         self.stage = Stage(client, self._picked)
         self.reading = Reading(self.panel, self.stage)
+        self.steering = Steering(self.panel, self.stage, self.panel.tuning)
+        self.trial = Trial(self.panel, self.stage)
         self._wire()
         self._say("warn", "Welcome", "Choose an object and a task, then press Plan.")
         self._recall()
-        self._set_numbers()
+        self.steering.show_task()
         with self._told():
             self._planner.start()
             if start.document is not None:
@@ -104,11 +110,17 @@ class Session:
         on(p.thing, self._choose_object)
         p.upload.on_upload(lambda _: self._upload())
         on(p.unit, self._choose_object)
-        on(p.task, self._set_numbers)
-        on(p.axis, self._set_numbers)
+        steering = self.steering
+        on(p.task, steering.show_task)
+        on(p.axis, steering.show_task)
         for slider in p.numbers:
-            on(slider, self._use_numbers)
-        on(p.hand, self._choose_hand)
+            on(slider, steering.use_numbers)
+        on(p.drag, steering.switch_gizmo)
+        on(p.hand, steering.choose_hand)
+        p.tuning.wire(on)
+        on(p.simulate, self._simulate)
+        on(p.moment, self._seek)
+        on(p.replay, self._replay)
         on(p.run, lambda: self._plan("plan"))
         on(p.teach, lambda: self._plan("teach"))
         on(p.cancel, self._cancel)
@@ -123,7 +135,7 @@ class Session:
         for i, button in enumerate(p.offers):
             on(button, partial(self._take_offer, i))
         for i, button in enumerate(p.answers):
-            on(button, partial(self.reading.show, i))
+            on(button, partial(self._show_answer, i))
         for group, box in p.layers.items():
             on(box, partial(self._layer, group))
             self.stage.layer(group, box.value)
@@ -150,8 +162,7 @@ class Session:
     def _choose_object(self) -> None:
         name = self.panel.thing.value
         if name in self._uploaded:
-            unit = self.panel.unit.value
-            self._load(str(self._uploaded[name]), unit if unit in ("m", "cm", "mm", "in") else "m", 1.0)
+            self._load(str(self._uploaded[name]), self.steering.unit, 1.0)
         elif name in object_names():
             self._load(name, "m", 1.0)
 
@@ -168,53 +179,13 @@ class Session:
                 self.panel.thing.value = label
 
             self._after = arrived
-            unit = self.panel.unit.value
-            self._load(str(path), unit if unit in ("m", "cm", "mm", "in") else "m", 1.0)
+            self._load(str(path), self.steering.unit, 1.0)
 
     def _load(self, source: str, unit: str, scale: float) -> None:
-        if self._planner.ask("load", source=source, unit=unit, scale=scale):
+        def ready() -> None:
             self._pending = (source, unit, scale)
-            self._begin("reading the object")
-        else:
-            self._busy()
 
-    def _choose_hand(self) -> None:
-        self.panel.analyser.value = "rays" if self.panel.hand.value == "utah_mit" else "closure"
-
-    def _set_numbers(self) -> None:
-        """The sliders show the six numbers of the named task."""
-        if self.panel.task.value in family_names():
-            for slider, number in zip(self.panel.numbers, parse_task(self._task()).q, strict=True):
-                slider.value = float(number)
-
-    def _use_numbers(self) -> None:
-        self.panel.task.value = SIX
-
-    def _task(self) -> str:
-        name, axis = self.panel.task.value, self.panel.axis.value
-        if name not in family_names():
-            return " ".join(f"{slider.value:.3f}" for slider in self.panel.numbers)
-        return f"{name}:{axis}" if axis in AXIS_NAMES and axis != USUAL else str(name)
-
-    def _order(self) -> Order:
-        p = self.panel
-        source, unit, scale = self._source
-        if p.hand.value not in p.hand.options:
-            raise InputError(f"no hand {p.hand.value!r:.60} here; choose one of the list")
-        return Order(
-            source=source,
-            unit=unit,
-            scale=scale,
-            task=self._task(),
-            hand=str(p.hand.value),
-            analyser=str(p.analyser.value),
-            estimation=float(p.estimation.value),
-            recognition=float(p.recognition.value),
-            friction=float(p.friction.value),
-            mass=float(p.mass.value),
-            approaches="" if p.approach.value == ANY else str(p.approach.value),
-            memory=self._start.order.memory,
-        )
+        self._ask("reading the object", ready, "load", source=source, unit=unit, scale=scale)
 
     def _plan(self, do: str) -> None:
         if self._deadlock:
@@ -223,14 +194,24 @@ class Session:
         if not self._source[0]:
             self._say("warn", "No object", "Choose an object first.")
             return
-        if self._planner.ask(do, **order_fields(self._order())):
-            self._forget()
-            self._begin("planning")
-        else:
-            self._busy()
+        order = self.steering.order(*self._source, self._start.order.memory)
+        self._ask("planning", self._forget, do, **order_fields(order))
 
-    def _busy(self) -> None:
-        self._say("warn", "One thing at a time", "Something is being done: wait for it, or cancel it.")
+    def _ask(self, words: str, ready: Callable[[], None], do: str, **content: Any) -> None:
+        """Ask the planner. Everything is made ready before: it may answer before this returns."""
+        with self._lock:
+            if self._planner.busy:
+                words = "Something is being done: wait for it, or cancel it."
+                self._say("warn", "One thing at a time", words)
+                return
+            ready()
+            self._begin(words)
+            try:
+                self._planner.ask(do, **content)
+            except PreshapeError:
+                self._end()
+                raise
+        threading.Thread(target=self._tick, daemon=True).start()
 
     def _begin(self, words: str) -> None:
         self._since = time.monotonic()
@@ -239,7 +220,6 @@ class Session:
         self.panel.run.disabled = self.panel.teach.disabled = True
         self._say("warn", "Working", f"{words} …")
         self._words = words
-        threading.Thread(target=self._tick, daemon=True).start()
 
     def _tick(self) -> None:
         while self._planner.busy:
@@ -269,6 +249,9 @@ class Session:
                 self._arrived(reply["mesh"])
             elif "document" in reply:
                 self._planned(reply)
+            elif "run" in reply:
+                self.reading.headline()
+                self.trial.take(reply["run"])
             elif "error" in reply:
                 self._failed(str(reply["error"]))
             elif "done" in reply:
@@ -314,6 +297,7 @@ class Session:
 
     def _forget(self) -> None:
         self._playing.clear()
+        self.trial.drop()
         self.reading.forget()
 
     def _show_given(self) -> None:
@@ -324,7 +308,9 @@ class Session:
     def _picked(self, index: int) -> None:
         with self._told():
             self.stage.select(index)
-            self.reading.pick(index)
+            words = self.reading.pick(index)
+            if words:
+                self._say("warn", plane(index).label, words)
 
     def _recall(self) -> None:
         self.panel.memory.content = readings.wrapped(memory_html(self._start.order.memory))
@@ -335,10 +321,7 @@ class Session:
         offers = self.reading.offers
         if index >= len(offers):
             return
-        name, _, axis = offers[index].partition(":")
-        self.panel.task.value = name
-        self.panel.axis.value = axis if axis in AXIS_NAMES else USUAL
-        self._set_numbers()
+        self.steering.take(offers[index])
         self._plan("plan")
 
     def _judge(self) -> None:
@@ -350,10 +333,15 @@ class Session:
     def _accept(self) -> None:
         name = self.reading.title()
         for ending, content in self.reading.files().items():
-            self._client.send_file_download(f"{name}.{ending}", content)
-        self._say("good", "Accepted", f"{name}.json and {name}.html are ready to be saved.")
+            self._client.send_file_download(f"{name}.{ending}", content, save_immediately=True)
+        self._say("good", "Accepted", f"{name}.json and {name}.html are among your downloads.")
+
+    def _show_answer(self, index: int) -> None:
+        self.trial.drop()
+        self.reading.show(index)
 
     def _reject(self) -> None:
+        self.trial.drop()
         if not self.reading.reject():
             words = "Ask for another task, or teach this object with this task."
             self._say("warn", "All answers rejected", words)
@@ -370,15 +358,41 @@ class Session:
         self.stage.move(self.reading.share())
 
     def _play(self) -> None:
+        def step(share: float) -> None:
+            self.panel.slider.value = STAGES * share
+            self.stage.move(share)
+
+        self._animate(step, PLAYED)
+
+    def _animate(self, step: Callable[[float], None], seconds: float) -> None:
+        """Call a step with shares 0..1 until the time is over, or it is stopped; again stops it."""
         if self._playing.is_set():
             self._playing.clear()
             return
         self._playing.set()
         begun = time.monotonic()
         while self._playing.is_set():
-            passed = min(1.0, (time.monotonic() - begun) / PLAYED)
-            self.panel.slider.value = STAGES * passed
-            self.stage.move(passed)
+            passed = min(1.0, (time.monotonic() - begun) / seconds)
+            step(passed)
             if passed >= 1.0:
                 self._playing.clear()
             time.sleep(0.05)
+
+    # Simulated physics.
+
+    def _simulate(self) -> None:
+        answer = self.reading.answer
+        if answer is None:
+            self._say("warn", "Nothing to simulate", "Plan first.")
+            return
+        source, unit, scale = self._source
+        asked = {"source": source, "unit": unit, "scale": scale, "hand": answer["hand"]}
+        asked |= {"friction": self.panel.friction.value, "mass": self.panel.mass.value}
+        self._ask("simulating", self.trial.drop, "simulate", **asked)
+
+    def _seek(self) -> None:
+        self._playing.clear()
+        self.trial.show(float(self.panel.moment.value))
+
+    def _replay(self) -> None:
+        self._animate(self.trial.show, RUN_PLAYED)

@@ -2,23 +2,32 @@
 
 from __future__ import annotations
 
+import contextlib
 import threading
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..exceptions import InputError
 from ..hands.model import load_hand
 from ..objects.mesh import TriangleMesh
+from ..types import Array
+from ..viewer.camera import Camera
 from ..viewer.draw import draw_hand, draw_object, draw_plan, move_hand
-from ..viewer.framing import framing
+from ..viewer.framing import fitting
 from ..viewer.hand_motion import HandMotion
 from ..viewer.plan_scene import PlanScene
 from .browser_canvas import SEE_THROUGH, BrowserCanvas
+from .gizmo import TaskGizmo
+from .physics_player import QUIET_GROUPS, Run, RunPlayer
 from .scenes import Document, document_motion, document_scene, friction_of
 
 if TYPE_CHECKING:
     import viser
+
+SOON = 0.25
+"""How long after a move of the camera its labels are tidied [s]."""
 
 
 class Stage:
@@ -31,7 +40,14 @@ class Stage:
 
     def __init__(self, client: viser.ClientHandle, picked: Callable[[int], None]) -> None:
         self._client, self._picked = client, picked
+        self._waiting = False
+        client.camera.on_update(lambda _: self._moved())
         self._canvas = BrowserCanvas(client.scene, clicked=self._clicked)
+        self._gizmo = TaskGizmo(client.scene, self._dragged)
+        self._player = RunPlayer(self._canvas)
+        self._hidden: set[str] = set()
+        self.gizmo_dragged: Callable[[Array], None] = lambda _: None
+        self.run: Run | None = None
         self._lock = threading.RLock()
         self.mesh: TriangleMesh | None = None
         self.scene: PlanScene | None = None
@@ -42,6 +58,7 @@ class Stage:
         """Another object, alone."""
         with self._lock:
             self.mesh, self.selected = mesh, None
+            self._gizmo.remove()
             self.show(None, None)
             if self.scene is not None:
                 draw_object(self.scene, self._canvas)
@@ -60,6 +77,7 @@ class Stage:
         with self._lock:
             if self.mesh is None:
                 return
+            self.leave_run()
             scene = document_scene(
                 self.mesh,
                 document,
@@ -72,10 +90,12 @@ class Stage:
             with self._client.atomic():
                 draw_plan(scene, self._canvas, selected=self.selected)
                 draw_hand(motion, self._canvas, share)
+            self._moved()
 
     def move(self, share: float) -> None:
         """Move the hand to a share 0..1 of its way."""
         with self._lock:
+            self.leave_run()
             if self.motion is not None:
                 with self._client.atomic():
                     move_hand(self.motion, self._canvas, share)
@@ -87,11 +107,14 @@ class Stage:
             if self.scene is not None:
                 with self._client.atomic():
                     draw_plan(self.scene, self._canvas, selected=plane)
+                self._moved()
 
     def layer(self, group: str, visible: bool) -> None:
         """Show or hide a group of solids."""
         with self._lock:
-            self._canvas.show(group, visible)
+            (self._hidden.discard if visible else self._hidden.add)(group)
+            if self.run is None or group not in QUIET_GROUPS:
+                self._canvas.show(group, visible)
 
     def glass(self, on: bool, share: float) -> None:
         """Make the hand translucent, or solid."""
@@ -106,23 +129,85 @@ class Stage:
             if self.scene is not None:
                 draw_object(self.scene, self._canvas)
 
+    def show_run(self, run: Run, frame: int) -> None:
+        """Show a sample of a run in simulated physics; what belongs to the plan is hidden meanwhile."""
+        with self._lock:
+            if self.motion is None or self.mesh is None:
+                return
+            with self._client.atomic():
+                if self.run is not run:
+                    for group in QUIET_GROUPS:
+                        self._canvas.show(group, False)
+                    self.run = run
+                self._player.show(run, self.motion.links, frame, self.mesh)
+
+    def leave_run(self) -> None:
+        """The plan again, where a run was shown."""
+        with self._lock:
+            if self.run is None:
+                return
+            self.run = None
+            self._player.leave()
+            for group in QUIET_GROUPS:
+                self._canvas.show(group, group not in self._hidden)
+            if self.motion is not None:
+                move_hand(self.motion, self._canvas, 1.0)
+
+    def show_gizmo(self, displacement: Array | None) -> None:
+        """Show the gizmo of the task at a displacement (4, 4), or take it away."""
+        with self._lock:
+            if displacement is None or self.mesh is None:
+                self._gizmo.remove()
+            else:
+                self._gizmo.put(self.mesh, displacement)
+
+    def move_gizmo(self, displacement: Array) -> None:
+        """Move the gizmo, where it is shown."""
+        with self._lock:
+            self._gizmo.move(displacement)
+
     def look(self) -> None:
         """Put the camera where everything is in the picture, seen across the approach plane."""
         with self._lock:
             if self.scene is None:
                 return
-            camera = framing(self.scene, self.motion, self._aspect())
+            camera = fitting(self.scene, self.motion, self._size())
             with self._client.atomic():
                 self._client.camera.fov = np.radians(camera.fov)
                 self._client.camera.up_direction = (0.0, 0.0, 1.0)
                 self._client.camera.position = camera.eye
                 self._client.camera.look_at = camera.target
+            self._moved()
 
-    def _aspect(self) -> float:
+    def _moved(self) -> None:
+        """The camera has moved, or there are other labels: soon, those that overlap give way."""
+        if not self._waiting:
+            self._waiting = True
+            timer = threading.Timer(SOON, self._declutter)
+            timer.daemon = True
+            timer.start()
+
+    def _declutter(self) -> None:
+        self._waiting = False
+        seen = self._client.camera
+        # A browser that has gone, or has not said yet where it looks, has no labels to tidy.
+        with contextlib.suppress(AssertionError, InputError), self._lock:
+            camera = Camera(
+                eye=seen.position, target=seen.look_at, up=seen.up_direction, fov=np.degrees(seen.fov)
+            )
+            with self._client.atomic():
+                self._canvas.declutter(camera, (seen.image_width, seen.image_height))
+
+    def _size(self) -> tuple[int, int]:
+        """Width and height of the browser's picture; a guess before it has said."""
         try:
-            return float(np.clip(self._client.camera.aspect, 0.4, 3.0))
-        except (AssertionError, ZeroDivisionError, AttributeError):
-            return 1.2
+            seen = self._client.camera
+            return max(1, int(seen.image_width)), max(1, int(seen.image_height))
+        except (AssertionError, AttributeError):
+            return 890, 742
+
+    def _dragged(self, displacement: Array) -> None:
+        self.gizmo_dragged(displacement)
 
     def _clicked(self, name: str) -> None:
         self._picked(int(name.split("/")[1]))

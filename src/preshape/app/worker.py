@@ -5,7 +5,9 @@ a broken mesh nor a long search touches the server or another browser. Requests,
 
 - ``{"do": "load", "source", "unit", "scale"}`` gives ``{"mesh"}``, reduced for the eye;
 - ``{"do": "plan" | "teach", ...}`` (see :class:`Order`) gives ``{"document", "rays", "whole"}``, first with
-  the answer alone, then again with every alternative that the hand has tried.
+  the answer alone, then again with every alternative that the hand has tried;
+- ``{"do": "simulate", "source", "unit", "scale", "hand", "friction", "mass"}``, the hand being an answer's in
+  JSON, gives ``{"run"}`` (see :func:`~preshape.app.physics_run.hold_run`).
 
 Every reply repeats the ``id``; ``{"progress", "share"}`` come between; the last is ``{"done": true}`` or
 ``{"error": sentence}``.
@@ -13,7 +15,6 @@ Every reply repeats the ``id``; ``{"progress", "share"}`` come between; the last
 
 from __future__ import annotations
 
-import base64
 import importlib
 import json
 import os
@@ -23,13 +24,15 @@ from collections.abc import Callable
 from dataclasses import fields
 from typing import Any
 
-import numpy as np
-
 from ..exceptions import PreshapeError
-from ..types import value
+from ..fuzzy import FuzzySets
+from ..types import ContactCoefficients, freeze, frozen_array, value
+from .wire_format import encoded
 
 ALTERNATIVES = 5
 """Other answers that are looked for."""
+
+USUAL = ContactCoefficients()
 
 Say = Callable[[dict[str, Any]], None]
 
@@ -51,6 +54,9 @@ class Order:
         mass: of the object, for the closure analyser [kg].
         approaches: allowed approach axes, as ``+z,-x``; empty for all.
         memory: its file; ``None`` for the user's.
+        corners: 28 numbers, four corners of each membership function.
+        shape: of the membership functions.
+        coefficients: ka, ko, kn, mn of the contact model.
     """
 
     source: str
@@ -65,21 +71,28 @@ class Order:
     mass: float = 0.1
     approaches: str = ""
     memory: str | None = None
+    corners: tuple[float, ...] = tuple(float(c) for c in FuzzySets().corners.ravel())
+    shape: str = FuzzySets().shape
+    coefficients: tuple[float, ...] = (USUAL.ka, USUAL.ko, USUAL.kn, USUAL.mn)
+
+    def __post_init__(self) -> None:
+        freeze(self, corners=tuple(self.corners), coefficients=tuple(self.coefficients))
+
+    @property
+    def sets(self) -> FuzzySets:
+        """The membership functions."""
+        return FuzzySets(corners=frozen_array(self.corners, (28,), "corners").reshape(7, 4), shape=self.shape)
+
+    @property
+    def contact(self) -> ContactCoefficients:
+        """The contact model's coefficients."""
+        ka, ko, kn, mn = frozen_array(self.coefficients, (4,), "contact coefficients")
+        return ContactCoefficients(ka=ka, ko=ko, kn=kn, mn=mn)
 
 
 def order_fields(order: Order) -> dict[str, Any]:
     """An order as plain values."""
     return {f.name: getattr(order, f.name) for f in fields(Order)}
-
-
-def encoded(array: Any, kind: str) -> str:
-    """An array as text: its bytes in base 64."""
-    return base64.b64encode(np.ascontiguousarray(array, dtype=kind).tobytes()).decode("ascii")
-
-
-def decoded(text: str, kind: str, width: int) -> Any:
-    """The array (n, width) of :func:`encoded`."""
-    return np.frombuffer(base64.b64decode(text), dtype=kind).reshape(-1, width)
 
 
 class Worker:
@@ -104,6 +117,8 @@ class Worker:
         try:
             if request["do"] == "load":
                 self._load(request, say)
+            elif request["do"] == "simulate":
+                self._simulate(request, say)
             else:
                 order = Order(**{k: v for k, v in request.items() if k not in ("do", "id")})
                 self._plan(order, say, teach=request["do"] == "teach")
@@ -133,6 +148,22 @@ class Worker:
             }
         )
 
+    def _simulate(self, request: dict[str, Any], say: Say) -> None:
+        from ..hands.model import load_hand
+        from .physics_run import hold_run
+
+        mesh = self._object(request["source"], request["unit"], request["scale"])
+        hand = load_hand(request["hand"]["name"])
+        run = hold_run(
+            hand,
+            mesh,
+            request["hand"],
+            friction=float(request["friction"]),
+            mass=float(request["mass"]),
+            progress=lambda words, share: say({"progress": words, "share": share}),
+        )
+        say({"run": run})
+
     def _plan(self, order: Order, say: Say, *, teach: bool) -> None:
         from ..controller import Controller
         from ..critic import Thresholds
@@ -149,7 +180,11 @@ class Worker:
         hand, task = load_hand(order.hand), parse_task(order.task)
         kind = check_analyser(order.analyser, order.hand)
         layout = layout_of(hand)
-        settings = Settings(thresholds=Thresholds(estimation=order.estimation, recognition=order.recognition))
+        settings = Settings(
+            thresholds=Thresholds(estimation=order.estimation, recognition=order.recognition),
+            sets=order.sets,
+            coefficients=order.contact,
+        )
         say({"progress": "waking the memory (a hand's first time: a lesson with the cube)", "share": 12})
         loaded = time.perf_counter()
         with Memory.open(order.memory) as store:
@@ -158,7 +193,7 @@ class Worker:
                 element = controller.prepare(mesh)
             else:
                 controller = Controller(store, layout, settings=settings)
-                key = (id(mesh), order.hand)
+                key = (id(mesh), order.hand, order.corners, order.shape, order.coefficients)
                 if self._element is None or self._element[0] != key:
                     self._element = key, controller.prepare(mesh)
                 element = self._element[1]

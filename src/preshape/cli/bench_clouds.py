@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 @click.option("--task", default="lift", show_default=True, metavar="TASK", help="What is planned for.")
 @click.option("--seed", type=int, default=0, show_default=True, help="Of views, noise and planner.")
 @click.option("--workers", type=int, metavar="N", help="Processes of the test; default: one for each core.")
-@click.option("--out", metavar="DIR", help="Keep rows there as they come; write report.json and report.md.")
+@click.option("--out", metavar="DIR", help="Keep rows there as they come; write report.json, .md and .html.")
 @json_option
 def clouds(
     objects: tuple[str, ...],

@@ -65,7 +65,7 @@ KEPT = "unfinished.jsonl"  # the file of results in --out, while a run goes on
 @click.option("--seed", type=int, default=0, show_default=True, help="Of these errors.")
 @click.option("--workers", type=int, metavar="N", help="Processes; default: one for each core.")
 @click.option("--checkpoint", metavar="FILE", help="Results as they come; the same command goes on from it.")
-@click.option("--out", metavar="DIR", help="Write report.json and report.md there; resumable as well.")
+@click.option("--out", metavar="DIR", help="Write report.json, .md and .html there; resumable as well.")
 @json_option
 def holds(
     files: tuple[str, ...],
@@ -298,19 +298,14 @@ def _write(
 ) -> list[Path]:
     if out is None:
         return []
-    from ..io import write_json, write_whole
+    from ..io import write_json
     from ..physics.hold_tables import markdown
+    from ..viewer.report_page import write_pages
 
     preface = f"MuJoCo {document['mujoco']}, preshape {document['version']}."
     page = markdown(reports, protocol, preface)
-    written = [Path(out) / "report.json", Path(out) / "report.md"]
-    write_json(written[0], document)
-    write_whole(written[1], lambda path: _write_page(path, page))
-    return written
-
-
-def _write_page(path: Path, page: str) -> None:
-    path.write_text(page, encoding="utf-8")
+    write_json(Path(out) / "report.json", document)
+    return [Path(out) / "report.json", *write_pages(Path(out), page)]
 
 
 def _show(

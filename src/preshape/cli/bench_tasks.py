@@ -52,7 +52,7 @@ SHOWN = 20  # failures in the terminal; the report has all
 @click.option("--workers", type=int, metavar="N", help="Processes; default: one for each core.")
 @click.option("--checkpoint", metavar="FILE", help="Results as they come; the same command goes on from it.")
 @click.option(
-    "--out", metavar="DIR", help="Write report.json, report.md and grasps.npz there; resumable too."
+    "--out", metavar="DIR", help="Write report.json, .md, .html and grasps.npz there; resumable too."
 )
 @json_option
 def tasks(
@@ -271,17 +271,17 @@ def _write(
 ) -> list[Path]:
     if out is None:
         return []
-    from ..io import write_json, write_whole
+    from ..io import write_json
     from ..physics.task_grasps import write_task_grasps
     from ..physics.task_tables import task_markdown
+    from ..viewer.report_page import write_pages
 
     folder = Path(out)
     page = task_markdown(
         report, protocol, who, f"MuJoCo {document['mujoco']}, preshape {document['version']}."
     )
-    written = [folder / "report.json", folder / "report.md"]
-    write_json(written[0], document)
-    write_whole(written[1], lambda path: _write_text(path, page))
+    write_json(folder / "report.json", document)
+    written = [folder / "report.json", *write_pages(folder, page)]
     grasps, labels = report.planned_grasps()
     if len(grasps):
         written.append(folder / "grasps.npz")
@@ -289,15 +289,11 @@ def _write(
     return written
 
 
-def _write_text(path: Path, text: str) -> None:
-    path.write_text(text, encoding="utf-8")
-
-
 def _write_instances(
     file: Path, instances: tuple[TaskInstance, ...], protocol: TaskProtocol, as_json: bool
 ) -> int:
     """The list, and a mesh of each object at its size in a folder beside it."""
-    from ..io import write_json, write_whole
+    from ..files import write_json, write_text
     from ..objects.load import load_object
     from ..physics.task_instances import instance_to_json, mesh_text
     from ..physics.task_tables import object_file
@@ -310,7 +306,7 @@ def _write_instances(
             if path.name in {Path(other).name for other in meshes.values()}:
                 raise InputError(f"two objects are called {path.stem}; give files of different names")
             text = mesh_text(load_object(instance.object_name, scale=instance.scale))
-            write_whole(path, lambda target, text=text: _write_text(target, text))  # type: ignore[misc]
+            write_text(path, text)
             meshes[instance.object_name] = f"{folder.name}/{path.name}"
     mass = protocol.hold.mass
     rows = [

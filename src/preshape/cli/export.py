@@ -150,6 +150,7 @@ def _moveit(
     from ..export.moveit import moveit_grasps, parent_link
     from ..export.ros_bag import write_bag, write_mcap
     from ..export.yaml_text import yaml_documents
+    from ..files import write_text
 
     messages = moveit_grasps(grasps, options)
     link, _ = parent_link(grasps[0], options)
@@ -163,7 +164,7 @@ def _moveit(
         if path.suffix.lower() == ".mcap":
             write_mcap(path, messages)
         elif path.suffix:
-            _write_text(path, text)
+            write_text(path, text)
         else:
             write_bag(path, messages)
     return text, {"frame": options.frame, "parent_link": link, "grasps": messages}
@@ -187,21 +188,13 @@ def _other(
             write_grasps(path, grasp_set(grasps, found))
         return "", {}
     from ..export.mjcf import scene_mjcf
+    from ..files import write_text
 
     click.echo("cutting the object into convex pieces, or taking them from the cache", err=True)
     text = scene_mjcf(grasps[0], *object_parts(found))
     for path in paths:
-        _write_text(path, text)
+        write_text(path, text)
     return text, {"keyframes": ["pregrasp", "grasp", "squeeze"]}
-
-
-def _write_text(path: Path, text: str) -> None:
-    from ..io import write_whole
-
-    def write(target: Path) -> None:
-        target.write_text(text, encoding="utf-8")
-
-    write_whole(path, write)
 
 
 def _say(report: dict[str, Any], left_out: tuple[LeftOut, ...], paths: list[Path], as_json: bool) -> None:

@@ -78,7 +78,8 @@ def plan(
     settings = settings_from(estimation_threshold, recognition_threshold, seed)
     boxes = boxes_from(avoid)
     from ..closure.settings import ClosureSettings
-    from ..io import plan_to_json, write_json, write_whole
+    from ..files import write_json, write_text, write_whole
+    from ..io import plan_to_json
     from ..planner import plan as make_plan
 
     made = make_plan(
@@ -114,7 +115,7 @@ def plan(
         write_json(folder / "plan.json", document)
         write_whole(folder / "plan.png", lambda path: plan_png(made, path))
         page = plan_html(made, document)
-        write_whole(folder / "plan.html", lambda path: _write(path, page))
+        write_text(folder / "plan.html", page)
         written = [folder / "plan.json", folder / "plan.png", folder / "plan.html"]
         written += [surface] if surface is not None else []
     if as_json:
@@ -158,13 +159,9 @@ def written_surface(made: Plan, folder: Path) -> Path | None:
     """
     if made.mesh.scan is None:
         return None
-    from ..files import write_whole
+    from ..files import write_text
     from ..physics.task_instances import mesh_text
 
     path = folder / f"{made.mesh.name}-surface.obj"
-    write_whole(path, lambda target: _write(target, mesh_text(made.mesh)))
+    write_text(path, mesh_text(made.mesh))
     return path
-
-
-def _write(path: Path, text: str) -> None:
-    path.write_text(text, encoding="utf-8")

@@ -309,18 +309,13 @@ def write_report(document: Figures, rows: Sequence[dict[str, Any]], folder: Path
         EnvironmentFailure: the folder cannot be written.
     """
     from ..io import write_json, write_whole
+    from ..viewer.report_page import write_pages
 
     page = markdown(document)
-    files = [
-        folder / name for name in ("report.md", "report.json", "grasps.json", "areas.png", "calibration.png")
-    ]
-    write_whole(files[0], lambda path: _write_text(path, page))
-    write_json(files[1], document)
-    write_json(files[2], {"format": "preshape indices 1", "rows": list(rows)})
-    write_whole(files[3], lambda path: draw_areas(document, path))
-    write_whole(files[4], lambda path: draw_calibration(document, path))
+    files = [folder / name for name in ("report.json", "grasps.json", "areas.png", "calibration.png")]
+    write_json(files[0], document)
+    write_json(files[1], {"format": "preshape indices 1", "rows": list(rows)})
+    write_whole(files[2], lambda path: draw_areas(document, path))
+    write_whole(files[3], lambda path: draw_calibration(document, path))
+    files += write_pages(folder, page)
     return files
-
-
-def _write_text(path: Path, text: str) -> None:
-    path.write_text(text, encoding="utf-8")

@@ -10,9 +10,10 @@ from typing import Any
 import numpy as np
 
 from .._version import __version__
-from ..files import write_json, write_whole
+from ..files import write_json
 from ..physics.hold_tables import TextTable
 from ..physics.measures import wilson
+from ..viewer.report_page import write_pages
 from .partial_views import CloudRun
 
 TRUSTS = (0.0, 0.4, 0.7, 1.0)
@@ -150,7 +151,7 @@ def _millimetres(found: float | None) -> str:
 
 
 def write_report(document: dict[str, Any], folder: Path) -> list[Path]:
-    """Write report.json and report.md, each whole or not at all.
+    """Write report.json, report.md and report.html, each whole or not at all.
 
     Raises:
         EnvironmentFailure: a file cannot be written.
@@ -169,12 +170,5 @@ def write_report(document: dict[str, Any], folder: Path) -> list[Path]:
     if document["refused"]:
         lines += ["", "**Views without an answer**", ""]
         lines += [f"- {r['hand']}, {r['case']}, view {r['view']}: {r['reason']}" for r in document["refused"]]
-    text = "\n".join(lines) + "\n"
-    written = [folder / "report.json", folder / "report.md"]
-    write_json(written[0], document)
-    write_whole(written[1], lambda path: _write(path, text))
-    return written
-
-
-def _write(path: Path, text: str) -> None:
-    path.write_text(text, encoding="utf-8")
+    write_json(folder / "report.json", document)
+    return [folder / "report.json", *write_pages(folder, "\n".join(lines) + "\n")]

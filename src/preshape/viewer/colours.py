@@ -51,7 +51,7 @@ FINGERS: Final[dict[str, Colour]] = {
     "index": PURPLE,
     "middle": SKY,
     "ring": YELLOW,
-    "little": from_hex("#9A8BD0"),
+    "little": from_hex("#6A4FA3"),
 }
 """One colour for each finger, so that the fingers of a picture are told apart."""
 

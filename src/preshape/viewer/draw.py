@@ -89,7 +89,7 @@ def draw_card(scene: PlanScene, canvas: Canvas, entry: PlaneCard, *, selected: b
     centre = centre - (0.0 if abs(o @ np.array([0.31, 0.62, 1.0])) > 0.8 else 0.34 * size) * a
     canvas.solid(f"planes/{entry.index}/card", card(centre, u, v, colour, alpha=alpha))
     canvas.solid(f"planes/{entry.index}/border", _border(centre, u, v, 0.006 * size, colour))
-    canvas.label(f"planes/{entry.index}/number", str(entry.index), centre + 0.7 * v)
+    canvas.label(f"planes/{entry.index}/number", str(entry.index), centre + 1.25 * v)
 
 
 def _frame(scene: PlanScene, canvas: Canvas) -> None:

@@ -27,6 +27,7 @@ from .framing import framing
 from .hand_motion import HandMotion
 from .plan_scene import PlanScene
 from .raycast import Shape
+from .report_page import stylesheet
 
 HIDDEN = ("rays", "frame")
 """Groups that the page hides at first."""
@@ -86,8 +87,9 @@ def _page(views: Sequence[PageView], answers: Sequence[Document], document: Docu
     web = resources.files("preshape.viewer") / "web"
     parts = {
         "title": escape(f"{thing['name']}: {task['name']} · preshape"),
-        "style": (web / "page.css").read_text(encoding="utf-8") + readings.STYLE,
+        "style": stylesheet("page.css") + readings.STYLE,
         "heading": escape(f"{thing['name']}: {task['name']}"),
+        "means": escape(str(task.get("means", ""))),
         "subtitle": escape(f"{size} mm · hand {document['hand']['name']} · preshape {document['version']}"),
         "data": _json(data),
         "plan": _json(document, indent=2),
@@ -130,10 +132,11 @@ def _view(
     words = [readings.headline(document)]
     if index < len(answers):
         answer = answers[index]
-        words += [readings.ranking(answers, index), readings.facts(document, answer)]
+        words += [readings.why(document, answers, index), readings.ranking(answers, index)]
+        words.append(readings.facts(document, answer))
         words.append(readings.bars(document, answer))
     words.append(readings.transitions(document))
-    words.append(readings.offers(document))
+    words += [readings.offers(document), readings.glossary()]
     return {
         "solids": solids,
         "labels": labels,

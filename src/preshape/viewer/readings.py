@@ -26,6 +26,20 @@ MODES = {
 }
 OUTCOMES = {"reward": "good", "learned": "good", "explored": "good", "known": "warn", "unknown": "warn"}
 
+WORDS = (
+    ("approach plane", "one of twelve ways in: along which axis the hand moves, and along which thumb and "
+     "fingers oppose each other"),
+    ("approach value", "where along that way the grasp is aimed: -1 near face, 0 middle, +1 far face"),
+    ("task", "six numbers: how much the object is to move along (T) and turn about (R) x, y and z"),
+    ("net wrench", "what the fingers' contacts do to the object together: force and torque"),
+    ("match (TFVADI)", "how well task and net wrench agree in all six, 0 to 6; ADI: in one, 0 to 1"),
+    ("grip's quality", "of a real hand: how much load its squeeze balances against what the task needs"),
+    ("stability", "how many directions the contacts resist without pressing harder"),
+    ("manipulability", "in how many directions the contacts can act on the object"),
+    ("modes", "0: recalled; 1: recalled and searched; 2: known, another task is asked for; 3: learned anew"),
+)  # fmt: skip
+"""What the readings' words mean, for people."""
+
 STYLE = """
 .ps{font:13px/1.45 system-ui,-apple-system,"Segoe UI",Roboto,"DejaVu Sans",sans-serif;color:#22262B;
 padding:0 10px}
@@ -46,6 +60,7 @@ border-radius:4px;margin:4px 0 8px}
 .ps .track{position:relative;height:9px;background:#E8ECF0;border-radius:2px;overflow:hidden}
 .ps .track i{position:absolute;top:0;bottom:0}
 .ps .zero{left:50%;width:1px;background:#8791A0}
+.ps details{margin:12px 0 4px}.ps summary{cursor:pointer;font-weight:650}
 .ps .chip{display:inline-block;width:9px;height:9px;border-radius:2px;margin-right:4px}
 """
 """Style sheet; everything stands in an element of class ``ps``."""
@@ -86,6 +101,53 @@ def transitions(document: Document) -> str:
     return "<h3>How it was found</h3>" + "".join(steps)
 
 
+def why(document: Document, answers: Sequence[Document], shown: int) -> str:
+    """In two sentences: how this plane was come by, and what it is better than."""
+    answer = answers[shown]
+    name, need = _measure(answer), document["thresholds"]["estimation"]
+    worth = f"{name} {_worth(answer):.2f} of 6, where {need:g} is enough"
+    if shown:
+        first = (
+            f"This is another way, number {shown + 1} in order of {name}: plane {answer['plane']}, {worth}."
+        )
+    elif document["mode"] == 0:
+        first = (
+            f"From what it has learnt, the network named plane {answer['plane']}, where on it, and how many "
+            f"fingers; that grasp was tried and is good enough: {worth}."
+        )
+    elif document["mode"] == 1:
+        first = (
+            f"From what it has learnt, the network named plane {answer['plane']}; its first aim was not good "
+            f"enough, so all of that plane was searched. The best found there: {worth}."
+        )
+    else:
+        first = (
+            f"The object was new, so all twelve planes were tried; the best grasp lies on plane "
+            f"{answer['plane']}: {worth}."
+        )
+    others = [a for a in answers if a["plane"] != answer["plane"]]
+    second = ""
+    if others and not shown:
+        best = max(others, key=_worth)
+        second = f" The best on another plane: plane {best['plane']}, {name} {_worth(best):.2f}."
+    return f"<h3>Why this plane</h3><p>{escape(first + second)}</p>"
+
+
+def _measure(answer: Document) -> str:
+    return "quality" if answer.get("grip") else "match"
+
+
+def _worth(answer: Document) -> float:
+    grip = answer.get("grip")
+    return float(grip["quality"] if grip else answer["tfvadi"])
+
+
+def glossary() -> str:
+    """What the words mean, folded away."""
+    rows = "".join(f"<tr><th>{escape(word)}</th><td>{escape(means)}</td></tr>" for word, means in WORDS)
+    return f"<details><summary>What the words mean</summary><table>{rows}</table></details>"
+
+
 def facts(document: Document, answer: Document) -> str:
     """The answer in words: plane, approach value, fingers, indices, what the hand made of it."""
     hand = answer["hand"]
@@ -95,21 +157,20 @@ def facts(document: Document, answer: Document) -> str:
         ("plane", f"{answer['plane']}: {plane_words(answer)}"),
         ("approach value", f"{answer['approach_value']:+.2f} ({answer['approach_set']}): {_place(answer)}"),
         ("fingers", ", ".join(c["finger"] for c in answer["contacts"]) or str(answer["fingers"])),
-        (
-            "match (TFVADI)",
-            f"{answer['tfvadi']:.2f} of 6, {document['thresholds']['estimation']:g} is enough",
-        ),
-        ("stability", f"{answer['stability']}"),
-        ("manipulability", f"{answer['manipulability']}"),
     ]
     grip = answer.get("grip")
+    enough = f"of 6, {document['thresholds']['estimation']:g} is enough"
     if grip:
         rows += [
-            ("grip's quality", f"{grip['quality']:.2f} of 6, 3 is just enough"),
+            ("grip's quality", f"{grip['quality']:.2f} {enough}"),
             ("margin, task", f"{grip['task_margin']:.2f} × the task's load"),
             ("margin, holding", f"{grip['hold_margin']:.2f} × a push of one weight"),
             ("way in", f"{1000 * grip['clearance']:.1f} mm clear"),
+            ("match (TFVADI)", f"{answer['tfvadi']:.2f} of 6; a real hand is not judged by it"),
         ]
+    else:
+        rows.append(("match (TFVADI)", f"{answer['tfvadi']:.2f} {enough}"))
+    rows += [("stability", f"{answer['stability']}"), ("manipulability", f"{answer['manipulability']}")]
     verified = answer.get("verified")
     if verified:
         rows.append(("physics", verified["reason"]))
@@ -140,6 +201,11 @@ def bars(document: Document, answer: Document) -> str:
         '&nbsp;<span class="chip" style="background:#56B4E9"></span>net wrench of the grasp '
         "&nbsp;· last column: agreement (ADI), 1 is full</div>"
     )
+    if answer.get("grip"):
+        key = (
+            '<p class="quiet">The paper\'s measure, for comparison: what the contacts would do if all '
+            "pressed alike. A real hand is judged by its grip: each finger presses as the task needs.</p>"
+        ) + key
     return f"<h3>Task against net wrench</h3>{key}<table>{''.join(rows)}</table>"
 
 
@@ -169,7 +235,8 @@ def answer_words(answer: Document) -> str:
     grip = answer.get("grip")
     worth = f"quality {grip['quality']:.2f}" if grip else f"match {answer['tfvadi']:.2f}"
     state = answer["hand"]["status"] or "not tried"
-    return f"plane {answer['plane']}, {answer['fingers']} fingers, {worth}, {state}"
+    fingers = len(answer["contacts"]) if grip else answer["fingers"]
+    return f"plane {answer['plane']}, {fingers} fingers, {worth}, {state}"
 
 
 def plane_words(answer: Document) -> str:

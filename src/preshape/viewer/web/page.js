@@ -136,18 +136,28 @@ function one(view, solid) {
   gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, b.t); gl.drawElements(gl.TRIANGLES, b.count, b.kind, 0);
 }
 
+const RANKS = ["contacts", "axes", "task", "net", "planes", "frame"];
 function label(view, cam, w, h) {
   const box = $("labels"), shown = view.labels.filter(l => !state.hidden.has(l.group));
   while (box.children.length < shown.length) box.append(document.createElement("span"));
   while (box.children.length > shown.length) box.lastChild.remove();
-  shown.forEach((l, i) => {
+  const places = shown.map((l, i) => {
     const m = cam.all, [x, y, z] = l.at, d = m[3] * x + m[7] * y + m[11] * z + m[15];
     const span = box.children[i];
     span.textContent = l.text;
     span.style.left = `${w / 2 * (1 + (m[0] * x + m[4] * y + m[8] * z + m[12]) / d)}px`;
     span.style.top = `${h / 2 * (1 - (m[1] * x + m[5] * y + m[9] * z + m[13]) / d)}px`;
     span.style.display = d > 0 ? "" : "none";
+    return {span, rank: (RANKS.indexOf(l.group) + RANKS.length + 1) % (RANKS.length + 1)};
   });
+  // Where two labels overlap, the less important one goes.
+  const kept = [];
+  for (const {span} of [...places].sort((a, b) => a.rank - b.rank)) {
+    if (span.style.display) continue;
+    const r = span.getBoundingClientRect();
+    if (kept.some(k => r.left < k.right && k.left < r.right && r.top < k.bottom && k.top < r.bottom)) span.style.display = "none";
+    else kept.push(r);
+  }
 }
 
 // Reading and steering.

@@ -1,0 +1,138 @@
+"""A run in simulated physics played back in a browser: object, hand, the push of the moment, and a table."""
+
+from __future__ import annotations
+
+import math
+from html import escape
+from typing import Any
+
+import numpy as np
+
+from ..objects.mesh import TriangleMesh
+from ..spatial import pose_from_seven, transform_points
+from ..types import Array, value
+from ..viewer.canvas import Canvas
+from ..viewer.film import LOAD
+from ..viewer.shapes import arrow
+from .wire_format import decoded
+
+WORDS = {"pregrasp": "open before the object", "grasp": "closing", "squeeze": "squeezing"}
+QUIET_GROUPS = ("planes", "axes", "rays", "contacts", "forces", "net", "task")
+"""What is hidden while a run is shown: it belongs to where the object was."""
+
+
+@value
+class Run:
+    """A recorded run: n samples, m shapes of the hand.
+
+    Attributes:
+        stage: (n,) ``pregrasp``, ``grasp``, ``squeeze`` or the push.
+        times: (n,) [s].
+        load: (n, 6) force [N] and torque [N m] on the object.
+        thing: (n, 4, 4) pose of the object.
+        links: (n, m, 4, 4) poses of the hand's shapes.
+        report: the verdict, the table, as HTML.
+        first_lost: name of the first push that was not held; empty where all were.
+    """
+
+    stage: tuple[str, ...]
+    times: tuple[float, ...]
+    load: Array
+    thing: Array
+    links: Array
+    report: str
+    first_lost: str
+
+    def __len__(self) -> int:
+        return len(self.stage)
+
+    def words(self, frame: int) -> str:
+        """What happens at a sample."""
+        stage = self.stage[frame]
+        doing = WORDS.get(stage, f"push: {stage.removeprefix('force ')}")
+        return f"{doing} · {self.times[frame]:.1f} s"
+
+
+def run_of(said: dict[str, Any]) -> Run:
+    """The run in a planner's reply (:func:`~preshape.app.physics_run.hold_run`)."""
+    n = len(said["stage"])
+    return Run(
+        stage=tuple(said["stage"]),
+        times=tuple(said["times"]),
+        load=np.array(said["load"], dtype=np.float64).reshape(n, 6),
+        thing=pose_from_seven(decoded(said["object"], "<f8", 7)),
+        links=pose_from_seven(decoded(said["links"], "<f8", 7)).reshape(n, -1, 4, 4),
+        report=report(said),
+        first_lost=next((str(row["name"]) for row in said["rows"] if not row["held"]), ""),
+    )
+
+
+def report(said: dict[str, Any]) -> str:
+    """The verdict and one row for each push."""
+    kind, sign, word = ("good", "✓", "Held") if said["held"] else ("bad", "✕", "Not held")
+    far, turn = said["limits"]
+    head = (
+        f'<div class="head {kind}"><b>{sign} {word}</b>{escape(str(said["reason"]))}</div>'
+        f"<p class='quiet'>Each push is {said['push']:g} N for 2 s. The object is held while it stays "
+        f"within {1000 * far:.0f} mm and {math.degrees(turn):.0f}°.</p>"
+    )
+    rows = "".join(
+        f"<tr><td>{escape(row['name'])}</td><td class='num'>{1000 * row['moved']:.1f}</td>"
+        f"<td class='num'>{math.degrees(row['turned']):.1f}</td>"
+        f"<td class='num'>{_number(row['force'], 1.0)}</td>"
+        f"<td class='num'>{_number(row['slip'], 1000.0)}</td>"
+        f"<td class='num'>{'✓ yes' if row['held'] else '<b>✕ no</b>'}</td></tr>"
+        for row in said["rows"]
+    )
+    titles = ("push", "moved mm", "turned °", "force N", "slip mm", "held?")
+    heads = "".join(f"<th class='{'num' if i else ''}'>{title}</th>" for i, title in enumerate(titles))
+    return f"{head}<table><tr>{heads}</tr>{rows}</table>" if rows else head
+
+
+def _number(number: float | None, factor: float) -> str:
+    return "–" if number is None else f"{factor * number:.1f}"
+
+
+class RunPlayer:
+    """Shows one sample of a run after another.
+
+    Args:
+        canvas: where the object and the hand are drawn already.
+    """
+
+    def __init__(self, canvas: Canvas) -> None:
+        self._canvas = canvas
+        self._stage = ""
+
+    def show(self, run: Run, links: tuple[str, ...], frame: int, mesh: TriangleMesh) -> None:
+        """Put object and hand where they were, and an arrow for the push.
+
+        Args:
+            run: the run.
+            links: names of the hand's shapes, as they were drawn.
+            frame: which sample.
+            mesh: the object, as drawn.
+        """
+        self._canvas.place("object", run.thing[frame])
+        for name, pose in zip(links, run.links[frame], strict=True):
+            self._canvas.place(f"hand/{name}", pose)
+        force = run.load[frame, :3]
+        size = float(np.linalg.norm(force))
+        if run.stage[frame] != self._stage:
+            self._stage = run.stage[frame]
+            self._canvas.remove("push")
+            if size > 1e-9:
+                way, reach = force / size, float(np.linalg.norm(mesh.extents)) / 2
+                self._canvas.solid(
+                    "push/arrow", arrow(-1.8 * reach * way, -1.05 * reach * way, 0.035 * reach, LOAD)
+                )
+        if size > 1e-9:
+            at = np.eye(4)
+            at[:3, 3] = transform_points(run.thing[frame], mesh.cog)
+            self._canvas.place("push/arrow", at)
+
+    def leave(self) -> None:
+        """Everything stands where it was planned again."""
+        self._stage = ""
+        self._canvas.remove("push")
+        self._canvas.place("object", np.eye(4))

@@ -1,0 +1,117 @@
+"""A holding test of one answer in simulated physics, as plain values that a browser can play back."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from .. import spatial
+from ..exceptions import InputError
+from ..hands.hand import Hand
+from ..hands.kinematics import HandKinematics
+from ..objects.mesh import TriangleMesh
+from ..physics.grasps import GraspSet
+from ..physics.hand import physics_hand
+from ..physics.pieces import decompose
+from ..physics.protocol import Protocol
+from ..physics.recording import Recording, record_hold
+from ..physics.scene import Scene, build_scene
+from ..types import Array
+from .wire_format import encoded
+
+Progress = Callable[[str, float], None]
+"""Called with what is being done and its share in percent."""
+
+
+def hold_run(
+    hand: Hand, mesh: TriangleMesh, said: dict[str, Any], *, friction: float, mass: float, progress: Progress
+) -> dict[str, Any]:
+    """Squeeze as an answer says and push from six sides.
+
+    Args:
+        hand: the answer's hand.
+        mesh: the object as planned with [m].
+        said: the answer's ``hand`` in JSON.
+        friction: between hand and object.
+        mass: of the object [kg].
+        progress: told what is being done.
+
+    Returns:
+        Plain JSON values: the verdict, a row for each push, and for each of n samples its stage, time [s],
+        load (6,), the object's pose (7,) and the poses (m, 7) of the hand's shapes in the order of
+        :meth:`~preshape.hands.kinematics.HandKinematics.shapes`; poses as base 64.
+
+    Raises:
+        InputError: the answer has no grasp of this hand.
+        ObjectError: the object encloses no volume.
+    """
+    if said.get("grasp") is None or list(said.get("joints", ())) != list(hand.joints):
+        raise InputError("this answer has no grasp of the hand: there is nothing to simulate")
+    protocol = Protocol(friction=friction, mass=mass)
+    progress("cutting the object into convex pieces (once for an object)", 10)
+    pieces = decompose(mesh)
+    progress("building the scene", 40)
+    physical = physics_hand(hand)
+    scene = build_scene(physical, pieces, 1.0, protocol)
+    stages: dict[str, Any] = {
+        stage: np.array([[*said[stage]["palm_pose"], *said[stage]["q"]]], dtype=np.float64)
+        for stage in ("pregrasp", "grasp", "squeeze")
+    }
+    grasps = GraspSet(
+        hand=hand.name,
+        joints=hand.joints,
+        objects=(mesh.name,),
+        scale=np.ones(1),
+        object_pose=np.array([[0.0, 0, 0, 1, 0, 0, 0]]),
+        frame="palm",
+        **stages,
+    ).for_hand(physical)
+    progress("grasping, squeezing, and pushing from six sides", 50)
+    recording = record_hold(
+        scene,
+        grasps.pregrasp[0],
+        grasps.grasp[0],
+        grasps.squeeze[0],
+        grasps.object_pose[0],
+        protocol,
+        object_name=mesh.name,
+    )
+    return {
+        "held": recording.result.held,
+        "reason": recording.result.reason,
+        "push": protocol.acceleration * protocol.mass,
+        "limits": [protocol.displacement_limit, protocol.rotation_limit],
+        "rows": _rows(recording),
+        "stage": list(recording.stage),
+        "times": recording.times.tolist(),
+        "load": recording.load.tolist(),
+        "object": encoded(recording.object_pose, "<f8"),
+        "links": encoded(_links(hand, scene, recording), "<f8"),
+    }
+
+
+def _links(hand: Hand, scene: Scene, recording: Recording) -> Array:
+    """(n, m, 7) where each shape of the hand is in each sample."""
+    kinematics = HandKinematics(hand)
+    model = kinematics.model
+    bodies = [scene.body_names.index(part.body) for part in kinematics.shapes()]
+    own = spatial.pose_from_seven(np.concatenate([model.geom_pos, model.geom_quat], axis=1))
+    n, m = len(recording), len(bodies)
+    places = spatial.pose_from_seven(recording.bodies[:, bodies].reshape(-1, 7)).reshape(n, m, 4, 4) @ own
+    return spatial.seven_from_pose(places)
+
+
+def _rows(recording: Recording) -> list[dict[str, Any]]:
+    return [
+        {
+            "name": probe.name,
+            "held": probe.held,
+            "moved": probe.displacement,
+            "turned": probe.rotation,
+            "force": recording.largest_force(probe.name) if probe.name in recording.stage else None,
+            "slip": recording.largest_slip(probe.name) if probe.name in recording.stage else None,
+        }
+        for probe in recording.result.probes
+    ]

@@ -1,0 +1,164 @@
+"""The external critic in a real browser: click a plane, play, reject, accept, reset, cancel, come back."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+
+from preshape.app.scenes import answers_of, document_motion, document_scene, light_mesh
+from preshape.hands.model import load_hand
+from preshape.objects.load import load_object
+from preshape.viewer.camera import project
+from preshape.viewer.canvas import RecordingCanvas
+from preshape.viewer.draw import draw_plan
+from preshape.viewer.framing import fitting
+from view_app_page import (
+    Watched,
+    answer_buttons,
+    box_beside,
+    choose,
+    plan,
+    press,
+    saw,
+    tab,
+    until,
+)
+
+pytest_plugins = ("view_app_fixtures",)
+
+
+def where_a_card_is(page, document: dict, answer: dict, plane: int) -> tuple[float, float]:
+    """Pixels of a plane's card while ``answer`` is shown and the camera stands where the app has put it."""
+    canvas = page.locator("canvas").first.bounding_box()
+    size = round(canvas["width"]), round(canvas["height"])
+    mesh = light_mesh(load_object(document["object"]["source"]))
+    scene = document_scene(mesh, document, answer)
+    camera = fitting(scene, document_motion(load_hand("utah_mit"), answer), size)
+    drawn = RecordingCanvas()
+    draw_plan(scene, drawn)
+    corners = drawn.solids[f"planes/{plane}/card"].vertices
+    # Two cards cross each other in their middles: aim beside the middle, along the opposition axis.
+    span = max((b - a for a in corners for b in corners), key=lambda d: abs(d @ answer_axis(plane)))
+    aim = corners.mean(axis=0) + 0.35 * span
+    x, y = project(camera, aim[None], size)[0]
+    return canvas["x"] + float(x), canvas["y"] + float(y)
+
+
+def answer_axis(plane: int) -> np.ndarray:
+    from preshape.planes import plane as of
+
+    return of(plane).opposition_axis
+
+
+def test_a_person_clicks_plays_rejects_accepts_and_comes_back(opened, tmp_path: Path) -> None:
+    watched = opened("hammer", "lift")
+    page = watched.page
+    plan(page)
+    saw(page, "Preshape found")
+
+    # accepting gives two files: the answer, and a page that opens without the app and without a network
+    saved: list = []
+    page.on("download", lambda download: saved.append(download))
+    press(page, "Accept")
+    until(page, lambda: len(saved) == 2)
+    saw(page, "Accepted")
+    files = {Path(d.suggested_filename).suffix: d for d in saved}
+    assert {d.suggested_filename for d in saved} == {"hammer-lift+z.json", "hammer-lift+z.html"}
+    document = json.loads(Path(files[".json"].path()).read_text(encoding="utf-8"))
+    assert document["status"] == "answer"
+    report = tmp_path / "accepted.html"
+    files[".html"].save_as(report)
+    offline = page.context.browser.new_context(viewport={"width": 700, "height": 500}, offline=True)
+    reader = Watched(offline)
+    reader.page.goto(report.as_uri())
+    saw(reader.page, f"{document['plane']}: the hand moves along")
+    assert reader.complaints == []
+    assert [url for url in reader.asked if not url.startswith(("file:", "data:", "blob:"))] == []
+    offline.close()
+
+    # a click on a card in the scene shows the best answer on that plane
+    answers = answers_of(document)
+    tab(page, "Answers")
+    kept = [int(re.search(r"plane (\d+)", label)[1]) for label in _labels(page)]
+    other = next(p for p in kept if p != document["plane"])
+    none = next(p for p in range(1, 13) if p not in kept)
+    tab(page, "Show")
+    press(page, "Look from the front again")
+    tab(page, "Why")
+    page.wait_for_timeout(1500)  # the camera has arrived
+    x, y = where_a_card_is(page, document, answers[0], other)
+    page.mouse.click(x, y)
+    saw(page, f"{other}: the hand moves along")
+
+    # … or says that there is none
+    tab(page, "Answers")
+    press(page, _labels(page)[0])
+    tab(page, "Why")
+    saw(page, f"{document['plane']}: the hand moves along")
+    page.wait_for_timeout(500)
+    x, y = where_a_card_is(page, document, answers[0], none)
+    page.mouse.click(x, y)
+    saw(page, "None of the answers lies on this plane")
+    saw(page, f"{document['plane']}: the hand moves along")
+
+    # the hand plays from far away to the squeeze
+    slider = box_beside(page, "Move hand")
+    slider.evaluate(
+        "box => { window.seen = []; setInterval(() => window.seen.push(Number(box.value)), 10); }"
+    )
+    press(page, "Play the grasp")
+    page.wait_for_function("Math.min(...window.seen) < 2.5 && window.seen.at(-1) === 3")
+
+    # every answer is rejected in turn, then there is none
+    tab(page, "Answers")
+    for left in range(len(kept), 0, -1):
+        assert len(_labels(page)) == left
+        first = _labels(page)[0]
+        press(page, "Reject")
+        until(page, lambda first=first: first not in _labels(page))
+    saw(page, "All answers rejected")
+    assert page.get_by_role("button", name="Reject").count() == 0
+
+    # whoever comes back finds what was learnt, and the object is recalled and not explored anew
+    page.reload()
+    saw(page, "triangles. Press Plan.")
+    tab(page, "Memory")
+    assert page.locator("tr:has(b:text-is('hammer'))").inner_text().split()[1] == "utah_mit"
+    tab(page, "Plan")
+    plan(page)
+    saw(page, "Mode 0: recalled at once")
+
+
+def _labels(page) -> list[str]:
+    found = page.get_by_role("button", name=re.compile(r"^\d · plane"), include_hidden=True)
+    return found.all_text_contents()
+
+
+def test_a_deadlock_waits_for_its_reset_and_a_cancelled_plan_for_the_next(opened) -> None:
+    page = opened("cone", "lift").page
+    plan(page)
+    saw(page, "Deadlock: nothing matches well enough")
+    press(page, "Plan")
+    saw(page, "Reset it first")
+    press(page, "Reset the deadlock")
+    saw(page, "Deadlock reset")
+    assert page.get_by_role("button", name="Reset the deadlock").count() == 0
+
+    # a real hand's first lesson takes long: it is cancelled in its midst
+    choose(page, "Hand", "shadow")
+    press(page, "Plan")
+    saw(page, "a hand's first time")
+    press(page, "Cancel")
+    saw(page, "Nothing that was learnt before is lost")
+    assert page.get_by_role("button", name="Plan", exact=True).is_enabled()
+
+    choose(page, "Hand", "utah_mit")
+    choose(page, "Object", "cube")
+    saw(page, "12 triangles. Press Plan.")
+    plan(page)
+    saw(page, "Preshape found")
+    tab(page, "Answers")
+    assert answer_buttons(page)

@@ -1,0 +1,139 @@
+"""A run in simulated physics, asked for and played back in a real browser; and the same without one."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+import preshape
+from preshape.app.physics_player import RunPlayer, run_of
+from preshape.app.physics_run import hold_run
+from preshape.app.scenes import document_motion
+from preshape.exceptions import InputError
+from preshape.viewer.canvas import RecordingCanvas
+from view_app_page import box_beside, keep, plan, press, saw, set_number, tab, until
+
+pytest_plugins = ("view_app_fixtures",)
+
+SIX = ["force +x", "force +y", "force +z", "force -x", "force -y", "force -z"]
+
+
+@pytest.fixture(scope="module")
+def planned() -> preshape.Plan:
+    return preshape.plan("hammer", "lift", memory=":memory:")
+
+
+@pytest.fixture(scope="module")
+def said(planned) -> dict:
+    document = preshape.plan_to_json(planned)
+    told: list[tuple[str, float]] = []
+    run = hold_run(
+        planned.hand,
+        planned.mesh,
+        document["hand"],
+        friction=0.8,
+        mass=0.05,
+        progress=lambda words, share: told.append((words, share)),
+    )
+    assert [share for _, share in told] == sorted(share for _, share in told)
+    return json.loads(json.dumps(run))
+
+
+def test_a_run_begins_as_planned_and_has_six_pushes(planned, said) -> None:
+    run = run_of(said)
+    assert sorted(row["name"] for row in said["rows"]) == SIX
+    assert said["push"] == pytest.approx(0.5)
+    motion = document_motion(planned.hand, preshape.plan_to_json(planned))
+    # the first sample is the pregrasp: every link where the plan draws it
+    assert run.stage[0] == "pregrasp"
+    assert np.allclose(run.links[0], motion.poses[12], atol=1e-6)
+    assert np.allclose(run.thing[0], np.eye(4), atol=1e-9)
+    # every push pushes the way it is called, and nothing else does
+    for k, stage in enumerate(run.stage):
+        force = run.load[k, :3]
+        if stage.startswith("force"):
+            way = np.zeros(3)
+            way["xyz".index(stage[-1])] = 1.0 if stage[-2] == "+" else -1.0
+            assert np.allclose(force, 0.5 * way)
+        else:
+            assert not force.any()
+    # the table tells what the poses show
+    for row in said["rows"]:
+        own = [k for k, stage in enumerate(run.stage) if stage == row["name"]]
+        moved = max(np.linalg.norm(run.thing[k][:3, 3] - run.thing[own[0] - 1][:3, 3]) for k in own)
+        assert row["held"] == (row["moved"] <= 0.05 and row["turned"] <= np.radians(15))
+        assert moved <= row["moved"] + 0.02
+
+
+def test_the_player_places_object_hand_and_push_and_puts_them_back(planned, said) -> None:
+    run = run_of(said)
+    motion = document_motion(planned.hand, preshape.plan_to_json(planned))
+    canvas = RecordingCanvas()
+    player = RunPlayer(canvas)
+    last = len(run) - 1
+    player.show(run, motion.links, last, planned.mesh)
+    assert np.array_equal(canvas.poses["object"], run.thing[last])
+    assert np.array_equal(canvas.poses[f"hand/{motion.links[-1]}"], run.links[last][-1])
+    # the arrow points along the push, towards the object
+    arrow = canvas.solids["push/arrow"].vertices
+    way = run.load[last, :3] / np.linalg.norm(run.load[last, :3])
+    assert (arrow @ way).max() < 0
+    player.show(run, motion.links, 0, planned.mesh)
+    assert "push/arrow" not in canvas.solids
+    player.show(run, motion.links, last, planned.mesh)
+    player.leave()
+    assert "push/arrow" not in canvas.solids
+    assert np.array_equal(canvas.poses["object"], np.eye(4))
+
+
+def test_an_answer_without_a_grasp_is_not_simulated(planned) -> None:
+    document = preshape.plan_to_json(planned)
+    with pytest.raises(InputError, match="nothing to simulate"):
+        hold_run(
+            planned.hand,
+            planned.mesh,
+            {**document["hand"], "grasp": None},
+            friction=0.6,
+            mass=0.1,
+            progress=lambda *_: None,
+        )
+
+
+def test_a_run_is_asked_for_read_and_played(opened) -> None:
+    page = opened("hammer", "lift").page
+    tab(page, "Physics")
+    simulate = page.get_by_role("button", name="Simulate this answer")
+    assert simulate.is_disabled()
+    tab(page, "Plan")
+    plan(page)
+    tab(page, "Physics")
+    simulate.click()
+    saw(page, "Each push is 1 N for 2 s")
+    rows = page.locator("tr:has(td:text-matches('^force [+-][xyz]$'))")
+    assert sorted(rows.locator("td:first-child").all_text_contents()) == SIX
+    saw(page, "Preshape found")
+    keep(page, "app-physics")
+    scene = page.locator("canvas").first
+    shown = scene.screenshot()
+    set_number(page, "Moment", "0")
+    saw(page, "open before the object")
+    page.wait_for_timeout(700)
+    assert scene.screenshot() != shown
+    moment = box_beside(page, "Moment")
+    press(page, "Play the run")
+    saw(page, "push: ")
+    until(page, lambda: float(moment.input_value()) == 1.0)
+
+    # another answer has no run yet
+    tab(page, "Answers")
+    page.get_by_role("button", name="2 · plane").click()
+    tab(page, "Physics")
+    assert rows.count() == 0
+    assert page.get_by_role("button", name="Play the run").count() == 0
+
+    # and a run can be cancelled
+    simulate.click()
+    press(page, "Cancel")
+    saw(page, "Cancelled")

@@ -1,0 +1,167 @@
+"""Steering by dragging in a real browser: the task's gizmo, curves, coefficients; and on a phone."""
+
+from __future__ import annotations
+
+import io
+import re
+
+import numpy as np
+from PIL import Image
+
+from preshape.app.curves import EDGE, LEFT, RIGHT, WIDE
+from preshape.fuzzy import FuzzySets
+from view_app_page import PATIENCE, box_beside, keep, plan, press, saw, tab, until
+
+pytest_plugins = ("view_app_fixtures",)
+
+UP = np.array([0x20, 0xDF, 0x80]), np.array([0x20, 0x80, 0xFF])
+"""Colours of the gizmo's arrows along y and z."""
+
+
+def pixels_like(page, colour: np.ndarray) -> np.ndarray:
+    """(n, 2) where the scene has about this colour."""
+    box = page.locator("canvas").first.bounding_box()
+    picture = np.asarray(Image.open(io.BytesIO(page.screenshot(clip=box))).convert("RGB"), dtype=np.int64)
+    rows, columns = np.nonzero(np.abs(picture - colour).max(axis=2) < 40)
+    return np.column_stack([columns + box["x"], rows + box["y"]])
+
+
+def drag(page, start, end) -> None:
+    page.mouse.move(*start)
+    page.mouse.down()
+    page.mouse.move(*((np.array(start) + end) / 2), steps=3)
+    page.mouse.move(*end, steps=3)
+    page.mouse.up()
+
+
+def numbers(page) -> list[float]:
+    return [float(box_beside(page, name).input_value()) for name in ("Tx", "Ty", "Tz", "Rx", "Ry", "Rz")]
+
+
+def test_the_task_is_dragged_in_the_scene(opened) -> None:
+    page = opened("cube", ".1 .1 .1 .05 .05 .05").page
+    page.get_by_text("The task as six numbers").click()
+    saw(page, "T = (0, 0, 0) mm · R = none")
+    before = numbers(page)
+    page.get_by_label("Drag the task").check()
+    until(page, lambda: len(pixels_like(page, UP[1])) > 30)
+    page.wait_for_timeout(1000)
+    # the arrow along z is the upper part of what is blue: its tip is pulled upwards
+    blue = pixels_like(page, UP[1])
+    tip = blue[blue[:, 1] <= blue[:, 1].min() + 8].mean(axis=0)
+    keep(page, "app-gizmo")
+    drag(page, tip, tip - [0, 60])
+    until(page, lambda: numbers(page) != before)
+    page.wait_for_timeout(700)
+    after = numbers(page)
+    assert before == [0.1, 0.1, 0.1, 0.05, 0.05, 0.05]
+    assert after == [0.1, 0.1, 1.0, 0.05, 0.05, 0.05]
+    assert page.get_by_label("Task", exact=True).first.input_value() == "six numbers"
+    told = page.get_by_text(re.compile(r"^T = \(0, 0, \d+\) mm")).inner_text()
+    assert int(re.search(r"T = \(0, 0, (\d+)\)", told)[1]) > 5
+    plan(page)
+    assert numbers(page) == after
+
+
+def test_curves_are_dragged_reset_and_used(opened) -> None:
+    page = opened("cube", "1 1 .1 .05 .8 .05", size={"width": 640, "height": 800}).page
+    plan(page)
+    tab(page, "Why")
+    match = page.get_by_text(re.compile(r"of 6, 3 is enough")).inner_text()
+    tab(page, "Tune")
+    usual = FuzzySets()
+    corners = box_beside(page, "corners")
+    assert [float(c) for c in corners.input_value().split()] == usual.corners[3].tolist()
+    svg = page.locator("#drag-corners")
+    svg.scroll_into_view_if_needed()
+
+    def place(number: float) -> float:
+        box = svg.bounding_box()
+        wide = box["width"] / WIDE
+        return box["x"] + wide * (LEFT + (number + EDGE) / (2 * EDGE) * (WIDE - LEFT - RIGHT))
+
+    handle = svg.locator("circle").nth(3).bounding_box()
+    y = handle["y"] + handle["height"] / 2
+    assert abs(handle["x"] + handle["width"] / 2 - place(0.15)) < 1.5
+    drag(page, (place(0.15), y), (place(0.6), y))
+    until(page, lambda: abs(float(corners.input_value().split()[3]) - 0.6) < 0.015)  # a pixel is 0.007
+    saw(page, "Changed: answers no longer compare with the paper")
+    # the curve follows, and a corner never passes its neighbour
+    moved = svg.locator("circle").nth(3)
+    until(page, lambda: abs(moved.bounding_box()["x"] + moved.bounding_box()["width"] / 2 - place(0.6)) < 2.5)
+    keep(page, "app-tune")
+    drag(page, (place(0.6), y), (place(-0.9), y))
+    until(page, lambda: corners.input_value() == "-0.15 -0.05 0.05 0.05")
+    press(page, "Reset the membership functions")
+    until(page, lambda: corners.input_value() == "-0.15 -0.05 0.05 0.15")
+    assert page.get_by_text("Changed: answers").count() == 0
+
+    # a contact without friction gives another net wrench
+    lines = page.locator("#drag-ka-ko-kn-mn")
+    lines.scroll_into_view_if_needed()
+    ends = [lines.locator("circle").nth(i).bounding_box() for i in range(4)]
+    floor = lines.bounding_box()["y"] + lines.bounding_box()["height"] * 0.9
+    for i in (0, 1, 3):
+        end = ends[i]
+        middle = end["x"] + end["width"] / 2, end["y"] + end["height"] / 2
+        drag(page, middle, (middle[0], floor))
+    coefficients = box_beside(page, "ka ko kn mn")
+    until(page, lambda: coefficients.input_value() == "0 0 1 0")
+    tab(page, "Plan")
+    plan(page)
+    tab(page, "Why")
+    if page.get_by_text(re.compile(r"of 6, 3 is enough")).count():
+        assert page.get_by_text(re.compile(r"of 6, 3 is enough")).inner_text() != match
+    tab(page, "Tune")
+    press(page, "Reset the coefficients")
+    until(page, lambda: coefficients.input_value() == "0.45 0.3 1 0.8")
+
+
+def test_on_a_phone_the_panel_leaves_the_scene_and_goes_away(opened) -> None:
+    page = opened("mug", "lift", size={"width": 390, "height": 844}).page
+    scene = page.locator("canvas").first.bounding_box()
+    assert (scene["width"], scene["height"]) == (390, 844)
+    sheet = page.locator('div.mantine-Paper-root[style*="position: fixed"]')
+    box = sheet.bounding_box()
+    assert box["width"] == 390
+    assert box["y"] > 0.5 * 844
+    assert page.evaluate("document.documentElement.scrollWidth") <= 390
+    # no widget is cut off at the side
+    for widget in page.get_by_role("tab").all():
+        place = widget.bounding_box()
+        assert place["x"] >= 0
+        assert place["x"] + place["width"] <= 390
+    # the object stands in the part that can be seen
+    picture = np.asarray(Image.open(io.BytesIO(page.screenshot())).convert("RGB"), dtype=np.int64)
+    seen = picture[150 : int(box["y"]) - 25, 20:370]  # between a notice and the sheet's shadow
+    rows = np.nonzero(seen.max(axis=2) < 235)[0]
+    assert len(rows) > 4000
+    assert rows.max() < len(seen) - 1
+    keep(page, "app-phone", (390, 844))
+    page.get_by_text("preshape", exact=True).click()
+    page.wait_for_function(
+        "() => document.querySelector('div.mantine-Paper-root[style*=\"position: fixed\"]')"
+        ".getBoundingClientRect().height < 70",
+        timeout=PATIENCE,
+    )
+    page.get_by_text("preshape", exact=True).click()
+    press(page, "Plan")
+    saw(page, "Preshape found")
+
+
+def test_nothing_overlaps_at_a_laptop_s_size(opened) -> None:
+    page = opened("mug", "pour", size={"width": 1280, "height": 800}).page
+    plan(page)
+    scene = page.locator("canvas").first.bounding_box()
+    for name in ("Plan", "Why", "Answers", "Physics", "Tune", "Memory", "Show"):
+        tab(page, name)
+        place = page.get_by_role("tab", name=name).bounding_box()
+        assert place["x"] >= scene["x"] + scene["width"]
+        assert place["x"] + place["width"] <= 1280
+        widgets = page.locator("button:visible, input:visible, label:visible").all()
+        boxes = [w.bounding_box() for w in widgets if w.is_visible()]
+        panel = [b for b in boxes if b and b["x"] >= scene["x"] + scene["width"]]
+        assert all(b["x"] + b["width"] <= 1281 for b in panel)
+        keep(page, f"laptop-{name.lower()}")
+    tabs = [t.bounding_box() for t in page.get_by_role("tab").all()]
+    assert len({round(t["y"]) for t in tabs}) == 1  # one line of tabs
