@@ -267,6 +267,45 @@ def test_an_unknown_command(command, refused):
     assert "--help" in reason
 
 
+HUGE = int("9" * 400)
+
+
+@pytest.mark.parametrize(
+    ("path", "content"),
+    [
+        (("hand",), [1]),
+        (("hand",), None),
+        (("object",), "mug"),
+        (("object", "extents"), HUGE),
+        (("object", "extents"), [HUGE, 1, 1]),
+    ],
+)
+@pytest.mark.parametrize("command", ["view", "export", "simulate"])
+def test_a_plan_with_a_part_of_another_kind(command, path, content, folder, capsys):
+    document = json.loads((Path(__file__).parent.parent / "docs" / "plan.example.json").read_text())
+    part = document
+    for key in path[:-1]:
+        part = part[key]
+    part[path[-1]] = content
+    file = folder / "plan.json"
+    file.write_text(json.dumps(document))
+    options = ["--format", "npz", "--out", "x.npz"] if command == "export" else []
+    assert cli.run([command, str(file), *options]) == 2
+    said = capsys.readouterr().err
+    assert said.strip().startswith("error: ")
+    assert "plan" in said
+    assert "Traceback" not in said
+    assert "internal fault" not in said
+
+
+def test_json_nested_without_end_is_no_plan(folder, capsys):
+    file = folder / "deep.json"
+    file.write_text('{"a":' * 100_000)
+    for command in ("view", "export", "simulate"):
+        assert cli.run([command, str(file)]) == 2
+        assert capsys.readouterr().err.strip().startswith("error: ")
+
+
 def test_bad_lessons_are_refused_before_anything_is_learnt(refused, folder):
     before = (folder / "default.sqlite").read_bytes()
     assert "no task 'foo'" in refused("learn", "mug", "--task", "lift", "--task", "foo")

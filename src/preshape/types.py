@@ -23,8 +23,11 @@ from numpy.typing import ArrayLike, NDArray
 from .exceptions import InputError
 
 Array = NDArray[np.float64]
+"""Numbers; the shape stands beside each use."""
 IntArray = NDArray[np.int64]
+"""Whole numbers, mostly indices."""
 BoolArray = NDArray[np.bool_]
+"""Yes or no for each."""
 
 _T = TypeVar("_T")
 _A = TypeVar("_A", bound=NDArray[Any])
@@ -68,7 +71,7 @@ def frozen_array(data: ArrayLike, shape: tuple[int | None, ...], name: str) -> A
     """
     try:
         array = np.array(data, dtype=np.float64)
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise InputError(f"{name} must be numbers, got {data!r:.80}") from error
     if array.shape != shape and (
         array.ndim != len(shape)

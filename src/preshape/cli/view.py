@@ -80,10 +80,17 @@ def start_of(
 
     document = None
     if thing.endswith(".json"):
-        document = _read(Path(thing))
-        thing, scale = _object(document, Path(thing))
-        unit, hand = "m", str(document["hand"]["name"])
-        task = task or _task(document)
+        path = Path(thing)
+        document = _read(path)
+        try:
+            thing, scale = _object(document, path)
+            unit, hand = "m", str(document["hand"]["name"])
+            task = task or _task(document)
+        except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
+            raise InputError(
+                f"{path} is no plan of this program ({error!s:.80}); "
+                "give a plan.json that preshape plan --out wrote"
+            ) from error
     elif thing not in names():
         load_object(thing, unit=unit, scale=scale)
     parse_task(task or "lift")
@@ -110,7 +117,7 @@ def _read(path: Path) -> dict[str, Any]:
         raise InputError(f"there is no file {path}; check the path") from error
     except OSError as error:
         raise EnvironmentFailure(f"{path} cannot be read: {error.strerror or error}") from error
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise InputError(f"{path} is no JSON ({error}); give a plan that preshape plan wrote") from error
     if not isinstance(document, dict) or not {"status", "hand", "object", "task", "plane"} <= set(document):
         raise InputError(f"{path} is no plan; give a plan.json that preshape plan --out wrote")

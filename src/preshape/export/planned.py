@@ -147,7 +147,7 @@ def planned_grasps(
         model = load_hand(hand or str(document["hand"]["name"]))
         picked = range(len(answers)) if answer is None else [answer]
         made = [_planned(answers[k], k, model, name) for k in picked]
-    except (KeyError, TypeError, ValueError, AttributeError, IndexError) as error:
+    except (KeyError, TypeError, ValueError, AttributeError, IndexError, OverflowError) as error:
         raise InputError(f"{name} is not a plan of this program ({type(error).__name__}: {error})") from error
     grasps = tuple(each for each in made if isinstance(each, PlannedGrasp))
     left_out = tuple(each for each in made if isinstance(each, LeftOut))

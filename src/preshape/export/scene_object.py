@@ -48,7 +48,7 @@ def find_object(
     """
     try:
         source, extent = str(document["object"]["source"]), float(max(document["object"]["extents"]))
-    except (KeyError, TypeError, ValueError) as error:
+    except (KeyError, TypeError, ValueError, OverflowError) as error:
         raise InputError(f"the plan does not say which object it is about ({error})") from error
     name = plan_object(source, folder, beside)
     size = object_extent(name, folder)

@@ -143,7 +143,7 @@ def grasp_matrix(contacts: Contacts) -> Array:
 
 
 def cone_matrix(contacts: Contacts) -> Array:
-    """(6, n·d) G with columns scaled so that every friction cone is the plain cone |u₁| ≤ u₀."""
+    """(6, n·d) G with columns scaled so that every friction cone is the plain cone ``|u₁| ≤ u₀``."""
     return _columns(contacts, contacts.mu)
 
 

@@ -27,7 +27,7 @@ def push_residual(
 ) -> Measure:
     """Distance from each wrench asked for to the nearest that a unit of grip can produce.
 
-    minimise |Σ w(f) - wrench| over contact forces inside the cones (not cut) at ``friction_share`` of the
+    minimise ``|Σ w(f) - wrench|`` over contact forces inside the cones (not cut) at ``friction_share`` of the
     friction, with the normal forces summing to one. Zero: balanced exactly.
 
     Args:

@@ -46,8 +46,8 @@ _DOWN = (0.0, 0.0, -1.0)
 def q_of_displacement(displacement: Array) -> Array:
     """Q (6,) derived from a displacement.
 
-    Translations and rotations apart: value = presence × component / largest |component|, with its sign;
-    where |component| is under 10 % of the largest, and where there is no motion at all (below 1 µm, 1 µrad),
+    Translations and rotations apart: value = presence × component / size of the largest, with its sign;
+    where a component's size is under 10 % of the largest, and where there is no motion at all (below 1 µm, 1 µrad),
     the absence value [C].
     """
     q = proportions(displacement)

@@ -168,9 +168,10 @@ def proportions(displacement: Array) -> Array:
 def motion_of(task: Task) -> Array:
     """The task as a motion's proportions (6,) = [t; r] about the COG.
 
-    Six numbers: |T| ≤ 0.1 and |R| ≤ 0.05 are read as zero, the others are the proportions [C]. A kept
-    displacement: its translation with the largest component at 1.0 and its rotation vector with the
-    largest at 0.8. Either way the proportions hold among the translations and among the rotations.
+    Six numbers: translations up to ±0.1 and rotations up to ±0.05 are read as zero, the others are the
+    proportions [C]. A kept displacement: its translation with the largest component at 1.0 and its rotation
+    vector with the largest at 0.8. Either way the proportions hold among the translations and among the
+    rotations.
     """
     return _present(task.q) if task.displacement is None else proportions(task.displacement)
 
