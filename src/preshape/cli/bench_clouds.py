@@ -12,6 +12,7 @@ import click
 
 from ..exceptions import InputError
 from .options import json_option
+from .tables import draw_table, report_console
 
 if TYPE_CHECKING:
     from ..experiments.partial_views import Progress
@@ -115,29 +116,13 @@ def _progress(keeps: bool) -> Iterator[Progress]:
 
 
 def _show(document: dict[str, Any], written: list[Path]) -> None:
-    from rich.box import SIMPLE_HEAD
-    from rich.console import Console
-    from rich.table import Table
     from rich.text import Text
 
     from ..experiments.partial_report import tables
 
-    console = Console(highlight=False)
-    if not console.is_terminal:
-        console.width = 140  # a log is read in a window of any width
+    console = report_console(140)
     for content in tables(document):
-        table = Table(
-            title=Text(content.caption),
-            title_justify="left",
-            title_style="dim",
-            box=SIMPLE_HEAD,
-            pad_edge=False,
-        )
-        for index, heading in enumerate(content.columns):
-            table.add_column(heading, justify="right" if index else "left")
-        for row in content.rows:
-            table.add_row(*map(Text, row))
-        console.print(table)
+        draw_table(console, content)
     for one in document["refused"]:
         console.print(
             Text(f"! {one['hand']}, {one['case']}, view {one['view']}: {one['reason']}", style="yellow")

@@ -14,6 +14,7 @@ import click
 
 from ..exceptions import InputError
 from .options import json_option
+from .tables import draw_table, report_console
 
 if TYPE_CHECKING:
     from ..physics.grasps import GraspSet
@@ -311,34 +312,21 @@ def _write(
 def _show(
     reports: list[tuple[str, HoldReport]], protocol: Protocol, seconds: float, written: list[Path]
 ) -> None:
-    from rich.box import SIMPLE_HEAD
-    from rich.console import Console
-    from rich.table import Table
     from rich.text import Text
 
     from ..physics.hold_tables import ALL, settings_line, tables, warnings
 
-    console = Console(highlight=False)
-    if not console.is_terminal:
-        console.width = 100  # a log is read in a window of any width
+    console = report_console(100)
     for hand, report in reports:
         console.print(Text.assemble((f"{hand}: ", "bold"), settings_line(protocol)))
         for content in tables(report):
-            table = Table(
-                title=Text(content.caption),
-                title_justify="left",
-                title_style="dim",
-                box=SIMPLE_HEAD,
-                pad_edge=False,
+            several = len(content.rows) > 1
+            draw_table(
+                console,
+                content,
+                unbroken=content.columns[1:],
+                bold=lambda row, several=several: several and row[0] == ALL,  # type: ignore[misc]
             )
-            for index, heading in enumerate(content.columns):  # in a narrow window names become shorter
-                table.add_column(heading, justify="right", no_wrap=True) if index else table.add_column(
-                    heading, overflow="ellipsis"
-                )
-            for row in content.rows:
-                last = row[0] == ALL and row is content.rows[-1] and len(content.rows) > 1
-                table.add_row(*map(Text, row), style="bold" if last else "")
-            console.print(table)
         for sentence in warnings(report, protocol):
             console.print(Text(f"! {sentence}", style="yellow"))
     tested = sum(report.figures().tested for _, report in reports)

@@ -13,6 +13,7 @@ import click
 
 from ..exceptions import InputError
 from .options import json_option
+from .tables import draw_table, report_console
 
 if TYPE_CHECKING:
     from ..experiments.indices import IndexRows
@@ -147,29 +148,13 @@ def _progress(keeps: bool) -> Iterator[Callable[[float, str], None]]:
 
 
 def _show(found: IndexRows, document: dict[str, Any], written: list[Path]) -> None:
-    from rich.box import SIMPLE_HEAD
-    from rich.console import Console
-    from rich.table import Table
     from rich.text import Text
 
     from ..experiments.index_report import findings, tables
 
-    console = Console(highlight=False)
-    if not console.is_terminal:
-        console.width = 120  # a log is read in a window of any width
+    console = report_console(120)
     for content in tables(document):
-        table = Table(
-            title=Text(content.caption),
-            title_justify="left",
-            title_style="dim",
-            box=SIMPLE_HEAD,
-            pad_edge=False,
-        )
-        for index, heading in enumerate(content.columns):
-            table.add_column(heading, justify="right" if index else "left")
-        for row in content.rows:
-            table.add_row(*map(Text, row))
-        console.print(table)
+        draw_table(console, content)
     for sentence in findings(document):
         console.print(Text(sentence))
     for note in found.notes:

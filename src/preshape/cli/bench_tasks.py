@@ -12,6 +12,7 @@ import click
 
 from ..exceptions import InputError
 from .options import json_option
+from .tables import draw_table, report_console
 
 if TYPE_CHECKING:
     from ..physics.hand import PhysicsHand
@@ -327,36 +328,25 @@ def _write_instances(
 def _show(
     report: TaskReport, protocol: TaskProtocol, who: str, notes: list[str], written: list[Path]
 ) -> None:
-    from rich.box import SIMPLE_HEAD
-    from rich.console import Console
-    from rich.table import Table
     from rich.text import Text
 
     from ..physics.hold_tables import ALL
     from ..physics.task_tables import failure_table, rate_line, task_settings_line, task_tables
 
-    console = Console(highlight=False)
-    if not console.is_terminal:
-        console.width = 100  # a log is read in a window of any width
+    console = report_console(100)
     failures = report.failures()
     console.print(Text(task_settings_line(protocol, who), style="bold"))
     for content in (*task_tables(report), failure_table(failures[:SHOWN])):
         if not content.rows:
             continue
-        wide = content.columns[-1] == "why"
-        table = Table(
-            title=Text(content.caption),
-            title_justify="left",
-            title_style="dim",
-            box=SIMPLE_HEAD,
-            pad_edge=False,
+        words = [heading for heading in content.columns if heading != "why"]
+        draw_table(
+            console,
+            content,
+            left=content.columns[-1] == "why",
+            unbroken=words,
+            bold=lambda row: row[0] == ALL,
         )
-        for index, heading in enumerate(content.columns):
-            left = wide or not index
-            table.add_column(heading, justify="left" if left else "right", no_wrap=heading != "why")
-        for row in content.rows:
-            table.add_row(*map(Text, row), style="bold" if row[0] == ALL else "")
-        console.print(table)
     if len(failures) > SHOWN:
         where = str(written[1]) if written else "the report of --out, or --json"
         console.print(Text(f"{len(failures) - SHOWN} more failures; all are in {where}"))
