@@ -123,12 +123,12 @@ class VirtualGrasp:
 
     @property
     def judged(self) -> float:
-        """What the critic compares with its threshold, 0..6: TFVADI, or the grip's quality."""
+        """What the critic compares with its threshold, 0..6, which is TFVADI or the grip's quality."""
         return self.tfvadi if self.grip is None else self.grip.quality
 
     @property
     def thumb_side(self) -> Array:
-        """(3,) unit vector from the object towards the thumb: o, or -o when flipped."""
+        """(3,) unit vector from the object towards the thumb, o, or -o when flipped."""
         o = self.plane.opposition_axis
         return -o if self.flip else o
 

@@ -103,7 +103,7 @@ def judge(match: float | None, threshold: float, *, subject: str = "TFVADI") -> 
 
 
 def attribute_distance(a: Attributes, b: Attributes) -> float:
-    """How unlike two objects are: the largest ratio of W, H, D, area or volume, as a logarithm without sign [C].
+    """How unlike two objects are: the largest ratio of W, H, D, area or volume, as a logarithm [C].
 
     The counts of table 2 are left out: they change whenever the same object is exported anew. A volume
     under a thousandth of the bounding box (an open sheet) says nothing and is left out as well.

@@ -19,10 +19,10 @@ INPUTS, HIDDEN, OUTPUTS = 13, 45, 9
 LAYERS = (INPUTS, HIDDEN, OUTPUTS)
 
 InputKind = Literal["paper", "shape"]
-"""What the network is told of an object: the paper's seven attributes, or extents and descriptor [C]."""
+"""What the network is told of an object, the paper's seven attributes, or extents and descriptor [C]."""
 
 INPUT_COUNTS: dict[str, int] = {"paper": INPUTS, "shape": 6 + 3 + LENGTH}
-"""Number of inputs of each kind: 13 and 37."""
+"""Number of inputs of each kind, 13 and 37."""
 
 _LARGEST = 4.0  # U, the largest extent of an object [P]
 _COUNT_DECADES = 6.0  # counts up to a million come to about 1 [C]

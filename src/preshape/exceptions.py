@@ -2,8 +2,8 @@
 
 ::
 
-    PreshapeError                 the root; ``exit_code`` is what the command line returns
-    ├── InputError           2    what was given cannot be used: the sentence says what to change
+    PreshapeError                 the root; its exit_code is what the command line returns
+    ├── InputError           2    what was given cannot be used; says what to change
     │   ├── ObjectError           an object file or mesh
     │   ├── TaskError             a task
     │   ├── HandError             a hand description

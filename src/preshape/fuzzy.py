@@ -36,7 +36,7 @@ _TRAPEZOIDS = (
 )  # fig. 16 [P]
 
 CLIP = 0.95
-"""Crisp approach values stay inside ±0.95: unclipped, the two H sets would miss the object [C]."""
+"""Crisp approach values stay inside ±0.95; unclipped, the two H sets would miss the object [C]."""
 
 
 @value

@@ -120,7 +120,7 @@ def soft_finger_basis(positions: ArrayLike, normals_in: ArrayLike) -> Array:
 
 
 READINGS = ("net", "basis")
-"""``net``: one wrench a finger, as the paper; ``basis``: the full soft-finger basis."""
+"""``net`` takes one wrench a finger, as the paper; ``basis`` the full soft-finger basis."""
 
 
 def screw_measures(

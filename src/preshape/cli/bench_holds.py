@@ -299,9 +299,9 @@ def _write(
 ) -> list[Path]:
     if out is None:
         return []
+    from ..experiments.report import write_pages
     from ..io import write_json
     from ..physics.hold_tables import markdown
-    from ..viewer.report_page import write_pages
 
     preface = f"MuJoCo {document['mujoco']}, preshape {document['version']}."
     page = markdown(reports, protocol, preface)

@@ -272,10 +272,10 @@ def _write(
 ) -> list[Path]:
     if out is None:
         return []
+    from ..experiments.report import write_pages
     from ..io import write_json
     from ..physics.task_grasps import write_task_grasps
     from ..physics.task_tables import task_markdown
-    from ..viewer.report_page import write_pages
 
     folder = Path(out)
     page = task_markdown(

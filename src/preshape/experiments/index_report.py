@@ -309,7 +309,7 @@ def write_report(document: Figures, rows: Sequence[dict[str, Any]], folder: Path
         EnvironmentFailure: the folder cannot be written.
     """
     from ..io import write_json, write_whole
-    from ..viewer.report_page import write_pages
+    from .report import write_pages
 
     page = markdown(document)
     files = [folder / name for name in ("report.json", "grasps.json", "areas.png", "calibration.png")]

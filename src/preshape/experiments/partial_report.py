@@ -13,8 +13,8 @@ from .._version import __version__
 from ..files import write_json
 from ..physics.hold_tables import TextTable
 from ..physics.measures import wilson
-from ..viewer.report_page import write_pages
 from .partial_views import CloudRun
+from .report import write_pages
 
 TRUSTS = (0.0, 0.4, 0.7, 1.0)
 """Bounds of the table by trust."""

@@ -8,8 +8,8 @@ from pathlib import Path
 
 from ..files import write_text, write_whole
 from ..types import value
+from ..viewer.report_page import markdown_page, report_page
 from ..viewer.report_page import picture as figure
-from ..viewer.report_page import report_page
 from .values import Cell, Section, Table
 
 TITLE = "preshape: the paper's results, reproduced"
@@ -49,6 +49,22 @@ def write_report(out: Path, preface: Sequence[str], chapters: Sequence[Chapter])
     write_text(markdown, "\n".join(_markdown(preface, chapters)) + "\n")
     write_text(html, report_page(TITLE, "\n".join(_html(out, preface, chapters))))
     return markdown, html
+
+
+def write_pages(folder: Path, text: str) -> list[Path]:
+    """Write a report as report.md and report.html, each whole or not at all.
+
+    Args:
+        folder: where; pictures that the report names lie there already.
+        text: the Markdown.
+
+    Raises:
+        EnvironmentFailure: the folder cannot be written, or a picture is missing.
+    """
+    files = [folder / "report.md", folder / "report.html"]
+    for file, content in zip(files, (text, markdown_page(text, folder)), strict=True):
+        write_text(file, content)
+    return files
 
 
 def cell_text(cell: Cell) -> str:

@@ -18,7 +18,7 @@ from ..types import Array
 from .planned import PlannedGrasp
 
 MASS, FRICTION, TORSION = 0.1, 0.6, 0.02
-"""Of the object, as in the holding test: [kg], sliding, and torsional [m]."""
+"""Of the object [kg], sliding and torsional [m], as in the holding test."""
 CLAY, CLEAR = "0.80 0.62 0.42 1", "0.80 0.62 0.42 0.3"
 
 

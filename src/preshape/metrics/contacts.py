@@ -82,7 +82,7 @@ class Contacts:
 
     @property
     def dimension(self) -> int:
-        """Of one friction cone: 3, or 4 where any contact is soft."""
+        """Of one friction cone; 3, or 4 where any contact is soft."""
         return 4 if self.gamma.any() else 3
 
     @property

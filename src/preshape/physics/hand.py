@@ -42,7 +42,7 @@ class PhysicsHand:
 
     @property
     def digest(self) -> str:
-        """Hash of the content: two hands with the same digest behave the same."""
+        """Hash of the content; two hands with the same digest behave the same."""
         state = hashlib.sha256(repr((self.mjcf, self.root, self.joints)).encode())
         for name, content in self.assets:
             state.update(name.encode() + b"\0" + hashlib.sha256(content).digest())

@@ -47,8 +47,8 @@ def q_of_displacement(displacement: Array) -> Array:
     """Q (6,) derived from a displacement.
 
     Translations and rotations apart: value = presence × component / size of the largest, with its sign;
-    where a component's size is under 10 % of the largest, and where there is no motion at all (below 1 µm, 1 µrad),
-    the absence value [C].
+    where a component's size is under 10 % of the largest, and where there is no motion at all (below 1 µm,
+    1 µrad), the absence value [C].
     """
     q = proportions(displacement)
     for part, present, absent in (

@@ -14,7 +14,6 @@ from importlib import resources
 from pathlib import Path
 
 from ..exceptions import EnvironmentFailure
-from ..files import write_text
 
 POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:"
 """What a report may do: show itself. It has no scripts and asks for nothing."""
@@ -55,22 +54,6 @@ def markdown_page(text: str, folder: Path) -> str:
     """
     title = next((line[2:].strip() for line in text.splitlines() if line.startswith("# ")), "preshape")
     return report_page(f"{title} · preshape", "\n".join(_blocks(text, folder)))
-
-
-def write_pages(folder: Path, text: str) -> list[Path]:
-    """Write a report as report.md and report.html, each whole or not at all.
-
-    Args:
-        folder: where; pictures that the report names lie there already.
-        text: the Markdown.
-
-    Raises:
-        EnvironmentFailure: the folder cannot be written, or a picture is missing.
-    """
-    files = [folder / "report.md", folder / "report.html"]
-    for file, content in zip(files, (text, markdown_page(text, folder)), strict=True):
-        write_text(file, content)
-    return files
 
 
 def picture(file: Path, caption: str) -> str:
