@@ -211,7 +211,11 @@ class TestVerdicts:
             ("utah_mit", 1),
             ("utah_mit:left", 0),
         ]
-        assert sorted(path.name for path in Path("out").iterdir()) == ["report.json", "report.md"]
+        assert sorted(path.name for path in Path("out").iterdir()) == [
+            "report.html",
+            "report.json",
+            "report.md",
+        ]
 
     def test_harder_is_harder(self, capsys: pytest.CaptureFixture[str]) -> None:
         file = save("g.npz", "g")

@@ -449,7 +449,7 @@ def test_command(found: IndexRows, tmp_path: Path, monkeypatch, capsys) -> None:
         ("leap",), ("cylinder", "sphere"), 12, 2,
     )  # fmt: skip
     assert asked_for[0].protocol.hold.stop_early
-    names = {"report.md", "report.json", "grasps.json", "areas.png", "calibration.png"}
+    names = {"report.md", "report.html", "report.json", "grasps.json", "areas.png", "calibration.png"}
     assert {Path(path).name for path in document["files"]} == names == {p.name for p in out.iterdir()}
     assert all(p.read_bytes().startswith(b"\x89PNG") for p in out.glob("*.png"))
     assert len(json.loads((out / "grasps.json").read_text())["rows"]) == 12

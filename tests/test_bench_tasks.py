@@ -321,7 +321,12 @@ class TestCommand:
         assert [row["task"] for row in first["instances"]] == ["push:+x", "turn:+z"]
         assert {row["status"] for row in first["instances"]} <= {s.name.lower() for s in TaskStatus}
         assert first["all"]["answered"] == 2
-        assert {Path(file).name for file in first["files"]} == {"report.json", "report.md", "grasps.npz"}
+        assert {Path(file).name for file in first["files"]} == {
+            "report.json",
+            "report.md",
+            "report.html",
+            "grasps.npz",
+        }
         assert not (tmp_path / "one" / "unfinished.jsonl").exists()
         assert run([*options, "--grasps", str(tmp_path / "one" / "grasps.npz"), "--json"]) == 0
         second = json.loads(capsys.readouterr().out)

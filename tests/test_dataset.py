@@ -260,6 +260,9 @@ def test_names_that_do_not_exist_are_errors_at_once(tmp_path: Path) -> None:
         ({"hands": ["shadw"]}, UnknownHand),
         ({"tasks": ["0 0 0 0 0 0"]}, InputError),
         ({"tasks": ["lift", "lift"]}, InputError),
+        ({"tasks": ["0 0 1 0 0 0", "0 0 1.0 0 0 0"]}, InputError),
+        ({"hands": ["allegro", "allegro:right"]}, InputError),
+        ({"settings": replace(SMALL, per=10**12)}, InputError),
         ({"cases": [*THINGS, THINGS[0]]}, InputError),
     ):
         with pytest.raises(error):
@@ -348,11 +351,17 @@ def test_another_dataset_is_refused_and_the_sentence_says_what_differs(plain: Pa
     assert content(plain) == before
     (tmp_path / "shards").mkdir()
     (tmp_path / "shards" / "mine.parquet").write_bytes(b"")
+    (tmp_path / "shards" / ".notes.parquet").write_bytes(b"mine too")
     with pytest.raises(InputError, match="something else"):
         make(tmp_path)
-    (tmp_path / "dataset.json").write_text('{"format": "preshape dataset 1"}')
+    assert (tmp_path / "shards" / ".notes.parquet").read_bytes() == b"mine too", (
+        "nothing of others is touched"
+    )
+    (tmp_path / "other").mkdir()
+    (tmp_path / "other" / "dataset.json").write_text('{"format": "preshape dataset 1"}')
     with pytest.raises(InputError, match="not the list of a dataset"):
-        make(tmp_path)
+        make(tmp_path / "other")
+    assert [p.name for p in (tmp_path / "other").iterdir()] == ["dataset.json"]
     there = json.loads((plain / "dataset.json").read_text())
     assert differences(there, there) == []
     here = {**there, "versions": {**there["versions"], "mujoco-core": "9"}}

@@ -22,6 +22,19 @@ MESH = load_library_object("mug")
 HAND = load_hand("allegro")
 
 
+@pytest.fixture(params=["host memory", "as on a device"], autouse=True)
+def memory(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Rows are written and read through the host's own memory, or copied as from and to a device."""
+    if request.param != "host memory":
+        plain = Rows.room
+
+        def room(rows: Rows, count: int) -> None:
+            plain(rows, count)
+            rows._seen = None
+
+        monkeypatch.setattr(Rows, "room", room)
+
+
 def kernel(threads: int = 1) -> ClosingKernel:
     return ClosingKernel(hand_tables(HAND), prepare_field(MESH, cells=48, cache=None), threads=threads)
 

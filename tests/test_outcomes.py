@@ -7,8 +7,8 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from preshape.analyser import VirtualGrasp
-from preshape.closure.analyser import ClosureAnalyser
+from preshape.analyser import Aim, VirtualGrasp
+from preshape.closure.analyser import ClosureAnalyser, Grips
 from preshape.closure.settings import ClosureSettings
 from preshape.closure_control import closure_controller
 from preshape.controller import Controller
@@ -47,7 +47,6 @@ def start(grasp: VirtualGrasp | None) -> bytes:
 
 
 def again(controller: Controller, element: ClosureAnalyser) -> tuple[int, VirtualGrasp | None]:
-    element._kept.clear()
     controller.reset()
     decision = controller.run(element, TASK, may_learn=False)
     return decision.mode, decision.grasp
@@ -55,6 +54,7 @@ def again(controller: Controller, element: ClosureAnalyser) -> tuple[int, Virtua
 
 def test_what_is_remembered_is_the_answer_at_once(met) -> None:
     controller, element, _ = met
+    element._kept.clear()
     mode, grasp = again(controller, element)
     assert mode == 0
     assert start(grasp) == controller.experiences[-3].grip[8:].tobytes()
@@ -69,8 +69,31 @@ def test_what_was_lost_is_not_recalled_nor_taught(met) -> None:
     assert [e.outcome for e in controller.experiences[-2:]] == ["", "lost"]
     assert len(training_set(controller.experiences, 0.1, kind="shape")[0]) == before - 1
     _, second = again(controller, element)
-    if second is not None:
-        assert start(second) != start(first)
+    assert second is not None
+    assert start(second) != start(first)
+
+
+def test_a_grip_that_held_stays_taught_when_another_of_its_kind_is_lost(met) -> None:
+    controller, element, grasps = met
+    a = grasps[0]
+    b = next((g for g in grasps[1:] if (g.plane.index, g.fingers) == (a.plane.index, a.fingers)), grasps[1])
+    controller.learn_outcomes(element, TASK, [(a, True)])
+    x, y = training_set(controller.experiences, 0.1, kind="shape")
+    controller.learn_outcomes(element, TASK, [(b, False), (a, True)])
+    again_x, again_y = training_set(controller.experiences, 0.1, kind="shape")
+    np.testing.assert_array_equal(again_x, x)
+    np.testing.assert_array_equal(again_y, y)
+
+
+def test_an_answer_is_where_it_was_aimed_at(met) -> None:
+    controller, element, grasps = met
+    taught = grasps[0]
+    controller.learn_outcomes(element, TASK, [(taught, True)])
+    far = 0.95 if taught.approach_value < 0 else -0.95
+    aim = Aim(planes=[taught.plane.index], values=[far], fingers=[2], flips=[not taught.flip])
+    found = element.explore(TASK.q, aim)
+    assert isinstance(found, Grips)
+    assert all(start(g) != start(taught) for g in found.grasps)
 
 
 def test_what_held_in_place_of_it_is_the_answer_from_now_on(met) -> None:

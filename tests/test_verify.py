@@ -32,12 +32,12 @@ def outcomes(memory: Memory) -> list[str]:
     return [e.outcome for e in memory.experiences(hand="allegro+closure") if e.outcome]
 
 
-def told(monkeypatch: pytest.MonkeyPatch, *answers: bool) -> None:
+def told(monkeypatch: pytest.MonkeyPatch, *answers: bool | None) -> None:
     """Physics that says what it is told."""
     said = iter(answers)
 
     def hold_test(*args: Any, **kwargs: Any) -> HoldResult:
-        status = Status.HELD if next(said) else Status.LOST
+        status = {True: Status.HELD, False: Status.LOST, None: Status.UNSTABLE}[next(said)]
         return HoldResult(row=0, object_name="box", scale=1.0, status=status, reason=str(status.value))
 
     monkeypatch.setattr(verifying, "hold_test", hold_test)
@@ -74,3 +74,18 @@ def test_none_holds(monkeypatch: pytest.MonkeyPatch) -> None:
         assert made.verified is not None
         assert not made.verified.held
         assert outcomes(memory) == ["lost"] * made.verified.tried
+
+
+def test_a_simulation_that_broke_says_nothing_of_the_grip(monkeypatch: pytest.MonkeyPatch) -> None:
+    with Memory.open(":memory:") as memory:
+        told(monkeypatch, None, False, *[None] * 20)
+        planned(memory)
+        assert outcomes(memory) == ["lost"]
+
+
+def test_what_stood_in_the_way_does_not_become_what_is_known(monkeypatch: pytest.MonkeyPatch) -> None:
+    with Memory.open(":memory:") as memory:
+        told(monkeypatch, *[True] * 3)
+        planned(memory, approaches="-z")
+        planned(memory, avoid=[[0.3, 0.3, 0.3, 0.4, 0.4, 0.4]])
+        assert outcomes(memory) == []

@@ -32,6 +32,7 @@ from .learning import (
     experiences_of,
     explore,
     first_guess,
+    held_by,
     learn,
     outcomes_of,
     search_values,
@@ -270,10 +271,10 @@ class Controller:
             task: what the grasps were for.
             tried: grasps and whether each held, in the order in which they were tried.
         """
-        known = {_said(e) for e in self._experiences}
-        new = [e for e in outcomes_of(pa, task.q, tried, self.settings.sets) if _said(e) not in known]
-        if new:
-            self._remember(new)
+        said = {_asked(e): e.outcome for e in self._experiences if e.outcome}
+        found = outcomes_of(pa, task.q, tried, self.settings.sets)
+        if any(said.get(_asked(e)) != e.outcome for e in found):
+            self._remember(found)
 
     def _remember(self, new: Sequence[Experience]) -> NetworkWeights:
         everything = (*self._experiences, *new)
@@ -388,9 +389,9 @@ def _explored(discovery: Discovery) -> str:
     )
 
 
-def _said(e: Experience) -> tuple[str, bytes, bytes]:
-    """What physics said of which grasp for which task, to tell whether it is news."""
-    return e.outcome, e.task.tobytes(), (e.wrench if e.grip is None else e.grip).tobytes()
+def _asked(e: Experience) -> tuple[str, bytes, bytes, bytes]:
+    """Which grasp of which object for which task, to tell whether what physics says of it is news."""
+    return e.object_name, e.attributes.extents.tobytes(), e.task.tobytes(), held_by(e)
 
 
 def _indices(allowed: BoolArray) -> Sequence[int]:

@@ -162,6 +162,11 @@ def outcomes_of(
     ]
 
 
+def held_by(e: Experience) -> bytes:
+    """What tells one remembered grasp from another: the real hand's grip, or the virtual grasp's wrench."""
+    return (e.wrench if e.grip is None else e.grip).tobytes()
+
+
 def _remembered(g: VirtualGrasp, cog: Array) -> Array | None:
     """What is kept of a grip: the palm's pose about the COG, the fingers in use, the preshape."""
     if g.grip is None:
@@ -214,7 +219,7 @@ def training_set(
     """Inputs and output bits of all experiences that are trained on.
 
     Where the same task on the same object was learnt twice, the later one counts. What physics refused is
-    not taught, and takes with it what was learnt before of the same task and the same way to hold.
+    not taught, and takes with it what the same grasp had taught of the same task.
     Experiences from before there were shape descriptors teach nothing where the inputs are of kind ``shape``.
 
     Args:
@@ -230,19 +235,19 @@ def training_set(
     """
     if kind not in INPUT_COUNTS:
         raise InputError(f"no kind of inputs {kind!r}; known: {', '.join(INPUT_COUNTS)}")
-    rows: dict[bytes, tuple[Array, Array]] = {}
+    rows: dict[bytes, tuple[Array, Array, bytes]] = {}
     for e in experiences:
         if e.kind == "landmark" or (kind == "shape" and e.attributes.shape is None):
             continue
         x = inputs(e.task, e.attributes, u, kind)
         key, bits = np.round(x, 6).tobytes(), encode(e.plane, e.approach_set, e.fingers)
         if e.outcome != "lost":
-            rows[key] = (x, bits)
-        elif key in rows and np.array_equal(rows[key][1], bits):
+            rows[key] = (x, bits, held_by(e))
+        elif key in rows and rows[key][2] == held_by(e):
             del rows[key]
     if not rows:
         return np.zeros((0, INPUT_COUNTS[kind])), np.zeros((0, OUTPUTS))
-    return np.array([x for x, _ in rows.values()]), np.array([y for _, y in rows.values()])
+    return np.array([x for x, _, _ in rows.values()]), np.array([y for _, y, _ in rows.values()])
 
 
 def learn(

@@ -32,7 +32,7 @@ from .types import Array, frozen_array, value
 
 ANALYSERS = ("rays", "closure")
 VERIFIED = 6
-"""Answers that are tried in physics at most, where it is asked."""
+"""Answers that are tried in physics, where it is asked; with a larger ``count`` all of these."""
 ON_CLOUDS = 8
 """Answers looked at on a point cloud, for one with its contacts where the surface was seen."""
 RAY_HAND = "utah_mit"
@@ -207,7 +207,9 @@ def plan(
             made = seen_first(made, keep=count if not verify else wanted)
         if verify:
             made, tried = verified_plan(made, keep=count)
-            if learn and not store.read_only:
+            # What stands in the way today must not become what is known of the object [C].
+            free = approaches is None and table is None and not len(avoid)
+            if learn and free and not store.read_only:
                 controller.learn_outcomes(element, asked, tried)
         return made
     finally:
@@ -251,19 +253,23 @@ def verified_plan(plan: Plan, *, keep: int) -> tuple[Plan, list[tuple[VirtualGra
         plan: with all answers that may be tried.
         keep: how many answers are kept in all.
     """
+    from .physics.six_directions import Status
     from .physics.verify import verify
 
     answers = [a for a in (plan.answer, *plan.alternatives) if a is not None]
+    answers = answers[: max(keep, VERIFIED)]
     if not answers:
         return plan, []
     found = verify(plan.hand, plan.mesh, [a.hand_result for a in answers])
     reached = [a.grasp for a in answers if a.hand_result.grasp is not None]
-    tried = [(grasp, result.held) for grasp, result in zip(reached, found.results, strict=False)]
+    tried = [
+        (grasp, result.held)
+        for grasp, result in zip(reached, found.results, strict=False)
+        if result.status in (Status.HELD, Status.LOST)  # all else says nothing of the grasp
+    ]
     if found.held is None:
         why = found.results[0].reason if found.results else "the hand reached none of the answers"
-        said = Verified(
-            held=False, tried=max(1, len(found.results)), reason=f"no answer held in physics: {why}"
-        )
+        said = Verified(held=False, tried=len(found.results), reason=f"no answer held in physics: {why}")
         return replace(plan, alternatives=plan.alternatives[: keep - 1], verified=said), tried
     best = answers.pop(found.held)
     said = Verified(held=True, tried=len(found.results), reason=found.results[-1].reason)

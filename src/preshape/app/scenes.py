@@ -11,7 +11,7 @@ from ..exceptions import InputError
 from ..hands.hand import Hand
 from ..objects.mesh import TriangleMesh
 from ..planes import PLANES, ApproachPlane, plane
-from ..types import Array
+from ..types import Array, frozen_array
 from ..viewer.hand_motion import HandMotion, hand_motion
 from ..viewer.plan_scene import PlaneCard, PlanScene
 from ..viewer.reduce import reduced
@@ -105,10 +105,10 @@ def document_motion(hand: Hand, answer: Document | None) -> HandMotion | None:
                 return None
             return hand_motion(hand, [("retracted", *_pose(said["retracted"]))])
         stages = [(name, *_pose(said[key])) for name, key in _STAGES if said[key] is not None]
-    except (KeyError, TypeError, ValueError) as error:
+        grip = answer.get("grip")
+        way = frozen_array(grip["approach"] if grip else answer["approach_axis"], (3,), "approach")
+    except (KeyError, TypeError, ValueError, OverflowError) as error:
         raise InputError(f"the plan's hand cannot be shown: {type(error).__name__} at {error}") from error
-    grip = answer.get("grip")
-    way = np.array(grip["approach"] if grip else answer["approach_axis"], dtype=np.float64)
     name, palm, q = stages[0]
     away = palm.copy()
     away[:3] -= AWAY * way

@@ -21,7 +21,7 @@ SHOWN = 12  # shards with too few grasps in the terminal; --json has all
 
 
 @click.command(
-    epilog="Example: preshape dataset mug box can --hands shadow,allegro --tasks lift,pour --per 100 --out d"
+    epilog="Example: preshape dataset mug box --hands shadow,allegro --tasks lift,pour --per 100 --out d"
 )
 @click.argument("objects", metavar="OBJECTS...", nargs=-1, required=True)
 @click.option("--hands", required=True, metavar="HAND,…", help="See preshape hands.")

@@ -86,6 +86,8 @@ def start_of(
             thing, scale = _object(document, path)
             unit, hand = "m", str(document["hand"]["name"])
             task = task or _task(document)
+            if not isinstance(document.get("alternatives", []), list):
+                raise TypeError("alternatives must be a list")
         except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
             raise InputError(
                 f"{path} is no plan of this program ({error!s:.80}); "

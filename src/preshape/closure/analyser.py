@@ -143,6 +143,8 @@ class ClosureAnalyser:
         task = frozen_array(q, (6,), "task Q")
         _check(aim)
         key = task.tobytes() + _key(aim)
+        if len(aim.planes) == 1:  # experience may have come since, and is asked first
+            key += len(self._known()).to_bytes(8, "little")
         if key not in self._kept:
             if len(self._kept) >= _KEPT:
                 del self._kept[next(iter(self._kept))]
@@ -244,13 +246,19 @@ class ClosureAnalyser:
     def _recalled(self, aim: Aim) -> tuple[Sampled | None, Array]:
         """Grips that held objects of about this size on these planes, put on this one; how good they were."""
         joints, known = len(self.hand.joints), self._known()
-        lost = {e.grip.tobytes() for e in known if e.grip is not None and e.outcome == "lost"}
+        said = {e.grip.tobytes(): e.outcome for e in known if e.grip is not None and e.outcome}
+        near = set(range(len(self.sets.crisp())))
+        if len(aim.values) <= FEW:
+            near = {self.sets.name_index(float(v)) for v in aim.values}
         rows = [
             e
             for e in known
             if e.grip is not None
-            and e.grip.tobytes() not in lost
+            and said.get(e.grip.tobytes()) != "lost"
             and e.plane in aim.planes
+            and e.flip in aim.flips
+            and e.approach_set in near
+            and min(e.fingers, MAX_FINGERS) in aim.fingers
             and len(e.grip) == 8 + joints
             and np.abs(np.log(e.attributes.extents / self.mesh.attributes.extents)).max() < RECALLED
         ][-MOST_RECALLED:]

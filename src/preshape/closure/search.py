@@ -200,8 +200,7 @@ class ClosureSearch:
         lever = min(LEVER, 1.5 * self.length)
         asked = [(lever, HOLD if not turns else HOLD[[0, 1, 2, 6, 7, 8]]), *turns]
         self._holding = [(lever, self._margins(wrenches)) for lever, wrenches in asked]
-        self._asked: Demand | None = None
-        self._cone: MarginKernel | None = None
+        self._serves: tuple[Demand | None, MarginKernel | None] = (None, None)
 
     def evaluate(self, sampled: Sampled, demand: Demand, *, wanted: int = 3) -> Ranked:
         """Close the candidates and rank those that hold on to the object."""
@@ -247,13 +246,13 @@ class ClosureSearch:
 
     def _serving(self, demand: Demand) -> MarginKernel | None:
         """The kernel of a demand's cone, the last one kept; ``None`` for plain holding."""
-        if self._asked is not demand:
-            self._asked, self._cone = demand, None
+        asked, cone = self._serves
+        if asked is not demand:
+            cone = None
             if demand.direction is not None:
-                self._cone = self._margins(
-                    demand.direction[None], base=demand.base, half_angle=demand.half_angle
-                )
-        return self._cone
+                cone = self._margins(demand.direction[None], base=demand.base, half_angle=demand.half_angle)
+            self._serves = demand, cone
+        return cone
 
     def score(self, task: Array, hold: Array, demand: Demand) -> Array:
         """(n,) margin over the loads expected, the smaller of the task's and of plain holding's."""

@@ -57,7 +57,7 @@ def read_npy(name: str, data: bytes) -> RawCloud:
     """
     try:
         array = np.load(io.BytesIO(data), allow_pickle=False)
-    except (ValueError, EOFError, OSError) as error:
+    except (ValueError, EOFError, OSError, MemoryError) as error:
         raise ObjectError(
             f"{name}: expected an NPY array of numbers, this is none ({error!s:.80})"
         ) from error

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import glob
 import json
 import os
 from collections.abc import Sequence
@@ -72,6 +73,8 @@ class Folder:
     def __init__(self, path: Path, document: dict[str, Any]) -> None:
         self.path, self.shards = path, path / "shards"
         self.names = [shard["name"] for shard in document["shards"]]
+        if (path / "dataset.json").exists():
+            self._compare(_read(path / "dataset.json"), document)
         try:
             self.shards.mkdir(parents=True, exist_ok=True)
             self._log: IO[bytes] = (path / "log.jsonl").open("ab")
@@ -141,8 +144,6 @@ class Folder:
             raise EnvironmentFailure(f"cannot write {self._log.name}: {error.strerror}") from error
 
     def _begin(self, document: dict[str, Any]) -> None:
-        for leftover in self.shards.glob(".*.parquet"):  # of a run that was killed while it wrote
-            leftover.unlink()
         strange = sorted({p.stem for p in self.shards.glob("*.parquet")} - set(self.names))
         file = self.path / "dataset.json"
         if file.exists():
@@ -155,6 +156,9 @@ class Folder:
             raise InputError(
                 f"{self.shards}/{strange[0]}.parquet is no shard of this dataset; move it elsewhere"
             )
+        for name in self.names:  # of a run that was killed while it wrote
+            for leftover in self.shards.glob(f".{glob.escape(name)}-*.parquet"):
+                leftover.unlink()
 
     def _compare(self, there: dict[str, Any], here: dict[str, Any]) -> None:
         found = differences(there, here)

@@ -79,6 +79,10 @@ class DatasetSettings:
         )
 
 
+MOST_SHARDS = 1_000_000
+"""Of one dataset."""
+
+
 @value
 class Shard:
     """One part of a dataset; all that a process anywhere needs to make it.
@@ -161,7 +165,14 @@ def list_shards(
     _refuse_twice([case.name for case in cases], "object")
     _refuse_twice(list(hands), "hand")
     _refuse_twice(list(tasks), "task")
+    _refuse_twice(list(own.values()), "hand")
+    _refuse_twice([task_label(task) for task in asked.values()], "task")
     parts = math.ceil(settings.per / settings.per_shard)
+    total = parts * len(cases) * len(hands) * len(tasks)
+    if total > MOST_SHARDS:
+        raise InputError(
+            f"this would be {total} shards, {MOST_SHARDS} are the most; ask for larger ones or fewer"
+        )
     rows: list[list[Shard]] = []
     for number, case in enumerate(cases, start=1):
         mesh = mesh_digest(case.source, case.scale)

@@ -58,12 +58,12 @@ class Rows:
     def get(self, which: int | IntArray) -> Any:
         """A copy of the first so many rows, or of those with these numbers."""
         if self._seen is not None:
-            return self._seen[:which].copy() if isinstance(which, int) else self._seen[which]
-        count = which if isinstance(which, int) else int(which.max(initial=-1)) + 1
+            return self._seen[:which].copy() if isinstance(which, int | np.integer) else self._seen[which]
+        count = which if isinstance(which, int | np.integer) else int(which.max(initial=-1)) + 1
         if not count:
             return warp().zeros((0, *self._shape), dtype=self._dtype, device="cpu").numpy()
-        host = self.array[:count].numpy()
-        return host if isinstance(which, int) else host[which]
+        host = np.array(self.array[:count].numpy())
+        return host if isinstance(which, int | np.integer) else host[which]
 
 
 class Launch:

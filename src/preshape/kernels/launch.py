@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Callable, Iterator
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor, wait
 from contextlib import contextmanager
 from functools import cache
 from itertools import pairwise
@@ -80,5 +80,8 @@ def in_parts(launch: Callable[[int, int], None], count: int, threads: int) -> No
         return
     edges = [count * k // parts for k in range(parts + 1)]
     tasks = [_pool(threads).submit(launch, first, end - first) for first, end in pairwise(edges)]
-    for task in tasks:
-        task.result()
+    try:
+        for task in tasks:
+            task.result()
+    finally:  # interrupted or not, nobody writes on when this returns
+        wait(tasks)
