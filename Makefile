@@ -32,7 +32,9 @@ demo: setup
 	@$(BIN)/preshape plan mug --task pour --count 3 --memory $(OUT)/demo/memory.sqlite --out $(OUT)/demo
 	@echo; echo '$$ preshape plan mug --task pour --hand shadow --memory $(OUT)/demo/memory.sqlite --out $(OUT)/demo/shadow'
 	@$(BIN)/preshape plan mug --task pour --hand shadow --memory $(OUT)/demo/memory.sqlite --out $(OUT)/demo/shadow
-	@echo; echo "Look at $(OUT)/demo/plan.png and $(OUT)/demo/shadow/plan.html, then try: $(BIN)/preshape plan hammer --task strike"
+	@echo; echo "Look at $(OUT)/demo/plan.png and $(OUT)/demo/shadow/plan.html, then try:"
+	@echo "  $(BIN)/preshape view $(OUT)/demo/shadow/plan.json    why this plane, and steer it, in the browser"
+	@echo "  $(BIN)/preshape plan hammer --task strike"
 
 # The tests of the browser app need a browser; Debian's is installed where we may.
 browser:
