@@ -22,12 +22,6 @@ NO_NOTICE = """addEventListener('DOMContentLoaded', () => {
   document.head.append(style);
 })"""
 """The notice that software draws the scene is this machine's, and covers what a test presses."""
-FEW_FRAMES = """(() => {
-  const soon = window.requestAnimationFrame.bind(window);
-  window.requestAnimationFrame = draw => setTimeout(() => soon(draw), 120);
-  window.cancelAnimationFrame = clearTimeout;
-})()"""
-"""A few frames a second are enough for what a test looks at; software draws each of them on a whole core."""
 HARMLESS = ("GPU stall", "GL Driver Message", "THREE.Clock", "KHR_parallel_shader_compile")
 
 
@@ -38,7 +32,6 @@ class Watched:
         self.page = context.new_page()
         self.page.set_default_timeout(PATIENCE)
         self.page.add_init_script(NO_NOTICE)
-        self.page.add_init_script(FEW_FRAMES)
         self.asked: list[str] = []
         self.complaints: list[str] = []
         self.page.on("request", lambda request: self.asked.append(request.url))

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import signal
+import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from types import FrameType
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -153,6 +156,7 @@ def _progress() -> Iterator[Callable[[str, int, int], None]]:
     )
     first: dict[str, tuple[int, float]] = {}
     state = {"done": 0, "of": 0, "said": -1}
+    interrupted: list[int] = []
     with Progress(*columns, console=console, disable=not console.is_terminal, transient=True) as bar:
         step = bar.add_task("starting", total=None, left="")
 
@@ -165,12 +169,15 @@ def _progress() -> Iterator[Callable[[str, int, int], None]]:
             if what != "made shards":
                 return
             state["done"], state["of"] = done, of
+            if interrupted and done < of:
+                raise KeyboardInterrupt
             if not console.is_terminal and 20 * done // of > state["said"]:
                 state["said"] = 20 * done // of
                 click.echo(f"{100 * done // of:3d} %, {done} of {of} shards{left}", err=True)
 
         try:
-            yield told
+            with _interrupts() as interrupted:
+                yield told
         except KeyboardInterrupt:
             bar.stop()
             if state["of"]:
@@ -180,6 +187,26 @@ def _progress() -> Iterator[Callable[[str, int, int], None]]:
                     err=True,
                 )
             raise
+
+
+@contextmanager
+def _interrupts() -> Iterator[list[int]]:
+    """Ctrl-C as ever, and remembered: Python loses one that comes in a destructor or a callback."""
+    seen: list[int] = []
+    usual = signal.getsignal(signal.SIGINT)
+    if threading.current_thread() is not threading.main_thread() or not callable(usual):
+        yield seen
+        return
+
+    def interrupt(number: int, frame: FrameType | None) -> None:
+        seen.append(number)
+        usual(number, frame)
+
+    signal.signal(signal.SIGINT, interrupt)
+    try:
+        yield seen
+    finally:
+        signal.signal(signal.SIGINT, usual)
 
 
 def _left(before: int, start: float, done: int, of: int) -> str:

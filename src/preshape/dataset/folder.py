@@ -144,7 +144,8 @@ class Folder:
             raise EnvironmentFailure(f"cannot write {self._log.name}: {error.strerror}") from error
 
     def _begin(self, document: dict[str, Any]) -> None:
-        strange = sorted({p.stem for p in self.shards.glob("*.parquet")} - set(self.names))
+        there = {p.stem for p in self.shards.glob("*.parquet") if not p.name.startswith(".")}
+        strange = sorted(there - set(self.names))
         file = self.path / "dataset.json"
         if file.exists():
             self._compare(_read(file), document)
