@@ -7,15 +7,17 @@ import pytest
 
 from preshape.closure.hand_tables import hand_tables
 from preshape.closure.pinches import FACING, WIDTHS, Pinches, finger_sets, hand_pinches
-from preshape.closure.pinching import frames, in_turn, pinched
+from preshape.closure.pinching import NEAR, ROOM, Pincher, frames, in_turn
 from preshape.closure.preshapes import preshapes
 from preshape.closure.sampling import Sampled, quaternions, sample
 from preshape.closure.search import ClosureSearch, Demand
 from preshape.closure.settings import ClosureSettings
 from preshape.closure.spots import Spots, find_spots
 from preshape.hands.model import load_hand
+from preshape.kernels.chains import rotations
 from preshape.kernels.closing import Candidates, ClosingKernel, Fate
 from preshape.kernels.field import prepare_field
+from preshape.kernels.fitting import fits_plain
 from preshape.objects.load import load_object
 from preshape.objects.mesh import TriangleMesh
 from preshape.physics import pieces as pieces_module
@@ -128,10 +130,7 @@ class TestSpots:
 @pytest.mark.parametrize("name", HANDS)
 class TestPinched:
     def drawn(self, name: str, mesh: TriangleMesh, count: int, **where: object) -> Sampled:
-        pinches = hand_pinches(load_hand(name))
-        rng = np.random.default_rng(3)
-        half = mesh.extents / 2
-        return pinched(rng, pinches, spots_of(mesh, pinches), mesh.cog, half, count, **where)  # type: ignore[arg-type]
+        return pincher(name, mesh).draw(np.random.default_rng(3), count, **where)  # type: ignore[arg-type]
 
     def test_as_asked(self, name: str, strip: TriangleMesh) -> None:
         first = self.drawn(name, strip, 200, planes=[2, 7], flips=[True], values=[0.0], fingers=[2, 3])
@@ -171,14 +170,46 @@ class TestPinched:
         assert len(self.drawn(name, ball, 50).plane) == 0
 
 
+@pytest.mark.parametrize("name", HANDS)
+class TestFitting:
+    def test_as_the_plain_version(self, name: str, strip: TriangleMesh) -> None:
+        one = pincher(name, strip)
+        p = one.pinches
+        rng = np.random.default_rng(5)
+        found = one.draw(rng, 300).candidates
+        pick = rng.integers(len(p), size=len(found.place))
+        pick[::2] = [np.flatnonzero((p.start == start).all(axis=1))[0] for start in found.start[::2]]
+        turn = rotations(found.turn)
+        place = found.place + rng.normal(0.0, 0.002, found.place.shape)
+        plain = fits_plain(
+            prepare_field(strip),
+            p.palm,
+            p.mask[pick],
+            p.pads[pick],
+            p.open[pick],
+            place,
+            turn,
+            near=NEAR,
+            room=ROOM,
+        )
+        assert 0.1 < plain.mean() < 0.9
+        assert (one.kernel.fits(pick, place, turn) == plain).all()
+
+
+def pincher(name: str, mesh: TriangleMesh) -> Pincher:
+    pinches = hand_pinches(load_hand(name))
+    kernel = searched(name, mesh).kernel
+    return Pincher(pinches, spots_of(mesh, pinches), mesh.cog, mesh.extents / 2, kernel)
+
+
 def searched(name: str, mesh: TriangleMesh) -> ClosureSearch:
     field = prepare_field(mesh)
     return ClosureSearch(load_hand(name), field, mesh.cog, float(mesh.extents.max()) / 2, ClosureSettings())
 
 
-def test_good_rows_in_turn() -> None:
-    kinds = np.array([2, 2, 2, 3, 3, 4])
-    assert in_turn(np.array([True] * 5 + [False]), kinds).tolist() == [0, 3, 1, 4, 2]
+def test_rows_in_turn() -> None:
+    assert in_turn(np.array([2, 2, 2, 3, 3])).tolist() == [0, 3, 1, 4, 2]
+    assert in_turn(np.array([], dtype=np.int64)).tolist() == []
 
 
 def test_frames_are_rotations() -> None:

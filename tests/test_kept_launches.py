@@ -95,6 +95,9 @@ def test_strength_alone_is_the_strength() -> None:
         alone = asked.strengths(*part, 0.05, MESH.cog)
         # Two searches of the same number, each right to 1 %.
         np.testing.assert_allclose(alone, full.strength[:count], rtol=0.02, atol=4e-5)
+        most = np.linspace(0.0, 2.0, count) * alone
+        capped = asked.strengths(*part, 0.05, MESH.cog, most=most)
+        np.testing.assert_allclose(capped, np.minimum(alone, most), rtol=0.02, atol=4e-5)
 
 
 def test_nearest_points_do_not_depend_on_what_was_asked_before() -> None:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import zlib
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -25,7 +26,7 @@ from ..types import Array, BoolArray, ContactCoefficients, Experience, IntArray,
 from ..wrench import contact_wrenches, net_wrench, screw_measures
 from .grip import Finished, Finisher
 from .pinches import hand_pinches
-from .pinching import PINCHED, pinched
+from .pinching import PINCHED, Pincher
 from .sampling import Sampled, sample
 from .search import ClosureSearch, Demand, Ranked, apart, best_of, joined, turn_levers
 from .settings import ClosureSettings
@@ -106,8 +107,9 @@ class ClosureAnalyser:
         self.search = ClosureSearch(
             hand, self.field, self.middle, length, self.settings, turns=turn_levers(mesh, self.middle, length)
         )
-        self.pinches = hand_pinches(hand)
-        self.spots = find_spots(mesh, self.field, float(self.pinches.tip[0]), self.pinches.widest)
+        pinches = hand_pinches(hand)
+        spots = find_spots(mesh, self.field, float(pinches.tip[0]), pinches.widest)
+        self.pincher = Pincher(pinches, spots, mesh.cog, mesh.extents / 2, self.search.kernel)
         self.finisher = Finisher(self.search, self.query)
         self._kept: dict[bytes, Grips] = {}
 
@@ -214,29 +216,20 @@ class ClosureAnalyser:
 
     def _draw(self, rng: np.random.Generator, aim: Aim, count: int) -> Sampled:
         fingers = [n for n in range(2, len(self.hand.fingers) + 1) if min(n, MAX_FINGERS) in aim.fingers]
-        half, values = self.mesh.extents / 2, list(aim.values) if len(aim.values) <= FEW else None
-        pinching = pinched(
-            rng,
-            self.pinches,
-            self.spots,
-            self.mesh.cog,
-            half,
-            int(PINCHED * count),
-            planes=list(aim.planes),
-            flips=list(aim.flips),
-            values=values,
-            fingers=fingers or None,
-        )
+        where: dict[str, Any] = {
+            "planes": list(aim.planes),
+            "flips": list(aim.flips),
+            "values": list(aim.values) if len(aim.values) <= FEW else None,
+            "fingers": fingers or None,
+        }
+        pinching = self.pincher.draw(rng, int(PINCHED * count), **where)
         anywhere = sample(
             rng,
             self.search.pool,
             self.mesh.cog,
-            half,
+            self.mesh.extents / 2,
             count - len(pinching.plane),
-            planes=list(aim.planes),
-            flips=list(aim.flips),
-            values=values,
-            fingers=fingers or None,
+            **where,
         )
         return joined(pinching, anywhere)
 

@@ -142,8 +142,9 @@ class Finisher:
         for some in (rows[first : first + each] for first in range(0, len(rows), each)):
             free = some[[self.opener.free_of_itself(grasp[row]) for row in some]]
             ways = self.opener.find(candidates, closings.closing, free, found.sampled.plane, planes)
+            surely = self.search.surely(packed.take(ways.row), demand)
             for k, row in enumerate(ways.row):
-                margins = float(task[row]) / demand.load, float(hold[row]) / self.settings.hold
+                margins = float(surely[k]) / demand.load, float(hold[row]) / self.settings.hold
                 where = frames[0][row], frames[1][row]
                 made = self._grip(found, int(row), packed, grasp[row], where, ways, k, margins, planes)
                 if made is not None:

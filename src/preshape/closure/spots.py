@@ -29,13 +29,11 @@ class Spots:
         middle: (n, 3) half way between the two faces [m].
         normal: (n, 3) unit normal of the first face, outward.
         width: (n,) distance of the faces [m].
-        field: signed distance of the object.
     """
 
     middle: Array
     normal: Array
     width: Array
-    field: DistanceField
 
     def __len__(self) -> int:
         return len(self.width)
@@ -68,6 +66,4 @@ def find_spots(mesh: TriangleMesh, field: DistanceField, tip: float, widest: flo
     points, out, width = points[rows], out[rows], width[rows]
     sides = points + tip * out, points - (width + tip)[:, None] * out
     room = np.all([field_distance(field, centres) > tip - INTO for centres in sides], axis=0)
-    return Spots(
-        middle=(points - 0.5 * width[:, None] * out)[room], normal=out[room], width=width[room], field=field
-    )
+    return Spots(middle=(points - 0.5 * width[:, None] * out)[room], normal=out[room], width=width[room])

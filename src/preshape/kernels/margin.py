@@ -23,13 +23,14 @@ from numpy.typing import ArrayLike
 
 from ..exceptions import InputError
 from ..types import Array, IntArray, frozen_array, read_only, value
+from .cone import cone_starts
 
 CONTACTS = 8
 """Most contacts of one candidate."""
 WRENCHES = 32
 """Most wrenches asked for."""
 HALF_ANGLE = math.radians(15.0)
-_BOUND = 13
+_BOUND = 15
 """Place of the bound among the kernel's arguments."""
 
 
@@ -97,6 +98,7 @@ class MarginKernel:
         torsion: γ ≥ 0 of every contact [m]; 0 is a hard finger.
         half_angle: of a cone of wrenches [rad], 0..π/2. Then strength is against every unit wrench of the
             cone, and the residual is not computed (0).
+        thorough: search a cone from twenty more of its wrenches, each by itself: nine times the work.
         device: ``cpu`` or a CUDA device's name.
         threads: parts of a batch that run side by side on the CPU; default one for each core.
 
@@ -113,6 +115,7 @@ class MarginKernel:
         friction: float,
         torsion: float = 0.0,
         half_angle: float | None = None,
+        thorough: bool = False,
         device: str = "cpu",
         threads: int | None = None,
     ) -> None:
@@ -134,6 +137,9 @@ class MarginKernel:
                 raise InputError(f"a cone's half-angle must be in 0..π/2, got {half_angle:g}")
             axis, angle = asked[0] / np.linalg.norm(asked[0]), half_angle
             asked = cone_starts(axis, angle)
+        anew = len(asked)
+        if thorough:
+            asked = np.concatenate([asked, asked, cone_starts(axis, angle, turned=True)])
         sizes = np.linalg.norm(asked, axis=1)
         units = asked / np.where(sizes > 0.0, sizes, 1.0)[:, None]
 
@@ -156,6 +162,7 @@ class MarginKernel:
             vec6(*axis.tolist()),
             math.cos(angle),
             math.sin(angle),
+            anew,
             float(friction),
             float(torsion),
         ]
@@ -163,7 +170,8 @@ class MarginKernel:
         def rows(dtype: Any, *shape: int) -> Rows:
             return Rows(dtype, *shape, device=device)
 
-        self._in = rows(wp.vec3, CONTACTS), rows(wp.vec3, CONTACTS), rows(wp.int32), rows(wp.float32)
+        contacts, each = [rows(wp.vec3, CONTACTS) for _ in range(2)], [rows(wp.float32) for _ in range(2)]
+        self._in = *contacts, rows(wp.int32), *each
         self._out = MarginArrays(rows(wp.float32), rows(wp.float32), rows(wp.int32, 2), rows(vec6))
         self._compute = Launch(
             warp_margin.margins,
@@ -208,12 +216,13 @@ class MarginKernel:
 
         wp = self._wp
         about = wp.vec3(*reference)
+        most = wp.full(len(counts), math.inf, dtype=float, device=self.device)
 
         def part(first: int, size: int) -> None:
             wp.launch(
                 self._module.margins,
                 dim=size,
-                inputs=[*self._asked, points, normals_in, counts, lengths, about, float(bound), first],
+                inputs=[*self._asked, points, normals_in, counts, lengths, most, about, float(bound), first],
                 outputs=list(out),
                 device=self.device,
             )
@@ -238,8 +247,7 @@ class MarginKernel:
         p = frozen_array(points, (None, CONTACTS, 3), "contact points")
         n = frozen_array(normals_in, (len(p), CONTACTS, 3), "contact normals")
         c = frozen_array(counts, (len(p),), "numbers of contacts")
-        single = np.ndim(length) == 0
-        ell = frozen_array(np.full(len(p), length) if single else length, (len(p),), "lengths")
+        ell = frozen_array(np.full(len(p), length) if np.ndim(length) == 0 else length, (len(p),), "lengths")
         about = frozen_array(reference, (3,), "the reference point")
         if len(p) and not (c.min() >= 0 and c.max() <= CONTACTS and (c == np.floor(c)).all()):
             raise InputError(
@@ -250,21 +258,35 @@ class MarginKernel:
         if math.isnan(bound):
             raise InputError("the bound on the residual must be a number, got nan")
         with self._compute.lock:
-            self._run(p, n, c, ell, about, bound)
+            self._run(p, n, c, ell, about, bound, math.inf)
             return MarginArrays(*(rows.get(len(p)) for rows in self._out))
 
     def strengths(
-        self, points: Array, normals_in: Array, counts: IntArray, length: float, reference: Array
+        self,
+        points: Array,
+        normals_in: Array,
+        counts: IntArray,
+        length: float,
+        reference: Array,
+        most: Array | float = math.inf,
     ) -> Array:
-        """(c,) strength alone, of arrays that are not checked."""
+        """(c,) strength alone, or ``most`` where that is less, of arrays that are not checked."""
         with self._compute.lock:
-            self._run(points, normals_in, counts, np.full(len(points), length), reference, -1.0)
+            self._run(points, normals_in, counts, length, reference, -1.0, most)
             return np.asarray(self._out.strength.get(len(points)), dtype=np.float64)
 
     def _run(
-        self, points: Array, normals: Array, counts: Any, lengths: Array, about: Array, bound: float
+        self,
+        points: Array,
+        normals: Array,
+        counts: Any,
+        lengths: Array | float,
+        about: Array,
+        bound: float,
+        most: Array | float,
     ) -> None:
-        for rows, values in zip(self._in, (points - about, normals, counts, lengths), strict=True):
+        each = [np.broadcast_to(one, len(points)) for one in (lengths, most)]
+        for rows, values in zip(self._in, (points - about, normals, counts, *each), strict=True):
             rows.put(values)
         self._compute(len(points), {_BOUND: float(bound)})
 
@@ -323,6 +345,7 @@ def cone_strengths(
     *,
     direction: ArrayLike,
     half_angle: float = HALF_ANGLE,
+    thorough: bool = False,
     base: ArrayLike | None = None,
     friction: float,
     torsion: float = 0.0,
@@ -334,8 +357,9 @@ def cone_strengths(
     """Strength of many candidates against every unit wrench within ``half_angle`` of a direction.
 
     The same as :func:`preshape.metrics.task_margin` with ``ForceLimits(total=1)``, by a search from fewer
-    wrenches of the cone: a missed minimum makes the strength too large, never too small. On random grasps
-    that hold, 98 % were right to 1 % and the worst was 18 % too large.
+    wrenches of the cone: a missed minimum makes the strength too large, never too small. Of the grips that
+    searches for real hands come to, 92 % were right to 1 % and the worst was 18 % too large; by the thorough
+    search 99.8 %, and 2.5 %.
 
     Args:
         points: as in :func:`margins`; so are the others that are not named here.
@@ -343,6 +367,7 @@ def cone_strengths(
         counts: (c,).
         direction: (6,) the task's wrench; only its direction counts.
         half_angle: of the cone [rad], 0..π/2.
+        thorough: search from three times as many wrenches, which takes nine times as long.
         base: (6,).
         friction: μ.
         torsion: γ [m].
@@ -361,6 +386,7 @@ def cone_strengths(
         friction=friction,
         torsion=torsion,
         half_angle=half_angle,
+        thorough=thorough,
         device=device,
         threads=threads,
     )
@@ -369,14 +395,3 @@ def cone_strengths(
         strength=read_only(out.strength.astype(np.float64)),
         wrench=read_only(out.wrench.astype(np.float64)),
     )
-
-
-def cone_starts(axis: Array, half_angle: float) -> Array:
-    """(11, 6) unit wrenches of a cone that its search starts from: the axis, and ten of the rim."""
-    if half_angle == 0.0:
-        return axis[None]
-    # Five directions square to the axis and to each other: the columns of a reflection that turns e₀ into it.
-    turn = axis - np.eye(6)[0] * (1.0 if axis[0] <= 0.0 else -1.0)
-    across = (np.eye(6) - 2.0 * np.outer(turn, turn) / (turn @ turn))[1:]
-    rim = np.concatenate([across, -across])
-    return np.concatenate([axis[None], math.cos(half_angle) * axis + math.sin(half_angle) * rim])

@@ -135,6 +135,7 @@ def margin_plain(
     *,
     bound: float = math.inf,
     cone: tuple[Array, float] | None = None,
+    anew: int | None = None,
 ) -> Answer:
     """Residual and strength of one candidate; see :func:`preshape.kernels.margin.margins`.
 
@@ -144,6 +145,7 @@ def margin_plain(
         base: (6,) asked for all the while.
         bound: residual above which the search ends.
         cone: unit axis and half-angle; then there is no residual, and strength is against the whole cone.
+        anew: from this one of the wrenches on, each is searched from as if it were the first.
     """
     sizes = np.linalg.norm(wrenches, axis=1)
     units = wrenches / np.where(sizes > 0.0, sizes, 1.0)[:, None]
@@ -152,7 +154,8 @@ def margin_plain(
     size = 1.0 + float(np.linalg.norm(grip.arms, axis=1).max())
     eps = ROUNDING * size
     near = NearestPoint(grip.highest(base + (wrenches[0] if cone is None else 0.0))[1])
-    strength = float(np.linalg.norm(base)) + math.sqrt(1.0 + grip.mu**2) * size + grip.gamma
+    strength = top = float(np.linalg.norm(base)) + math.sqrt(1.0 + grip.mu**2) * size + grip.gamma
+    found: list[tuple[float, int, Array]] = []
     residual, residual_worst = 0.0, -1
 
     for j in range(len(wrenches) if cone is None else 0):
@@ -196,6 +199,9 @@ def margin_plain(
     for j in range(len(units)):
         if strength <= K_FLOOR:
             break
+        if anew is not None and j >= anew:
+            found.append((strength, strength_worst, worst))
+            strength = top
         asked, same = units[j], False
         for _ in range(TURNS):
             z = base + strength * asked
@@ -224,6 +230,7 @@ def margin_plain(
                 break
             if gain > eps:
                 near.add(q)
+    strength, strength_worst, worst = min([*found, (strength, strength_worst, worst)], key=lambda one: one[0])
     return Answer(residual, 0.0 if strength <= K_FLOOR else strength, residual_worst, strength_worst, worst)
 
 

@@ -21,7 +21,7 @@ import warp as wp
 
 from .warp_support import FAR, bounded, dot, hardest, highest, mat83, vec6
 
-wp.set_module_options({"enable_backward": False, "max_unroll": 1})
+wp.set_module_options({"enable_backward": False, "max_unroll": 1, "optimization_level": 3})
 
 vec7 = wp.types.vector(length=7, dtype=wp.float32)
 mat66 = wp.types.matrix(shape=(6, 6), dtype=wp.float32)
@@ -56,7 +56,9 @@ def margin(
     axis: vec6,
     cos_half: float,
     sin_half: float,
+    anew: int,
     bound: float,
+    most: float,
 ):
     """Residual and strength of one candidate.
 
@@ -73,8 +75,11 @@ def margin(
             every unit wrench of the cone; the search starts from ``units``.
         cos_half: of the cone's half-angle.
         sin_half: of the cone's half-angle.
+        anew: from this one of ``units`` on, each descends from the top: of a cone's two valleys the search
+            finds the deeper one only where it does not begin at the bottom of the other.
         bound: the search ends where the residual is certainly above this; below 0, only the strength is
             sought.
+        most: strength above this is not told from it.
 
     Returns:
         Residual, strength, the indices of the wrenches that decided them, and the wrench of the cone that
@@ -91,8 +96,12 @@ def margin(
     residual = float(0.0)
     residual_worst = int(-1)
     # No producible wrench is longer than this.
-    strength = float(wp.sqrt(dot(base, base)) + wp.sqrt(1.0 + mu * mu) * size + gamma)
+    strength = wp.min(most, wp.sqrt(dot(base, base)) + wp.sqrt(1.0 + mu * mu) * size + gamma)
     strength_worst = int(-1)
+    top = float(strength)
+    least = float(strength)
+    least_worst = int(-1)
+    least_wrench = units[0]
     mode = int(RESIDUAL)
     target = int(0)
     asked = units[0]
@@ -126,6 +135,8 @@ def margin(
         mode = DONE
         residual = float(FAR)
         strength = float(0.0)
+    if mode == STRENGTH and strength <= K_FLOOR:
+        mode = DONE
 
     while mode != DONE:
         # Complete the orthonormal edges; orthogonalised twice.
@@ -275,6 +286,12 @@ def margin(
                         mode = BASE
                 if mode == STRENGTH and (target == m or strength <= K_FLOOR):
                     mode = DONE
+                if mode == STRENGTH and target >= anew:
+                    if strength < least:
+                        least = strength
+                        least_worst = strength_worst
+                        least_wrench = worst
+                    strength = top
                 if mode == RESIDUAL:
                     z = base + units[target] * sizes[target]
                 elif mode == BASE:
@@ -282,6 +299,10 @@ def margin(
                 elif mode == STRENGTH:
                     asked = units[target]
                     z = base + asked * strength
+    if least < strength:
+        strength = least
+        strength_worst = least_worst
+        worst = least_wrench
     if strength <= K_FLOOR:
         strength = 0.0
     return residual, strength, residual_worst, strength_worst, worst
@@ -295,12 +316,14 @@ def margins(
     axis: vec6,
     cos_half: float,
     sin_half: float,
+    anew: int,
     friction: float,
     torsion: float,
     points: wp.array2d(dtype=wp.vec3),
     normals_in: wp.array2d(dtype=wp.vec3),
     counts: wp.array(dtype=wp.int32),
     lengths: wp.array(dtype=float),
+    most: wp.array(dtype=float),
     reference: wp.vec3,
     bound: float,
     first: int,
@@ -324,7 +347,20 @@ def margins(
     if broken:
         count = 0
     r, s, i, j, w = margin(
-        arms, normals, count, friction, torsion / length, base, units, sizes, axis, cos_half, sin_half, bound
+        arms,
+        normals,
+        count,
+        friction,
+        torsion / length,
+        base,
+        units,
+        sizes,
+        axis,
+        cos_half,
+        sin_half,
+        anew,
+        bound,
+        most[tid],
     )
     residual[tid] = r
     strength[tid] = s
