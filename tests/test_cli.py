@@ -17,9 +17,12 @@ import click
 import jsonschema
 import numpy as np
 import pytest
+from click.core import ParameterSource
 
 from preshape.cli import main as cli
 from preshape.controller import Controller
+from preshape.exceptions import InputError
+from preshape.experiments.run import EXPERIMENTS
 from preshape.hands.model import load_hand
 from preshape.io import plan_schema
 from preshape.memory import Memory
@@ -53,6 +56,7 @@ HELPS = [
     *([command] for command in COMMANDS),
     *(["memory", command] for command in ("show", "export", "import", "reset")),
     *(["bench", command] for command in ("holds", "planner", "tasks", "indices", "clouds")),
+    ["hands", "check"],
 ]
 
 
@@ -443,15 +447,71 @@ def test_every_help_has_an_example_that_the_command_line_accepts(command, run):
     code, out, err = run(*command, "--help")
     assert (code, err) == (0, "")
     assert "Usage: preshape" in out
-    examples = re.findall(r"(preshape .+?)(?= or preshape | · |$)", " ".join(out.split("Example")[1].split()))
+    examples = _examples(out.split("Example")[1])
     assert examples
     for example in examples:
-        _accepts(example)
+        assert set(_named(_parsed(example))) <= {"file", "hand", "object", "task", "experiment"}
     if not command:
         assert all(name in out for name in COMMANDS)
 
 
-def _accepts(example: str) -> None:
+def test_every_command_s_help_is_looked_at_and_its_examples_name_every_kind_of_thing():
+    found, waiting = [], [([], cli.app)]
+    named: set[str] = set()
+    while waiting:
+        path, command = waiting.pop()
+        found.append(path)
+        for example in _examples(command.epilog):
+            named |= set(_named(_parsed(example)))
+        if isinstance(command, click.Group):
+            context = click.Context(command)
+            children = ((name, command.get_command(context, name)) for name in command.list_commands(context))
+            waiting += [([*path, name], child) for name, child in children]
+    assert sorted(found) == sorted(HELPS)
+    assert named == {"file", "hand", "object", "task", "experiment"}
+
+
+def test_an_example_that_names_what_is_not_there_is_found_out():
+    for example in (
+        "preshape plan mugg --task pour",
+        "preshape plan mug --task poor",
+        "preshape dataset mug --hands shadow,alegro --tasks lift --per 1 --out d",
+        "preshape bench tasks --objects cube,hamer",
+        "preshape learn mug --task lift --task poor",
+        "preshape reproduce --only fig99",
+    ):
+        with pytest.raises((InputError, AssertionError)):
+            _named(_parsed(example))
+
+
+def _examples(text: str) -> list[str]:
+    return re.findall(r"(preshape .+?)(?=,? or preshape | · |$)", " ".join(text.split()))
+
+
+def _named(context: click.Context) -> list[str]:
+    """The kinds of things that a command line names; those that the program should know, it knows."""
+    kinds = []
+    for option in context.command.params:
+        if option.metavar == "DIR" or context.get_parameter_source(option.name) is ParameterSource.DEFAULT:
+            continue
+        given = context.params[option.name]
+        for text in given if isinstance(given, tuple) else [given]:
+            words = [text] if " " in str(text) else str(text).split(",")
+            if option.name in ("hand", "hands"):
+                kinds += ["hand" for word in words if load_hand(word)]
+            elif option.name in ("task", "tasks"):
+                kinds += ["task" for word in words if parse_task(word)]
+            elif option.name == "only":
+                assert set(words) <= set(EXPERIMENTS)
+                kinds.append("experiment")
+            elif option.name in ("thing", "things", "objects"):
+                files = [word for word in words if Path(word).suffix]
+                assert set(words) - set(files) <= set(names()), words
+                kinds += ["file" if word in files else "object" for word in words]
+    return kinds
+
+
+def _parsed(example: str) -> click.Context:
     """Parse a command line without running it."""
     program, *arguments = shlex.split(example)
     assert program == "preshape"
@@ -462,7 +522,7 @@ def _accepts(example: str) -> None:
         found = command.get_command(context, arguments[0])
         assert found is not None, example
         command, arguments = found, arguments[1:]
-    command.make_context(command.name, arguments, parent=context)
+    return command.make_context(command.name, arguments, parent=context)
 
 
 def test_version_and_short_help(run):

@@ -152,6 +152,8 @@ def test_every_kind_of_file_gives_its_points():
         (".xyz", b"0 0 0\n1 nan 0\n", "1 of 2 points are not finite, the first is point 2"),
         (".xyz", b"\0\1\2", "found binary data"),
         (".xyz", b"Dear reader,\n", "found 0"),
+        *((suffix, b" \n", "the file is empty; expected a point cloud") for suffix in CLOUD_SUFFIXES),
+        (".pcd", b"\x89PNG", "expected a point cloud, this is a PNG image"),
     ],
 )
 def test_a_file_that_holds_no_points_is_refused(tmp_path, suffix, content, says):
@@ -162,6 +164,7 @@ def test_a_file_that_holds_no_points_is_refused(tmp_path, suffix, content, says)
     sentence = str(refused.value)
     assert sentence.startswith(f"{file}: ")
     assert says in sentence
+    assert "mesh" not in sentence
     assert "\n" not in sentence
 
 

@@ -304,6 +304,17 @@ def test_a_damaged_file_is_no_shard() -> None:
         assert facts_of(broken) is None
 
 
+def test_a_shard_with_one_wrong_bit_anywhere_is_no_shard(tested, plain: Path) -> None:
+    random = np.random.default_rng(7)
+    for folder in (tested[0].folder, plain):
+        stored = next((folder / "shards").glob("*.parquet")).read_bytes()
+        assert facts_of(stored) is not None
+        for place in random.permutation(len(stored))[:200]:
+            broken = bytearray(stored)
+            broken[place] ^= 1 << int(random.integers(8))
+            assert facts_of(bytes(broken)) is None, place
+
+
 def test_a_process_with_other_versions_or_another_object_refuses() -> None:
     shard = list_shards(THINGS[:1], ["allegro"], ["lift"], SMALL)[0]
     with pytest.raises(EnvironmentFailure, match=r"numpy .* instead of 0\.1"):

@@ -7,6 +7,7 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -17,6 +18,7 @@ import pytest
 
 from preshape.exceptions import EnvironmentFailure, InputError
 from preshape.objects.load import load_object
+from preshape.physics import pool
 from preshape.physics.grasps import STAGES, GraspSet, read_grasps, write_grasps
 from preshape.physics.hand import PhysicsHand, hand_from_mjcf
 from preshape.physics.measures import diversity
@@ -335,3 +337,25 @@ class TestPublishedGrasps:
             workers=1,
         )
         assert dict(zip(rows, (result.held for result in report.results), strict=True)) == self.VERDICTS
+
+
+def test_a_process_of_the_pool_has_mujoco_write_no_log_and_stops_after_its_job(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    import mujoco
+
+    stop = threading.Event()
+
+    class Asking:
+        def test(self, job: int) -> object:
+            if job == 2:
+                stop.set()
+            return mujoco.get_mju_user_warning()
+
+    monkeypatch.setattr(pool, "_tester", Asking())
+    monkeypatch.setattr(pool, "_stop", stop)
+    before = mujoco.get_mju_user_warning()
+    found = pool._work([1, 2, 3])
+    assert len(found) == 2
+    assert all(callable(handler) for handler in found)  # without one MuJoCo writes MUJOCO_LOG.TXT
+    assert mujoco.get_mju_user_warning() is before

@@ -26,6 +26,7 @@ from preshape.experiments import (
 from preshape.experiments.bench import Bench
 from preshape.experiments.values import Section
 from preshape.fuzzy import tfvadi
+from preshape.physics import measures
 
 STOP_AT = f"odd cases: experiment {odd_cases.QUICK_EACH + 4} of"
 """In the middle of the second session."""
@@ -159,7 +160,7 @@ def test_odd_cases_are_counted_once(run: Run) -> None:
 @pytest.mark.parametrize(("part", "whole"), [(0, 10), (1, 19), (75, 500), (10, 10)])
 def test_wilson_interval(part: int, whole: int) -> None:
     wanted = binomtest(part, whole).proportion_ci(0.95, method="wilson")
-    assert odd_cases.wilson(part, whole) == pytest.approx((wanted.low, wanted.high), abs=1e-6)
+    assert measures.wilson(part, whole) == pytest.approx((wanted.low, wanted.high), abs=1e-6)
 
 
 def test_the_report_holds_everything(run: Run) -> None:

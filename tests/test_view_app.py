@@ -15,7 +15,7 @@ from websockets.sync.client import connect
 
 import preshape
 from preshape.app.link import PlannerLink
-from preshape.app.scenes import answers_of, document_motion, document_scene, light_mesh, plan_html
+from preshape.app.scenes import document_motion, document_scene, light_mesh, plan_html
 from preshape.app.uploads import Uploads
 from preshape.app.wire_format import decoded
 from preshape.exceptions import InputError
@@ -25,6 +25,7 @@ from preshape.objects.mesh import TriangleMesh
 from preshape.viewer.canvas import NullCanvas, RecordingCanvas
 from preshape.viewer.draw import GROUPS, draw_hand, draw_object, draw_plan
 from preshape.viewer.hand_motion import STEPS
+from preshape.viewer.readings import answers_of
 from preshape.viewer.reduce import MOST
 from view_app_page import SMALL, Watched, answer_buttons, choose, keep, press, saw, set_number, tab
 

@@ -8,13 +8,14 @@ from pathlib import Path
 
 import numpy as np
 
-from preshape.app.scenes import answers_of, document_motion, document_scene, light_mesh
+from preshape.app.scenes import document_motion, document_scene, light_mesh
 from preshape.hands.model import load_hand
 from preshape.objects.load import load_object
 from preshape.viewer.camera import project
 from preshape.viewer.canvas import RecordingCanvas
 from preshape.viewer.draw import draw_plan
 from preshape.viewer.framing import fitting
+from preshape.viewer.readings import answers_of
 from view_app_page import (
     Watched,
     answer_buttons,

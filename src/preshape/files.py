@@ -9,7 +9,7 @@ import os
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 from .exceptions import EnvironmentFailure
 
@@ -53,14 +53,38 @@ def write_json(path: Path, document: Any) -> None:
 
 def write_text(path: Path, text: str) -> None:
     """Write text whole or not at all."""
-    write_whole(path, lambda target: _write_text(target, text))
+    write_bytes(path, text.encode())
 
 
-def _write_text(target: Path, text: str) -> None:
-    with target.open("w", encoding="utf-8") as file:
-        file.write(text)
-        file.flush()
-        os.fsync(file.fileno())
+def write_bytes(path: Path, content: bytes) -> None:
+    """Write bytes whole or not at all; they are on the disk when this returns."""
+
+    def write(target: Path) -> None:
+        with target.open("wb") as file:
+            file.write(content)
+            file.flush()
+            os.fsync(file.fileno())
+
+    write_whole(path, write)
+
+
+def locked(file: IO[bytes]) -> bool:
+    """Take an open file for this process; it is free again when it is closed, however the process ends.
+
+    Returns:
+        False where another process has it; True also where the system has no such locks.
+    """
+    try:
+        import fcntl
+    except ImportError:
+        return True
+    try:
+        fcntl.flock(file.fileno(), fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    except OSError:  # a file system without them
+        return True
+    return True
 
 
 def cache_folder() -> Path:

@@ -10,7 +10,7 @@ from ..objects.library import names as object_names
 from ..planes import AXIS_NAMES
 from ..tasks import family_names, parse_task
 from ..tasks.task import COMPONENTS
-from ..viewer.draw import GROUPS
+from ..viewer.draw import GROUPS, HIDDEN
 from ..viewer.readings import wrapped
 from .tuning import Tuning
 from .worker import ALTERNATIVES, Order
@@ -21,14 +21,13 @@ if TYPE_CHECKING:
 SIX = "six numbers"
 ANY = "any"
 USUAL = "usual"
+UNITS = ("m", "cm", "mm", "in")
 OFFERS = 3
 ACCEPT, REJECT = VERDICTS = ("Accept", "Reject")
 TRIAL = (
     "The hand grasps and squeezes in simulated physics (MuJoCo), then the object is pushed from six sides. "
     "Friction and mass are those of the Plan tab. A scan takes up to a minute the first time."
 )
-HIDDEN = ("rays", "frame")
-"""Groups of the scene that are hidden at first."""
 
 
 class Panel:
@@ -89,7 +88,7 @@ class Panel:
         self.upload = gui.add_upload_button(
             "Upload a mesh", color="gray", hint="OBJ, STL, PLY, OFF, GLB, glTF"
         )
-        self.unit = gui.add_dropdown("Upload's unit", ("m", "cm", "mm", "in"), hint="Of the uploaded file")
+        self.unit = gui.add_dropdown("Upload's unit", UNITS, hint="Of the uploaded file")
         tasks = [*family_names(), SIX]
         named = order.task.partition(":")[0]
         self.task = gui.add_dropdown("Task", tasks, initial_value=named if named in tasks else SIX)

@@ -12,9 +12,10 @@ from ..exceptions import InputError
 from ..hands.hand import Hand
 from ..hands.kinematics import HandKinematics
 from ..objects.mesh import TriangleMesh
-from ..physics.grasps import GraspSet
+from ..physics.grasps import STAGES
 from ..physics.hand import physics_hand
 from ..physics.pieces import decompose
+from ..physics.planned import palm_grasps
 from ..physics.protocol import Protocol
 from ..physics.recording import Recording, record_hold
 from ..physics.scene import Scene, build_scene
@@ -55,19 +56,11 @@ def hold_run(
     progress("building the scene", 40)
     physical = physics_hand(hand)
     scene = build_scene(physical, pieces, 1.0, protocol)
-    stages: dict[str, Any] = {
+    poses = {
         stage: np.array([[*said[stage]["palm_pose"], *said[stage]["q"]]], dtype=np.float64)
-        for stage in ("pregrasp", "grasp", "squeeze")
+        for stage in STAGES
     }
-    grasps = GraspSet(
-        hand=hand.name,
-        joints=hand.joints,
-        objects=(mesh.name,),
-        scale=np.ones(1),
-        object_pose=np.array([[0.0, 0, 0, 1, 0, 0, 0]]),
-        frame="palm",
-        **stages,
-    ).for_hand(physical)
+    grasps = palm_grasps(hand, [mesh.name], [1.0], poses).for_hand(physical)
     progress("grasping, squeezing, and pushing from six sides", 50)
     recording = record_hold(
         scene,

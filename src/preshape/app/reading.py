@@ -8,7 +8,7 @@ from ..hands.model import load_hand
 from ..io import dumps
 from ..viewer import readings
 from .panel import Panel
-from .scenes import Document, answers_of, document_html
+from .scenes import Document, document_html
 from .stage import Stage
 
 STAGES = 3.0
@@ -50,7 +50,7 @@ class Reading:
     def take(self, document: Document, rays: list[Any]) -> None:
         """A plan has come, or more of it; the first time its answer is shown."""
         first = self.document is None
-        self.document, self._answers, self._rays = document, answers_of(document), rays
+        self.document, self._answers, self._rays = document, readings.answers_of(document), rays
         if first:
             self.show(0)
         else:

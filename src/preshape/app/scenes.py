@@ -14,6 +14,7 @@ from ..planes import PLANES, ApproachPlane, plane
 from ..types import Array, frozen_array
 from ..viewer.hand_motion import HandMotion, hand_motion
 from ..viewer.plan_scene import PlaneCard, PlanScene
+from ..viewer.readings import answers_of
 from ..viewer.reduce import reduced
 
 if TYPE_CHECKING:
@@ -25,12 +26,6 @@ RAY_FRICTION = 1.0
 """Friction of the cones that are drawn where a grasp was found by rays."""
 
 Document = dict[str, Any]
-
-
-def answers_of(document: Document) -> list[Document]:
-    """Every answer of a plan, best first: the answer itself and the alternatives."""
-    first = [document] if document.get("plane") else []
-    return [*first, *document.get("alternatives", [])]
 
 
 def light_mesh(mesh: TriangleMesh) -> TriangleMesh:
@@ -54,7 +49,7 @@ def document_scene(
     Args:
         mesh: the object, reduced or not [m].
         document: the plan; ``None`` before there is one.
-        answer: which of its answers (:func:`answers_of`); ``None`` where it has none.
+        answer: which of its answers (``readings.answers_of``); ``None`` where it has none.
         friction: of the cones.
         rays: (n, 3) where the aiming rays of this answer start [m], where they are known.
 

@@ -10,16 +10,15 @@ import numpy as np
 
 from ..exceptions import InputError
 from ..planes import AXIS_NAMES
+from ..planner import check_analyser
 from ..spatial import vector_from_rotation
 from ..tasks import displacement_of, family_names, parse_task, q_of_displacement
 from ..types import Array
 from ..viewer import readings
-from .panel import ANY, SIX, USUAL, Panel
+from .panel import ANY, SIX, UNITS, USUAL, Panel
 from .stage import Stage
 from .tuning import Tuning
 from .worker import Order
-
-UNITS = ("m", "cm", "mm", "in")
 
 
 class Steering:
@@ -43,7 +42,7 @@ class Steering:
 
     def choose_hand(self) -> None:
         """The analyser follows the hand."""
-        self._panel.analyser.value = "rays" if self._panel.hand.value == "utah_mit" else "closure"
+        self._panel.analyser.value = check_analyser(None, self._panel.hand.value)
 
     def show_task(self) -> None:
         """Sliders, words and gizmo show the task that is named, or the six numbers."""

@@ -2,20 +2,15 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
 from ..exceptions import InputError
 from .options import json_option
+from .progress import GOES_ON, steps
 from .tables import draw_table, report_console
-
-if TYPE_CHECKING:
-    from ..experiments.partial_views import Progress
 
 
 @click.command(epilog="Example: preshape bench clouds box cylinder bottle --hand shadow --out out/clouds")
@@ -74,8 +69,13 @@ def clouds(
         methods=_words(methods),
     )
     folder = None if out is None else Path(out)
-    with _progress(folder is not None) as told:
-        rows = run_clouds(run, folder=folder, workers=workers, progress=told)
+    with steps(GOES_ON if folder is not None else "with --out they would be kept") as told:
+        rows = run_clouds(
+            run,
+            folder=folder,
+            workers=workers,
+            progress=lambda done, of, last: told.step("objects", done, of, last),
+        )
     document = figures(run, rows)
     written = [] if folder is None else write_report(document, folder)
     if as_json:
@@ -89,30 +89,6 @@ def clouds(
 
 def _words(text: str) -> tuple[str, ...]:
     return tuple(dict.fromkeys(word.strip() for word in text.split(",") if word.strip()))
-
-
-@contextmanager
-def _progress(keeps: bool) -> Iterator[Progress]:
-    """Lines on standard error, with an estimate."""
-    start = time.perf_counter()
-    first: list[tuple[int, float]] = []
-    state = {"done": 0}
-
-    def told(done: int, of: int, what: str) -> None:
-        state["done"] = done
-        now = time.perf_counter() - start
-        first.append((done, now))
-        left = ""
-        if len(first) > 1 and done < of:
-            left = f", about {(now - first[0][1]) / (done - first[0][0]) * (of - done):.0f} s left"
-        click.echo(f"{done} of {of}{left}: {what}", err=True)
-
-    try:
-        yield told
-    except KeyboardInterrupt:
-        how = "the same command goes on from there" if keeps else "with --out they would be kept"
-        click.echo(f"stopped after {state['done']} objects; {how}", err=True)
-        raise
 
 
 def _show(document: dict[str, Any], written: list[Path]) -> None:

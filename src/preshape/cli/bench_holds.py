@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,6 +12,7 @@ import click
 
 from ..exceptions import InputError
 from .options import json_option
+from .progress import GOES_ON, duration, steps
 from .tables import draw_table, report_console
 
 if TYPE_CHECKING:
@@ -95,6 +94,7 @@ def holds(
     Exit code 0: all were tested, held or not. 2: some could not be; the others were, and are reported.
     """
     from ..physics.protocol import Protocol
+    from ..physics.runner import run_holds
 
     if out is not None and not out.strip():
         raise InputError("--out needs a folder, got an empty name")
@@ -113,10 +113,23 @@ def holds(
     sets = _read(files, hand, root, fixed, objects)
     kept = _kept([model.name for model, _ in sets], checkpoint, out)
     start, reports = time.perf_counter(), []
-    with _progress(sum(len(grasps) for _, grasps in sets), bool(checkpoint or out)) as told:
+    total = sum(len(grasps) for _, grasps in sets)
+    with steps(GOES_ON if checkpoint or out else "with --out or --checkpoint they would be kept") as told:
         before = 0
+
+        def progress(done: int, _: int) -> None:
+            told.step("grasps", before + done, total)
+
         for (model, grasps), file in zip(sets, kept, strict=True):
-            report = _run(model, grasps, protocol, objects, workers, told, before, file)
+            report = run_holds(
+                grasps,
+                model,
+                protocol=protocol,
+                objects=objects,
+                workers=workers,
+                progress=progress,
+                checkpoint=file,
+            )
             reports.append((model.name, report))
             before += len(grasps)
     seconds = time.perf_counter() - start
@@ -187,85 +200,6 @@ def _kept(hands: list[str], checkpoint: str | None, out: str | None) -> list[Pat
     return [base.with_name(f"{base.stem}-{name}{base.suffix}") for name in plain]
 
 
-def _run(
-    model: PhysicsHand,
-    grasps: GraspSet,
-    protocol: Protocol,
-    objects: str | None,
-    workers: int | None,
-    told: Callable[[int], None],
-    before: int,
-    file: Path | None,
-) -> HoldReport:
-    from ..physics.runner import run_holds
-
-    return run_holds(
-        grasps,
-        model,
-        protocol=protocol,
-        objects=objects,
-        workers=workers,
-        progress=lambda done, _: told(before + done),
-        checkpoint=file,
-    )
-
-
-@contextmanager
-def _progress(total: int, keeps: bool) -> Iterator[Callable[[int], None]]:
-    """Progress on standard error: a bar in a terminal, a line every 5 % in a log."""
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-
-    console = Console(stderr=True)
-    columns = (
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TextColumn("{task.percentage:>3.0f} %"),
-        TimeRemainingColumn(),
-    )
-    first: list[tuple[int, float]] = []
-    state = {"done": 0, "said": -1}
-    with Progress(*columns, console=console, disable=not console.is_terminal, transient=True) as bar:
-        step = bar.add_task("preparing", total=total)
-
-        def told(done: int) -> None:
-            state["done"] = done
-            if not first:  # what an earlier run has done says nothing of the speed
-                first.append((done, time.perf_counter()))
-                bar.reset(step, total=total, completed=done, description="testing")
-            bar.update(step, completed=done)
-            if not console.is_terminal and 20 * done // total > state["said"]:
-                state["said"] = 20 * done // total
-                click.echo(_line(done, total, *first[0]), err=True)
-
-        try:
-            yield told
-        except KeyboardInterrupt:
-            if console.is_terminal:
-                bar.stop()
-            how = (
-                "the same command goes on from there"
-                if keeps
-                else "with --out or --checkpoint they would be kept"
-            )
-            where = f"after {state['done']} of {total} grasps" if first else "while preparing"
-            click.echo(f"stopped {where}; {how}", err=True)
-            raise
-
-
-def _line(done: int, total: int, first: int, start: float) -> str:
-    text = f"{100 * done // total:3d} %, {done} of {total} grasps"
-    if not first < done < total:
-        return text
-    left = (time.perf_counter() - start) / (done - first) * (total - done)
-    return f"{text}, about {_duration(left)} left"
-
-
-def _duration(seconds: float) -> str:
-    return f"{seconds:.0f} s" if seconds < 99.5 else f"{seconds / 60:.0f} min"
-
-
 def _document(reports: list[tuple[str, HoldReport]], protocol: Protocol) -> dict[str, Any]:
     """Everything but the time it took: the same input gives the same document."""
     import mujoco
@@ -330,6 +264,6 @@ def _show(
         for sentence in warnings(report, protocol):
             console.print(Text(f"! {sentence}", style="yellow"))
     tested = sum(report.figures().tested for _, report in reports)
-    console.print(f"{tested} grasps tested in {_duration(seconds)}")
+    console.print(f"{tested} grasps tested in {duration(seconds)}")
     for path in written:
         console.print(f"wrote {path}", markup=False, soft_wrap=True)

@@ -2,10 +2,6 @@
 
 from __future__ import annotations
 
-import time
-from collections import deque
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,12 +9,12 @@ import click
 
 from ..exceptions import InputError
 from .options import json_option
+from .progress import GOES_ON, steps
 from .tables import draw_table, report_console
 
 if TYPE_CHECKING:
     from ..experiments.indices import IndexRows
 
-WINDOW = 120.0  # of the estimate of the time left [s]
 PARTS = "parts"  # the folder in --out where the parts are kept
 
 
@@ -83,8 +79,13 @@ def indices(
         seed=seed,
     )
     parts = Path(checkpoint) if checkpoint is not None else Path(out) / PARTS if out is not None else None
-    with _progress(parts is not None) as told:
-        found = run_indices(run, folder=parts, workers=workers, progress=told)
+    with steps(GOES_ON if parts is not None else "with --out they would be kept") as told:
+        found = run_indices(
+            run,
+            folder=parts,
+            workers=workers,
+            progress=lambda share, label: told.step("%", share, 1.0, label),
+        )
     document = figures(found)
     written = write_report(document, found.rows, Path(out)) if out is not None else []
     if as_json:
@@ -104,47 +105,6 @@ def _names(text: str, option: str, all_of_them: tuple[str, ...]) -> tuple[str, .
     if not found:
         raise InputError(f"{option} needs names between commas, or ALL, got {text!r}")
     return found
-
-
-@contextmanager
-def _progress(keeps: bool) -> Iterator[Callable[[float, str], None]]:
-    """Progress on standard error: a bar in a terminal, lines in a log."""
-    from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
-
-    columns = (
-        BarColumn(),
-        TextColumn("{task.percentage:>3.0f} %"),
-        TimeRemainingColumn(),
-        TextColumn("{task.description}"),
-    )
-    console = Console(stderr=True)
-    state = {"said": -1.0, "done": 0.0}
-    # What an earlier run has done flies by and says nothing of the speed: only the last minutes count.
-    lately = deque([(time.perf_counter(), 0.0)])
-    with Progress(*columns, console=console, disable=not console.is_terminal, transient=True) as bar:
-        step = bar.add_task("starting", total=1.0)
-
-        def told(fraction: float, label: str) -> None:
-            now, state["done"] = time.perf_counter(), fraction
-            lately.append((now, fraction))
-            while len(lately) > 2 and now - lately[1][0] > WINDOW:
-                lately.popleft()
-            bar.update(step, completed=fraction, description=label)
-            if not console.is_terminal and int(20 * fraction) > state["said"]:  # a log gets a line every 5 %
-                state["said"] = int(20 * fraction)
-                (then, before), left = lately[0], ""
-                if before < fraction < 1:
-                    left = f", about {(now - then) / (fraction - before) * (1 - fraction):.0f} s left"
-                click.echo(f"{100 * fraction:3.0f} %{left}: {label}", err=True)
-
-        try:
-            yield told
-        except KeyboardInterrupt:
-            bar.stop()
-            how = "the same command goes on from there" if keeps else "with --out they would be kept"
-            click.echo(f"stopped at {100 * state['done']:.0f} %; {how}", err=True)
-            raise
 
 
 def _show(found: IndexRows, document: dict[str, Any], written: list[Path]) -> None:

@@ -9,12 +9,13 @@ import click
 
 from ..exceptions import EnvironmentFailure, InputError
 from .options import json_option
+from .progress import steps
 
 if TYPE_CHECKING:
     from ..experiments.planner_bench import Case, PlannerReport
 
 
-@click.command(epilog="Example: preshape bench planner mug box can --hand shadow --count 5")
+@click.command(epilog="Example: preshape bench planner mug box bottle --hand shadow --count 5")
 @click.argument("objects", metavar="OBJECTS...", nargs=-1, required=True)
 @click.option("--hand", default="shadow", show_default=True, metavar="HAND", help="See preshape hands.")
 @click.option("--task", default="lift", show_default=True, metavar="TASK", help="What is planned for.")
@@ -63,17 +64,18 @@ def planner(
         raise InputError(f"--workers must be 1 or more, got {workers}")
     cases = cases_of(objects, scales, pieces)
     protocol = Protocol(friction=friction, probes=probes, ladder=ladder, stop_early=not ladder)
-    report = bench_planner(
-        cases,
-        hand,
-        protocol=protocol,
-        task=task,
-        analyser=analyser,
-        count=count,
-        seed=seed,
-        workers=workers,
-        progress=_told,
-    )
+    with steps("this bench keeps nothing before its end") as told:
+        report = bench_planner(
+            cases,
+            hand,
+            protocol=protocol,
+            task=task,
+            analyser=analyser,
+            count=count,
+            seed=seed,
+            workers=workers,
+            progress=told.step,
+        )
     document = {"status": "answer", **report.row(), "failures": _failures(report)}
     if out is not None:
         write_json(Path(out) / "report.json", document)
@@ -124,11 +126,6 @@ def cases_of(objects: tuple[str, ...], scales: str, pieces: str | None) -> list[
         for name, source in found
         for factor in factors
     ]
-
-
-def _told(what: str, done: int, of: int) -> None:
-    end = "\n" if done == of else ""
-    click.echo(f"\r{what} {done} of {of}{end}", nl=False, err=True)
 
 
 def _failures(report: PlannerReport) -> list[dict[str, Any]]:

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,6 +9,7 @@ import click
 
 from ..exceptions import InputError
 from .options import json_option
+from .progress import GOES_ON, steps
 from .tables import draw_table, report_console
 
 if TYPE_CHECKING:
@@ -84,6 +82,7 @@ def tasks(
     """
     from ..physics.protocol import Protocol
     from ..physics.task_instances import make_instances
+    from ..physics.task_runner import run_tasks
     from ..physics.task_test import TaskProtocol
 
     for name, text in (("--out", out), ("--write-instances", write_instances), ("--checkpoint", checkpoint)):
@@ -108,7 +107,17 @@ def tasks(
         return _write_instances(Path(write_instances), instances, protocol, as_json)
     model, answers, who, notes = _answers(instances, hand, analyser, grasps)
     kept = Path(checkpoint) if checkpoint is not None else Path(out) / KEPT if out is not None else None
-    report = _run(instances, model, answers, protocol, workers, kept)
+    with steps(GOES_ON if kept else "with --out or --checkpoint they would be kept") as told:
+        report = run_tasks(
+            instances,
+            model,
+            answers,
+            protocol=protocol,
+            workers=workers,
+            progress=lambda done, of: told.step("instances", done, of),
+            preparing=lambda name: told.prepare(f"convex pieces of {name}"),
+            checkpoint=kept,
+        )
     document = _document(report, protocol, who, notes)
     written = _write(report, protocol, who, document, out)
     if out is not None and checkpoint is None and kept is not None:  # the report holds everything now
@@ -176,78 +185,6 @@ def _answers(
             "this run, or one that has an answer, or cannot be tested"
         )
     return model, given, f"{model.name}, {grasps}", notes
-
-
-def _run(
-    instances: tuple[TaskInstance, ...],
-    model: PhysicsHand,
-    answers: Answers,
-    protocol: TaskProtocol,
-    workers: int | None,
-    kept: Path | None,
-) -> TaskReport:
-    from ..physics.task_runner import run_tasks
-
-    with _progress(len(instances), kept is not None) as (preparing, told):
-        return run_tasks(
-            instances,
-            model,
-            answers,
-            protocol=protocol,
-            workers=workers,
-            progress=lambda done, _: told(done),
-            preparing=preparing,
-            checkpoint=kept,
-        )
-
-
-@contextmanager
-def _progress(total: int, keeps: bool) -> Iterator[tuple[Callable[[str], None], Callable[[int], None]]]:
-    """Progress on standard error: a bar in a terminal, lines in a log."""
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-
-    console = Console(stderr=True)
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    first: list[tuple[int, float]] = []
-    state = {"done": 0.0, "said": -1.0, "line": time.perf_counter()}
-    with Progress(*columns, console=console, disable=not console.is_terminal, transient=True) as bar:
-        step = bar.add_task("preparing", total=total)
-
-        def preparing(name: str) -> None:
-            bar.update(step, description=f"convex pieces of {name}")
-            if not console.is_terminal and time.perf_counter() - state["line"] > 5:
-                state["line"] = time.perf_counter()
-                click.echo(f"convex pieces of {name}", err=True)
-
-        def told(done: int) -> None:
-            state["done"] = done
-            if not first:  # what an earlier run has done says nothing of the speed
-                first.append((done, time.perf_counter()))
-                bar.reset(step, total=total, completed=done, description="testing")
-            bar.update(step, completed=done)
-            if not console.is_terminal and 20 * done // total > state["said"]:
-                state["said"] = 20 * done // total
-                before, start = first[0]
-                spent = time.perf_counter() - start
-                left = (
-                    f", about {spent / (done - before) * (total - done):.0f} s left"
-                    if before < done < total
-                    else ""
-                )
-                click.echo(f"{100 * done // total:3d} %, {done} of {total} instances{left}", err=True)
-
-        try:
-            yield preparing, told
-        except KeyboardInterrupt:
-            bar.stop()
-            how = (
-                "the same command goes on from there"
-                if keeps
-                else "with --out or --checkpoint they would be kept"
-            )
-            click.echo(f"stopped after {state['done']:.0f} of {total} instances; {how}", err=True)
-            raise
 
 
 def _document(report: TaskReport, protocol: TaskProtocol, who: str, notes: list[str]) -> dict[str, Any]:

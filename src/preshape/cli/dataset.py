@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import signal
 import threading
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
 from typing import TYPE_CHECKING, Any
@@ -14,6 +13,7 @@ import click
 
 from ..exceptions import InputError
 from .options import json_option
+from .progress import GOES_ON, duration, steps
 
 if TYPE_CHECKING:
     from ..dataset.engines import Engine
@@ -99,7 +99,13 @@ def dataset(
     )
     cases = cases_of(objects, scales, pieces)
     who = _engine(engine, workers, address)
-    with _progress() as told:
+    with steps(GOES_ON) as told, _interrupts() as interrupted:
+
+        def progress(what: str, done: int, of: int) -> None:
+            told.step(what, done, of)
+            if interrupted and done < of:
+                raise KeyboardInterrupt
+
         report = run_dataset(
             cases,
             _listed(hands, "--hands"),
@@ -107,7 +113,7 @@ def dataset(
             out,
             engine=who,
             settings=settings,
-            progress=told,
+            progress=progress,
         )
     if as_json:
         from .main import emit
@@ -127,7 +133,7 @@ def _listed(text: str, option: str) -> list[str]:
 
 def _engine(name: str, workers: int | None, address: str | None) -> Engine:
     from ..dataset.engines import LocalEngine, RayEngine
-    from ..physics.runner import usable_cores
+    from ..physics.pool import usable_cores
 
     if name not in ENGINES:
         raise InputError(f"no engine {name!r}; known: {', '.join(ENGINES)}")
@@ -138,55 +144,6 @@ def _engine(name: str, workers: int | None, address: str | None) -> Engine:
     if address is not None:
         raise InputError("--address is that of a Ray cluster; add --engine ray")
     return LocalEngine(workers=usable_cores() if workers is None else workers)
-
-
-@contextmanager
-def _progress() -> Iterator[Callable[[str, int, int], None]]:
-    """Progress on standard error: a bar in a terminal, lines in a log."""
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
-
-    console = Console(stderr=True)
-    columns = (
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeElapsedColumn(),
-        TextColumn("{task.fields[left]}"),
-    )
-    first: dict[str, tuple[int, float]] = {}
-    state = {"done": 0, "of": 0, "said": -1}
-    interrupted: list[int] = []
-    with Progress(*columns, console=console, disable=not console.is_terminal, transient=True) as bar:
-        step = bar.add_task("starting", total=None, left="")
-
-        def told(what: str, done: int, of: int) -> None:
-            if what not in first:  # what an earlier run has done says nothing of the speed
-                first[what] = done, time.perf_counter()
-                bar.reset(step, total=of, completed=done, description=what)
-            left = _left(*first[what], done, of)
-            bar.update(step, completed=done, left=left.removeprefix(", "))
-            if what != "made shards":
-                return
-            state["done"], state["of"] = done, of
-            if interrupted and done < of:
-                raise KeyboardInterrupt
-            if not console.is_terminal and 20 * done // of > state["said"]:
-                state["said"] = 20 * done // of
-                click.echo(f"{100 * done // of:3d} %, {done} of {of} shards{left}", err=True)
-
-        try:
-            with _interrupts() as interrupted:
-                yield told
-        except KeyboardInterrupt:
-            bar.stop()
-            if state["of"]:
-                click.echo(
-                    f"stopped; {state['done']} of {state['of']} shards are finished and stand, "
-                    "the same command goes on from there",
-                    err=True,
-                )
-            raise
 
 
 @contextmanager
@@ -209,24 +166,11 @@ def _interrupts() -> Iterator[list[int]]:
         signal.signal(signal.SIGINT, usual)
 
 
-def _left(before: int, start: float, done: int, of: int) -> str:
-    if not before < done < of:
-        return ""
-    seconds = (time.perf_counter() - start) / (done - before) * (of - done)
-    return f", about {_span(seconds)} left"
-
-
-def _span(seconds: float) -> str:
-    if seconds < 90:
-        return f"{seconds:.0f} s"
-    return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"
-
-
 def _show(report: DatasetReport, physics: bool) -> None:
     shards, rows = len(report.facts), report.total("rows")
     click.echo(
         f"{rows} grasps of {report.total('asked')} asked for, in {shards} shards; "
-        f"{report.made} made now in {_span(report.seconds)}"
+        f"{report.made} made now in {duration(report.seconds)}"
     )
     if report.damaged:
         click.echo(f"{report.damaged} shards that stood there could not be read and were made again")

@@ -158,7 +158,7 @@ def _draw(
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-    from ..io import write_whole
+    from ..files import write_bytes, write_whole
     from ..viewer.animation import animation
     from ..viewer.filmstrip import filmstrip
     from .simulate_film import film_of
@@ -187,12 +187,8 @@ def _draw(
                 click.echo(f"drawing the run: {done} of {total} frames", err=True)
 
         content = animation(film, progress=progress)
-    write_whole(run, lambda path: _write(path, content))
+    write_bytes(run, content)
     return [strip, run]
-
-
-def _write(path: Path, content: bytes) -> None:
-    path.write_bytes(content)
 
 
 def _rows(recording: Recording) -> list[dict[str, Any]]:

@@ -43,13 +43,13 @@ def cleaned(name: str, points: Array, camera: Array | None = None) -> Array:
     Raises:
         ObjectError: too few points, two things, or all points on a plane.
     """
-    _enough(name, len(points), "points")
+    check_enough(name, len(points), "points")
     kept = np.unique(points[:: -(-len(points) // MOST)], axis=0)
-    _enough(name, len(kept), "different points")
+    check_enough(name, len(kept), "different points")
     kept = _without_strays(kept)
     kept = _averaged(kept, float(np.ptp(kept, axis=0).max()) / CELLS)
     kept = _one_thing(name, kept, camera)
-    _enough(name, len(kept), "points that belong together")
+    check_enough(name, len(kept), "points that belong together")
     _not_on_a_plane(name, kept)
     return read_only(_smooth(kept))
 
@@ -76,7 +76,12 @@ def spacing_of(points: Array) -> float:
     return float(np.median(nearest(points, 5)[0][:, 4]))
 
 
-def _enough(name: str, count: int, what: str) -> None:
+def check_enough(name: str, count: int, what: str) -> None:
+    """Refuse fewer points than ``LEAST``.
+
+    Raises:
+        ObjectError: saying how many of what were found in the file.
+    """
     if count < LEAST:
         raise ObjectError(
             f"{name}: a point cloud needs {LEAST} points at least, found {count} {what}; "

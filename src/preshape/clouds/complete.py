@@ -9,7 +9,7 @@ import numpy as np
 from ..exceptions import InputError, ObjectError
 from ..types import Array, IntArray, freeze, frozen_array, value
 from .all_round import outward_normals, poisson
-from .cleaning import LEAST, cleaned, spacing_of
+from .cleaning import check_enough, cleaned, spacing_of
 from .scan import RawCloud, Scan
 from .sight import HIDDEN, Sight, hidden_share, sight_of
 from .surface import SEEN_SPACINGS, Grid, grid_round, seen_triangles, zero_of_values, zero_surface
@@ -56,11 +56,7 @@ def complete(name: str, cloud: RawCloud, camera: Sequence[float] | Array | str |
         InputError: a camera within the points, or one that cannot have seen them.
     """
     points = cloud.points[np.isfinite(cloud.points).all(axis=1)]
-    if len(points) < LEAST:
-        raise ObjectError(
-            f"{name}: a point cloud needs {LEAST} points at least, found {len(points)}; "
-            "scan nearer or with more pixels"
-        )
+    check_enough(name, len(points), "points")
     place = _camera(name, points, cloud, camera)
     kept = cleaned(name, points, place)
     if place is None:

@@ -143,10 +143,10 @@ def hidden_share(points: Array, camera: Array) -> float:
     cell = 2 * spacing_of(points) / float(np.median(local[:, 2]))
     _, label = np.unique(np.floor(flat / cell).astype(np.int64), axis=0, return_inverse=True)
     label = label.ravel()
-    nearest = np.full(label.max() + 1, np.inf)
-    np.minimum.at(nearest, label, local[:, 2])
+    front = np.full(label.max() + 1, np.inf)
+    np.minimum.at(front, label, local[:, 2])
     deep = float(np.subtract(*np.quantile(local[:, 2], [0.98, 0.02])))
-    return float((local[:, 2] > nearest[label] + HIDDEN_DEPTH * deep).mean())
+    return float((local[:, 2] > front[label] + HIDDEN_DEPTH * deep).mean())
 
 
 def level_axes(forward: Array) -> Array:

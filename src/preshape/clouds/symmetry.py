@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..spatial import rotation_from_vector
 from ..types import Array, freeze, frozen_array, value
 from .sight import Sight
 
@@ -152,23 +153,12 @@ def _refined(
     for scale in (1.0, 0.5, 0.25):
         turns = np.concatenate([np.zeros((1, 3)), scale * rng.normal(0, 0.12, (39, 3))])
         shifts = np.concatenate([np.zeros((1, 3)), scale * width * rng.normal(0, 0.04, (39, 3))])
-        rotations = np.array([_rotation(turn) for turn in turns])
+        rotations = rotation_from_vector(turns)
         linear = rotations @ best.linear @ rotations.transpose(0, 2, 1)
         middles = best.middle + shifts
         mapped = np.einsum("kij,knj->kni", linear, points[None] - middles[:, None]) + middles[:, None]
         best = _cheapest(best.kind, linear, middles, mapped, sight, size, width)
     return best
-
-
-def _rotation(vector: Array) -> Array:
-    """(3, 3) about a vector by its length [rad] (Rodrigues)."""
-    angle = float(np.linalg.norm(vector))
-    if angle < 1e-12:
-        return np.eye(3)
-    x, y, z = vector / angle
-    k = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    turn: Array = np.eye(3) + np.sin(angle) * k + (1 - np.cos(angle)) * (k @ k)
-    return turn
 
 
 def outline_width(sight: Sight, points: Array) -> tuple[float, Array]:

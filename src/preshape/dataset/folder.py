@@ -4,16 +4,14 @@ from __future__ import annotations
 
 import glob
 import json
-import os
 from collections.abc import Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import IO, Any, Self
 
 from ..exceptions import EnvironmentFailure, InputError
-from ..files import write_json, write_whole
+from ..files import locked, write_bytes, write_json
 from ..hands.model import load_hand
-from ..physics.checkpoint import _locked
 from ..tasks import parse_task
 from .making import Made, versions
 from .schema import FORMAT, facts_of
@@ -84,7 +82,7 @@ class Folder:
             ) from error
         try:
             # The lock comes first: what looks like a leftover may be another run's work.
-            if not _locked(self._log):
+            if not locked(self._log):
                 raise InputError(f"another run is writing {path}; wait for it, or choose another folder")
             self._begin(document)
         except OSError as error:
@@ -127,14 +125,7 @@ class Folder:
         Raises:
             EnvironmentFailure: it cannot be written.
         """
-
-        def write(target: Path) -> None:
-            with target.open("wb") as file:
-                file.write(made.content)
-                file.flush()
-                os.fsync(file.fileno())
-
-        write_whole(self.file(made.name), write)
+        write_bytes(self.file(made.name), made.content)
         line = {"shard": made.name, "rows": made.facts["rows"], "host": made.host, "process": made.process}
         line["seconds"] = {name: round(spent, 4) for name, spent in made.seconds.items()}
         try:

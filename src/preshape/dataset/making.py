@@ -18,7 +18,6 @@ from ..experiments.index_values import INDICES, Grasp, index_values, planner_sco
 from ..fuzzy import SET_NAMES
 from ..hands.hand import Hand
 from ..hands.model import load_hand
-from ..objects.load import load_object
 from ..objects.mesh import TriangleMesh
 from ..physics.task_instances import makes_sense
 from ..physics.task_motion import task_motion
@@ -28,7 +27,7 @@ from ..types import value
 from .drawing import Drawn, draw
 from .outcomes import Row, tested, untested
 from .schema import FORMAT, METRICS, parquet_bytes
-from .settings import DatasetSettings, Shard, mesh_digest, task_label
+from .settings import DatasetSettings, Shard, mesh_digest, task_label, usable_object
 
 LIBRARIES = ("numpy", "scipy", "warp-lang", "mujoco-core", "coacd", "pyarrow")
 """Libraries on which the numbers, or the bytes of a file, depend."""
@@ -136,18 +135,20 @@ class _Clock:
 def _rows(shard: Shard, settings: DatasetSettings, clock: _Clock) -> tuple[list[Row], str, bool | None]:
     """The rows, why they are fewer than asked for, and whether the task makes sense."""
     hand, task = load_hand(shard.hand), parse_task(shard.task)
-    if mesh_digest(shard.source, shard.scale) != shard.mesh:
+    mesh, why = usable_object(shard.source, shard.scale)
+    if mesh_digest(mesh) != shard.mesh:
         raise InputError(
             f"{shard.source} is another object on {socket.gethostname()}; "
             "every machine needs the same file at the same path"
         )
     try:
-        mesh = load_object(shard.source, scale=shard.scale)
+        if mesh is None:
+            return [], why, None
         found = draw(hand, mesh, task, shard.count, shard.seed, settings)
     except ObjectError as error:
-        clock.lap("plan")
         return [], str(error), None
-    clock.lap("plan")
+    finally:
+        clock.lap("plan")
     answers = tuple(execute(hand, mesh, grasp, seed=shard.seed) for grasp in found.grasps)
     suits = makes_sense(task, mesh)
     place = {

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -10,9 +11,7 @@ from ..exceptions import InputError
 from ..experiments.planner_bench import Case, Planned, grasps_of
 from ..hands.hand import Hand
 from ..objects.mesh import TriangleMesh
-from ..physics.grasps import STAGES
 from ..physics.hand import physics_hand
-from ..physics.pieces import load_pieces
 from ..physics.protocol import Protocol
 from ..physics.runner import run_holds
 from ..physics.six_directions import HoldResult, Status
@@ -66,14 +65,16 @@ def tested(
     Raises:
         EnvironmentFailure: the object cannot be cut into pieces here.
     """
-    case = Case(name=shard.object_name, source=shard.source, scale=shard.scale)
+    folder = Path(shard.pieces) if shard.pieces else None
+    case = Case(
+        name=f"{shard.object_name}@{shard.scale:g}", source=shard.source, scale=shard.scale, pieces=folder
+    )
     planned = Planned(case=case, answers=answers, mode=3, reason="", seconds={})
     grasps = grasps_of([planned], hand)
     if grasps is None:
         return []
     try:
-        known = shard.object_name if shard.pieces else shard.source
-        pieces = {shard.source: load_pieces(known, shard.pieces)}
+        pieces = {shard.source: case.load_pieces()}
     except InputError as error:
         return untested(len(answers), str(error))
     model = physics_hand(hand)
@@ -91,10 +92,7 @@ def tested(
         gravity=np.asarray(task.gravity),
     )
     own = grasps.for_hand(model)
-    poses = tuple(
-        HandPoses(object_pose=own.object_pose[k], **{stage: getattr(own, stage)[k] for stage in STAGES})
-        for k in range(len(own))
-    )
+    poses = tuple(HandPoses.of(own, k) for k in range(len(own)))
     taken = run_tasks(
         [instance] * len(poses),
         model,

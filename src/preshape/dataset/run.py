@@ -9,12 +9,12 @@ from pathlib import Path
 from typing import Any
 
 from ..exceptions import EnvironmentFailure
-from ..experiments.planner_bench import Case
+from ..experiments.planner_bench import Case, Progress
 from ..types import value
 from .engines import Engine
 from .folder import Folder, manifest
 from .schema import arrow
-from .settings import DatasetSettings, Progress, list_shards
+from .settings import DatasetSettings, list_shards
 
 
 @value
@@ -99,7 +99,7 @@ def run_dataset(
                 damaged += folder.file(shard.name).exists()
         missing = [shard for shard in shards if shard.name not in done]
         if progress is not None:
-            progress("made shards", len(done), len(shards))
+            progress("shards made", len(done), len(shards))
         faults: dict[str, str] = {}
         with closing(engine.make(missing, settings)) as coming:
             for made in coming:
@@ -109,7 +109,7 @@ def run_dataset(
                 folder.keep(made)
                 done[made.name] = made.facts
                 if progress is not None:
-                    progress("made shards", len(done), len(shards))
+                    progress("shards made", len(done), len(shards))
     if faults:
         name, fault = min(faults.items())
         raise EnvironmentFailure(

@@ -6,7 +6,7 @@ import hashlib
 import json
 import math
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
@@ -14,15 +14,13 @@ from typing import Any
 from ..closure.hand_cache import digest
 from ..closure.settings import ClosureSettings
 from ..exceptions import InputError, ObjectError
-from ..experiments.planner_bench import Case
+from ..experiments.planner_bench import Case, Progress
 from ..hands.model import load_hand
 from ..objects.load import load_object
+from ..objects.mesh import TriangleMesh
 from ..physics.task_motion import task_motion
 from ..tasks import Task, parse_task
 from ..types import value
-
-Progress = Callable[[str, int, int], None]
-"""Called with what is being done, how much of it is, and of how much."""
 
 THRESHOLD = 3.0
 """Quality (0 to 6) that a ranked grasp has at least: the critic's default, just enough for the load."""
@@ -119,8 +117,8 @@ def task_label(task: Task) -> str:
     return task.label if task.name != "custom" else " ".join(f"{x:g}" for x in task.q)
 
 
-def mesh_digest(source: str, scale: float) -> str:
-    """Hash of the mesh that a source gives at a scale; empty where a file holds none that can be used.
+def usable_object(source: str, scale: float) -> tuple[TriangleMesh | None, str]:
+    """The mesh that a source gives at a scale; or ``None``, and why a file holds none that can be used.
 
     Raises:
         UnknownObject: no such library object.
@@ -128,10 +126,16 @@ def mesh_digest(source: str, scale: float) -> str:
         EnvironmentFailure: it cannot be read.
     """
     try:
-        mesh = load_object(source, scale=scale)
-    except ObjectError:
+        return load_object(source, scale=scale), ""
+    except ObjectError as error:
         if not Path(source).is_file():
             raise
+        return None, str(error)
+
+
+def mesh_digest(mesh: TriangleMesh | None) -> str:
+    """Hash of a mesh; empty where there is none."""
+    if mesh is None:
         return ""
     return hashlib.sha256(mesh.vertices.tobytes() + mesh.triangles.tobytes()).hexdigest()
 
@@ -175,7 +179,7 @@ def list_shards(
         )
     rows: list[list[Shard]] = []
     for number, case in enumerate(cases, start=1):
-        mesh = mesh_digest(case.source, case.scale)
+        mesh = mesh_digest(usable_object(case.source, case.scale)[0])
         rows.append(
             [
                 _shard(case, mesh, hand, own[hand], task, asked[task], part, settings)
@@ -185,7 +189,7 @@ def list_shards(
             ]
         )
         if progress is not None:
-            progress("read objects", number, len(cases))
+            progress("objects read", number, len(cases))
     return [row[k] for k in range(len(rows[0]) if rows else 0) for row in rows]
 
 
@@ -205,15 +209,14 @@ def _shard(
     part: int,
     settings: DatasetSettings,
 ) -> Shard:
-    thing = case.name.rpartition("@")[0] or case.name
     key = json.dumps(
-        [settings.seed, thing, mesh, case.scale, hand_name, asked.q.tolist(), task_label(asked), part]
+        [settings.seed, case.thing, mesh, case.scale, hand_name, asked.q.tolist(), task_label(asked), part]
     )
     state = hashlib.sha256(key.encode()).hexdigest()
-    plain = "-".join((thing, f"{case.scale:g}", hand_name, task_label(asked), f"{part:04d}"))
+    plain = "-".join((case.thing, f"{case.scale:g}", hand_name, task_label(asked), f"{part:04d}"))
     return Shard(
         name=f"{re.sub('[^A-Za-z0-9.+-]+', '_', plain)}-{state[:8]}",
-        object_name=thing,
+        object_name=case.thing,
         source=case.source,
         mesh=mesh,
         scale=case.scale,

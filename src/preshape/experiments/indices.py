@@ -24,9 +24,10 @@ from ..exceptions import EnvironmentFailure, InputError
 from ..hands.model import load_hand
 from ..io import write_json
 from ..objects.load import load_object
-from ..physics.grasps import STAGES, GraspSet
+from ..physics.grasps import STAGES
 from ..physics.hand import PhysicsHand, physics_hand
 from ..physics.pieces import ConvexPieces, load_pieces
+from ..physics.planned import palm_grasps
 from ..physics.protocol import Protocol
 from ..physics.runner import run_holds
 from ..physics.six_directions import Status as HoldStatus
@@ -251,16 +252,9 @@ def _tested(
     if not rows:
         return []
     n, name = len(rows), model.name
-    stages: dict[str, Any] = {stage: np.array([row[stage] for row in rows]) for stage in STAGES}
-    grasps = GraspSet(
-        hand=name,
-        joints=load_hand(name).joints,
-        objects=tuple(row["object"] for row in rows),
-        scale=np.array([row["scale"] for row in rows]),
-        object_pose=np.tile([0.0, 0, 0, 1, 0, 0, 0], (n, 1)),
-        frame="palm",
-        **stages,
-    ).for_hand(model)
+    poses = {stage: np.array([row[stage] for row in rows]) for stage in STAGES}
+    things, scale = [row["object"] for row in rows], [row["scale"] for row in rows]
+    grasps = palm_grasps(model, things, scale, poses).for_hand(model)
     used = {thing: pieces[thing] for thing in dict.fromkeys(grasps.objects)}
     held = run_holds(
         grasps,
@@ -273,15 +267,7 @@ def _tested(
     )
     by_label = {thing: {i.task.label: i for i in instances[thing]} for thing in used}
     asked = [by_label[row["object"]][row["task"]] for row in rows]
-    answers = GivenAnswers(
-        rows=tuple(
-            HandPoses(
-                object_pose=grasps.object_pose[k],
-                **{stage: getattr(grasps, stage)[k] for stage in STAGES},
-            )
-            for k in range(n)
-        )
-    )
+    answers = GivenAnswers(rows=tuple(HandPoses.of(grasps, k) for k in range(n)))
     taken = run_tasks(
         asked,
         model,

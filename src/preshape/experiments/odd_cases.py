@@ -26,13 +26,14 @@ import numpy as np
 from ..controller import Controller
 from ..decision import Settings, Status
 from ..exceptions import ObjectError
+from ..files import write_json
 from ..hand_simulation import HandStatus
 from ..objects.library import load_library_object, names
 from ..planner import execute
 from ..tasks import all_named_tasks
 from ..virtual_grasp import MAX_EXTENT
 from .bench import Bench
-from .values import Data, Progress, write_json
+from .values import Data, Progress
 
 SCALES = tuple(round(0.5 + 0.1 * k, 1) for k in range(10))
 SESSIONS, EACH = 20, 25
@@ -105,20 +106,6 @@ def _experiment(bench: Bench, controller: Controller, drawn: Data, task_index: i
             "hand_reason": hand.reason,
         }
     return result
-
-
-def wilson(part: int, whole: int, z: float = 1.959964) -> tuple[float, float]:
-    """95 % confidence interval of a share (Wilson's score interval).
-
-    >>> [round(x, 3) for x in wilson(15, 100)]
-    [0.093, 0.233]
-    """
-    if whole == 0:
-        return 0.0, 1.0
-    p = part / whole
-    middle = (p + z * z / (2 * whole)) / (1 + z * z / whole)
-    half = z * float(np.sqrt(p * (1 - p) / whole + z * z / (4 * whole * whole))) / (1 + z * z / whole)
-    return max(0.0, middle - half), min(1.0, middle + half)
 
 
 def preshapes(data: Data) -> list[Data]:

@@ -14,11 +14,12 @@ from ..decision import Decision, Settings, Status, Transition
 from ..hand_simulation import HandStatus
 from ..hands.model import load_hand
 from ..objects.library import load_library_object, names
+from ..physics.measures import wilson
 from ..planner import RAY_HAND, Plan, execute, layout_of
 from ..tasks import all_named_tasks, parse_task
 from ..virtual_grasp import RayAnalyser
 from . import odd_cases, printed
-from .odd_cases import SCALES, is_odd, preshapes, wilson
+from .odd_cases import SCALES, is_odd, preshapes
 from .plots import FOURTH, OURS, PAPER, QUIET, THIRD, Canvas
 from .values import Cell, Data, Experiment, Picture, Section, Table
 
@@ -44,10 +45,15 @@ LIMIT = printed.ODD_RATE
 """The paper's rate, which ours must not exceed."""
 
 
+def _interval(odd: int, whole: int) -> tuple[float, float]:
+    """95 % interval of the share; of nothing it is all that can be."""
+    return wilson(odd, whole) or (0.0, 1.0)
+
+
 def _rate(odd: int, whole: int) -> str:
     if not whole:
         return "none estimated"
-    low, high = wilson(odd, whole)
+    low, high = _interval(odd, whole)
     return f"{100 * odd / whole:.1f} % ({100 * low:.1f} to {100 * high:.1f} %)"
 
 
@@ -158,7 +164,7 @@ def _disagreements(data: Data, share: float) -> list[str]:
     odd = sum(map(is_odd, found))
     if not found:
         return ["No preshape was estimated, so there is no rate to compare."]
-    low, high = wilson(odd, len(found))
+    low, high = _interval(odd, len(found))
     out = []
     if low > LIMIT:
         out.append(f"The rate, {_rate(odd, len(found))}, is above the paper's 15 %.")
@@ -205,7 +211,7 @@ def _draw(data: Data, path: Path) -> None:
         _horizontal(middle, [(text, counts[key], colour) for key, (text, colour) in CAUSES.items()])
         middle.set(xlabel="odd cases", title="Cause")
         share = 100 * len(odd) / max(len(found), 1)
-        low, high = (100 * x for x in wilson(len(odd), len(found)))
+        low, high = (100 * x for x in _interval(len(odd), len(found)))
         right.bar([0, 1], [100 * LIMIT, share], 0.6, color=[PAPER, OURS])
         right.errorbar([1], [share], [[share - low], [high - share]], color="black", capsize=5, lw=1.3)
         right.set_xticks([0, 1], ["paper\n(around)", "preshape\n(95 %)"])

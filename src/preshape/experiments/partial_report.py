@@ -11,7 +11,7 @@ import numpy as np
 
 from .._version import __version__
 from ..files import write_json
-from ..physics.hold_tables import TextTable
+from ..physics.hold_tables import TextTable, markdown_table
 from ..physics.measures import wilson
 from .partial_views import CloudRun
 from .report import write_pages
@@ -164,9 +164,7 @@ def write_report(document: dict[str, Any], folder: Path) -> list[Path]:
         f"{1000 * run['noise']:g} mm, seed {run['seed']}, task {run['task']}.",
     ]
     for table in tables(document):
-        lines += ["", f"**{table.caption}**", "", f"| {' | '.join(table.columns)} |"]
-        lines.append("|" + "---|" * len(table.columns))
-        lines += [f"| {' | '.join(row)} |" for row in table.rows]
+        lines += ["", f"**{table.caption}**", "", *markdown_table(table)]
     if document["refused"]:
         lines += ["", "**Views without an answer**", ""]
         lines += [f"- {r['hand']}, {r['case']}, view {r['view']}: {r['reason']}" for r in document["refused"]]

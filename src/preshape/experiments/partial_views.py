@@ -19,7 +19,7 @@ from .._version import __version__
 from ..clouds.cleaning import cleaned
 from ..clouds.complete import complete, marked, solid
 from ..clouds.scan import RawCloud
-from ..clouds.sight import sight_of
+from ..clouds.sight import level_axes, sight_of
 from ..clouds.surface import grid_round, zero_surface
 from ..clouds.symmetry import outline_width
 from ..exceptions import InputError, ObjectError
@@ -33,7 +33,7 @@ from ..memory import Memory
 from ..objects.load import load_object
 from ..objects.mesh import TriangleMesh
 from ..physics.hand import PhysicsHand, physics_hand
-from ..physics.pieces import ConvexPieces, load_pieces
+from ..physics.pieces import ConvexPieces
 from ..physics.protocol import Protocol
 from ..physics.runner import run_holds
 from ..planner import ON_CLOUDS, Answer, Plan, plan, scan_trust
@@ -103,8 +103,6 @@ def depth_view(mesh: TriangleMesh, camera: Array, *, noise: float, rng: np.rando
     Returns:
         (n, 3) [m], mesh frame.
     """
-    from ..clouds.sight import level_axes
-
     axes = level_axes(mesh.cog - camera)
     away = float(np.linalg.norm(mesh.cog - camera))
     radius = float(np.linalg.norm(mesh.extents)) / 2
@@ -206,8 +204,7 @@ def run_clouds(
         for number, (hand, case) in enumerate(jobs, start=1):
             if (models[hand].name, case.name) not in done:
                 if case.source not in cut:
-                    known = case.name.split("@")[0] if case.pieces else case.source
-                    cut[case.source] = load_pieces(known, case.pieces)
+                    cut[case.source] = case.load_pieces()
                 model = models[hand]
                 rows += _case_rows(run, case, model, physics_hand(model), memory, cut, workers)
                 if kept is not None:

@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import hashlib
-from typing import Any
-
-import numpy as np
 
 from .._version import __version__
 from ..exceptions import PreshapeError
-from ..physics.grasps import STAGES, GraspSet
 from ..physics.hand import PhysicsHand
+from ..physics.planned import palm_grasps, poses_of
 from ..physics.task_grasps import HandPoses
 from ..physics.task_instances import TaskInstance
 from ..planner import plan
@@ -60,19 +57,5 @@ class PlannedAnswers:
             return made.decision.reason
         if result.pregrasp is None or result.grasp is None or result.squeeze is None:
             return f"the hand does not reach the grasp: {result.reason}"
-        poses: dict[str, Any] = {
-            stage: np.array([[*getattr(result, stage).palm_pose, *getattr(result, stage).q]])
-            for stage in STAGES
-        }
-        one = GraspSet(
-            hand=self.hand,
-            joints=result.joints,
-            objects=(instance.object_name,),
-            scale=np.array([instance.scale]),
-            object_pose=np.array([[0.0, 0, 0, 1, 0, 0, 0]]),
-            frame="palm",
-            **poses,
-        ).for_hand(self.model)
-        return HandPoses(
-            object_pose=one.object_pose[0], **{stage: getattr(one, stage)[0] for stage in STAGES}
-        )
+        one = palm_grasps(self.model, [instance.object_name], [instance.scale], poses_of([result]))
+        return HandPoses.of(one.for_hand(self.model), 0)

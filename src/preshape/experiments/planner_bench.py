@@ -20,11 +20,12 @@ from ..physics.grasps import GraspSet
 from ..physics.hand import physics_hand
 from ..physics.measures import wilson
 from ..physics.pieces import ConvexPieces, load_pieces
+from ..physics.planned import palm_grasps, poses_of
 from ..physics.protocol import Protocol
 from ..physics.report import HoldReport
 from ..physics.runner import run_holds
 from ..planner import Answer, Plan, plan
-from ..types import Array, value
+from ..types import value
 
 Progress = Callable[[str, int, int], None]
 """Called with what is being done, how much of it is, and of how much."""
@@ -45,6 +46,15 @@ class Case:
     source: str
     scale: float
     pieces: Path | None = None
+
+    @property
+    def thing(self) -> str:
+        """The object's name without its size, as ``mug`` of ``mug@0.8``."""
+        return self.name.rpartition("@")[0] or self.name
+
+    def load_pieces(self) -> ConvexPieces:
+        """The object's convex pieces at scale 1; see :func:`preshape.physics.pieces.load_pieces`."""
+        return load_pieces(self.thing if self.pieces else self.source, self.pieces)
 
 
 @value
@@ -172,22 +182,8 @@ def grasps_of(planned: Sequence[Planned], hand: Hand) -> GraspSet | None:
     rows = [(p.case, answer.hand_result) for p in planned for answer in p.answers]
     if not rows:
         return None
-
-    def stage(name: str) -> Array:
-        poses = [getattr(result, name) for _, result in rows]
-        return np.array([np.concatenate([pose.palm_pose, pose.q]) for pose in poses])
-
-    return GraspSet(
-        hand=hand.name,
-        joints=hand.joints,
-        objects=tuple(case.source for case, _ in rows),
-        scale=np.array([case.scale for case, _ in rows]),
-        object_pose=np.tile([0.0, 0, 0, 1, 0, 0, 0], (len(rows), 1)),
-        pregrasp=stage("pregrasp"),
-        grasp=stage("grasp"),
-        squeeze=stage("squeeze"),
-        frame="palm",
-    )
+    cases, results = zip(*rows, strict=True)
+    return palm_grasps(hand, [c.source for c in cases], [c.scale for c in cases], poses_of(results))
 
 
 def bench_planner(
@@ -236,7 +232,7 @@ def bench_planner(
     wanted = {p.case.source: p.case for p in made if p.answers}
     for number, (source, case) in enumerate(wanted.items(), start=1):
         if source not in cut:
-            cut[source] = load_pieces(case.name.split("@")[0] if case.pieces else source, case.pieces)
+            cut[source] = case.load_pieces()
         if progress is not None:
             progress("cut into convex pieces", number, len(wanted))
     holds = run_holds(

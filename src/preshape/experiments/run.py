@@ -12,7 +12,7 @@ from pathlib import Path
 
 from .._version import __version__
 from ..exceptions import EnvironmentFailure, InputError
-from ..io import dumps
+from ..files import dumps, write_json
 from ..types import value
 from .bench import Bench
 from .cases import FIG_11, FIG_12, FIG_13
@@ -24,7 +24,7 @@ from .learning_study import LEARNING
 from .odd_report import ODD_CASES
 from .report import Chapter, write_report
 from .table_4 import TABLE_4
-from .values import Data, Experiment, Measurement, Progress, write_json
+from .values import Data, Experiment, Measurement, Progress
 
 _ALL: tuple[Experiment, ...] = (
     TABLE_4, FIG_11, FIG_12, FIG_13, FIG_14, FIG_15, FIG_16, ODD_CASES, LEARNING, CONTRADICTIONS,

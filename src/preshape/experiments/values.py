@@ -6,13 +6,11 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TypeAlias
 
-from ..io import dumps, write_whole
 from ..types import value
 from .bench import Bench, Data
 
 __all__ = [
     "Cell", "Data", "Experiment", "Measurement", "Picture", "Progress", "Section", "Table", "joined",
-    "write_json",
 ]  # fmt: skip
 
 Progress: TypeAlias = Callable[[float, str], None]
@@ -111,16 +109,3 @@ def joined(parts: Iterator[str] | list[str]) -> str:
     """``a, b and c``."""
     words = list(parts)
     return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"
-
-
-def write_json(path: Path, document: object) -> None:
-    """Write plain JSON values, the whole file or none.
-
-    Raises:
-        EnvironmentFailure: the file cannot be written.
-    """
-
-    def write(temporary: Path) -> None:
-        temporary.write_text(dumps(document), encoding="utf-8")
-
-    write_whole(path, write)

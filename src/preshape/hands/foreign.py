@@ -140,17 +140,23 @@ def _compiled(source: Path | str) -> ForeignModel:
 
 
 @contextmanager
-def _quietly() -> Iterator[None]:
-    """MuJoCo's warnings neither on the screen nor in a MUJOCO_LOG.TXT in the working folder."""
+def no_mujoco_log() -> Iterator[None]:
+    """MuJoCo's warnings are not written to a MUJOCO_LOG.TXT in the working folder."""
     import mujoco
 
     before = mujoco.get_mju_user_warning()
     mujoco.set_mju_user_warning(lambda text: None)
     try:
-        with warnings.catch_warnings(action="ignore", category=UserWarning):
-            yield
+        yield
     finally:
         mujoco.set_mju_user_warning(before)
+
+
+@contextmanager
+def _quietly() -> Iterator[None]:
+    """Nor on the screen."""
+    with no_mujoco_log(), warnings.catch_warnings(action="ignore", category=UserWarning):
+        yield
 
 
 def _urdf_text(path: Path) -> str:

@@ -114,15 +114,15 @@ def load_object(
         raise
     except MemoryError as error:
         raise EnvironmentFailure(
-            f"{name}: not enough memory for {len(data)} bytes; simplify the mesh"
+            f"{name}: not enough memory for {len(data)} bytes; simplify the {_noun(suffix)}"
         ) from error
     except RecursionError as error:
         raise ObjectError(f"{name}: nested too deeply to be a mesh; the file is damaged") from error
     except Exception as error:
         reason = shown(f"{type(error).__name__}: {error}".strip().splitlines()[0], 120)
         raise ObjectError(
-            f"{name}: no {suffix[1:].upper()} mesh, or a damaged one ({reason}); "
-            "re-export it or convert it to OBJ"
+            f"{name}: no {suffix[1:].upper()} {_noun(suffix)}, or a damaged one ({reason}); "
+            f"re-export it or convert it to {'PLY' if suffix in CLOUD_SUFFIXES else 'OBJ'}"
         ) from error
 
 
@@ -172,7 +172,7 @@ def _content(path: Path, name: str, suffix: str) -> bytes:
             f"{name}: cannot be read ({error.strerror}); check its permissions"
         ) from error
     if not data or data.isspace():
-        raise ObjectError(f"{name}: the file is empty; expected a mesh")
+        raise ObjectError(f"{name}: the file is empty; expected a {_noun(suffix)}")
     return data
 
 
@@ -182,7 +182,8 @@ def _refuse_other_kinds(name: str, suffix: str, data: bytes) -> None:
         return
     for start, kind in _SIGNATURES.items():
         if data.startswith(start):
-            raise ObjectError(f"{name}: expected a mesh, this is {kind}; give a mesh file")
+            noun = _noun(suffix)
+            raise ObjectError(f"{name}: expected a {noun}, this is {kind}; give a {noun} file")
     actual = suffix
     if data.startswith(b"glTF"):
         actual = ".glb"
@@ -197,6 +198,10 @@ def _refuse_other_kinds(name: str, suffix: str, data: bytes) -> None:
             f"{name}: the suffix says {suffix}, the content is {actual[1:].upper()}; "
             f"rename it to end in {actual}"
         )
+
+
+def _noun(suffix: str) -> str:
+    return "point cloud" if suffix in CLOUD_SUFFIXES else "mesh"
 
 
 def _no_cloud(name: str) -> InputError:

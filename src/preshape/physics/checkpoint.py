@@ -8,11 +8,12 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import IO, Any, Generic, Protocol, Self, TypeVar
 
 from ..exceptions import EnvironmentFailure, InputError
+from ..files import locked
 from .report import result_from_json, result_to_json
 from .six_directions import HoldResult
 
@@ -33,6 +34,8 @@ class ResultFile(Generic[R]):
         format: the first line's mark; its last word is the version.
         kind: what such a file holds, for people.
         of: what two runs must share to share a file.
+        to_json: a result as plain JSON values.
+        from_json: the result again.
         done: results by row.
 
     Args:
@@ -47,6 +50,8 @@ class ResultFile(Generic[R]):
     format: str
     kind: str
     of: str
+    to_json: Callable[[R], dict[str, Any]]
+    from_json: Callable[[dict[str, Any]], R]
 
     def __init__(self, path: str | Path, key: str) -> None:
         self.path = Path(path)
@@ -57,7 +62,7 @@ class ResultFile(Generic[R]):
         except OSError as error:
             raise self._failure(error) from error
         try:
-            if not _locked(self._file):
+            if not locked(self._file):
                 raise InputError(f"{self.path} is in use by another run; wait for it, or choose another file")
             whole = self._read(key)
             self._file.truncate(whole)
@@ -75,14 +80,6 @@ class ResultFile(Generic[R]):
 
     def __exit__(self, *_: object) -> None:
         self._file.close()
-
-    def to_json(self, result: R) -> dict[str, Any]:
-        """A result as plain JSON values."""
-        raise NotImplementedError
-
-    def from_json(self, document: dict[str, Any]) -> R:
-        """The result again."""
-        raise NotImplementedError
 
     def add(self, results: Iterable[R]) -> None:
         """Append results; they are on the disk when this returns.
@@ -139,26 +136,5 @@ class Checkpoint(ResultFile[HoldResult]):
     format = "preshape holds 1"
     kind = "holding tests"
     of = "grasps, objects, hand or settings"
-
-    def to_json(self, result: HoldResult) -> dict[str, Any]:
-        """A result as plain JSON values."""
-        return result_to_json(result)
-
-    def from_json(self, document: dict[str, Any]) -> HoldResult:
-        """The result again."""
-        return result_from_json(document)
-
-
-def _locked(file: IO[bytes]) -> bool:
-    """Take the file for this process; it is free again when it is closed, however the process ends."""
-    try:
-        import fcntl
-    except ImportError:  # a system without such locks
-        return True
-    try:
-        fcntl.flock(file.fileno(), fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        return False
-    except OSError:  # a file system without them
-        return True
-    return True
+    to_json = staticmethod(result_to_json)
+    from_json = staticmethod(result_from_json)

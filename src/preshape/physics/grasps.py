@@ -35,7 +35,7 @@ import numpy as np
 
 from .. import spatial
 from ..exceptions import EnvironmentFailure, InputError
-from ..files import read_arrays
+from ..files import read_arrays, write_whole
 from ..objects.read_text import shown
 from ..types import Array, freeze, value
 from .hand import PhysicsHand
@@ -232,8 +232,6 @@ def write_grasps(path: str | Path, grasps: GraspSet) -> None:
     Raises:
         EnvironmentFailure: the file cannot be written.
     """
-    from ..files import write_whole
-
     arrays: dict[str, Any] = {
         "object": np.array(grasps.objects, dtype=np.str_),
         "scale": grasps.scale,

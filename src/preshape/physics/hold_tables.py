@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from pathlib import Path
 
+from ..objects.load import SUFFIXES
 from ..types import value
 from .protocol import Protocol
 from .report import HoldFigures, HoldReport
@@ -115,12 +116,23 @@ def markdown(reports: list[tuple[str, HoldReport]], protocol: Protocol, preface:
         figures = report.figures()
         page += [f"## {hand}: {figures.held} of {figures.tested} held{_interval(figures)}", ""]
         for table in tables(report, full_names=True):
-            page += [table.caption, "", *_markdown(table), ""]
+            page += [table.caption, "", *markdown_table(table), ""]
         page += [f"- {sentence}." for sentence in warnings(report, protocol)]
-        page += ["", f"### Failures of {hand}", "", *_markdown(_failures(report)), ""]
+        page += ["", f"### Failures of {hand}", "", *markdown_table(_failures(report)), ""]
         if report.faults:
             page += [f"### Not tested of {hand}", "", *(f"- {line}" for line in report.fault_lines()), ""]
     return "\n".join(page)
+
+
+def markdown_table(table: TextTable) -> list[str]:
+    """The lines of a table in Markdown, without its caption."""
+    if not table.rows:
+        return ["None."]
+
+    def line(cells: tuple[str, ...]) -> str:
+        return f"| {' | '.join(cell.replace('|', '/').replace(chr(10), ' ') for cell in cells)} |"
+
+    return [line(table.columns), f"|{'---|' * len(table.columns)}", *map(line, table.rows)]
 
 
 def short_name(name: str) -> str:
@@ -130,7 +142,7 @@ def short_name(name: str) -> str:
     ('mug', 'core_bottle_523cddb3206…')
     """
     path = Path(name)
-    if path.suffix.lower() in (".obj", ".stl", ".ply", ".off", ".glb", ".gltf"):
+    if path.suffix.lower() in SUFFIXES:
         name = path.stem
     return name if len(name) <= LONGEST else name[: LONGEST - 1] + "…"
 
@@ -176,13 +188,3 @@ def _interval(f: HoldFigures) -> str:
 
 def _grasps(count: int) -> str:
     return f"{count} grasp{'s' if count != 1 else ''}"
-
-
-def _markdown(table: TextTable) -> list[str]:
-    if not table.rows:
-        return ["None."]
-
-    def line(cells: tuple[str, ...]) -> str:
-        return f"| {' | '.join(cell.replace('|', '/').replace(chr(10), ' ') for cell in cells)} |"
-
-    return [line(table.columns), f"|{'---|' * len(table.columns)}", *map(line, table.rows)]

@@ -7,19 +7,13 @@ between changes a result.
 from __future__ import annotations
 
 import hashlib
-import os
-import signal
-import threading
 import time
-from collections.abc import Callable, Iterator, Mapping
-from concurrent.futures import Future, ProcessPoolExecutor, as_completed
-from concurrent.futures.process import BrokenProcessPool
-from contextlib import ExitStack, contextmanager
-from multiprocessing import get_context, parent_process
-from multiprocessing.synchronize import Event
+from collections.abc import Callable, Mapping
+from contextlib import ExitStack
 from pathlib import Path
 
-from ..exceptions import EnvironmentFailure, InputError
+from ..exceptions import InputError
+from ..hands.foreign import no_mujoco_log
 from ..types import Array, value
 from .checkpoint import Checkpoint
 from .grasps import STAGES, GraspSet
@@ -27,16 +21,15 @@ from .hand import PhysicsHand
 from .locate import object_pieces
 from .perturb import perturbed
 from .pieces import ConvexPieces
+from .pool import Scenes, process_count, run_jobs
 from .protocol import Protocol
 from .report import HoldReport
-from .scene import Scene, build_scene
 from .six_directions import HoldResult, Status, hold_test
 
 Progress = Callable[[int, int], None]
 """Called with how many grasps are done, and of how many."""
 
 CHUNK = 8  # grasps a task: many enough to share a compiled scene, few enough to spread and to keep
-SCENES = 3  # compiled scenes that a process keeps
 
 
 @value
@@ -50,33 +43,19 @@ class _Job:
     poses: tuple[Array, Array, Array, Array]
 
 
-class _Bench:
-    """What a process needs for any grasp of the run, and the scenes compiled last."""
+class _Tester:
+    """Tests any grasp of the run."""
 
     def __init__(self, hand: PhysicsHand, pieces: Mapping[str, ConvexPieces], protocol: Protocol) -> None:
-        self.hand, self.pieces, self.protocol = hand, pieces, protocol
-        self._scenes: dict[tuple[str, float], Scene] = {}
+        self.protocol, self.scenes = protocol, Scenes(hand, pieces, protocol)
 
-    def run(self, jobs: list[_Job]) -> list[HoldResult]:
-        return [self._one(job) for job in jobs]
-
-    def _scene(self, job: _Job) -> Scene:
-        key = job.object_name, job.scale
-        scene = self._scenes.pop(key, None) or build_scene(
-            self.hand, self.pieces[job.object_name], job.scale, self.protocol
-        )
-        self._scenes[key] = scene
-        while len(self._scenes) > SCENES:
-            del self._scenes[next(iter(self._scenes))]
-        return scene
-
-    def _one(self, job: _Job) -> HoldResult:
+    def test(self, job: _Job) -> HoldResult:
         import mujoco
 
         pregrasp, grasp, squeeze, thing = job.poses
         try:
             return hold_test(
-                self._scene(job),
+                self.scenes.scene(job.object_name, job.scale),
                 pregrasp,
                 grasp,
                 squeeze,
@@ -88,14 +67,9 @@ class _Bench:
             )
         except InputError as error:
             return _invalid(job.row, job.object_name, job.given_scale, str(error))
-        except mujoco.FatalError as error:
-            # One grasp is no reason to lose the others; the scene, as MuJoCo left it, is not used again.
-            self._scenes.clear()
+        except mujoco.FatalError as error:  # one grasp is no reason to lose the others
+            self.scenes.clear()
             return _invalid(job.row, job.object_name, job.given_scale, f"MuJoCo gave up: {error}")
-
-
-_bench: _Bench | None = None  # of this worker process
-_stop: Event | None = None  # set when the run is interrupted
 
 
 def run_holds(
@@ -131,12 +105,10 @@ def run_holds(
     """
     start = time.perf_counter()
     protocol = protocol or Protocol()
-    count = workers if workers is not None else usable_cores()
-    if count < 1:
-        raise InputError(f"workers must be 1 or more, got {workers!r}")
+    count = process_count(workers)
     given = grasps.for_hand(hand)
     with ExitStack() as stack:
-        stack.enter_context(_no_log())
+        stack.enter_context(no_mujoco_log())
         hand.spec()  # a hand that cannot be used is an error of the run, not of each grasp
         found, reasons = _objects(given, objects, pieces or {})
         actual = perturbed(given, found, protocol)
@@ -152,8 +124,6 @@ def run_holds(
         total = len(given)
         if progress is not None:
             progress(len(done), total)
-        chunks = _chunks(given, actual, set(done))
-        bench = _Bench(hand, found, protocol)
 
         def take(results: list[HoldResult]) -> None:
             done.update({result.row: result for result in results})
@@ -162,36 +132,12 @@ def run_holds(
             if progress is not None:
                 progress(len(done), total)
 
-        _run(chunks, bench, min(count, max(1, len(chunks))), take)
+        run_jobs(_chunks(given, actual, set(done)), _Tester(hand, found, protocol), count, take)
     return HoldReport(
         grasps=actual,
         results=tuple(done[row] for row in range(total)),
         seconds=time.perf_counter() - start,
     )
-
-
-@contextmanager
-def _no_log() -> Iterator[None]:
-    """No MUJOCO_LOG.TXT in the working folder: the test reads its warnings in ``MjData.warning``."""
-    import mujoco
-
-    before = mujoco.get_mju_user_warning()
-    mujoco.set_mju_user_warning(_nothing)
-    try:
-        yield
-    finally:
-        mujoco.set_mju_user_warning(before)
-
-
-def _nothing(_: str) -> None:
-    pass
-
-
-def usable_cores() -> int:
-    """Cores that this process may use."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
 
 
 def _objects(
@@ -222,73 +168,6 @@ def _chunks(given: GraspSet, actual: GraspSet, done: set[int]) -> list[list[_Job
         job = _Job(row=row, object_name=name, given_scale=float(given.scale[row]), scale=scale, poses=poses)
         groups.setdefault((name, scale), []).append(job)
     return [jobs[k : k + CHUNK] for jobs in groups.values() for k in range(0, len(jobs), CHUNK)]
-
-
-def _run(
-    chunks: list[list[_Job]], bench: _Bench, workers: int, take: Callable[[list[HoldResult]], None]
-) -> None:
-    if workers == 1:
-        for chunk in chunks:
-            for job in chunk:
-                take(bench.run([job]))
-        return
-    # Spawned, not forked: the same on every system, and safe beside threads of the caller.
-    context = get_context("spawn")
-    stop = context.Event()
-    pool = ProcessPoolExecutor(
-        workers,
-        mp_context=context,
-        initializer=_begin,
-        initargs=(bench.hand, dict(bench.pieces), bench.protocol, stop),
-    )
-    futures: list[Future[list[HoldResult]]] = []
-    taken: set[Future[list[HoldResult]]] = set()
-    try:
-        futures += [pool.submit(_work, chunk) for chunk in chunks]
-        for future in as_completed(futures):
-            taken.add(future)
-            take(future.result())
-    except KeyboardInterrupt:
-        # The grasp that each process is at is finished and kept with those before it; what waits is dropped.
-        stop.set()
-        pool.shutdown(wait=True, cancel_futures=True)
-        for future in futures:
-            if future not in taken and not future.cancelled() and future.exception() is None:
-                take(future.result())
-        raise
-    except BrokenProcessPool as error:
-        raise EnvironmentFailure(
-            "a process of the test was killed, perhaps for memory; run it again with fewer workers "
-            "(with a checkpoint it goes on where it was)"
-        ) from error
-    finally:
-        pool.shutdown(wait=True, cancel_futures=True)
-
-
-def _begin(hand: PhysicsHand, pieces: dict[str, ConvexPieces], protocol: Protocol, stop: Event) -> None:
-    global _bench, _stop  # a pool's processes have no other place for what every task needs
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent decides
-    threading.Thread(target=_end_with_parent, daemon=True).start()
-    _no_log().__enter__()  # for good: the process does nothing else
-    _bench, _stop = _Bench(hand, pieces, protocol), stop
-
-
-def _end_with_parent() -> None:
-    parent = parent_process()
-    if parent is not None:
-        parent.join()
-        os._exit(1)
-
-
-def _work(jobs: list[_Job]) -> list[HoldResult]:
-    assert _bench is not None
-    assert _stop is not None
-    results: list[HoldResult] = []
-    for job in jobs:
-        if _stop.is_set():
-            break
-        results += _bench.run([job])
-    return results
 
 
 def _invalid(row: int, name: str, scale: float, reason: str) -> HoldResult:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 from .checkpoint import ResultFile
 from .task_report import result_from_json, result_to_json
 from .task_test import TaskResult
@@ -15,11 +13,5 @@ class TaskCheckpoint(ResultFile[TaskResult]):
     format = "preshape tasks 1"
     kind = "task tests"
     of = "instances, grasps, hand or settings"
-
-    def to_json(self, result: TaskResult) -> dict[str, Any]:
-        """A result as plain JSON values."""
-        return result_to_json(result)
-
-    def from_json(self, document: dict[str, Any]) -> TaskResult:
-        """The result again."""
-        return result_from_json(document)
+    to_json = staticmethod(result_to_json)
+    from_json = staticmethod(result_from_json)

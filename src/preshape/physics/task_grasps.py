@@ -19,11 +19,12 @@ import zipfile
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Protocol as Shape
+from typing import Self
 
 import numpy as np
 
 from ..exceptions import InputError
-from ..files import read_arrays
+from ..files import read_arrays, write_whole
 from ..tasks import parse_task
 from ..types import Array, freeze, frozen_array, value
 from .grasps import STAGES, GraspSet, read_grasps, write_grasps
@@ -50,6 +51,11 @@ class HandPoses:
     def __post_init__(self) -> None:
         for name in ("object_pose", *STAGES):
             freeze(self, **{name: frozen_array(getattr(self, name), (None,), name)})
+
+    @classmethod
+    def of(cls, grasps: GraspSet, row: int) -> Self:
+        """The poses in one row of a set, which is :meth:`~GraspSet.for_hand` of the hand."""
+        return cls(object_pose=grasps.object_pose[row], **{s: getattr(grasps, s)[row] for s in STAGES})
 
     def rows(self) -> tuple[tuple[float, ...], ...]:
         """Pregrasp, grasp and squeeze as plain numbers."""
@@ -109,8 +115,6 @@ def write_task_grasps(path: str | Path, grasps: GraspSet, tasks: Sequence[str]) 
         InputError: not one task a grasp.
         EnvironmentFailure: the file cannot be written.
     """
-    from ..files import write_whole
-
     if len(tasks) != len(grasps):
         raise InputError(f"task must name {len(grasps)} tasks, one a grasp, got {len(tasks)}")
     member = io.BytesIO()
@@ -184,12 +188,7 @@ def given_answers(
         elif fit[0] in faults:
             answers.append(f"row {fit[0]} of the file: {faults[fit[0]]}")
         else:
-            row = fit[0]
-            answers.append(
-                HandPoses(
-                    object_pose=own.object_pose[row], **{stage: getattr(own, stage)[row] for stage in STAGES}
-                )
-            )
+            answers.append(HandPoses.of(own, fit[0]))
     return GivenAnswers(
         rows=tuple(answers), unused=len(own) - sum(not isinstance(answer, str) for answer in answers)
     )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from .hold_tables import ALL, TextTable, short_name
+from .hold_tables import ALL, TextTable, markdown_table, short_name
 from .task_instances import TaskInstance
 from .task_report import TaskReport, TaskScore
 from .task_test import TaskProtocol, TaskResult
@@ -52,7 +52,7 @@ def task_markdown(report: TaskReport, protocol: TaskProtocol, who: str, preface:
     page = ["# Task benchmark", "", f"{task_settings_line(protocol, who)}. {preface}", ""]
     page += [f"{rate_line(report.score())}. What is tested and counted: `docs/task-benchmark.md`.", ""]
     for table in (*task_tables(report), failure_table(report.failures())):
-        page += [f"## {table.caption}", "", *_markdown(table), ""]
+        page += [f"## {table.caption}", "", *markdown_table(table), ""]
     return "\n".join(page)
 
 
@@ -75,13 +75,3 @@ def _cells(score: TaskScore) -> tuple[str, ...]:
         str(score.lost),
         str(other),
     )
-
-
-def _markdown(table: TextTable) -> list[str]:
-    if not table.rows:
-        return ["None."]
-
-    def line(cells: tuple[str, ...]) -> str:
-        return f"| {' | '.join(cell.replace('|', '/') for cell in cells)} |"
-
-    return [line(table.columns), f"|{'---|' * len(table.columns)}", *map(line, table.rows)]

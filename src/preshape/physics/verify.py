@@ -4,15 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-import numpy as np
-
 from ..hand_simulation import HandResult
 from ..hands.hand import Hand
 from ..objects.mesh import TriangleMesh
-from ..types import Array, value
-from .grasps import GraspSet
+from ..types import value
 from .hand import physics_hand
 from .pieces import decompose
+from .planned import palm_grasps, poses_of
 from .protocol import Protocol
 from .scene import build_scene
 from .six_directions import HoldResult, hold_test
@@ -60,23 +58,8 @@ def verify(
         return Verification(held=None, results=())
     physical = physics_hand(hand)
     pieces = decompose(mesh)
-
-    def rows(stage: str) -> Array:
-        poses = [getattr(answer, stage) for _, answer in reached]
-        return np.array([np.concatenate([pose.palm_pose, pose.q]) for pose in poses])
-
-    n = len(reached)
-    grasps = GraspSet(
-        hand=hand.name,
-        joints=hand.joints,
-        objects=(mesh.name,) * n,
-        scale=np.ones(n),
-        object_pose=np.tile([0.0, 0, 0, 1, 0, 0, 0], (n, 1)),
-        frame="palm",
-        pregrasp=rows("pregrasp"),
-        grasp=rows("grasp"),
-        squeeze=rows("squeeze"),
-    ).for_hand(physical)
+    n, poses = len(reached), poses_of([answer for _, answer in reached])
+    grasps = palm_grasps(hand, [mesh.name] * n, [1.0] * n, poses).for_hand(physical)
     scene = build_scene(physical, pieces, 1.0, rules)
     results: list[HoldResult] = []
     for row, (index, _) in enumerate(reached):

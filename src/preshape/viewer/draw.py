@@ -28,7 +28,8 @@ GROUPS = {
     "hand": "Hand",
 }
 """Groups of solids, by the first part of their names, and what people call them."""
-
+HIDDEN = ("rays", "frame")
+"""Groups that are hidden at first."""
 FORCE = 0.45
 """Length of the arrow of a unit force, in units of the scene's size."""
 FULL_TRANSLATION, FULL_ROTATION = 0.1, np.pi / 4

@@ -22,15 +22,13 @@ from . import readings
 from .camera import Camera
 from .canvas import RecordingCanvas
 from .corners import indexed
-from .draw import GROUPS, draw_hand, draw_object, draw_plan
+from .draw import GROUPS, HIDDEN, draw_hand, draw_object, draw_plan
 from .framing import framing
 from .hand_motion import HandMotion
 from .plan_scene import PlanScene
 from .raycast import Shape
 from .report_page import stylesheet
 
-HIDDEN = ("rays", "frame")
-"""Groups that the page hides at first."""
 ASPECT = 1.2
 LARGEST = 5_000_000
 """Bytes of a page at most; so many answers are drawn as fit."""
@@ -63,8 +61,7 @@ def plan_page(views: Sequence[PageView], document: Document) -> str:
     """
     if not views:
         raise InputError("a page needs at least one view")
-    answers = [document] if document.get("plane") else []
-    answers += document.get("alternatives", [])
+    answers = readings.answers_of(document)
     shown = len(views)
     while True:
         page = _page(views[:shown], answers[:shown], document)

@@ -66,6 +66,12 @@ border-radius:4px;margin:4px 0 8px}
 """Style sheet; everything stands in an element of class ``ps``."""
 
 
+def answers_of(document: Document) -> list[Document]:
+    """Every answer of a plan, best first: the answer itself and the alternatives."""
+    first = [document] if document.get("plane") else []
+    return [*first, *document.get("alternatives", [])]
+
+
 def wrapped(*parts: str) -> str:
     """Pieces as one element with its style."""
     return f'<div class="ps"><style>{STYLE}</style>{"".join(parts)}</div>'
