@@ -183,6 +183,7 @@ class Exploration:
         wrench: (k, 6) net wrench.
         match: (k,) TFVADI with the task.
         aimed: how many combinations were aimed at.
+        why: there is none, where there is none.
     """
 
     plane: IntArray
@@ -192,6 +193,7 @@ class Exploration:
     wrench: Array
     match: Array
     aimed: int
+    why: str = "fingers and thumb never meet the object together"
 
     def __len__(self) -> int:
         return len(self.match)

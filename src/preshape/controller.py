@@ -29,6 +29,7 @@ from .estimator import Estimate, InputKind, decode, inputs, predict
 from .exceptions import InputError
 from .learning import (
     Discovery,
+    everywhere,
     experiences_of,
     explore,
     first_guess,
@@ -221,7 +222,8 @@ class Controller:
         threshold = self.settings.thresholds.estimation
         discovery = explore(pa, task.q, self.settings.sets, enough=threshold, allowed=allowed)
         if discovery is None:
-            reason = "no virtual grasp on any allowed plane: fingers and thumb never meet the object together"
+            why = pa.explore(task.q, everywhere(self.settings.sets, allowed)).why
+            reason = f"no virtual grasp on any allowed plane: {why}"
             steps.append(Transition(mode=3, outcome="no grasp", reason=reason))
             return decided(task, 3, Status.NO_GRASP, steps, None)
         best = discovery.answer
@@ -246,7 +248,7 @@ class Controller:
     def _criticise(self, pa: Analyser, q: Array, found: Exploration) -> tuple[VirtualGrasp | None, Verdict]:
         threshold = self.settings.thresholds.estimation
         if not len(found):
-            return None, judge(None, threshold, subject=pa.measure)
+            return None, judge(None, threshold, subject=pa.measure, why=found.why)
         grasp = pa.grasp(q, found)
         return grasp, judge(grasp.judged, threshold, subject=pa.measure)
 

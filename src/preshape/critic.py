@@ -86,16 +86,17 @@ class Recognition:
     nearest: str | None
 
 
-def judge(match: float | None, threshold: float, *, subject: str = "TFVADI") -> Verdict:
+def judge(match: float | None, threshold: float, *, subject: str = "TFVADI", why: str = "") -> Verdict:
     """Reward when the match meets the threshold, else a penalty.
 
     Args:
         match: 0..6, or ``None`` when there is no virtual grasp.
         threshold: to be met, with 1e-9 of slack.
         subject: what the number is called in the reason.
+        why: there is no virtual grasp.
     """
     if match is None:
-        return Verdict(reward=False, match=None, reason="no virtual grasp: a finger misses the object")
+        return Verdict(reward=False, match=None, reason=f"no virtual grasp: {why or 'none was found'}")
     met = match >= threshold - SLACK
     relation = "meets" if met else "is under"
     reason = f"{subject} {match:.2f} {relation} the threshold {threshold:.2f}"

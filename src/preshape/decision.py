@@ -31,7 +31,7 @@ _HELP = {
     Status.ANSWER: "The preshape below matches the task.",
     Status.CORRECTION: "The object is known, but the task does not fit: ask for another, or teach this one.",
     Status.DEADLOCK: "No grasp that matches well enough was found and recalled: ask for another task.",
-    Status.NO_GRASP: "No fingers find the object: allow other approaches, or another size.",
+    Status.NO_GRASP: "Nothing that was tried holds it: allow other approaches or more room, or another size.",
 }
 
 

@@ -71,8 +71,7 @@ def explore(
     Returns:
         ``None`` when no fingers find the object anywhere.
     """
-    planes = [p.index for p in PLANES if allowed is None or allowed[p.index - 1]]
-    found = analyser.explore(q, Aim(planes=planes, values=search_values(sets) if values is None else values))
+    found = analyser.explore(q, everywhere(sets, allowed, values))
     if not len(found):
         return None
     crisp = np.isin(found.value, sets.crisp())
@@ -86,6 +85,12 @@ def explore(
     return Discovery(
         answer=analyser.grasp(q, found, answer), taught=analyser.grasp(q, found, taught), found=found
     )
+
+
+def everywhere(sets: FuzzySets, allowed: BoolArray | None = None, values: Array | None = None) -> Aim:
+    """The aim at all planes that are allowed, by default with all values that are searched."""
+    planes = [p.index for p in PLANES if allowed is None or allowed[p.index - 1]]
+    return Aim(planes=planes, values=search_values(sets) if values is None else values)
 
 
 def _first(mask: BoolArray, otherwise: int) -> int:

@@ -25,10 +25,11 @@ from ..tasks.task import ROTATION_ABSENT, TRANSLATION_ABSENT
 from ..types import Array, BoolArray, ContactCoefficients, Experience, IntArray, frozen_array, value
 from ..wrench import contact_wrenches, net_wrench, screw_measures
 from .grip import Finished, Finisher
+from .holding import turn_levers
 from .pinches import hand_pinches
 from .pinching import PINCHED, Pincher
 from .sampling import Sampled, sample
-from .search import ClosureSearch, Demand, Ranked, apart, best_of, joined, turn_levers
+from .search import ClosureSearch, Demand, Ranked, apart, best_of, joined
 from .settings import ClosureSettings
 from .spots import find_spots
 
@@ -63,7 +64,7 @@ class Grips(Exploration):
     def where(self, keep: BoolArray | IntArray) -> Grips:
         """The grips picked by a mask or by indices, in that order."""
         rows = np.flatnonzero(keep) if np.asarray(keep).dtype == bool else np.asarray(keep)
-        return _exploration([self.grasps[i] for i in rows], self.aimed)
+        return _exploration([self.grasps[i] for i in rows], self.aimed, self.why)
 
 
 class ClosureAnalyser:
@@ -183,9 +184,25 @@ class ClosureAnalyser:
         standing = found.take(apart(found, max(elite, 4 * enough)))
         standing = self.search.steady(rng, standing, demand, samples=4 if few else 8, wanted=WANTED)
         finished = self.finisher.finish(standing, demand, wanted=WANTED, enough=enough, planes=aim.planes)
-        grasps = [self._virtual(q, made) for made in finished]
+        grasps = [self.virtual_grasp(q, made) for made in finished]
         grasps.sort(key=lambda g: -g.judged)
-        return _exploration(grasps, found.tried)
+        return _exploration(grasps, found.tried, self._why_none(found))
+
+    def _why_none(self, found: Ranked) -> str:
+        """What became of the candidates, where none of them became a grip."""
+        n = len(found) + found.blocked
+        if not n:
+            return f"of {found.tried} hands tried, none closes on the object with thumb and finger"
+        closed = f"of {found.tried} hands tried, {n} close on the object"
+        if not len(found):
+            return f"{closed}, all of them in the table or a box to keep out of"
+        blocked = f", {found.blocked} of them in the table or a box to keep out of" if found.blocked else ""
+        if found.score[0] <= 0:
+            rest = "none of the rest balances" if blocked else "none balances"
+            return f"{closed}{blocked}; {rest} the load at {self.settings.mu:.2f} friction"
+        return (
+            f"{closed}{blocked}; those that balance the load cannot be opened and brought in without touching"
+        )
 
     def _again(self, q: Array, aim: Aim, demand: Demand, recalled: Sampled, quality: Array) -> Grips | None:
         """The best grip of experience, if it is as good here as it was there; then no other is looked for."""
@@ -193,7 +210,7 @@ class ClosureAnalyser:
         finished = self.finisher.finish(found, demand, wanted=WANTED, enough=1, planes=aim.planes)
         if not finished or finished[0].grip.quality < AS_GOOD * quality.max():
             return None
-        return _exploration([self._virtual(q, finished[0])], found.tried)
+        return _exploration([self.virtual_grasp(q, finished[0])], found.tried)
 
     def _persist(self, rng: np.random.Generator, aim: Aim, found: Ranked, demand: Demand) -> Ranked:
         """More draws for an object on which the first ones found little."""
@@ -272,7 +289,13 @@ class ClosureAnalyser:
             preshape=np.full(len(rows), -1),
         ), quality
 
-    def _virtual(self, q: Array, made: Finished) -> VirtualGrasp:
+    def virtual_grasp(self, q: Array, made: Finished) -> VirtualGrasp:
+        """A grip as the controller knows virtual grasps: its plane, net wrench, TFVADI and indices.
+
+        Args:
+            q: (6,) task Q.
+            made: by this analyser's finisher.
+        """
         p = plane(made.plane)
         a, t = p.approach_axis, p.transverse_axis
         arms = (made.points - self.mesh.cog) / self.layout.u
@@ -319,7 +342,7 @@ def _check(aim: Aim) -> None:
         raise InputError("an aim needs a thumb side at least")
 
 
-def _exploration(grasps: Sequence[VirtualGrasp], tried: int) -> Grips:
+def _exploration(grasps: Sequence[VirtualGrasp], tried: int, why: str = "") -> Grips:
     return Grips(
         plane=np.array([g.plane.index for g in grasps], dtype=np.int64),
         flip=np.array([g.flip for g in grasps], dtype=bool),
@@ -328,6 +351,7 @@ def _exploration(grasps: Sequence[VirtualGrasp], tried: int) -> Grips:
         wrench=np.array([g.net_wrench for g in grasps]).reshape(-1, 6),
         match=np.array([g.judged for g in grasps]),
         aimed=tried,
+        why=why,
         grasps=tuple(grasps),
     )
 

@@ -20,9 +20,9 @@ from ..kernels.field import DistanceField
 from ..kernels.hand_spheres import COARSE
 from ..kernels.margin import MarginKernel
 from ..kernels.tables import HandTables
-from ..objects.mesh import TriangleMesh
 from ..types import Array, BoolArray, IntArray, freeze, frozen_array, value
 from .hand_tables import hand_tables
+from .holding import HOLD, LEVER
 from .preshapes import Preshapes, joint_ranges, posture_at, preshapes
 from .sampling import Sampled, quaternions, small_rotations
 from .settings import ClosureSettings
@@ -31,10 +31,6 @@ STEP, TURN, BEND = 0.006, 0.12, 0.10
 """Spread of the first refinement: wrist [m], its turn [rad], joints of the preshape [rad] [C]."""
 OPENED, ROOM = 0.8, 0.002
 """Table and boxes are kept out of by this [m], closed and opened to this share of the closing [C]."""
-HOLD = np.concatenate([np.eye(6), -np.eye(6)])
-"""Wrenches that plain holding is ranked by: pushes along and turns about the axes, torques over ``LEVER``."""
-LEVER = 0.05
-"""Torque over force of plain holding [m], as in the field's harder test; less on small objects."""
 
 
 @value
@@ -70,6 +66,7 @@ class Ranked:
         task: (n,) strength along the task's wrench cone; plain holding's where there is no task.
         hold: (n,) strength of plain holding, as far as the task's leaves it to decide the score.
         tried: how many candidates were closed for it.
+        blocked: how many of them held on to the object, but were in the table or a box.
     """
 
     sampled: Sampled
@@ -78,6 +75,7 @@ class Ranked:
     task: Array
     hold: Array
     tried: int
+    blocked: int = 0
 
     def __len__(self) -> int:
         return len(self.score)
@@ -91,6 +89,7 @@ class Ranked:
             task=self.task[rows],
             hold=self.hold[rows],
             tried=self.tried,
+            blocked=self.blocked,
         )
 
 
@@ -137,38 +136,10 @@ def best_of(*several: Ranked, keep: int | None = None) -> Ranked:
         task=np.concatenate([one.task for one in parts]),
         hold=np.concatenate([one.hold for one in parts]),
         tried=sum(one.tried for one in several),
+        blocked=sum(one.blocked for one in several),
     )
     order = np.argsort(-score, kind="stable")
     return together.take(order if keep is None else order[:keep])
-
-
-def turn_levers(mesh: TriangleMesh, cog: Array, length: float) -> list[tuple[float, Array]]:
-    """Turns that plain holding asks for about the object's own axes, where it is slender; else none.
-
-    No push on a pen turns it about its long axis with a lever of ``LEVER``: it is as long as the object
-    reaches from that axis, and half as long again.
-
-    Args:
-        mesh: the object.
-        cog: (3,) the point that torques are about [m].
-        length: ℓ [m].
-
-    Returns:
-        Pairs of a lever [m] and the (k, 6) wrenches that have it; none where all have that of plain holding.
-    """
-    whole = min(LEVER, 1.5 * length)
-    middle = mesh.corners.mean(axis=1) - cog
-    _, axes = np.linalg.eigh(np.einsum("n,ni,nj->ij", mesh.areas / mesh.areas.sum(), middle, middle))
-    local = (mesh.vertices - cog) @ axes
-    reach = [float(np.linalg.norm(np.delete(local, k, axis=1), axis=1).max()) for k in range(3)]
-    levers = [min(whole, round(1.5 * one, 6)) for one in reach]
-    if min(levers) > 0.999 * whole:
-        return []
-    turns = np.concatenate([np.zeros((3, 3)), axes]).T
-    return [
-        (lever, np.concatenate([[turns[k], -turns[k]] for k in range(3) if levers[k] == lever]))
-        for lever in sorted(set(levers))
-    ]
 
 
 class ClosureSearch:
@@ -206,6 +177,7 @@ class ClosureSearch:
     def evaluate(self, sampled: Sampled, demand: Demand, *, wanted: int = 3) -> Ranked:
         """Close the candidates and rank those that hold on to the object."""
         rows, closed = self.kernel.closed(sampled.candidates, wanted=wanted)
+        met = len(rows)
         if self.settings.obstacles:
             free = self._out_of_the_way(sampled, closed, rows)
             rows, closed = rows[free], closed.take(np.flatnonzero(free))
@@ -218,6 +190,7 @@ class ClosureSearch:
             task=task,
             hold=hold,
             tried=len(sampled.candidates),
+            blocked=met - len(rows),
         )
         return found.take(np.argsort(-score, kind="stable"))
 

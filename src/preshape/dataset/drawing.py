@@ -109,6 +109,6 @@ def _any(analyser: ClosureAnalyser, task: Task, count: int, seed: int) -> Drawn:
     ):
         number, flip = counted_to(grip.approach, points, plane, (plane,))
         made = Finished(grip=grip, row=0, plane=number, flip=flip, points=points, normals_in=normals)
-        grasps.append(analyser._virtual(task.q, made))
+        grasps.append(analyser.virtual_grasp(task.q, made))
     short = f"only {len(grasps)} of {found.drawn} hands drawn close on the object and can be executed"
     return Drawn(grasps=tuple(grasps), analyser=analyser, reason="" if len(grasps) == count else short)

@@ -11,7 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from ..closure.search import HOLD, ClosureSearch, Demand
+from ..closure.holding import HOLD
+from ..closure.search import ClosureSearch, Demand
 from ..closure.settings import GRAVITY, ClosureSettings
 from ..fuzzy import FuzzySets, approaching_degrees
 from ..kernels.closing import Closings, Fate

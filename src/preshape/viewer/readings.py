@@ -16,7 +16,7 @@ HEADLINES = {
     "answer": ("✓", "good", "Preshape found"),
     "task_correction": ("?", "warn", "The object is known, but this task does not fit it"),
     "deadlock": ("✕", "bad", "Deadlock: nothing matches well enough"),
-    "no_grasp": ("✕", "bad", "No grasp: the fingers never meet the object together"),
+    "no_grasp": ("✕", "bad", "No grasp: nothing that was tried holds the object"),
 }
 MODES = {
     0: "recalled at once: the estimator named this grasp",
