@@ -46,7 +46,8 @@ RECALLED, MOST_RECALLED = 0.25, 16
 AS_GOOD = 0.95
 """A grip of experience that is this share as good as the best of them was is the answer of mode 0 [C]."""
 EASY, FEWEST = 1.5, 100
-"""More candidates are drawn where the best margin is under ``EASY`` or fewer than ``FEWEST`` closed [C]."""
+"""More candidates are drawn where the best margin is under ``EASY`` or fewer than ``FEWEST`` closed, and the
+best are refined again where it still is [C]."""
 FEWEST_NODES = 50
 _KEPT = 24
 
@@ -178,9 +179,12 @@ class ClosureAnalyser:
         found = self._evaluate(drawn if recalled is None else joined(drawn, recalled), demand)
         if len(aim.planes) > 1:
             found = self._persist(rng, aim, found, demand)
-        found = self.search.refine(
-            rng, found, demand, elite=elite, each=settings.children, rounds=rounds, wanted=WANTED
-        )
+        for _ in range(1 + (settings.persistence if len(aim.planes) > 1 else 0)):
+            found = self.search.refine(
+                rng, found, demand, elite=elite, each=settings.children, rounds=rounds, wanted=WANTED
+            )
+            if self._easy(found):
+                break
         standing = found.take(apart(found, max(elite, 4 * enough)))
         standing = self.search.steady(rng, standing, demand, samples=4 if few else 8, wanted=WANTED)
         finished = self.finisher.finish(standing, demand, wanted=WANTED, enough=enough, planes=aim.planes)
@@ -215,12 +219,16 @@ class ClosureAnalyser:
     def _persist(self, rng: np.random.Generator, aim: Aim, found: Ranked, demand: Demand) -> Ranked:
         """More draws for an object on which the first ones found little."""
         for _ in range(self.settings.persistence):
-            best = float(found.score[0]) if len(found) else 0.0
-            if best * self.settings.press_most >= EASY * self.settings.weight and len(found) >= FEWEST:
+            if self._easy(found) and len(found) >= FEWEST:
                 break
             more = self._evaluate(self._draw(rng, aim, 2 * self.settings.everywhere), demand)
             found = best_of(found, more)
         return found
+
+    def _easy(self, found: Ranked) -> bool:
+        """Whether the best of them has margin to spare."""
+        best = float(found.score[0]) if len(found) else 0.0
+        return best * self.settings.press_most >= EASY * self.settings.weight
 
     def _effort(self, aim: Aim) -> tuple[int, int, int, int]:
         """Candidates, elite, rounds, grips: few where experience points, many where nothing is known."""

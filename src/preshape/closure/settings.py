@@ -52,7 +52,7 @@ class ClosureSettings:
         at_aim: candidates for one plane and approach value (mode 0).
         on_plane: candidates for one plane (mode 1).
         everywhere: candidates for all planes (mode 3).
-        persistence: times that more are drawn where the first candidates found little.
+        persistence: times that more are drawn, and that the best are refined again, where little was found.
         elite: candidates that a round of refinement starts from.
         children: of each of them.
         rounds: of refinement.
