@@ -53,7 +53,7 @@ def lost() -> Recording:
 
 @pytest.fixture(scope="module")
 def film(held: Recording) -> Film:
-    return film_of(held, scene_of(), title="box", subtitle="in a clamp")
+    return film_of(held, scene_of(), Protocol())
 
 
 class TestRecording:
@@ -191,7 +191,7 @@ class TestRecording:
         recording = record_hold(scene_of(), clamp(0.02), clamp(0.02), clamp(0.02), HERE, FAST)
         assert recording.result.status is Status.PENETRATES
         assert recording.stages == ("pregrasp",)
-        picture = filmstrip_image(film_of(recording, scene_of(), title="box", subtitle=""), width=600)
+        picture = filmstrip_image(film_of(recording, scene_of(), Protocol()), width=600)
         assert picture.shape[1] == 600
 
 
@@ -205,7 +205,7 @@ class TestPictures:
 
     def test_of_many_probes_those_that_were_lost_are_shown(self) -> None:
         recording = record(0.0055, replace(FAST, probes="all", checks=1))
-        film = film_of(recording, scene_of(), title="", subtitle="")
+        film = film_of(recording, scene_of(), Protocol())
         assert len(film.stages) == 3 + 28
         worse = replace(film, stages=(*film.stages[:30], replace(film.stages[30], good=False)))
         frames = key_frames(worse)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,6 +14,11 @@ from .progress import steps
 
 if TYPE_CHECKING:
     from ..experiments.planner_bench import Case, PlannerReport
+    from ..physics.grasps import GraspSet
+    from ..physics.protocol import Protocol
+
+PICTURES = 12
+"""So many answers that were lost are drawn."""
 
 
 @click.command(epilog="Example: preshape bench planner mug box bottle --hand shadow --count 5")
@@ -30,7 +36,9 @@ if TYPE_CHECKING:
 @click.option("--ladder", is_flag=True, help="Also the last strength held.")
 @click.option("--seed", type=int, default=0, show_default=True, help="Of the planner.")
 @click.option("--workers", type=int, metavar="N", help="Processes of the test; default: one for each core.")
-@click.option("--out", metavar="DIR", help="Write report.json and grasps.npz there.")
+@click.option(
+    "--out", metavar="DIR", help="Write report.json, grasps.npz and pictures of what was lost there."
+)
 @json_option
 def planner(
     objects: tuple[str, ...],
@@ -78,10 +86,11 @@ def planner(
         )
     document = {"status": "answer", **report.row(), "failures": _failures(report)}
     if out is not None:
-        write_json(Path(out) / "report.json", document)
         grasps = grasps_of(report.planned, load_hand(hand))
         if grasps is not None:
             write_grasps(Path(out) / "grasps.npz", grasps)
+            document["pictures"] = _pictures(report, grasps, protocol, Path(out))
+        write_json(Path(out) / "report.json", document)
     if as_json:
         from .main import emit
 
@@ -144,6 +153,30 @@ def _failures(report: PlannerReport) -> list[dict[str, Any]]:
     return lost
 
 
+def _pictures(report: PlannerReport, grasps: GraspSet, protocol: Protocol, folder: Path) -> list[str]:
+    """Films of the answers that were lost, the first ``PICTURES`` of them, as pictures in the folder."""
+    from ..files import write_whole
+    from ..hands.model import load_hand
+    from ..objects.load import load_object
+    from ..physics.hand import physics_hand
+    from ..viewer.filmstrip import filmstrip
+    from .simulate_film import film_of, recorded
+
+    hand = load_hand(report.hand)
+    own = grasps.for_hand(physics_hand(hand))
+    cases = [p.case for p in report.planned for _ in p.answers]
+    results = report.holds.results if report.holds else ()
+    files: list[str] = []
+    for row in [k for k, result in enumerate(results) if not result.held][:PICTURES]:
+        case = cases[row]
+        recording, scene = recorded(own, row, hand, case.load_pieces(), protocol, name=case.thing)
+        film = film_of(recording, scene, protocol, mesh=load_object(case.source, scale=case.scale))
+        file = folder / f"lost-{row:03d}-{case.thing}.png"
+        write_whole(file, partial(filmstrip, film))
+        files.append(str(file))
+    return files
+
+
 def _show(document: dict[str, Any]) -> None:
     interval = document["interval"]
     between = f" (95 %: {100 * interval[0]:.1f}-{100 * interval[1]:.1f} %)" if interval else ""
@@ -159,6 +192,8 @@ def _show(document: dict[str, Any]) -> None:
         )
     if document["strength_median"] is not None:
         click.echo(f"strength, median: {document['strength_median']:.2f} times the probes")
+    for file in document.get("pictures", ()):
+        click.echo(f"wrote {file}")
     for failure in document["failures"]:
         which = "no answer" if failure["answer"] is None else f"answer {failure['answer']}"
         click.echo(f"  {failure['object']}, {which}: {failure['reason']}")

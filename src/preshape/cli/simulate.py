@@ -12,7 +12,6 @@ from ..exceptions import InputError, PreshapeError
 from .options import json_option
 
 if TYPE_CHECKING:
-    from ..hands.model import Hand
     from ..objects.mesh import TriangleMesh
     from ..physics.grasps import GraspSet
     from ..physics.pieces import ConvexPieces
@@ -60,8 +59,7 @@ def simulate(
     from ..physics.hand import physics_hand
     from ..physics.locate import object_pieces
     from ..physics.protocol import Protocol
-    from ..physics.recording import record_hold
-    from ..physics.scene import build_scene
+    from .simulate_film import recorded
 
     if out is not None and not out.strip():
         raise InputError("--out needs a folder, got an empty name")
@@ -76,19 +74,7 @@ def simulate(
     own = grasps.for_hand(physics)
     thing, scale = own.objects[chosen], float(own.scale[chosen])
     pieces = object_pieces(thing, objects)
-    scene = build_scene(physics, pieces, scale, protocol)
-    recording = record_hold(
-        scene,
-        own.pregrasp[chosen],
-        own.grasp[chosen],
-        own.squeeze[chosen],
-        own.object_pose[chosen],
-        protocol,
-        parts=part_names(scene, model),
-        row=chosen,
-        object_name=thing,
-        scale=scale,
-    )
+    recording, scene = recorded(own, chosen, model, pieces, protocol)
     written: list[Path] = []
     if out is not None:
         mesh = _look(thing, objects, scale, pieces)
@@ -100,17 +86,6 @@ def simulate(
     else:
         _show(recording, protocol, f"{Path(thing).stem} in the hand {model.name}", written)
     return 0 if recording.result.held else 1
-
-
-def part_names(scene: Scene, hand: Hand) -> tuple[str, ...]:
-    """``palm`` and the fingers' names in the order of ``scene.part_of_body``."""
-    names = ["palm", *(f"finger {k + 1}" for k in range(scene.fingers))]
-    for finger in hand.fingers:
-        if finger.tip_body in scene.body_names:
-            part = int(scene.part_of_body[scene.body_names.index(finger.tip_body)])
-            if part > 0:
-                names[part] = finger.name
-    return tuple(names)
 
 
 def _chosen(grasps: GraspSet, file: str, answer: int | None, row: int | None) -> int:
@@ -163,15 +138,7 @@ def _draw(
     from ..viewer.filmstrip import filmstrip
     from .simulate_film import film_of
 
-    load = protocol.acceleration * protocol.mass
-    film = film_of(
-        recording,
-        scene,
-        title=f"{Path(recording.result.object_name).stem} in the hand {recording.hand}",
-        subtitle=f"simulated physics · {1e3 * scene.mass:g} g · friction {scene.friction:g} · "
-        f"pushes of {load:g} N for {protocol.checks * protocol.check_steps * protocol.timestep:g} s",
-        mesh=mesh,
-    )
+    film = film_of(recording, scene, protocol, mesh=mesh)
     strip, run = folder / "filmstrip.png", folder / "run.gif"
     write_whole(strip, lambda path: filmstrip(film, path))
     console = Console(stderr=True)

@@ -4,14 +4,20 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from .. import spatial
+from ..hands.hand import Hand
 from ..objects.mesh import TriangleMesh
-from ..physics.recording import Recording
-from ..physics.scene import OBJECT, PALM, Scene
+from ..physics.grasps import GraspSet
+from ..physics.hand import physics_hand
+from ..physics.pieces import ConvexPieces
+from ..physics.protocol import Protocol
+from ..physics.recording import Recording, record_hold
+from ..physics.scene import OBJECT, PALM, Scene, build_scene
 from ..viewer.colours import HAND, Colour, finger_colour
 from ..viewer.colours import OBJECT as OBJECT_COLOUR
 from ..viewer.film import Film, Stage
@@ -22,31 +28,67 @@ TINT = 0.25
 """Share of a finger's own colour in its links; its last link has three times as much."""
 
 
+def recorded(
+    grasps: GraspSet, row: int, hand: Hand, pieces: ConvexPieces, protocol: Protocol, *, name: str = ""
+) -> tuple[Recording, Scene]:
+    """The holding test of one grasp, written down, and the scene in which it was made.
+
+    Args:
+        grasps: as the hand in physics takes them, :meth:`GraspSet.for_hand`.
+        row: which of them.
+        hand: whose they are.
+        pieces: of the object, at scale 1.
+        protocol: of the test.
+        name: of the object; by default as the grasps have it.
+    """
+    scene = build_scene(physics_hand(hand), pieces, float(grasps.scale[row]), protocol)
+    recording = record_hold(
+        scene,
+        grasps.pregrasp[row],
+        grasps.grasp[row],
+        grasps.squeeze[row],
+        grasps.object_pose[row],
+        protocol,
+        parts=part_names(scene, hand),
+        row=row,
+        object_name=name or grasps.objects[row],
+        scale=float(grasps.scale[row]),
+    )
+    return recording, scene
+
+
+def part_names(scene: Scene, hand: Hand) -> tuple[str, ...]:
+    """``palm`` and the fingers' names in the order of ``scene.part_of_body``."""
+    names = ["palm", *(f"finger {k + 1}" for k in range(scene.fingers))]
+    for finger in hand.fingers:
+        if finger.tip_body in scene.body_names:
+            part = int(scene.part_of_body[scene.body_names.index(finger.tip_body)])
+            if part > 0:
+                names[part] = finger.name
+    return tuple(names)
+
+
 def film_of(
-    recording: Recording,
-    scene: Scene,
-    *,
-    title: str,
-    subtitle: str,
-    mesh: TriangleMesh | None = None,
+    recording: Recording, scene: Scene, protocol: Protocol, *, mesh: TriangleMesh | None = None
 ) -> Film:
     """The film of a recording.
 
     Args:
         recording: the run.
         scene: in which it was made.
-        title: the heading.
-        subtitle: a second line.
+        protocol: of the test.
         mesh: how the object looks, in its body's frame and at its size [m]; default its convex pieces.
     """
+    load = protocol.acceleration * protocol.mass
     found = solids(scene, recording.parts, mesh)
     bodies = [body for body, _ in found]
     places = spatial.pose_from_seven(recording.bodies[:, bodies].reshape(-1, 7))
     centre = scene.model.body_ipos[scene.object_body]
     T = spatial.pose_from_seven(recording.object_pose)
     return Film(
-        title=title,
-        subtitle=subtitle,
+        title=f"{Path(recording.result.object_name).stem} in the hand {recording.hand}",
+        subtitle=f"simulated physics · {1e3 * scene.mass:g} g · friction {scene.friction:g} · "
+        f"pushes of {load:g} N for {protocol.checks * protocol.check_steps * protocol.timestep:g} s",
         verdict=recording.result.reason,
         good=recording.result.held,
         times=recording.times,

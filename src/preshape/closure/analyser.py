@@ -24,7 +24,7 @@ from ..planes import plane
 from ..tasks.task import ROTATION_ABSENT, TRANSLATION_ABSENT
 from ..types import Array, BoolArray, ContactCoefficients, Experience, IntArray, frozen_array, value
 from ..wrench import contact_wrenches, net_wrench, screw_measures
-from .grip import Finished, Finisher
+from .grip import Finished, Finisher, quality
 from .holding import turn_levers
 from .pinches import hand_pinches
 from .pinching import PINCHED, Pincher
@@ -167,10 +167,10 @@ class ClosureAnalyser:
 
     def _explore(self, q: Array, aim: Aim) -> Grips:
         demand, settings = self.demand(q), self.settings
-        recalled, quality = self._recalled(aim)
+        recalled, worth = self._recalled(aim)
         few = len(aim.planes) == 1 and len(aim.values) <= FEW
         if few and recalled is not None:
-            known = self._again(q, aim, demand, recalled, quality)
+            known = self._again(q, aim, demand, recalled, worth)
             if known is not None:
                 return known
         rng = np.random.default_rng([self.seed, zlib.crc32(_key(aim))])
@@ -179,15 +179,17 @@ class ClosureAnalyser:
         found = self._evaluate(drawn if recalled is None else joined(drawn, recalled), demand)
         if len(aim.planes) > 1:
             found = self._persist(rng, aim, found, demand)
+        finished: list[Finished] = []
         for _ in range(1 + (settings.persistence if len(aim.planes) > 1 else 0)):
             found = self.search.refine(
                 rng, found, demand, elite=elite, each=settings.children, rounds=rounds, wanted=WANTED
             )
-            if self._easy(found):
+            standing = found.take(apart(found, max(elite, 4 * enough)))
+            standing = self.search.steady(rng, standing, demand, samples=4 if few else 8, wanted=WANTED)
+            made = self.finisher.finish(standing, demand, wanted=WANTED, enough=enough, planes=aim.planes)
+            finished = max(finished, made, key=_best)
+            if _best(finished) >= quality(EASY):
                 break
-        standing = found.take(apart(found, max(elite, 4 * enough)))
-        standing = self.search.steady(rng, standing, demand, samples=4 if few else 8, wanted=WANTED)
-        finished = self.finisher.finish(standing, demand, wanted=WANTED, enough=enough, planes=aim.planes)
         grasps = [self.virtual_grasp(q, made) for made in finished]
         grasps.sort(key=lambda g: -g.judged)
         return _exploration(grasps, found.tried, self._why_none(found))
@@ -208,27 +210,23 @@ class ClosureAnalyser:
             f"{closed}{blocked}; those that balance the load cannot be opened and brought in without touching"
         )
 
-    def _again(self, q: Array, aim: Aim, demand: Demand, recalled: Sampled, quality: Array) -> Grips | None:
+    def _again(self, q: Array, aim: Aim, demand: Demand, recalled: Sampled, worth: Array) -> Grips | None:
         """The best grip of experience, if it is as good here as it was there; then no other is looked for."""
         found = self._evaluate(recalled, demand)
         finished = self.finisher.finish(found, demand, wanted=WANTED, enough=1, planes=aim.planes)
-        if not finished or finished[0].grip.quality < AS_GOOD * quality.max():
+        if not finished or finished[0].grip.quality < AS_GOOD * worth.max():
             return None
         return _exploration([self.virtual_grasp(q, finished[0])], found.tried)
 
     def _persist(self, rng: np.random.Generator, aim: Aim, found: Ranked, demand: Demand) -> Ranked:
         """More draws for an object on which the first ones found little."""
         for _ in range(self.settings.persistence):
-            if self._easy(found) and len(found) >= FEWEST:
+            best = float(found.score[0]) if len(found) else 0.0
+            if best * self.settings.press_most >= EASY * self.settings.weight and len(found) >= FEWEST:
                 break
             more = self._evaluate(self._draw(rng, aim, 2 * self.settings.everywhere), demand)
             found = best_of(found, more)
         return found
-
-    def _easy(self, found: Ranked) -> bool:
-        """Whether the best of them has margin to spare."""
-        best = float(found.score[0]) if len(found) else 0.0
-        return best * self.settings.press_most >= EASY * self.settings.weight
 
     def _effort(self, aim: Aim) -> tuple[int, int, int, int]:
         """Candidates, elite, rounds, grips: few where experience points, many where nothing is known."""
@@ -283,7 +281,7 @@ class ClosureAnalyser:
         if not rows:
             return None, np.zeros(0)
         grips = np.array([e.grip for e in rows])
-        quality = np.array([e.match if e.quality is None else e.quality for e in rows])
+        worth = np.array([e.match if e.quality is None else e.quality for e in rows])
         return Sampled(
             candidates=Candidates(
                 place=grips[:, :3] + self.mesh.cog,
@@ -295,7 +293,7 @@ class ClosureAnalyser:
             flip=np.array([e.flip for e in rows]),
             value=np.array([e.approach_value for e in rows]),
             preshape=np.full(len(rows), -1),
-        ), quality
+        ), worth
 
     def virtual_grasp(self, q: Array, made: Finished) -> VirtualGrasp:
         """A grip as the controller knows virtual grasps: its plane, net wrench, TFVADI and indices.
@@ -348,6 +346,11 @@ def _check(aim: Aim) -> None:
         raise InputError(f"virtual fingers must be 2 to {MAX_FINGERS}, got {counts}")
     if not len(aim.flips):
         raise InputError("an aim needs a thumb side at least")
+
+
+def _best(finished: Sequence[Finished]) -> float:
+    """The best quality among them."""
+    return max((made.grip.quality for made in finished), default=-1.0)
 
 
 def _exploration(grasps: Sequence[VirtualGrasp], tried: int, why: str = "") -> Grips:
