@@ -15,6 +15,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import tempfile
 import time
 from importlib.util import find_spec
 from pathlib import Path
@@ -22,9 +23,14 @@ from typing import Any
 
 from preshape.files import write_json
 
+from .readers import READERS
 from .seeds import CORPUS
 
 RUNS = 100_000
+KILLED = (signal.SIGKILL, signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
+"""Signals that come from outside: no fault, if the input at that moment does no harm."""
+LAST = "last"
+"""The input at which a process ended, beside what libFuzzer keeps."""
 
 
 def main(arguments: list[str]) -> int:
@@ -87,16 +93,22 @@ def fuzz(name: str, work: Path, runs: int) -> dict[str, Any]:
     if kept.is_file():
         total = json.loads(kept.read_text())
     while total["inputs"] < runs:
-        (work / "tally.json").unlink(missing_ok=True)
+        for file in (work / "tally.json", work / "ended" / LAST):
+            file.unlink(missing_ok=True)
         begin, before = time.monotonic(), total["inputs"]
         code = _segment(name, work, runs, total)
         _add(total, work, time.monotonic() - begin)
-        if code:
-            reason = _ending(work)
+        if -code in KILLED and _harmless(name, work):
+            total["killed"] = total.get("killed", 0) + 1
+        elif code:
+            reason = _ending(work, code)
             total["faults"][reason] = total["faults"].get(reason, 0) + 1
             total["inputs"] = max(total["inputs"], before + 1)
+            for file in [file for file in (work / "ended").iterdir() if file.name in (LAST, "log")]:
+                file.rename(file.with_name(f"{file.name}-{total['inputs']}"))
         write_json(kept, total)
-        if sum(count for reason, count in total["faults"].items() if reason.startswith("ended")) > 50:
+        ends = sum(count for reason, count in total["faults"].items() if reason.startswith("ended"))
+        if ends + total.get("killed", 0) > 50:
             break
     total["corpus"] = len(list((work / "corpus").iterdir()))
     return total
@@ -108,7 +120,12 @@ def _segment(name: str, work: Path, runs: int, total: dict[str, Any]) -> int:
     command += [f"-runs={runs - total['inputs']}", f"-seed={1 + total['inputs']}", "-print_final_stats=1"]
     command += [f"-artifact_prefix={work / 'ended'}/", str(work / "corpus"), str(CORPUS / name)]
     environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
-    with (work / "log").open("wb") as log:
+    quick = "/dev/shm" if Path("/dev/shm").is_dir() else None  # files in memory, where there are such
+    with (
+        tempfile.TemporaryDirectory(prefix=f"fuzz-{name}-", dir=quick) as scratch,
+        (work / "log").open("wb") as log,
+    ):
+        environment["TMPDIR"] = scratch
         process = subprocess.Popen(command, stdout=log, stderr=log, env=environment)
         begin, shown = time.monotonic(), 0.0
         try:
@@ -123,6 +140,10 @@ def _segment(name: str, work: Path, runs: int, total: dict[str, Any]) -> int:
             _add(total, work, time.monotonic() - begin)
             write_json(work / "total.json", total)
             raise SystemExit(130) from None
+        last = Path(scratch) / name / READERS[name].file
+        if process.returncode and last.is_file():
+            shutil.copyfile(last, work / "ended" / LAST)
+            shutil.copyfile(work / "log", work / "ended" / "log")
     _progress(name, total["inputs"], _tally(work).get("inputs", 0), runs, time.monotonic() - begin, last=True)
     return process.returncode
 
@@ -148,11 +169,22 @@ def _tally(work: Path) -> dict[str, Any]:
         return {}
 
 
-def _ending(work: Path) -> str:
-    """Why the process ended, from libFuzzer's report."""
+def _harmless(name: str, work: Path) -> bool:
+    """Whether the last input, if there was one, is answered by a process that nobody kills."""
+    last = work / "ended" / LAST
+    if not last.is_file():
+        return True
+    command = [sys.executable, "-m", "hardening.fuzz_one", name, str(work), "-runs=1", str(last)]
+    with tempfile.TemporaryDirectory() as scratch:
+        environment = {**os.environ, "TMPDIR": scratch}
+        return not subprocess.run(command, check=False, env=environment).returncode
+
+
+def _ending(work: Path, code: int) -> str:
+    """Why the process ended, from libFuzzer's report or its exit code."""
     log = (work / "log").read_bytes().decode("utf-8", "replace")
     said = re.search(r"SUMMARY: libFuzzer: (.*)|ERROR: libFuzzer: (.*)", log)
-    return f"ended: {(said[1] or said[2])[:60] if said else 'without a word'}"
+    return f"ended: {(said[1] or said[2])[:60] if said else f'without a word, code {code}'}"
 
 
 def _progress(name: str, before: int, now: int, runs: int, seconds: float, *, last: bool = False) -> None:

@@ -109,8 +109,8 @@ def main(name: str, work: Path, *options: str) -> None:
     preshape.hands.rewrite._SAMPLES = 4  # what is random in it is no input of the file
     count = next(int(o.removeprefix("-runs=")) for o in options if o.startswith("-runs="))
     tally = Tally(work / "tally.json", work / "faults", count)
-    quick = "/dev/shm" if Path("/dev/shm").is_dir() else None  # a file in memory, where there are such
-    folder = Path(tempfile.mkdtemp(prefix=f"fuzz-{name}-", dir=quick))
+    folder = Path(tempfile.gettempdir()) / name  # of this process alone, and taken away by hardening.fuzz
+    folder.mkdir(exist_ok=True)
     os.chdir(folder)  # MuJoCo writes a log where it stands
     used = int(Path("/proc/self/statm").read_text().split()[0]) * os.sysconf("SC_PAGE_SIZE")
     resource.setrlimit(resource.RLIMIT_AS, (used + MOST_MEMORY, resource.RLIM_INFINITY))

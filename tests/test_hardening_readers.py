@@ -6,15 +6,18 @@ import contextlib
 import io
 import json
 import random
+import re
 import sqlite3
 import zipfile
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from preshape.exceptions import EnvironmentFailure, HandError, InputError, MemoryFileError, ObjectError
+from preshape.hands.check import check_hand
 from preshape.hands.model import load_hand, parse_hand
 from preshape.memory import Memory
 from preshape.objects.load import load_object
@@ -22,7 +25,7 @@ from preshape.physics.grasps import GraspSet, read_grasps
 
 hardening = pytest.importorskip("hardening.readers", reason="the folder hardening is not here")
 
-from hardening import mutate, pincer  # noqa: E402
+from hardening import fuzz, mutate, pincer  # noqa: E402
 from hardening.readers import READERS, Fault, Reader, attempt  # noqa: E402
 from hardening.seeds import CORPUS  # noqa: E402
 
@@ -215,6 +218,7 @@ def test_hands_beyond_all_measure(old: str, new: str, said: str, tmp_path: Path)
         ('lower="-1" upper="1.5"', 'lower="nan" upper="1.5"', "no angles in rad|cannot read"),
         ('mass value="0.05"', 'mass value="1e-308"', "mass"),
         ('<?xml version="1.0"?>', '<?xml version="1.0" encoding="klingon"?>', "cannot read"),
+        ('<robot name="pincer">', f'<robot name="pincer">{"<a>" * 3000}{"</a>" * 3000}', "nested too deep"),
     ],
 )
 def test_models_beyond_all_measure(old: str, new: str, said: str, tmp_path: Path) -> None:
@@ -223,6 +227,98 @@ def test_models_beyond_all_measure(old: str, new: str, said: str, tmp_path: Path
     (tmp_path / "pincer.urdf").write_text(pincer.URDF.replace(old, new))
     with pytest.raises(HandError, match=said):
         load_hand(tmp_path / "hand.toml")
+
+
+def test_links_without_a_name_are_links_all_the_same(tmp_path: Path) -> None:
+    (tmp_path / "hand.toml").write_text(pincer.TOML)
+    (tmp_path / "pincer.xml").write_text(pincer.MJCF)
+    named = load_hand(tmp_path / "hand.toml")
+    (tmp_path / "pincer.xml").write_bytes((CORPUS / "hand-mjcf" / "unnamed-bodies").read_bytes())
+    unnamed = load_hand(tmp_path / "hand.toml")
+    bodies = re.findall('<body name="([^"]*)"', unnamed.mjcf)
+    assert len(set(bodies)) == 5
+    assert {"palm", "a", "b"} < set(bodies)
+    numbers = [
+        re.findall(r'(?:pos|quat|size|range|fullinertia)="([^"]*)"', it.mjcf) for it in (named, unnamed)
+    ]
+    assert numbers[0] == numbers[1]
+
+
+@pytest.mark.parametrize(
+    ("model", "said"),
+    [
+        (b'<mujoco><worldbody><body name="\xffpalm"/></worldbody></mujoco>', "not UTF-8; save the model"),
+        (b'<mujoco><worldbody><body name="\x1b[31m"/></worldbody></mujoco>', r"it has \?\[31m"),
+        (b"<m\xc2\x96", r"MuJoCo cannot read it.*name=m\?"),
+        (b'<mujoco><worldbody><body name="' + b"x" * 4000 + b'"/></worldbody></mujoco>', "it has x{60} "),
+    ],
+    ids=["latin-1", "escape", "control", "long"],
+)
+def test_names_in_a_model_reach_a_message_as_text(model: bytes, said: str, tmp_path: Path) -> None:
+    (tmp_path / "hand.toml").write_text(pincer.TOML)
+    (tmp_path / "pincer.xml").write_bytes(model)
+    with pytest.raises(HandError, match=said) as caught:
+        load_hand(tmp_path / "hand.toml")
+    assert str(caught.value).isprintable()
+    assert len(str(caught.value)) < 1000
+
+
+_ENDLESS = [
+    '<replicate count="1000000000"><body/></replicate>',
+    '<replicate count="40"><replicate count="40"><body/></replicate></replicate>',
+    '<body><composite type="grid" count="4000 4000 1"/></body>',
+    '<include file="more.xml"/>',
+    '\a<!-- -- --><replicate count="&#49;000000000"><body/></replicate>',
+]
+
+
+@pytest.mark.parametrize("part", _ENDLESS, ids=["many", "nested", "grid", "included", "not well formed"])
+def test_a_part_repeated_without_measure_is_refused_at_once(part: str, tmp_path: Path) -> None:
+    (tmp_path / "hand.toml").write_text(pincer.TOML)
+    (tmp_path / "more.xml").write_text(f"<mujoco><worldbody>{_ENDLESS[0]}</worldbody></mujoco>")
+    (tmp_path / "pincer.xml").write_text(f"<mujoco><worldbody>{part}</worldbody></mujoco>")
+    with pytest.raises(HandError, match="a hand has 1000 at most"):
+        load_hand(tmp_path / "hand.toml")
+
+
+def test_a_part_repeated_with_measure_is_read(tmp_path: Path) -> None:
+    (tmp_path / "hand.toml").write_text(pincer.TOML)
+    pads = '<replicate count="3" offset="0 0.01 0"><geom type="sphere" size="0.004"/></replicate>'
+    old = '<body name="palm">'
+    assert old in pincer.MJCF
+    (tmp_path / "pincer.xml").write_text(pincer.MJCF.replace(old, old + 12 * pads))
+    assert load_hand(tmp_path / "hand.toml").mjcf.count('size="0.004"') == 36
+
+
+def test_a_finding_is_one_printable_line(tmp_path: Path) -> None:
+    (tmp_path / "pincer.xml").write_text(pincer.MJCF)
+    file = tmp_path / "hand.toml"
+    file.write_text(pincer.TOML.replace('"index"', r'"\u001b[31m\nindex"').replace('"b2"]', '"b9"]'))
+    found = check_hand(file)
+    assert found
+    assert all(str(finding).isprintable() for finding in found)
+    with pytest.raises(HandError) as caught:
+        parse_hand(file.read_text(), pincer.MJCF)
+    assert str(caught.value).isprintable()
+
+
+@pytest.mark.parametrize(("code", "harmless", "faults"), [(-9, True, 0), (-9, False, 1), (-11, True, 1)])
+def test_a_fuzzer_killed_from_outside_is_no_fault_of_the_reader(
+    code: int, harmless: bool, faults: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ends = iter([code, 0])
+
+    def segment(name: str, work: Path, runs: int, total: dict[str, Any]) -> int:
+        (work / "tally.json").write_text(json.dumps({"inputs": 5, "refused": 5}))
+        (work / "log").write_text("")
+        return next(ends)
+
+    monkeypatch.setattr(fuzz, "_segment", segment)
+    monkeypatch.setattr(fuzz, "_harmless", lambda name, work: harmless)
+    total = fuzz.fuzz("obj", tmp_path, 10)
+    assert total["inputs"] == 10
+    assert sum(total["faults"].values()) == faults
+    assert total.get("killed", 0) == 1 - faults
 
 
 def test_a_model_with_nan_leaves_no_log_behind_and_says_nothing_beside(

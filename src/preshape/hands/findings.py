@@ -8,6 +8,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from ..exceptions import HandError, InputError
+from ..objects.read_text import shown
 from ..types import value
 from .description import Table, couplings_of, finger_from, per_joint, side_of
 
@@ -23,6 +24,9 @@ LARGEST_ANGLE = 1000.0
 LARGEST_U = 0.2
 """[m] [C]; a larger U is a file in another unit."""
 
+LONGEST = 1200
+"""Characters of a finding; names in a file can be of any length."""
+
 
 @value
 class Finding:
@@ -30,11 +34,15 @@ class Finding:
 
     Attributes:
         code: what kind, one word for programs.
-        text: one sentence for people, with what to do where that is not plain.
+        text: one sentence for people, with what to do where that is not plain; always one printable line.
     """
 
     code: str
     text: str
+
+    def __post_init__(self) -> None:
+        # Names come from files: no escape code of theirs may reach a terminal.
+        object.__setattr__(self, "text", shown(self.text, LONGEST))
 
     def __str__(self) -> str:
         return self.text
@@ -277,8 +285,10 @@ def _masses(model: ForeignModel) -> list[Finding]:
 
 
 def _few(names: Any, count: int = 12) -> str:
-    names = list(names)
-    return ", ".join(names[:count]) + (f" and {len(names) - count} more" if len(names) > count else "")
+    names = list(names) or ["none"]
+    return ", ".join(shown(name, 60) for name in names[:count]) + (
+        f" and {len(names) - count} more" if len(names) > count else ""
+    )
 
 
 def refuse(found: list[Finding], label: str) -> None:

@@ -8,9 +8,12 @@ needs no file beside it.
 
 from __future__ import annotations
 
+import re
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
+from html import unescape
+from itertools import count
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -26,6 +29,8 @@ from .hand import Hand
 from .model import hand_from, hand_names, read_description
 
 _TINY = 1e-9  # [kg] that MuJoCo gives a massless body here, so that it can be named
+_LONGEST_REASON = 600  # characters
+_MOST_REPEATS = 1000  # [C]
 
 
 @value
@@ -34,7 +39,7 @@ class ForeignModel:
 
     Attributes:
         model: the ``mujoco.MjModel``; do not change it.
-        bodies: names of its bodies.
+        bodies: names of its bodies; those without one have been given one.
         sites: names of its sites.
         roots: names of the bodies that stand on the world.
         joints: names of its joints but free ones, in order.
@@ -113,6 +118,8 @@ def _compiled(source: Path | str) -> ForeignModel:
     import mujoco
 
     label = str(source) if isinstance(source, Path) else "the MJCF"
+    if (parts := _repeats(source)) > _MOST_REPEATS:
+        raise HandError(f"{label}: it repeats a part {parts:.3g} times; a hand has {_MOST_REPEATS} at most")
     try:
         if isinstance(source, Path) and source.suffix.lower() == ".urdf":
             spec = mujoco.MjSpec.from_string(_urdf_text(source))
@@ -120,6 +127,7 @@ def _compiled(source: Path | str) -> ForeignModel:
             spec = mujoco.MjSpec.from_file(str(source))
         else:
             spec = mujoco.MjSpec.from_string(source)
+        _name_all(spec)
         spec.compiler.fusestatic = False
         spec.compiler.boundmass, spec.compiler.boundinertia = _TINY, 1e-3 * _TINY
         degrees = np.pi / 180 if spec.compiler.degree else 1.0
@@ -132,11 +140,75 @@ def _compiled(source: Path | str) -> ForeignModel:
             ranges[joint.name] = (low * scale, high * scale)
             if low > high:
                 joint.range = [high, low]
-        model = spec.compile()
+        return _noted(spec.compile(), ranges)
+    except UnicodeDecodeError as error:
+        raise HandError(f"{label}: its text or a name in it is not UTF-8; save the model as UTF-8") from error
+    except RecursionError as error:
+        raise HandError(f"{label}: its elements are nested too deep for a model of a hand") from error
     except (ValueError, ElementTree.ParseError, LookupError, OSError) as error:
-        reason = " ".join(str(error).removeprefix("Error: ").split())
-        raise HandError(f"{label}: MuJoCo cannot read it: {reason}") from error
-    return _noted(model, ranges)
+        raise HandError(f"{label}: MuJoCo cannot read it: {_reason(error)}") from error
+
+
+def _repeats(source: Path | str) -> float:
+    """How often an MJCF, or what it includes, repeats a part by ``count``, one repetition inside another.
+
+    MuJoCo makes every copy before it says anything: a line can ask for more than there is memory.
+    """
+    most, seen = 1.0, {source}
+    rest: list[tuple[Path | str, float]] = [(source, 1.0)]
+    while rest:
+        place, times = rest.pop()
+        try:
+            text = place.read_bytes() if isinstance(place, Path) else place.encode()
+        except (OSError, ValueError):
+            continue  # MuJoCo says it better
+        try:
+            root = ElementTree.fromstring(text)
+        except (ElementTree.ParseError, ValueError, LookupError):
+            # MuJoCo's parser forgives what is not well formed: as if each stood inside those before it.
+            for counts in re.findall(
+                r"""count\s*=\s*["']([^"']*)""", unescape(text.decode("utf-8", "replace"))
+            ):
+                for number in counts.split():
+                    times *= max(1.0, _number(number))
+            most = max(most, times)
+            continue
+        inside = [(root, times)]
+        while inside:
+            element, times = inside.pop()
+            for number in element.get("count", "").split():
+                times *= max(1.0, _number(number))  # so "nan" counts once
+            most = max(most, times)
+            inside += [(child, times) for child in element]
+            if element.tag == "include" and isinstance(place, Path):
+                other = place.parent / element.get("file", "")
+                if other not in seen:
+                    seen.add(other)
+                    rest.append((other, times))
+    return most
+
+
+def _number(text: str) -> float:
+    """A number, or one where there is none."""
+    try:
+        return float(text)
+    except ValueError:
+        return 1.0
+
+
+def _name_all(spec: Any) -> None:
+    """Names for bodies and joints without one, ``body_3``: what has no name cannot be looked up by it."""
+    for noun, things in (("body", spec.bodies), ("joint", spec.joints)):
+        taken = {thing.name for thing in things}
+        free = (name for k in count() if (name := f"{noun}_{k}") not in taken)
+        for thing in things:
+            if not thing.name:
+                thing.name = next(free)
+
+
+def _reason(error: Exception) -> str:
+    """What another library complains of, fit for a message."""
+    return shown(str(error).removeprefix("Error: "), _LONGEST_REASON)
 
 
 @contextmanager
@@ -215,8 +287,9 @@ def rebuilt(data: Table, model: ForeignModel, label: str, *, name: str | None = 
         with _quietly():
             mjcf = rewritten(data, model)
     except (ValueError, TypeError, OverflowError, FloatingPointError) as error:
-        reason = " ".join(str(error).removeprefix("Error: ").split())
-        raise HandError(f"{label}: the model cannot be rebuilt from simple shapes: {reason}") from error
+        raise HandError(
+            f"{label}: the model cannot be rebuilt from simple shapes: {_reason(error)}"
+        ) from error
     fingers = [{**entry, "tip_site": f"{entry['name']}_tip"} for entry in data["finger"]]
     bodies = rewritten_bodies(data, model)
     for entry in fingers:

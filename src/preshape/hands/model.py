@@ -22,6 +22,7 @@ from typing import Any
 from xml.etree import ElementTree
 
 from ..exceptions import EnvironmentFailure, HandError, InputError, UnknownHand
+from ..objects.read_text import shown
 from .description import build_hand
 from .hand import Finger, Hand
 from .mirror import mirrored
@@ -30,6 +31,7 @@ __all__ = ["Finger", "Hand", "hand_names", "load_hand", "parse_hand", "read_desc
 
 SIDES = ("right", "left")
 MENAGERIE = "menagerie:"
+_LONGEST = 1200  # characters of a message; names in a file can be of any length
 
 
 def hand_names() -> tuple[str, ...]:
@@ -78,7 +80,7 @@ def parse_hand(description: str, mjcf: str) -> Hand:
     try:
         data = tomllib.loads(description)
     except (ValueError, RecursionError) as error:  # ValueError: also a number of thousands of digits
-        raise HandError(f"the hand's description cannot be read: {error}") from error
+        raise HandError(f"the hand's description cannot be read: {shown(error, _LONGEST)}") from error
     return hand_from(data, mjcf)
 
 
@@ -88,15 +90,13 @@ def hand_from(data: dict[str, Any], mjcf: str, *, name: str | None = None) -> Ha
     try:
         return build_hand(data, ElementTree.fromstring(mjcf), mjcf, name=name)
     except ElementTree.ParseError as error:
-        raise HandError(f"the hand's description cannot be read: {error}") from error
+        raise HandError(f"the hand's MJCF cannot be read: {error}") from error
     except KeyError as error:
-        raise HandError(f"hand {called!r}: the description lacks {error}") from error
+        raise HandError(shown(f"hand {called!r}: the description lacks {error}", _LONGEST)) from error
     except (TypeError, ValueError, AttributeError, OverflowError) as error:
-        raise HandError(f"hand {called!r}: {error}") from error
-    except HandError:
-        raise
+        raise HandError(shown(f"hand {called!r}: {error}", _LONGEST)) from error
     except InputError as error:
-        raise HandError(str(error)) from error
+        raise HandError(shown(error, _LONGEST)) from error
 
 
 def read_description(path: Path) -> dict[str, Any]:
@@ -115,7 +115,7 @@ def read_description(path: Path) -> dict[str, Any]:
     except OSError as error:
         raise EnvironmentFailure(f"{path} cannot be read: {error.strerror or error}") from error
     except (ValueError, RecursionError) as error:  # ValueError: also a number of thousands of digits
-        raise HandError(f"{path} is not valid TOML: {error}") from error
+        raise HandError(f"{path} is not valid TOML: {shown(error, _LONGEST)}") from error
 
 
 def built_in_text(name: str) -> tuple[dict[str, Any], str]:
