@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 from PIL import Image
+from scipy.spatial import cKDTree
 
 import preshape
 from preshape.cli.simulate import simulate
@@ -29,7 +30,7 @@ def main() -> None:
     OUT.mkdir(exist_ok=True)
     plan_png(preshape.plan("mug", "pour", memory=":memory:"), OUT / "plan.png")
     contact_sheet(
-        [(load_library_object(name), name) for name in names()], OUT / "library.png", columns=9, cell=150
+        [(load_library_object(name), name) for name in names()], OUT / "library.png", columns=11, cell=100
     )
     hand = preshape.load_hand("utah_mit")
     still = np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
@@ -93,8 +94,24 @@ def small(path: Path) -> None:
         size = (round(share * picture.width), round(share * picture.height))
         scaled = picture.resize(size, Image.Resampling.LANCZOS) if share < 1 else picture
         content = io.BytesIO()
-        scaled.quantize(256, dither=Image.Dither.NONE).save(content, format="PNG", optimize=True)
+        few_colours(scaled).save(content, format="PNG", optimize=True)
         path.write_bytes(content.getvalue())
+
+
+def few_colours(picture: Image.Image) -> Image.Image:
+    """A picture in 256 colours: half for what is frequent, half for what is rare.
+
+    The frequent ones keep smooth backgrounds smooth; the rare ones keep a thin green arrow green.
+    """
+    frequent = picture.quantize(128, Image.Quantize.MEDIANCUT, kmeans=2)
+    rare = picture.quantize(128, Image.Quantize.MAXCOVERAGE, kmeans=2)
+    palette = np.array([*frequent.getpalette(), *rare.getpalette()], dtype=np.uint8).reshape(-1, 3)
+    pixels = np.asarray(picture)
+    colours, place = np.unique(pixels.reshape(-1, 3), axis=0, return_inverse=True)
+    nearest = cKDTree(palette.astype(float)).query(colours.astype(float))[1].astype(np.uint8)
+    result = Image.fromarray(nearest[place.reshape(pixels.shape[:2])], mode="P")
+    result.putpalette(palette.tobytes())
+    return result
 
 
 if __name__ == "__main__":

@@ -15,6 +15,11 @@ def reference() -> Path:
     return Path(folder)
 
 
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """The browser's tests first: they are the slowest, and no worker is to wait for another's at the end."""
+    items.sort(key=lambda item: not item.path.name.startswith("test_view_app"))
+
+
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
     skipped = terminalreporter.stats.get("skipped", [])
     reason = "PRESHAPE_REFERENCE is not set"

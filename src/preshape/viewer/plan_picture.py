@@ -189,13 +189,15 @@ def _heading(page: _Page, scene: PlanScene, title: str) -> float:
         page.text(left, y, line, 11.5, QUIET)
         y += 20
     y += 12
+    grip = scene.quality is not None
+    judged, worth = ("grip's quality of 6", scene.quality) if grip else ("TFVADI of 6", scene.match)
     facts = [
         ("mode", "–" if scene.mode is None else str(scene.mode)),
-        ("TFVADI of 6", "–" if scene.match is None else f"{scene.match:.2f}"),
+        (judged, "–" if worth is None else f"{worth:.2f}"),
         ("stability of 6", "–" if scene.stability is None else str(scene.stability)),
         ("manipulability of 6", "–" if scene.manipulability is None else str(scene.manipulability)),
     ]
-    for x, (name, number) in zip(left + np.array([0, 85, 205, 325]), facts, strict=True):
+    for x, (name, number) in zip(left + np.array([0, 62, 205, 325]), facts, strict=True):
         page.text(x, y + 12, number, 19, weight="bold")
         page.text(x, y + 38, name, 9.5, QUIET)
     y += 66
@@ -303,7 +305,7 @@ def _planes(page: _Page, scene: PlanScene) -> None:
     y = top + 16
     if scene.plane is not None:
         page.text(x, y, f"Approach plane {scene.plane.index}", 11.5, weight="bold")
-        y += 26
+        y += 24
         plane = scene.plane
         rows: Sequence[tuple[str, Array, Colour]] = (
             ("approach a", plane.approach_axis, APPROACH),
@@ -315,10 +317,10 @@ def _planes(page: _Page, scene: PlanScene) -> None:
             page.text(x + 24, y, name, 9.5)
             page.text(right, y, _axis_text(axis), 9.5, QUIET, ha="right")
             y += 20
-        y += 10
+        y += 6
     if scene.fingers:
         page.text(x, y, "Contacts", 11.5, weight="bold")
-        y += 25
+        y += 23
         for i, name in enumerate(scene.fingers[:5]):
             page.sheet.plot(x + 8, y, "o", ms=6, color=finger_colour(name, i), mec=BLACK, mew=0.4)
             page.text(x + 24, y, wrap(name, 120, 9.5, lines=1)[0], 9.5)

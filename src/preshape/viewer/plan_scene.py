@@ -68,6 +68,7 @@ class PlanScene:
         net_wrench: (6,) about the COG, lengths in U.
         adi: (6,) agreement of task and net wrench in each dimension.
         match: TFVADI, 0..6.
+        quality: of a real hand's grip, 0..6, which is judged by it; ``None`` where TFVADI judges.
         stability: index, 0..6.
         manipulability: index, 0..6.
         hand: the hand's parts, placed.
@@ -95,6 +96,7 @@ class PlanScene:
     net_wrench: Array | None = None
     adi: Array | None = None
     match: float | None = None
+    quality: float | None = None
     stability: int | None = None
     manipulability: int | None = None
     hand: tuple[LinkShape, ...] = ()

@@ -1,0 +1,74 @@
+"""What the pictures of plans say, and that they keep their colours when they are made small."""
+
+from __future__ import annotations
+
+import importlib.util
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from preshape.objects.library import load_library_object
+from preshape.viewer.plan_picture import PlanScene, plan_image
+
+ROOT = Path(__file__).parent.parent
+
+
+@pytest.fixture(scope="module")
+def make_pictures():
+    path = ROOT / "docs" / "make_pictures.py"
+    spec = importlib.util.spec_from_file_location("make_pictures", path)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_a_grip_is_headed_by_its_quality_and_a_virtual_grasp_by_its_match() -> None:
+    cube = load_library_object("cube")
+    scene = PlanScene(
+        mesh=cube,
+        cog=cube.cog,
+        task_name="lift",
+        hand_name="shadow",
+        task=np.eye(6)[2],
+        mode=0,
+        status="answer",
+    )
+
+    def drawn(quality: float | None, match: float | None) -> bytes:
+        return plan_image(replace(scene, quality=quality, match=match), size=(700, 450)).tobytes()
+
+    grip = drawn(5.12, 2.33)
+    assert grip == drawn(5.12, None)  # a match of 2.33 would look like a failure beside a threshold of 3
+    assert grip != drawn(None, 5.12)  # the same number under another name
+
+
+def test_few_colours_keep_a_thin_arrow_green_and_a_sky_smooth(make_pictures) -> None:
+    rng = np.random.default_rng(3)
+    ramp = np.linspace(200, 250, 300)[:, None, None] + np.array([0.0, 2.0, 4.0])
+    noise = rng.integers(0, 60, (300, 400, 1)) * (np.arange(400)[:, None] > 150)
+    picture = np.clip(ramp - noise, 0, 255).astype(np.uint8)
+    rare = {10: (0, 158, 115), 20: (213, 94, 0), 30: (0, 114, 178), 40: (230, 159, 0), 50: (240, 228, 66)}
+    for column, colour in rare.items():
+        picture[100:200, column : column + 2] = colour
+    few = make_pictures.few_colours(Image.fromarray(picture))
+    assert few.mode == "P"
+    error = np.abs(np.asarray(few.convert("RGB"), dtype=int) - picture).max(axis=2)
+    assert error.max() <= 12
+    assert error[:, 60:140].max() <= 3
+
+
+@pytest.mark.parametrize("path", sorted((ROOT / "docs" / "pictures").glob("*.png")), ids=lambda p: p.name)
+def test_every_picture_is_small_enough_for_a_page(path: Path, make_pictures) -> None:
+    assert path.stat().st_size <= make_pictures.LARGEST
+
+
+def test_every_picture_that_the_readme_shows_is_there_and_told_in_words() -> None:
+    shown = re.findall(r"!\[([^\]]*)\]\(([^)]+)\)", (ROOT / "README.md").read_text(encoding="utf-8"))
+    assert len(shown) >= 5
+    for words, target in shown:
+        assert (ROOT / target).is_file(), target
+        assert len(words.split()) >= 3
