@@ -114,6 +114,7 @@ class ClosureAnalyser:
         self.pincher = Pincher(pinches, spots, mesh.cog, mesh.extents / 2, self.search.kernel)
         self.finisher = Finisher(self.search, self.query)
         self._kept: dict[bytes, Grips] = {}
+        self._asked: tuple[bytes, Demand] | None = None
 
     measure = "the grip's quality (3 is just enough)"
     patience = 8
@@ -124,7 +125,15 @@ class ClosureAnalyser:
         return sum(found.aimed for found in self._kept.values())
 
     def demand(self, q: Array) -> Demand:
-        """What a task asks of a grip: its wrench, the load along it, and the weight."""
+        """What a task asks of a grip: its wrench, the load along it, and the weight.
+
+        The same object for the same task: kernels are kept for it.
+        """
+        if self._asked is None or self._asked[0] != q.tobytes():
+            self._asked = q.tobytes(), self._demand(q)
+        return self._asked[1]
+
+    def _demand(self, q: Array) -> Demand:
         move = np.where(np.abs(q[:3]) > TRANSLATION_ABSENT + 1e-9, q[:3], 0.0)
         turn = np.where(np.abs(q[3:]) > ROTATION_ABSENT + 1e-9, q[3:], 0.0)
         force = move / np.linalg.norm(move) if move.any() else move

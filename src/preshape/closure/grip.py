@@ -142,8 +142,11 @@ class Finisher:
         for some in (rows[first : first + each] for first in range(0, len(rows), each)):
             free = some[[self.opener.free_of_itself(grasp[row]) for row in some]]
             ways = self.opener.find(candidates, closings.closing, free, found.sampled.plane, planes)
-            surely = self.search.surely(packed.take(ways.row), demand)
+            surely = np.zeros(0)
             for k, row in enumerate(ways.row):
+                if k == len(surely):  # as many as are still wanted, side by side
+                    some_more = packed.take(ways.row[k : k + enough - len(grips)])
+                    surely = np.append(surely, self.search.surely(some_more, demand))
                 margins = float(surely[k]) / demand.load, float(hold[row]) / self.settings.hold
                 where = frames[0][row], frames[1][row]
                 made = self._grip(found, int(row), packed, grasp[row], where, ways, k, margins, planes)
