@@ -12,6 +12,7 @@ from PIL import Image
 from scipy.spatial import cKDTree
 
 import preshape
+from preshape.cli.bench_planner import planner
 from preshape.cli.simulate import simulate
 from preshape.hand_simulation import hand_geometry
 from preshape.io import dumps
@@ -36,6 +37,7 @@ def main() -> None:
     still = np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
     hand_picture(hand_geometry(hand, still, hand.posture("rest")), OUT / "utah_mit.png", size=(600, 600))
     real_hand()
+    lost()
     for path in sorted(OUT.glob("*.png")):
         small(path)
         print(f"wrote {path.relative_to(OUT.parent.parent)} ({path.stat().st_size // 1024} KiB)")
@@ -52,6 +54,14 @@ def real_hand() -> None:
         simulate([str(file), "--out", str(folder)], standalone_mode=False)
         shutil.copyfile(folder / "filmstrip.png", OUT / "filmstrip.png")
         app(file, folder / "memory.sqlite")
+
+
+def lost() -> None:
+    """The library's spoon as it turns in the Shadow hand: what docs/results.md says was lost."""
+    with tempfile.TemporaryDirectory() as name:
+        planner(["spoon", "--hand", "shadow", "--out", name], standalone_mode=False)
+        for picture in sorted(Path(name).glob("lost-*.png"))[:1]:
+            shutil.copyfile(picture, OUT / "lost.png")
 
 
 def app(file: Path, memory: Path) -> None:
