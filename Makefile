@@ -46,7 +46,7 @@ browser:
 	    || echo "no browser could be installed: the app's tests will fail; install chromium, then make test"; }
 
 test: setup browser
-	@$(BIN)/python -m pytest -n $(JOBS) $(ARGS)
+	@$(BIN)/python -m pytest -n $(JOBS) --dist worksteal $(ARGS)
 
 lint: setup
 	@$(BIN)/ruff check .

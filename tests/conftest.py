@@ -1,9 +1,13 @@
 from __future__ import annotations
 
 import os
+import time
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
+
+from preshape.files import locked
 
 
 @pytest.fixture(scope="session")
@@ -13,6 +17,73 @@ def reference() -> Path:
     if not folder or not Path(folder).is_dir():
         pytest.skip("PRESHAPE_REFERENCE is not set")
     return Path(folder)
+
+
+def shared_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The temporary folder that all workers of this test run have in common."""
+    folder = tmp_path_factory.getbasetemp()
+    return folder.parent if "PYTEST_XDIST_WORKER" in os.environ else folder
+
+
+@pytest.fixture(scope="session")
+def once(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str, Callable[[Path], object]], Path]:
+    """Makes a file that takes long for all workers together: the first that asks makes it, others wait.
+
+    The file is for reading; who wants to change it takes a copy.
+    """
+    folder = shared_folder(tmp_path_factory)
+
+    def made(name: str, make: Callable[[Path], object]) -> Path:
+        file, part = folder / f"once-{name}", folder / f"once-part-{name}"
+        with (folder / f"once-{name}.lock").open("ab") as lock:
+            while not locked(lock):
+                time.sleep(0.02)
+            if not file.exists():
+                make(part)
+                part.rename(file)
+        return file
+
+    return made
+
+
+@pytest.fixture(scope="module")
+def session_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """A module's cache is this test run's, for all workers and modules that ask, and not the user's."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("PRESHAPE_CACHE", str(shared_folder(tmp_path_factory) / "cache"))
+        yield
+
+
+@pytest.fixture(scope="session")
+def lesson(once: Callable[[str, Callable[[Path], object]], Path]) -> Callable[[str], Path]:
+    """The memory of a hand that knows its first lesson, the cube, and nothing else, as a file.
+
+    It is what a controller makes of an empty memory; ``test_plan_closure`` begins with an empty one.
+    """
+    from preshape.closure.settings import ClosureSettings
+    from preshape.closure_control import closure_controller
+    from preshape.decision import Settings
+    from preshape.hands import load_hand
+    from preshape.memory import Memory
+    from preshape.planner import layout_of
+    from preshape.tasks import parse_task
+
+    def taught(name: str) -> Path:
+        def make(path: Path) -> None:
+            hand = load_hand(name)
+            with Memory.open(path) as memory:
+                closure_controller(
+                    memory,
+                    hand,
+                    layout_of(hand),
+                    settings=Settings(),
+                    closure=ClosureSettings(),
+                    gravity=parse_task("lift").gravity,
+                )
+
+        return once(f"{name}.sqlite", make)
+
+    return taught
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

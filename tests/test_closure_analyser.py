@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -23,19 +22,13 @@ from preshape.planner import layout_of
 from preshape.tasks import parse_task
 from preshape.types import Array, Attributes, Experience
 
+pytestmark = pytest.mark.usefixtures("session_cache")
 HAND = load_hand(str(Path(__file__).parent.parent / "examples" / "hands" / "trident.toml"))
 VALUES = np.linspace(-0.9, 0.9, 19)
 EVERYWHERE = Aim(values=VALUES)
 SMALL = {"everywhere": 800, "on_plane": 400, "elite": 16, "children": 4, "rounds": 2, "finished": 6}
 LIFT = parse_task("lift").q
 PLAIN = np.array([0.1, 0.1, 0.1, 0.05, 0.05, 0.05])
-
-
-@pytest.fixture(scope="module", autouse=True)
-def own_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("PRESHAPE_CACHE", str(tmp_path_factory.mktemp("cache")))
-        yield
 
 
 def analyser(mesh: TriangleMesh, *, seed: int = 0, known: Any = tuple, **settings: Any) -> ClosureAnalyser:

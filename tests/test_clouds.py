@@ -400,12 +400,12 @@ QUICK = ClosureSettings(everywhere=300, elite=8, children=3, rounds=1, persisten
 
 
 @pytest.fixture(scope="module")
-def on_cloud(tmp_path_factory) -> tuple[Plan, np.ndarray]:
+def on_cloud(tmp_path_factory, lesson) -> tuple[Plan, np.ndarray]:
     """A plan on one view of a cylinder, and the points."""
     _, points, camera = seen("cylinder")
     file = tmp_path_factory.mktemp("cloud") / "scan.npy"
     np.save(file, points)
-    options = {"hand": "shadow", "closure": QUICK, "memory": ":memory:", "learn": False, "count": 4}
+    options = {"hand": "shadow", "closure": QUICK, "memory": lesson("shadow"), "learn": False, "count": 4}
     return plan(file, "lift", view=camera.tolist(), **options), points
 
 

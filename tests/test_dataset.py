@@ -463,8 +463,13 @@ def test_workers_that_are_always_killed_end_the_run_with_a_sentence(
 
 def started(out: Path, cache: Path, workers: int) -> subprocess.Popen[str]:
     environment = {**os.environ, "PRESHAPE_CACHE": str(cache), "COLUMNS": "100"}
+    # A shell's background job, as CI may be, starts its children with the signal ignored.
+    heeding = (
+        "import signal; signal.signal(signal.SIGINT, signal.default_int_handler); "
+        "from preshape.cli.main import main; main()"
+    )
     return subprocess.Popen(
-        [sys.executable, "-m", "preshape", *COMMAND, str(out), "--workers", str(workers)],
+        [sys.executable, "-c", heeding, *COMMAND, str(out), "--workers", str(workers)],
         env=environment,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,

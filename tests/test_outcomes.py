@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import shutil
+from collections.abc import Callable, Iterator
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -25,9 +27,11 @@ QUICK = ClosureSettings(everywhere=600, elite=8, rounds=2, finished=4, persisten
 
 
 @pytest.fixture
-def met() -> Iterator[tuple[Controller, ClosureAnalyser, list[VirtualGrasp]]]:
+def met(
+    lesson: Callable[[str], Path], tmp_path: Path
+) -> Iterator[tuple[Controller, ClosureAnalyser, list[VirtualGrasp]]]:
     """A controller that has met a box, and the grips found for it, best first."""
-    with Memory.open(":memory:") as memory:
+    with Memory.open(shutil.copy(lesson("allegro"), tmp_path / "m.sqlite")) as memory:
         controller = closure_controller(
             memory, HAND, layout_of(HAND), settings=Settings(), closure=QUICK, gravity=TASK.gravity
         )

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import shutil
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -34,16 +33,10 @@ from preshape.spatial import inverse, quaternion_from_rotation, rotation_from_qu
 from preshape.tasks import parse_task
 from preshape.types import Array
 
+pytestmark = pytest.mark.usefixtures("session_cache")
 QUICK = ClosureSettings(threads=1, everywhere=1000, elite=16, children=4, rounds=1, finished=6)
 KNOWN = "shadow+closure"
 VALIDATOR = jsonschema.Draft202012Validator(plan_schema())
-
-
-@pytest.fixture(scope="module", autouse=True)
-def own_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("PRESHAPE_CACHE", str(tmp_path_factory.mktemp("cache")))
-        yield
 
 
 @pytest.fixture(scope="module")

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import shutil
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -24,6 +28,19 @@ def one_piece(monkeypatch: pytest.MonkeyPatch) -> None:
     )
 
 
+@pytest.fixture
+def fresh(lesson: Callable[[str], Path], tmp_path: Path) -> Callable[[], AbstractContextManager[Memory]]:
+    """Opens a memory that knows the hand's first lesson only, another one each time."""
+    count = iter(range(9))
+
+    @contextmanager
+    def opened() -> Iterator[Memory]:
+        with Memory.open(shutil.copy(lesson("allegro"), tmp_path / f"{next(count)}.sqlite")) as memory:
+            yield memory
+
+    return opened
+
+
 def planned(memory: Memory, **how: Any) -> Plan:
     return plan("box", "lift", hand="allegro", memory=memory, closure=QUICK, verify=True, **how)
 
@@ -43,20 +60,20 @@ def told(monkeypatch: pytest.MonkeyPatch, *answers: bool | None) -> None:
     monkeypatch.setattr(verifying, "hold_test", hold_test)
 
 
-def test_real_physics_holds_the_box_and_that_is_remembered() -> None:
-    with Memory.open(":memory:") as memory:
+def test_real_physics_holds_the_box_and_that_is_remembered(fresh) -> None:
+    with fresh() as memory:
         made = planned(memory)
         assert made.verified is not None
         assert made.verified.held
         assert outcomes(memory) == ["lost"] * (made.verified.tried - 1) + ["held"]
 
 
-def test_the_first_that_holds_is_the_answer(monkeypatch: pytest.MonkeyPatch) -> None:
-    with Memory.open(":memory:") as memory:
+def test_the_first_that_holds_is_the_answer(fresh, monkeypatch: pytest.MonkeyPatch) -> None:
+    with fresh() as memory:
         told(monkeypatch, True)
         first = planned(memory, count=3, learn=False)
         assert outcomes(memory) == [], "learn=False learns nothing"
-    with Memory.open(":memory:") as memory:
+    with fresh() as memory:
         told(monkeypatch, False, True)
         second = planned(memory, count=3)
         assert first.answer is not None
@@ -67,8 +84,8 @@ def test_the_first_that_holds_is_the_answer(monkeypatch: pytest.MonkeyPatch) -> 
         assert outcomes(memory) == ["lost", "held"]
 
 
-def test_none_holds(monkeypatch: pytest.MonkeyPatch) -> None:
-    with Memory.open(":memory:") as memory:
+def test_none_holds(fresh, monkeypatch: pytest.MonkeyPatch) -> None:
+    with fresh() as memory:
         told(monkeypatch, *[False] * 20)
         made = planned(memory)
         assert made.verified is not None
@@ -76,15 +93,15 @@ def test_none_holds(monkeypatch: pytest.MonkeyPatch) -> None:
         assert outcomes(memory) == ["lost"] * made.verified.tried
 
 
-def test_a_simulation_that_broke_says_nothing_of_the_grip(monkeypatch: pytest.MonkeyPatch) -> None:
-    with Memory.open(":memory:") as memory:
+def test_a_simulation_that_broke_says_nothing_of_the_grip(fresh, monkeypatch: pytest.MonkeyPatch) -> None:
+    with fresh() as memory:
         told(monkeypatch, None, False, *[None] * 20)
         planned(memory)
         assert outcomes(memory) == ["lost"]
 
 
-def test_what_stood_in_the_way_does_not_become_what_is_known(monkeypatch: pytest.MonkeyPatch) -> None:
-    with Memory.open(":memory:") as memory:
+def test_what_stood_in_the_way_does_not_become_what_is_known(fresh, monkeypatch: pytest.MonkeyPatch) -> None:
+    with fresh() as memory:
         told(monkeypatch, *[True] * 3)
         planned(memory, approaches="-z")
         planned(memory, avoid=[[0.3, 0.3, 0.3, 0.4, 0.4, 0.4]])

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from pathlib import Path
+
 import numpy as np
 
 from preshape.analyser import Aim, HandLayout
@@ -49,8 +52,8 @@ def test_no_hand_closes_on_it() -> None:
     assert "none closes on the object with thumb and finger" in why("sphere", scale=8.0)
 
 
-def test_the_answer_says_it() -> None:
-    made = plan("domino", "lift", hand="shadow", memory=":memory:", learn=False, table="auto")
+def test_the_answer_says_it(lesson: Callable[[str], Path]) -> None:
+    made = plan("domino", "lift", hand="shadow", memory=lesson("shadow"), learn=False, table="auto")
     last = made.decision.transitions[-1]
     assert (made.decision.status, last.outcome) == (Status.NO_GRASP, "no grasp")
     assert "in the table" in last.reason
