@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -33,6 +32,7 @@ from preshape.planner import layout_of
 from preshape.tasks import parse_task
 from preshape.types import Array
 
+pytestmark = pytest.mark.usefixtures("session_cache")
 TRIDENT = str(Path(__file__).parent.parent / "examples" / "hands" / "trident.toml")
 VALUES = np.linspace(-0.9, 0.9, 19)
 SMALL = {"everywhere": 1500, "elite": 32, "children": 4, "rounds": 2, "finished": 8, "threads": 1}
@@ -56,13 +56,6 @@ def case(hand: str, mesh: TriangleMesh, task: str, **settings: Any) -> Case:
     analyser = ClosureAnalyser(mesh, model, layout_of(model), settings=made, gravity=asked.gravity)
     found = analyser.explore(asked.q, Aim(values=VALUES))
     return Case(model, mesh, analyser, asked.q, found.grasps)  # type: ignore[attr-defined]
-
-
-@pytest.fixture(scope="module", autouse=True)
-def own_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("PRESHAPE_CACHE", str(tmp_path_factory.mktemp("cache")))
-        yield
 
 
 @pytest.fixture(scope="module")
@@ -324,7 +317,8 @@ def test_margins_are_what_the_press_can_balance(any_case: Case) -> None:
         expected = (exact or 0.0) / demand.load / settings.weight
         assert grip.task_margin <= 1.08 * expected + 0.02
         agree += abs(grip.task_margin - expected) < 0.05 * expected + 0.02
-        assert grip.quality >= quality(min(grip.task_margin, grip.hold_margin)) - 1e-6
+        # Softness takes only from what is above 3; a stronger press only adds.
+        assert grip.quality >= min(quality(min(grip.task_margin, grip.hold_margin)), 3.0) - 1e-6
     assert agree >= 0.6 * len(any_case.grasps)
 
 

@@ -24,7 +24,7 @@ from ..planes import plane
 from ..tasks.task import ROTATION_ABSENT, TRANSLATION_ABSENT
 from ..types import Array, BoolArray, ContactCoefficients, Experience, IntArray, frozen_array, value
 from ..wrench import contact_wrenches, net_wrench, screw_measures
-from .grip import Finished, Finisher, quality
+from .grip import Finished, Finisher
 from .holding import turn_levers
 from .pinches import hand_pinches
 from .pinching import PINCHED, Pincher
@@ -114,6 +114,7 @@ class ClosureAnalyser:
         self.pincher = Pincher(pinches, spots, mesh.cog, mesh.extents / 2, self.search.kernel)
         self.finisher = Finisher(self.search, self.query)
         self._kept: dict[bytes, Grips] = {}
+        self._everywhere: set[bytes] = set()  # tasks for which all planes that are allowed were looked at
         self._asked: tuple[bytes, Demand] | None = None
 
     measure = "the grip's quality (3 is just enough)"
@@ -156,12 +157,15 @@ class ClosureAnalyser:
         task = frozen_array(q, (6,), "task Q")
         _check(aim)
         key = task.tobytes() + _key(aim)
+        elsewhere = len(aim.planes) == 1 and task.tobytes() not in self._everywhere
         if len(aim.planes) == 1:  # experience may have come since, and is asked first
-            key += len(self._known()).to_bytes(8, "little")
+            key += len(self._known()).to_bytes(8, "little") + bytes([elsewhere])
         if key not in self._kept:
             if len(self._kept) >= _KEPT:
                 del self._kept[next(iter(self._kept))]
-            self._kept[key] = self._explore(task, aim)
+            self._kept[key] = self._explore(task, aim, elsewhere)
+        if len(aim.planes) > 1:
+            self._everywhere.add(task.tobytes())
         return self._kept[key]
 
     def grasp(self, q: Array, found: Exploration, index: int = 0) -> VirtualGrasp:
@@ -174,10 +178,11 @@ class ClosureAnalyser:
             raise TypeError("found must come from this analyser's explore")
         return found.grasps[index]
 
-    def _explore(self, q: Array, aim: Aim) -> Grips:
+    def _explore(self, q: Array, aim: Aim, elsewhere: bool) -> Grips:
         demand, settings = self.demand(q), self.settings
         recalled, worth = self._recalled(aim)
-        few = len(aim.planes) == 1 and len(aim.values) <= FEW
+        part = len(aim.planes) == 1
+        few = part and len(aim.values) <= FEW
         if few and recalled is not None:
             known = self._again(q, aim, demand, recalled, worth)
             if known is not None:
@@ -186,18 +191,20 @@ class ClosureAnalyser:
         count, elite, rounds, enough = self._effort(aim)
         drawn = self._draw(rng, aim, count)
         found = self._evaluate(drawn if recalled is None else joined(drawn, recalled), demand)
-        if len(aim.planes) > 1:
+        if not part:
             found = self._persist(rng, aim, found, demand)
         finished: list[Finished] = []
-        for _ in range(1 + (settings.persistence if len(aim.planes) > 1 else 0)):
+        for _ in range(1 + (0 if part else settings.persistence)):
             found = self.search.refine(
                 rng, found, demand, elite=elite, each=settings.children, rounds=rounds, wanted=WANTED
             )
             standing = found.take(apart(found, max(elite, 4 * enough)))
             standing = self.search.steady(rng, standing, demand, samples=4 if few else 8, wanted=WANTED)
-            made = self.finisher.finish(standing, demand, wanted=WANTED, enough=enough, planes=aim.planes)
+            made = self.finisher.finish(
+                standing, demand, wanted=WANTED, enough=enough, planes=aim.planes, elsewhere=elsewhere
+            )
             finished = max(finished, made, key=_best)
-            if _best(finished) >= quality(EASY):
+            if _best(finished) >= EASY:
                 break
         grasps = [self.virtual_grasp(q, made) for made in finished]
         grasps.sort(key=lambda g: -g.judged)
@@ -358,8 +365,8 @@ def _check(aim: Aim) -> None:
 
 
 def _best(finished: Sequence[Finished]) -> float:
-    """The best quality among them."""
-    return max((made.grip.quality for made in finished), default=-1.0)
+    """The best margin among them."""
+    return max((made.margin for made in finished), default=-1.0)
 
 
 def _exploration(grasps: Sequence[VirtualGrasp], tried: int, why: str = "") -> Grips:

@@ -15,6 +15,7 @@ from ..kernels.field import SurfaceQuery
 from ..kernels.hand_spheres import FINE
 from ..planes import APPROACH_AXES, OPPOSITION_AXES
 from ..types import Array, value
+from .compliance import turn_when_beside
 from .hand_tables import hand_tables
 from .opening import ALONG, NEAREST, OPENING, Opener, Openings
 from .preshapes import posture_at
@@ -32,6 +33,9 @@ EVENNESS = 0.1
 """Weight of an even spread of the forces, against ten for their balance [C]."""
 EDGES = 8
 """Of a friction cone, where forces are chosen."""
+SOFT, TOO_SOFT = float(np.radians(1.0)), float(np.radians(4.0))
+"""Where an object turns by the first when the forces are a little beside, what its grip has to spare counts
+half; where by the second and stiffer grips may be found elsewhere, all of its margin does [C]."""
 
 
 @value
@@ -45,6 +49,7 @@ class Finished:
         flip: thumb on that plane's -o side.
         points: (n, 3) contacts, the thumb's first [m].
         normals_in: (n, 3) inward unit normals.
+        margin: largest load that the strongest squeeze can balance, over the load expected.
     """
 
     grip: Grip
@@ -53,6 +58,7 @@ class Finished:
     flip: bool
     points: Array
     normals_in: Array
+    margin: float = 0.0
 
 
 class Finisher:
@@ -112,6 +118,7 @@ class Finisher:
         wanted: int = 3,
         enough: int = 1,
         planes: Sequence[int] = tuple(range(1, 13)),
+        elsewhere: bool = False,
     ) -> list[Finished]:
         """The grips that the candidates turn into, in their order; what cannot be executed is left out.
 
@@ -121,6 +128,7 @@ class Finisher:
             wanted: contacts that it must have.
             enough: how many grips are wanted; candidates after that are not looked at.
             planes: approach planes that the way in may belong to.
+            elsewhere: there is more to be looked at, so a soft grip is worth less.
         """
         if not len(found):
             return []
@@ -149,7 +157,9 @@ class Finisher:
                     surely = np.append(surely, self.search.surely(some_more, demand))
                 margins = float(surely[k]) / demand.load, float(hold[row]) / self.settings.hold
                 where = frames[0][row], frames[1][row]
-                made = self._grip(found, int(row), packed, grasp[row], where, ways, k, margins, planes)
+                made = self._grip(
+                    found, int(row), packed, grasp[row], where, ways, k, margins, planes, elsewhere
+                )
                 if made is not None:
                     grips.append(made)
                 if len(grips) == enough:
@@ -185,6 +195,7 @@ class Finisher:
         k: int,
         margins: tuple[float, float],
         planes: Sequence[int],
+        elsewhere: bool,
     ) -> Finished | None:
         candidates, settings = found.sampled.candidates, self.settings
         n = int(packed.counts[row])
@@ -196,14 +207,20 @@ class Finisher:
         left = np.concatenate([share.sum(axis=0), np.cross(arms, share).sum(axis=0)])
         if np.linalg.norm(left) > self.unbalanced:
             return None
-        torques = self._torques(candidates, packed, row, frames, used, points, share)
+        jacobians, chains = self._jacobians(candidates, packed, row, frames, used, points)
+        torques = self._torques(jacobians, chains, share)
         # A joint that would be too weak for the whole squeeze makes it weaker.
         strain = float((np.abs(torques) / self.hand.torque_limits).max())
         most = min(settings.press_most, 1.0 / max(strain, 1e-9))
         needed = settings.safety * settings.weight / max(min(margins), 1e-9)
         press = min(max(settings.press_least, needed), most)
         # A target beyond a joint's limit is meant: a servo that stops at the limit would press with nothing.
-        squeeze = q + press * torques / self.hand.gains / self._sharing
+        yielding = 1.0 / (self.hand.gains * self._sharing)
+        squeeze = q + press * torques * yielding
+        turn = turn_when_beside(
+            points - self.search.cog, normals, press * share, jacobians, [yielding[chain] for chain in chains]
+        )
+        margin = min(margins) * most / settings.weight
         grip = Grip(
             approach=ways.approach[k],
             palm_pose=np.concatenate([candidates.place[row], candidates.turn[row]]),
@@ -217,13 +234,15 @@ class Finisher:
             torques=press * torques,
             task_margin=margins[0] * press / settings.weight,
             hold_margin=margins[1] * press / settings.weight,
-            quality=quality(min(margins) * most / settings.weight),
+            quality=quality(margin, turn, elsewhere=elsewhere),
             clearance=float(ways.clearance[k]),
         )
         number, flip = counted_to(ways.approach[k], points, int(found.sampled.plane[row]), planes)
-        return Finished(grip=grip, row=row, plane=number, flip=flip, points=points, normals_in=normals)
+        return Finished(
+            grip=grip, row=row, plane=number, flip=flip, points=points, normals_in=normals, margin=margin
+        )
 
-    def _torques(
+    def _jacobians(
         self,
         candidates: Candidates,
         packed: Closings,
@@ -231,18 +250,24 @@ class Finisher:
         frames: tuple[Array, Array],
         used: list[int],
         points: Array,
-        forces: Array,
-    ) -> Array:
-        """(j,) joint torques that make the contact forces (n, 3), Jᵀ f."""
+    ) -> tuple[list[Array], list[slice]]:
+        """For each contact (6, k) its motion by the joints behind it, and which of the hand's these are."""
         places, turns = frames
         R = rotations(candidates.turn[row])
         anchors = candidates.place[row] + places @ R.T
         axes = np.einsum("ij,njk,nk->ni", R, turns, self.tables.axis)
-        torques = np.zeros(len(places))
         touching = np.searchsorted(self.tables.sphere_start, packed.sphere[row], side="right") - 1
-        for finger, point, force in zip(used, points, forces, strict=True):
-            chain = slice(int(self.tables.joint_start[finger]), int(touching[finger]) + 1)
-            torques[chain] = (axes[chain] * cross(point - anchors[chain], force)).sum(axis=1)
+        chains = [slice(int(self.tables.joint_start[f]), int(touching[f]) + 1) for f in used]
+        return [
+            np.concatenate([cross(axes[chain], point - anchors[chain]).T, axes[chain].T])
+            for chain, point in zip(chains, points, strict=True)
+        ], chains
+
+    def _torques(self, jacobians: list[Array], chains: list[slice], forces: Array) -> Array:
+        """(j,) joint torques that make the contact forces (n, 3), Jᵀ f."""
+        torques = np.zeros(len(self.hand.joints))
+        for J, chain, force in zip(jacobians, chains, forces, strict=True):
+            torques[chain] = force @ J[:3]
         # One tendon: the same torque on both, the nearest to what each should have.
         for a, b in self._couples:
             torques[[a, b]] = (torques[a] + torques[b]) / 2
@@ -272,13 +297,29 @@ def counted_to(approach: Array, points: Array, own: int, planes: Sequence[int]) 
     return number, bool(OPPOSITION_AXES[number - 1] @ thumb < 0.0)
 
 
-def quality(margin: float) -> float:
+def quality(margin: float, turn: float = 0.0, *, elsewhere: bool = False) -> float:
     """What the critic judges, 0..6: 3 where the hand can balance just the load expected, 4.5 for twice that.
+
+    What a soft grip has to spare counts in part: the squeeze itself turns the object in it.
+
+    Args:
+        margin: largest load that can be balanced, over the load expected.
+        turn: of the object when the forces are a little beside [rad].
+        elsewhere: a stiffer grip may be found where nobody has looked yet: all of the margin counts in part.
 
     >>> quality(0.0), quality(1.0), quality(2.0)
     (0.0, 3.0, 4.5)
+    >>> quality(2.0, SOFT), quality(0.5, SOFT) == quality(0.5)
+    (3.75, True)
+    >>> quality(2.0, TOO_SOFT, elsewhere=True)
+    3.0
     """
-    return float(6.0 * (1.0 - 2.0 ** -max(margin, 0.0)))
+    if elsewhere:
+        margin = margin / (1.0 + turn / TOO_SOFT)
+    stiff = float(6.0 * (1.0 - 2.0 ** -max(margin, 0.0)))
+    if elsewhere:
+        return stiff
+    return min(stiff, 3.0 + max(stiff - 3.0, 0.0) / (1.0 + turn / SOFT))
 
 
 def grip_forces(arms: Array, normals_in: Array, mu: float) -> Array:
