@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
+import os
+import signal
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -119,8 +123,7 @@ def test_a_run_is_asked_for_read_and_played(opened) -> None:
     shown = scene.screenshot()
     set_number(page, "Moment", "0")
     saw(page, "open before the object")
-    page.wait_for_timeout(700)
-    assert scene.screenshot() != shown
+    until(page, lambda: scene.screenshot() != shown)
     moment = box_beside(page, "Moment")
     press(page, "Play the run")
     saw(page, "push: ")
@@ -132,3 +135,56 @@ def test_a_run_is_asked_for_read_and_played(opened) -> None:
     tab(page, "Physics")
     until(page, lambda: rows.count() == 0)
     until(page, lambda: page.get_by_role("button", name="Play the run").count() == 0)
+
+
+def test_a_run_is_cancelled_in_its_midst_and_the_next_one_works(opened, tmp_path) -> None:
+    page = opened("hammer", "lift").page
+    plan(page)
+    tab(page, "Physics")
+    rows = page.locator("tr:has(td:text-matches('^force [+-][xyz]$'))")
+    cancel = page.get_by_role("button", name="Cancel")
+    press(page, "Simulate this answer")
+    saw(page, "pushing from six sides")
+    (planner,) = _planners(tmp_path)
+    os.kill(planner, signal.SIGSTOP)  # however fast the machine is, the run does not end now
+    assert cancel.is_visible()
+    press(page, "Cancel")
+    saw(page, "Nothing that was learnt before is lost")
+    cancel.wait_for(state="hidden")
+    until(page, lambda: planner not in _planners(tmp_path))
+    assert rows.count() == 0
+    assert page.get_by_role("button", name="Play the run").count() == 0
+
+    press(page, "Simulate this answer")
+    saw(page, "Each push is 1 N for 2 s")
+    assert sorted(rows.locator("td:first-child").all_text_contents()) == SIX
+    saw(page, "Preshape found")
+    cancel.wait_for(state="hidden")
+
+
+def test_a_run_that_comes_after_another_answer_was_chosen_is_not_shown_with_it(opened, tmp_path) -> None:
+    page = opened("hammer", "lift").page
+    plan(page)
+    tab(page, "Physics")
+    press(page, "Simulate this answer")
+    saw(page, "pushing from six sides")
+    (planner,) = _planners(tmp_path)
+    os.kill(planner, signal.SIGSTOP)
+    tab(page, "Answers")
+    page.get_by_role("button", name="2 · plane").click()
+    page.get_by_role("button", name="2 · plane").and_(page.locator("[style*=blue]")).wait_for()
+    os.kill(planner, signal.SIGCONT)
+    saw(page, "The answer that was simulated is no longer shown")
+    tab(page, "Physics")
+    assert page.get_by_role("button", name="Play the run").count() == 0
+
+
+def _planners(folder: Path) -> list[int]:
+    """The planner processes of the app whose temporary files lie in a folder."""
+    found = []
+    for process in Path("/proc").glob("[0-9]*"):
+        with contextlib.suppress(OSError):
+            mine = f"TMPDIR={folder}".encode() in (process / "environ").read_bytes().split(b"\0")
+            if mine and b"preshape.app.worker" in (process / "cmdline").read_bytes():
+                found.append(int(process.name))
+    return found

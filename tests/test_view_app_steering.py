@@ -44,23 +44,25 @@ def test_the_task_is_dragged_in_the_scene(opened) -> None:
     saw(page, "T = (0, 0, 0) mm · R = none")
     before = numbers(page)
     page.get_by_label("Drag the task").check()
-    until(page, lambda: len(pixels_like(page, UP[1])) > 30)
-    page.wait_for_timeout(1000)
+    seen = [pixels_like(page, UP[1])]
+
+    def drawn() -> bool:
+        seen.append(pixels_like(page, UP[1]))
+        return len(seen[-1]) > 30 and np.array_equal(*seen[-2:])
+
+    until(page, drawn)
     # the arrow along z is the upper part of what is blue: its tip is pulled upwards
-    blue = pixels_like(page, UP[1])
+    blue = seen[-1]
     tip = blue[blue[:, 1] <= blue[:, 1].min() + 8].mean(axis=0)
     keep(page, "app-gizmo")
     drag(page, tip, tip - [0, 60])
-    until(page, lambda: numbers(page) != before)
-    page.wait_for_timeout(700)
-    after = numbers(page)
     assert before == [0.1, 0.1, 0.1, 0.05, 0.05, 0.05]
-    assert after == [0.1, 0.1, 1.0, 0.05, 0.05, 0.05]
+    until(page, lambda: numbers(page) == [0.1, 0.1, 1.0, 0.05, 0.05, 0.05])
     assert page.get_by_label("Task", exact=True).first.input_value() == "six numbers"
-    told = page.get_by_text(re.compile(r"^T = \(0, 0, \d+\) mm")).inner_text()
-    assert int(re.search(r"T = \(0, 0, (\d+)\)", told)[1]) > 5
+    told = page.get_by_text(re.compile(r"^T = \(0, 0, \d+\) mm"))
+    until(page, lambda: int(re.search(r"T = \(0, 0, (\d+)\)", told.inner_text())[1]) > 5)
     plan(page)
-    assert numbers(page) == after
+    assert numbers(page) == [0.1, 0.1, 1.0, 0.05, 0.05, 0.05]
 
 
 def test_curves_are_dragged_reset_and_used(opened) -> None:

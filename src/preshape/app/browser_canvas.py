@@ -9,7 +9,7 @@ from ..spatial import seven_from_pose
 from ..types import Array
 from ..viewer.camera import Camera
 from ..viewer.canvas import within
-from ..viewer.corners import indexed
+from ..viewer.corners import indexed, outside
 from ..viewer.declutter import crowded_out
 from ..viewer.raycast import Shape
 
@@ -55,7 +55,8 @@ class BrowserCanvas:
             triangles,
             color=tuple(round(255 * c) for c in shape.colour),
             opacity=None if alpha >= 1 else alpha,
-            side="front" if within(name, "hand") else "double",
+            # Backs that nobody sees need not be drawn: half the work for a browser that draws in software.
+            side="front" if within(name, "hand") else outside(shape),
             material="standard",
             # Software renderers take seconds to prepare a shadow, and a scene of arrows needs none.
             cast_shadow=False,

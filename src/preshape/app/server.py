@@ -7,16 +7,22 @@ import io
 import re
 import socket
 import threading
-from collections.abc import Iterator
-from typing import Any
+from collections.abc import Callable, Iterator
+from typing import TYPE_CHECKING, Any
 
 from ..exceptions import EnvironmentFailure, InputError
+from .page_script import with_script
 from .session import Session, Start
+
+if TYPE_CHECKING:
+    import viser
 
 LOCAL = ("127.0.0.1", "localhost", "::1")
 """Hosts that only this machine reaches."""
 PANEL = 390
 """Width of the panel [pixels]."""
+LAMP, SKY, GROUND = 2.6, 2.6, (165, 170, 185)
+"""Brightness of the lamp and of the sky, and the colour of what shines from below."""
 
 
 class ViewServer:
@@ -41,7 +47,7 @@ class ViewServer:
         self.host = host
         self._sessions: dict[int, Session] = {}
         self._lock = threading.Lock()
-        with contextlib.redirect_stdout(io.StringIO()), _same_machine(host):
+        with contextlib.redirect_stdout(io.StringIO()), _own_pages(host):
             self._server = viser.ViserServer(host=host, port=self.port, label="preshape", verbose=False)
         self.port = int(self._server.get_port())
         # A browser could ask for a tunnel to the world: here nobody can.
@@ -52,7 +58,7 @@ class ViewServer:
         self._server.gui.main_panel.dock_right()
         self._server.gui.main_panel.set_width(PANEL)
         self._server.scene.set_up_direction("+z")
-        self._server.scene.configure_default_lights(cast_shadow=False)
+        _light(self._server.scene)
 
         def connected(client: viser.ClientHandle) -> None:
             session = Session(client, start)
@@ -97,9 +103,17 @@ def _checked(host: str, port: int) -> int:
         ) from error
 
 
+def _light(scene: viser.SceneApi) -> None:
+    """One lamp and a bright sky: a third of what the viewer's lamps and photographed sky cost to draw."""
+    scene.configure_default_lights(enabled=False)
+    scene.configure_environment_map(None)
+    scene.add_light_directional("/light/lamp", intensity=LAMP, position=(-0.35, -0.45, 1.0))
+    scene.add_light_hemisphere("/light/sky", intensity=SKY, ground_color=GROUND)
+
+
 @contextlib.contextmanager
-def _same_machine(host: str) -> Iterator[None]:
-    """While the server starts: of a local one, pages of other origins may not open its socket.
+def _own_pages(host: str) -> Iterator[None]:
+    """While the server starts: pages get our script; of a local one, other origins may not open its socket.
 
     Any page that a person visits could otherwise talk to a server on their own machine.
     """
@@ -107,12 +121,17 @@ def _same_machine(host: str) -> Iterator[None]:
 
     original = server.serve
 
-    def serve(*args: Any, **kwargs: Any) -> Any:
-        names = "|".join(re.escape(name) for name in ("127.0.0.1", "localhost", "[::1]"))
-        return original(*args, origins=[re.compile(rf"https?://({names})(:\d+)?"), None], **kwargs)
+    def serve(*args: Any, process_request: Callable[..., Any], **kwargs: Any) -> Any:
+        if host in LOCAL:
+            names = "|".join(re.escape(name) for name in ("127.0.0.1", "localhost", "[::1]"))
+            kwargs["origins"] = [re.compile(rf"https?://({names})(:\d+)?"), None]
 
-    if host in LOCAL:
-        server.serve = serve
+        def answered(*asked: Any) -> Any:
+            return with_script(process_request(*asked))
+
+        return original(*args, process_request=answered, **kwargs)
+
+    server.serve = serve
     try:
         yield
     finally:

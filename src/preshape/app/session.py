@@ -26,6 +26,7 @@ from .stage import Stage
 from .steering import Steering
 from .trial import Trial
 from .uploads import Uploads
+from .waiting import Waiting
 from .wire_format import decoded
 from .worker import Order, order_fields
 
@@ -68,16 +69,16 @@ class Session:
         self._deadlock = False
         self._source: tuple[str, str, float] = ("", "m", 1.0)
         self._pending = self._source
-        self._words = ""
         self._after: Callable[[], None] | None = None
         self._playing = threading.Event()
-        self._since = 0.0
         place = escape(memory_place(start.order.memory))
         self.panel = Panel(client.gui, start.order, place)
         self.stage = Stage(client, self._picked)
         self.reading = Reading(self.panel, self.stage)
         self.steering = Steering(self.panel, self.stage, self.panel.tuning)
         self.trial = Trial(self.panel, self.stage)
+        self._waiting = Waiting(self.panel, self._say)
+        self._tried: Any = None
         self._wire()
         self._say("warn", "Welcome", "Choose an object and a task, then press Plan.")
         self._recall()
@@ -205,37 +206,19 @@ class Session:
                 self._say("warn", "One thing at a time", words)
                 return
             ready()
-            self._begin(words)
+            # Beside an answer the headline tells of the answer; a run in physics has none of its own yet.
+            self._waiting.begin(words, lambda: do == "simulate" or self.reading.document is None)
             try:
                 self._planner.ask(do, **content)
             except PreshapeError:
-                self._end()
+                self._waiting.end()
                 raise
-        threading.Thread(target=self._tick, daemon=True).start()
-
-    def _begin(self, words: str) -> None:
-        self._since = time.monotonic()
-        self.panel.progress.value = 2
-        self.panel.progress.visible = self.panel.cancel.visible = True
-        self.panel.run.disabled = self.panel.teach.disabled = True
-        self._say("warn", "Working", f"{words} …")
-        self._words = words
-
-    def _tick(self) -> None:
-        while self._planner.busy:
-            time.sleep(0.5)
-            passed = time.monotonic() - self._since
-            if self._planner.busy and passed > 1.0 and self.reading.document is None:
-                self._say("warn", "Working", f"{self._words} … {passed:.0f} s")
-
-    def _end(self) -> None:
-        self.panel.progress.visible = self.panel.cancel.visible = False
-        self.panel.run.disabled = self.panel.teach.disabled = False
+        self._waiting.watch()
 
     def _cancel(self) -> None:
         if self._planner.cancel():
             self._after = None
-            self._end()
+            self._waiting.end()
             self._say("warn", "Cancelled", "Nothing that was learnt before is lost.")
 
     # Replies of the planner.
@@ -243,15 +226,13 @@ class Session:
     def _heard(self, reply: Reply) -> None:
         with self._told():
             if "progress" in reply:
-                self._words = str(reply["progress"])
-                self.panel.progress.value = float(reply["share"])
+                self._waiting.progress(str(reply["progress"]), float(reply["share"]))
             elif "mesh" in reply:
                 self._arrived(reply["mesh"])
             elif "document" in reply:
                 self._planned(reply)
             elif "run" in reply:
-                self.reading.headline()
-                self.trial.take(reply["run"])
+                self._tried_out(reply["run"])
             elif "error" in reply:
                 self._failed(str(reply["error"]))
             elif "done" in reply:
@@ -282,11 +263,11 @@ class Session:
             self.stage.look()
 
     def _done(self) -> None:
-        self._end()
+        self._waiting.end()
         self._recall()
 
     def _failed(self, words: str) -> None:
-        self._end()
+        self._waiting.end()
         self._after = None
         for name, path in list(self._uploaded.items()):
             if str(path) in words:
@@ -388,7 +369,20 @@ class Session:
         source, unit, scale = self._source
         asked = {"source": source, "unit": unit, "scale": scale, "hand": answer["hand"]}
         asked |= {"friction": self.panel.friction.value, "mass": self.panel.mass.value}
-        self._ask("simulating", self.trial.drop, "simulate", **asked)
+
+        def ready() -> None:
+            self._tried = answer
+            self.trial.drop()
+
+        self._ask("simulating", ready, "simulate", **asked)
+
+    def _tried_out(self, run: dict[str, Any]) -> None:
+        if self.reading.answer is self._tried:
+            self.reading.headline()
+            self.trial.take(run)
+        else:  # its poses are another answer's
+            words = "The answer that was simulated is no longer shown; simulate this one."
+            self._say("warn", "Another answer", words)
 
     def _seek(self) -> None:
         self._playing.clear()

@@ -1,0 +1,42 @@
+// Runs before the viewer's own script, which decides here how many samples a pixel gets.
+(() => {
+  const probe = document.createElement('canvas').getContext('webgl');
+  const named = probe && probe.getExtension('WEBGL_debug_renderer_info');
+  const renderer = named ? probe.getParameter(named.UNMASKED_RENDERER_WEBGL) : '';
+  const software = /swiftshader|llvmpipe|softpipe|software/i.test(renderer);
+  const make = HTMLCanvasElement.prototype.getContext;
+  HTMLCanvasElement.prototype.getContext = function (kind, wanted) {
+    if (!kind.startsWith('webgl')) return make.call(this, kind, wanted);
+    // The server is told the size that a person sees, not that of the buffer: labels and phones go by it.
+    for (const [side, seen] of [['width', 'clientWidth'], ['height', 'clientHeight']]) {
+      const {get, set} = Object.getOwnPropertyDescriptor(HTMLCanvasElement.prototype, side);
+      Object.defineProperty(this, side, {configurable: true, set, get() { return this[seen] || get.call(this); }});
+    }
+    return make.call(this, kind, software ? {...wanted, antialias: false, preserveDrawingBuffer: false} : wanted);
+  };
+  if (!software) return;
+  // Where software draws the scene, every sample is the processor's work: while the view moves there are few,
+  // as soon as it rests there are many.
+  const MOVING = 0.6, RESTING = 1.5, REST = 350;
+  const inner = name => window[name] || {};
+  let held = false, timer = 0;
+  const draw = ratio => {
+    const settings = inner('__viserTestpoints').devSettings, back = inner('__viserMutable').backgroundMaterial;
+    if (back) back.visible = false;  // a picture behind the scene, which this scene has not
+    if (settings && settings.get().fixedDpr !== ratio) settings.set({fixedDpr: ratio});
+  };
+  const rest = () => held || draw(RESTING * devicePixelRatio);
+  const move = () => {
+    draw(MOVING * devicePixelRatio);
+    clearTimeout(timer);
+    timer = setTimeout(rest, REST);
+  };
+  const scene = event => event.target instanceof HTMLCanvasElement;
+  addEventListener('pointerdown', event => { if (scene(event)) held = true; }, true);
+  addEventListener('pointermove', () => { if (held) move(); }, true);
+  for (const end of ['pointerup', 'pointercancel', 'blur'])
+    addEventListener(end, () => { if (held) { held = false; move(); } }, true);
+  addEventListener('wheel', event => { if (scene(event)) move(); }, {capture: true, passive: true});
+  const begin = () => (inner('__viserTestpoints').devSettings ? rest() : setTimeout(begin, 100));
+  addEventListener('DOMContentLoaded', begin);
+})();
