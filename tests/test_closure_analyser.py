@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from preshape.analyser import Aim
-from preshape.closure.analyser import ClosureAnalyser, Grips, inner_centre
+from preshape.closure.analyser import ClosureAnalyser, Grips
+from preshape.closure.holding import inner_centre
 from preshape.closure.settings import ClosureSettings, table_below
 from preshape.exceptions import InputError
 from preshape.fuzzy import FuzzySets, approaching_degrees

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from preshape.closure.analyser import inner_centre
+from preshape.closure.holding import inner_centre
 from preshape.closure.preshapes import posture_at
 from preshape.closure.sampling import Sampled, quaternions, sample, small_rotations
 from preshape.closure.search import ClosureSearch, Demand, Ranked, apart, best_of

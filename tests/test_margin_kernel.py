@@ -199,6 +199,28 @@ def test_cone_against_the_task_margin(seed: int, thorough: bool):
     assert max(off) < (0.03 if thorough else 0.3)
 
 
+@pytest.mark.parametrize("share", [0.2, 0.5, 0.8])
+@pytest.mark.parametrize("thorough", [False, True])
+def test_what_is_worth_little_is_not_worked_out(share: float, thorough: bool):
+    """With a floor the same above it; under it something between the strength and the floor."""
+    from preshape.kernels.margin import HALF_ANGLE, MarginKernel
+
+    batch = Batch(200, 11)
+    how = {"half_angle": HALF_ANGLE, "thorough": thorough}
+    for more in (how, {}):
+        wrenches = PUSHES[2:3] if more else PUSHES
+        kernel = MarginKernel(wrenches, friction=batch.friction, torsion=batch.torsion, **more)  # type: ignore[arg-type]
+        given = batch.points, batch.normals, batch.counts, float(np.mean(batch.length)), np.zeros(3)
+        whole = kernel.strengths(*given)
+        floor = float(np.quantile(whole[whole > 0], share))
+        found = kernel.strengths(*given, least=floor)
+        above = whole > floor
+        assert 0.05 < above.mean() < 0.9
+        np.testing.assert_array_equal(found[above], whole[above])
+        assert (found[~above] <= floor).all()
+        assert (found[~above] >= whole[~above]).all()
+
+
 def test_a_cone_without_width_is_its_axis():
     batch = Batch(40, 3)
     narrow = strengths(batch, PUSHES[2], half_angle=0.0)

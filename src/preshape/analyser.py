@@ -139,10 +139,10 @@ def wrist_distance(places: Array, turns: Array, place: Array, turn: Array) -> Ar
     Args:
         places: (..., 3) [m].
         turns: (..., 4) quaternions.
-        place: (3,) [m].
-        turn: (4,) quaternion.
+        place: (3,) [m], or as many as of the first.
+        turn: (4,) quaternion, or as many.
     """
-    angle = 2.0 * np.arccos(np.minimum(1.0, np.abs(turns @ turn)))
+    angle = 2.0 * np.arccos(np.minimum(1.0, np.abs((turns * turn).sum(axis=-1))))
     return np.asarray(np.linalg.norm(places - place, axis=-1) / 0.02 + angle / 0.35)
 
 

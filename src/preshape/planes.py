@@ -31,7 +31,8 @@ class ApproachPlane:
     @property
     def transverse_axis(self) -> Array:
         """(3,) t = a × o, signed."""
-        return np.cross(self.approach_axis, self.opposition_axis)
+        a, o = self.approach_axis, self.opposition_axis
+        return a[[1, 2, 0]] * o[[2, 0, 1]] - a[[2, 0, 1]] * o[[1, 2, 0]]
 
     @property
     def label(self) -> str:

@@ -18,14 +18,14 @@ from ..exceptions import InputError
 from ..fuzzy import FuzzySets, approaching_degrees
 from ..hands.hand import Hand
 from ..kernels.closing import Candidates
-from ..kernels.field import DistanceField, SurfaceQuery, prepare_field
+from ..kernels.field import SurfaceQuery, prepare_field
 from ..objects.mesh import TriangleMesh
 from ..planes import plane
 from ..tasks.task import ROTATION_ABSENT, TRANSLATION_ABSENT
 from ..types import Array, BoolArray, ContactCoefficients, Experience, IntArray, frozen_array, value
 from ..wrench import contact_wrenches, net_wrench, screw_measures
 from .grip import Finished, Finisher
-from .holding import turn_levers
+from .holding import inner_centre, turn_levers
 from .pinches import hand_pinches
 from .pinching import PINCHED, Pincher
 from .sampling import Sampled, sample
@@ -48,7 +48,6 @@ AS_GOOD = 0.95
 EASY, FEWEST = 1.5, 100
 """More candidates are drawn where the best margin is under ``EASY`` or fewer than ``FEWEST`` closed, and the
 best are refined again where it still is [C]."""
-FEWEST_NODES = 50
 _KEPT = 24
 
 
@@ -198,7 +197,7 @@ class ClosureAnalyser:
             found = self.search.refine(
                 rng, found, demand, elite=elite, each=settings.children, rounds=rounds, wanted=WANTED
             )
-            standing = found.take(apart(found, max(elite, 4 * enough)))
+            standing = found.take(apart(found, max(8, 4 * enough)))
             standing = self.search.steady(rng, standing, demand, samples=4 if few else 8, wanted=WANTED)
             made = self.finisher.finish(
                 standing, demand, wanted=WANTED, enough=enough, planes=aim.planes, elsewhere=elsewhere
@@ -206,7 +205,7 @@ class ClosureAnalyser:
             finished = max(finished, made, key=_best)
             if _best(finished) >= EASY:
                 break
-        grasps = [self.virtual_grasp(q, made) for made in finished]
+        grasps = self.virtual_grasps(q, finished)
         grasps.sort(key=lambda g: -g.judged)
         return _exploration(grasps, found.tried, self._why_none(found))
 
@@ -232,7 +231,7 @@ class ClosureAnalyser:
         finished = self.finisher.finish(found, demand, wanted=WANTED, enough=1, planes=aim.planes)
         if not finished or finished[0].grip.quality < AS_GOOD * worth.max():
             return None
-        return _exploration([self.virtual_grasp(q, finished[0])], found.tried)
+        return _exploration(self.virtual_grasps(q, finished[:1]), found.tried)
 
     def _persist(self, rng: np.random.Generator, aim: Aim, found: Ranked, demand: Demand) -> Ranked:
         """More draws for an object on which the first ones found little."""
@@ -311,13 +310,21 @@ class ClosureAnalyser:
             preshape=np.full(len(rows), -1),
         ), worth
 
-    def virtual_grasp(self, q: Array, made: Finished) -> VirtualGrasp:
-        """A grip as the controller knows virtual grasps: its plane, net wrench, TFVADI and indices.
+    def virtual_grasps(self, q: Array, finished: Sequence[Finished]) -> list[VirtualGrasp]:
+        """Grips as the controller knows virtual grasps: plane, net wrench, TFVADI and indices of each.
 
         Args:
             q: (6,) task Q.
-            made: by this analyser's finisher.
+            finished: by this analyser's finisher.
         """
+        if not finished:
+            return []
+        triangles = self.query.closest(np.concatenate([made.points for made in finished])).triangle
+        ends = np.cumsum([len(made.points) for made in finished])[:-1]
+        each = zip(finished, np.split(triangles, ends), strict=True)
+        return [self._virtual_grasp(q, made, own) for made, own in each]
+
+    def _virtual_grasp(self, q: Array, made: Finished, triangles: IntArray) -> VirtualGrasp:
         p = plane(made.plane)
         a, t = p.approach_axis, p.transverse_axis
         arms = (made.points - self.mesh.cog) / self.layout.u
@@ -338,7 +345,7 @@ class ClosureAnalyser:
             contacts=Contacts(
                 points=made.points,
                 normals_in=made.normals_in,
-                triangles=self.query.closest(made.points).triangle,
+                triangles=triangles,
                 wrenches=wrenches,
                 ray_origins=made.points - 0.02 * made.normals_in,
             ),
@@ -387,14 +394,3 @@ def _key(aim: Aim) -> bytes:
     """An aim as bytes: the same aim draws the same candidates."""
     parts = (aim.planes, np.round(np.asarray(aim.values, dtype=np.float64), 9), aim.fingers, aim.flips)
     return b"|".join(np.asarray(part, dtype=np.float64).tobytes() for part in parts)
-
-
-def inner_centre(field: DistanceField, mesh: TriangleMesh) -> Array:
-    """(3,) centre of mass of the solid [m], from the nodes inside; the COG where there are too few.
-
-    Scans need not be watertight: the field's sign is by winding number.
-    """
-    inside = np.argwhere(field.distance < 0)
-    if len(inside) < FEWEST_NODES:
-        return mesh.cog
-    return np.asarray(field.origin + field.spacing * inside.mean(axis=0))

@@ -45,27 +45,30 @@ def turn_when_beside(
     >>> [round(turn_when_beside(arms, inward, 5 * inward, joints, c), 3) for c in (stiff, soft)]
     [0.006, inf]
     """
-    stiffness = np.zeros((6, 6))
-    for arm, normal, force, J, compliance in zip(
-        arms, normals_in, forces, jacobians, compliances, strict=True
-    ):
-        # What the contact passes on: forces, and a torque about its normal; seen from the reference.
-        passed = np.zeros((6, 4))
-        passed[:3, :3], passed[3:, 3] = np.eye(3), normal
-        at = passed.T @ J
-        grasp = np.zeros((6, 4))
-        grasp[:3, :3], grasp[3:, :3], grasp[3:, 3] = np.eye(3), _skew(arm), normal
-        stiffness += grasp @ np.linalg.solve((at * compliance) @ at.T + GROUND, grasp.T)
-        # The force keeps its direction while its point goes round the reference.
-        bending = _skew(force) @ _skew(arm)
-        stiffness[3:, 3:] -= (bending + bending.T) / 2
+    n, most = len(arms), max(J.shape[1] for J in jacobians)
+    # What a contact passes on: forces, and a torque about its normal; there, and seen from the reference.
+    passed = np.zeros((n, 6, 4))
+    passed[:, :3, :3], passed[:, 3:, 3] = np.eye(3), normals_in
+    grasp = passed.copy()
+    grasp[:, 3:, :3] = _skew(arms)
+    motion, yielding = np.zeros((n, 6, most)), np.zeros((n, 1, most))
+    for k, (J, compliance) in enumerate(zip(jacobians, compliances, strict=True)):
+        motion[k, :, : J.shape[1]], yielding[k, 0, : J.shape[1]] = J, compliance
+    at = passed.transpose(0, 2, 1) @ motion
+    given = (at * yielding) @ at.transpose(0, 2, 1) + GROUND
+    stiffness = (grasp @ np.linalg.solve(given, grasp.transpose(0, 2, 1))).sum(axis=0)
+    # The force keeps its direction while its point goes round the reference.
+    pressing = _skew(forces)
+    bending = (pressing @ _skew(arms)).sum(axis=0)
+    stiffness[3:, 3:] -= (bending + bending.T) / 2
     if np.linalg.eigvalsh(stiffness)[0] <= 0.0:
         return float("inf")
     turns = np.linalg.inv(stiffness)[3:, 3:]  # by a torque
-    errors = np.concatenate([turns @ _skew(force) for force in forces], axis=1)
-    return float(BESIDE * np.linalg.norm(errors))
+    return float(BESIDE * np.linalg.norm(turns @ pressing))
 
 
 def _skew(v: Array) -> Array:
-    """(3, 3) the matrix of ``v ×``."""
-    return np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
+    """(n, 3, 3) the matrices of ``v ×``."""
+    K = np.zeros((len(v), 3, 3))
+    K[:, 0, 1], K[:, 0, 2], K[:, 1, 2] = -v[:, 2], v[:, 1], -v[:, 0]
+    return np.asarray(K - K.transpose(0, 2, 1))

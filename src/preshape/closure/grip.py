@@ -204,7 +204,7 @@ class Finisher:
         used = [f for f in self._finger_order() if packed.sphere[row, f] >= 0]
         arms = (points - self.search.cog) / self.search.length
         share = grip_forces(arms, normals, settings.mu)
-        left = np.concatenate([share.sum(axis=0), np.cross(arms, share).sum(axis=0)])
+        left = np.concatenate([share.sum(axis=0), cross(arms, share).sum(axis=0)])
         if np.linalg.norm(left) > self.unbalanced:
             return None
         jacobians, chains = self._jacobians(candidates, packed, row, frames, used, points)
@@ -337,15 +337,15 @@ def grip_forces(arms: Array, normals_in: Array, mu: float) -> Array:
 
     n = len(arms)
     helper = np.where(np.abs(normals_in[:, :1]) < 0.9, [[1.0, 0, 0]], [[0, 1.0, 0]])
-    t1 = np.cross(normals_in, helper)
+    t1 = cross(normals_in, helper)
     t1 /= np.linalg.norm(t1, axis=1, keepdims=True)
-    t2 = np.cross(normals_in, t1)
+    t2 = cross(normals_in, t1)
     angles = np.arange(EDGES) * 2 * np.pi / EDGES
     edges = normals_in[:, None] + mu * (
         np.cos(angles)[None, :, None] * t1[:, None] + np.sin(angles)[None, :, None] * t2[:, None]
     )
     flat = edges.reshape(-1, 3)
-    wrenches = np.concatenate([flat, np.cross(np.repeat(arms, EDGES, axis=0), flat)], axis=1)
+    wrenches = np.concatenate([flat, cross(np.repeat(arms, EDGES, axis=0), flat)], axis=1)
     penalty = EVENNESS * np.sqrt(n * EDGES)
     rows = np.concatenate([10 * wrenches.T, 10 * np.ones((1, n * EDGES)), penalty * np.eye(n * EDGES)])
     wanted = np.concatenate([np.zeros(6), [10.0], np.full(n * EDGES, penalty / (n * EDGES))])

@@ -1,9 +1,10 @@
-"""What plain holding asks of a grip: pushes and turns, wherever they may come from."""
+"""What plain holding asks of a grip: pushes and turns, wherever they may come from, about which point."""
 
 from __future__ import annotations
 
 import numpy as np
 
+from ..kernels.field import DistanceField
 from ..objects.mesh import TriangleMesh
 from ..types import Array
 
@@ -11,6 +12,7 @@ HOLD = np.concatenate([np.eye(6), -np.eye(6)])
 """Wrenches that plain holding is ranked by: pushes along and turns about the axes, torques over ``LEVER``."""
 LEVER = 0.05
 """Torque over force of plain holding [m], as in the field's harder test; less on small objects."""
+FEWEST_NODES = 50
 
 
 def turn_levers(mesh: TriangleMesh, cog: Array, length: float) -> list[tuple[float, Array]]:
@@ -40,3 +42,14 @@ def turn_levers(mesh: TriangleMesh, cog: Array, length: float) -> list[tuple[flo
         (lever, np.concatenate([[turns[k], -turns[k]] for k in range(3) if levers[k] == lever]))
         for lever in sorted(set(levers))
     ]
+
+
+def inner_centre(field: DistanceField, mesh: TriangleMesh) -> Array:
+    """(3,) centre of mass of the solid [m], from the nodes inside; the COG where there are too few.
+
+    Scans need not be watertight: the field's sign is by winding number.
+    """
+    inside = np.argwhere(field.distance < 0)
+    if len(inside) < FEWEST_NODES:
+        return mesh.cog
+    return np.asarray(field.origin + field.spacing * inside.mean(axis=0))

@@ -16,6 +16,7 @@ import numpy as np
 from ..hands.hand import Hand
 from ..hands.kinematics import HandKinematics
 from ..kernels.chains import fingertips, joint_frames
+from ..kernels.fitting import PinchRows
 from ..kernels.tables import HandTables
 from ..types import Array, IntArray, value
 from .hand_cache import kept
@@ -90,20 +91,21 @@ class Pinches:
         """The pinches of these rows."""
         return Pinches(**{name: getattr(self, name)[rows] for name in _ROWS}, palm=self.palm, tip=self.tip)
 
-    def at(self, rows: IntArray, width: Array) -> tuple[Array, Array]:
-        """(n, 3) middle between the pads [m] and (n, 3) unit opposition, with something as wide between them.
-
-        Args:
-            rows: (n,) pinches.
-            width: (n,) not much more or less than theirs [m].
-        """
-        more = (width - self.width[rows])[:, None]
-        thumb = self.thumb[rows] + more * self.thumb_rate[rows]
-        others = self.others[rows] + more * self.others_rate[rows]
-        # From one pad's centre to the other's: on the pads themselves a thin thing's direction is all noise.
-        apart = (width + 2.0 * self.tip[0])[:, None] * self.opposition[rows]
-        aside = more * (self.thumb_rate[rows] - self.others_rate[rows] - self.opposition[rows])
-        return (thumb + others) / 2, unit(apart + aside)
+    @property
+    def rows(self) -> PinchRows:
+        """As the fitting kernel takes them."""
+        return PinchRows(
+            mask=self.mask,
+            pads=self.pads,
+            links=self.open,
+            width=self.width,
+            thumb=self.thumb,
+            others=self.others,
+            thumb_rate=self.thumb_rate,
+            others_rate=self.others_rate,
+            opposition=self.opposition,
+            tip=float(self.tip[0]),
+        )
 
 
 @lru_cache(maxsize=16)

@@ -13,11 +13,11 @@ from typing import Any
 import numpy as np
 
 from ..kernels.closing import Candidates, ClosingKernel
-from ..kernels.fitting import FittingKernel
+from ..kernels.fitting import FittingKernel, Puts, SpotRows
 from ..planes import APPROACH_AXES, OPPOSITION_AXES
 from ..types import Array, IntArray
 from .pinches import Pinches
-from .sampling import TILT, Sampled, quaternions, small_rotations
+from .sampling import TILT, Sampled
 from .spots import Spots
 
 PINCHED = 0.5
@@ -62,9 +62,8 @@ class Pincher:
         self.kernel = FittingKernel(
             closing.field,
             pinches.palm,
-            pinches.mask,
-            pinches.pads,
-            pinches.open,
+            pinches.rows,
+            SpotRows(spots.middle, spots.normal, spots.width),
             near=NEAR,
             room=ROOM,
             device=closing.device,
@@ -103,14 +102,14 @@ class Pincher:
         any_of = np.arange(len(pinches))
         allowed = any_of if fingers is None else any_of[np.isin(pinches.fingers, fingers)]
         n = SURPLUS * count if weight.any() and len(allowed) else 0
+        sides = np.stack([o, -o])
         parts: list[tuple[Any, ...]] = []
         for _ in range(TWICE):
             spot, column = np.divmod(_drawn(rng, weight.ravel(), n), len(numbers))
             flip = np.asarray(flips)[rng.integers(len(flips), size=n)]
-            side = np.where(flip[:, None], -o[column], o[column])
-            pick, palm, turn = self._put(rng, allowed, spot, a[column], side)
-            good = self.kernel.fits(pick, palm, turn)
-            parts.append(tuple(each[good] for each in (spot, column, flip, pick, palm, turn)))
+            puts = self._puts(rng, allowed, spot, a[column], sides[flip.astype(np.int64), column])
+            fit, palm, turn = self.kernel.put(puts)
+            parts.append((spot[fit], column[fit], flip[fit], puts.pick[fit], palm, turn))
             if sum(len(part[0]) for part in parts) >= count:
                 break
         spot, column, flip, pick, palm, turn = (np.concatenate(each) for each in zip(*parts, strict=True))
@@ -118,7 +117,7 @@ class Pincher:
         return Sampled(
             candidates=Candidates(
                 place=palm[rows],
-                turn=quaternions(turn[rows]),
+                turn=turn[rows],
                 start=pinches.start[pick[rows]],
                 mask=pinches.mask[pick[rows]],
             ),
@@ -128,10 +127,10 @@ class Pincher:
             preshape=np.full(len(rows), -1),
         )
 
-    def _put(
+    def _puts(
         self, rng: np.random.Generator, allowed: IntArray, spot: IntArray, approach: Array, side: Array
-    ) -> tuple[IntArray, Array, Array]:
-        """A pinch for each spot, and where the palm is then: (n,), (n, 3) [m], (n, 3, 3).
+    ) -> Puts:
+        """A pinch for each spot, and how it is put there.
 
         Args:
             rng: of the draws.
@@ -140,20 +139,21 @@ class Pincher:
             approach: (n, 3) approach axes.
             side: (n, 3) where the thumb is.
         """
-        pinches, n = self.pinches, len(spot)
-        width, normal = self.spots.width[spot], self.spots.normal[spot]
-        about = np.searchsorted(pinches.width[allowed], width)
+        n, width = len(spot), self.spots.width
+        about = np.searchsorted(self.pinches.width[allowed], width)[spot]
         about += rng.integers(-ALIKE // 2, ALIKE // 2, size=n)
-        pick = allowed[np.clip(about, 0, len(allowed) - 1)]
-        normal = np.where(np.einsum("ni,ni->n", normal, side)[:, None] < 0, -normal, normal)
-        middle, opposition = pinches.at(pick, width)
-        tilt = rng.uniform(0.0, TILT, n)
-        ahead = np.stack([np.zeros(n), -np.sin(tilt), np.cos(tilt)], axis=1)
-        turn = frames(normal, approach) @ frames(opposition, ahead).transpose(0, 2, 1)
-        slant = np.minimum(SLANT * width / (width + 2.0 * pinches.tip[0]), MOST_SLANT)
-        off = rng.normal(0.0, AROUND, n)[:, None] * normal + rng.normal(0.0, slant[:, None], (n, 3))
-        turn = small_rotations(off) @ turn
-        return pick, self.spots.middle[spot] - np.einsum("nij,nj->ni", turn, middle), turn
+        slant = np.minimum(SLANT * width / (width + 2.0 * self.pinches.tip[0]), MOST_SLANT)
+        off = rng.normal(0.0, 1.0, (n, 4))
+        off[:, 0] *= AROUND
+        off[:, 1:] *= slant[spot, None]
+        return Puts(
+            pick=allowed[np.clip(about, 0, len(allowed) - 1)],
+            spot=spot,
+            approach=approach,
+            side=side,
+            tilt=rng.uniform(0.0, TILT, n),
+            off=off,
+        )
 
 
 def _drawn(rng: np.random.Generator, weight: Array, count: int) -> IntArray:
@@ -175,15 +175,3 @@ def in_turn(kind: IntArray) -> IntArray:
         own = np.flatnonzero(kind == one)
         turn[own] = np.arange(len(own))
     return np.argsort(turn, kind="stable")
-
-
-def frames(first: Array, second: Array) -> Array:
-    """(n, 3, 3) rotations whose first column is ``first``, and the second as near to ``second`` as can be.
-
-    Args:
-        first: (n, 3) unit vectors.
-        second: (n, 3) vectors not parallel to them.
-    """
-    across = second - np.einsum("ni,ni->n", first, second)[:, None] * first
-    across /= np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-9)
-    return np.stack([first, across, np.cross(first, across)], axis=2)

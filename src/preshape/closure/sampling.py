@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ..hands.kinematics import cross
 from ..kernels.closing import Candidates
 from ..planes import APPROACH_AXES, OPPOSITION_AXES
 from ..types import Array, BoolArray, IntArray, value
@@ -70,7 +71,7 @@ def sample(
     plane = np.asarray(planes)[rng.integers(len(planes), size=count)]
     flip = np.asarray(flips)[rng.integers(len(flips), size=count)]
     a, o = APPROACH_AXES[plane - 1], OPPOSITION_AXES[plane - 1]
-    t = np.cross(a, o)
+    t = cross(a, o)
     along, across, aside = (np.abs(x) @ half for x in (a, o, t))
     if values is None:
         v = rng.uniform(-REACH, REACH, count)
@@ -104,25 +105,21 @@ def _turns(rng: np.random.Generator, opposition: Array, approach: Array, thumb_s
     d = np.stack([np.zeros(n), -np.sin(tilt), np.cos(tilt)], axis=1)
     e = opposition - np.einsum("ni,ni->n", opposition, d)[:, None] * d
     e /= np.maximum(np.linalg.norm(e, axis=1, keepdims=True), 1e-9)
-    palm = np.stack([d, e, np.cross(d, e)], axis=2)
-    mesh = np.stack([approach, thumb_side, np.cross(approach, thumb_side)], axis=2)
+    palm = np.stack([d, e, cross(d, e)], axis=2)
+    mesh = np.stack([approach, thumb_side, cross(approach, thumb_side)], axis=2)
     R = mesh @ palm.transpose(0, 2, 1)
     return np.asarray(small_rotations(rng.normal(0.0, JITTER, (n, 3))) @ R)
 
 
 def small_rotations(vectors: Array) -> Array:
-    """(n, 3, 3) rotations of rotation vectors (n, 3) [rad] (Rodrigues)."""
-    angle = np.linalg.norm(vectors, axis=1)
-    axis = vectors / np.maximum(angle, 1e-12)[:, None]
-    K = np.zeros((len(vectors), 3, 3))
-    K[:, 0, 1], K[:, 0, 2], K[:, 1, 2] = -axis[:, 2], axis[:, 1], -axis[:, 0]
-    K -= K.transpose(0, 2, 1)
-    s, c = np.sin(angle)[:, None, None], np.cos(angle)[:, None, None]
-    return np.asarray(np.eye(3) + s * K + (1 - c) * (K @ K))
+    """(n, 3, 3) rotations of rotation vectors (n, 3) [rad]."""
+    from scipy.spatial.transform import Rotation
+
+    return np.asarray(Rotation.from_rotvec(vectors).as_matrix())
 
 
 def quaternions(R: Array) -> Array:
     """(n, 4) unit quaternions wxyz of rotations (n, 3, 3)."""
     from scipy.spatial.transform import Rotation
 
-    return np.asarray(Rotation.from_matrix(R).as_quat(scalar_first=True))
+    return np.asarray(Rotation.from_matrix(R, assume_valid=True).as_quat(scalar_first=True))

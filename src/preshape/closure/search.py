@@ -14,7 +14,6 @@ import numpy as np
 
 from ..analyser import wrist_distance
 from ..hands.hand import Hand
-from ..kernels.chains import rotations
 from ..kernels.closing import CLOSING_ARRAYS, Candidates, ClosingKernel, Closings
 from ..kernels.field import DistanceField
 from ..kernels.hand_spheres import COARSE
@@ -24,11 +23,13 @@ from ..types import Array, BoolArray, IntArray, freeze, frozen_array, value
 from .hand_tables import hand_tables
 from .holding import HOLD, LEVER
 from .preshapes import Preshapes, joint_ranges, posture_at, preshapes
-from .sampling import Sampled, quaternions, small_rotations
+from .sampling import Sampled
 from .settings import ClosureSettings
 
 STEP, TURN, BEND = 0.006, 0.12, 0.10
 """Spread of the first refinement: wrist [m], its turn [rad], joints of the preshape [rad] [C]."""
+AT_ONCE = 64
+"""Candidates whose distances are worked out together."""
 OPENED, ROOM = 0.8, 0.002
 """Table and boxes are kept out of by this [m], closed and opened to this share of the closing [C]."""
 
@@ -174,14 +175,21 @@ class ClosureSearch:
         self._holding = [(lever, self._margins(wrenches)) for lever, wrenches in asked]
         self._serves: dict[bool, tuple[Demand, MarginKernel]] = {}
 
-    def evaluate(self, sampled: Sampled, demand: Demand, *, wanted: int = 3) -> Ranked:
-        """Close the candidates and rank those that hold on to the object."""
+    def evaluate(self, sampled: Sampled, demand: Demand, *, wanted: int = 3, least: float = 0.0) -> Ranked:
+        """Close the candidates and rank those that hold on to the object.
+
+        Args:
+            sampled: candidates.
+            demand: what the grip is asked for.
+            wanted: contacts that a candidate must find.
+            least: scores up to this are not worked out further: they come out as this at most.
+        """
         rows, closed = self.kernel.closed(sampled.candidates, wanted=wanted)
         met = len(rows)
         if self.settings.obstacles:
             free = self._out_of_the_way(sampled, closed, rows)
             rows, closed = rows[free], closed.take(np.flatnonzero(free))
-        task, hold = self.strengths(closed, demand, ranking=True)
+        task, hold = self.strengths(closed, demand, ranking=True, least=least)
         score = self.score(task, hold, demand)
         found = Ranked(
             sampled=take(sampled, rows),
@@ -203,24 +211,29 @@ class ClosureSearch:
             free &= self.kernel.clearances(c.place, c.turn, posture, self.settings.obstacles)[1] > ROOM
         return free
 
-    def strengths(self, closings: Closings, demand: Demand, *, ranking: bool = False) -> tuple[Array, Array]:
+    def strengths(
+        self, closings: Closings, demand: Demand, *, ranking: bool = False, least: float = 0.0
+    ) -> tuple[Array, Array]:
         """(n,), (n,) strength along the task's cone, and of plain holding.
 
         Args:
             closings: that closed.
             demand: what the grip is asked for.
             ranking: plain holding is looked at only as far as it can change the score.
+            least: scores up to this are only known not to be above it.
         """
         if not len(closings.counts):
             return np.zeros(0), np.zeros(0)
         given = closings.points, closings.normals_in, closings.counts
         serving = self._serving(demand)
-        task = None if serving is None else serving.strengths(*given, self.length, self.cog)
+        task, enough = None, least * self.settings.hold
+        if serving is not None:
+            task = serving.strengths(*given, self.length, self.cog, least=least * demand.load)
         hold: Array | float = math.inf
         if task is not None and ranking:
             hold = task / demand.load * self.settings.hold
         for lever, kernel in self._holding:
-            hold = kernel.strengths(*given, lever, self.cog, most=hold)
+            hold = kernel.strengths(*given, lever, self.cog, most=hold, least=enough)
         return np.asarray(hold if task is None else task), np.asarray(hold)
 
     def surely(self, closings: Closings, demand: Demand) -> Array:
@@ -273,6 +286,8 @@ class ClosureSearch:
             shift: of the wrist, in place of the spread's [m].
             turn: of its turn, in place of the spread's [rad].
         """
+        from scipy.spatial.transform import Rotation
+
         rows = np.repeat(np.arange(len(elite)), each)
         parents = take(elite.sampled, rows)
         n = len(rows)
@@ -280,16 +295,21 @@ class ClosureSearch:
         valid = np.arange(elite.closings.points.shape[1]) < counts[:, None]
         # Turned about the contacts, not about the wrist: else a small turn would miss the object.
         middle = np.where(valid[:, :, None], elite.closings.points[rows], 0.0).sum(axis=1) / counts[:, None]
-        R = small_rotations(rng.normal(0.0, TURN * spread if turn is None else turn, (n, 3)))
+        turned = Rotation.from_rotvec(rng.normal(0.0, TURN * spread if turn is None else turn, (n, 3)))
         place = parents.candidates.place
-        moved = np.einsum("nij,nj->ni", R, place - middle) + middle
+        moved = turned.apply(place - middle) + middle
         moved += rng.normal(0.0, STEP * spread if shift is None else shift, (n, 3))
         start = parents.candidates.start + rng.normal(0.0, BEND * spread, parents.candidates.start.shape)
         start = np.clip(start, *self.ranges)
-        turned = quaternions(R @ rotations(parents.candidates.turn))
+        turned = turned * Rotation.from_quat(parents.candidates.turn, scalar_first=True)
         return replace(
             parents,
-            candidates=Candidates(place=moved, turn=turned, start=start, mask=parents.candidates.mask),
+            candidates=Candidates(
+                place=moved,
+                turn=turned.as_quat(scalar_first=True),
+                start=start,
+                mask=parents.candidates.mask,
+            ),
         )
 
     def refine(
@@ -304,13 +324,14 @@ class ClosureSearch:
         wanted: int = 3,
     ) -> Ranked:
         """The best of them, searched further nearby; the better of parents and children each round."""
-        best = found
+        best, keep = found, 4 * elite
         for k in range(rounds):
             if not len(best):
                 break
             parents = best.take(apart(best, elite, 1.0 / (k + 1)))
-            children = self.evaluate(self.near(rng, parents, each, 0.6**k), demand, wanted=wanted)
-            best = best_of(best, children, keep=4 * elite)
+            least = float(best.score[keep - 1]) if len(best) >= keep else 0.0
+            nearby = self.near(rng, parents, each, 0.6**k)
+            best = best_of(best, self.evaluate(nearby, demand, wanted=wanted, least=least), keep=keep)
         return best
 
     def steady(
@@ -357,12 +378,18 @@ def apart(found: Ranked, count: int, least: float = 1.0) -> IntArray:
     """
     place, turn = found.sampled.candidates.place, found.sampled.candidates.turn
     chosen: list[int] = []
-    free = np.ones(len(found), dtype=bool)
-    for i in range(len(found)):
+    for first in range(0, len(found), AT_ONCE):
+        rows = np.arange(first, min(first + AT_ONCE, len(found)))
+        others = np.concatenate([np.array(chosen, dtype=np.int64), rows])
+        far = wrist_distance(place[rows, None], turn[rows, None], place[others], turn[others]) >= least
+        free = np.asarray(far[:, : len(chosen)].all(axis=1))
+        far = far[:, len(chosen) :]
+        for k in range(len(rows)):
+            if len(chosen) == count:
+                break
+            if free[k]:
+                chosen.append(first + k)
+                free &= far[k]
         if len(chosen) == count:
             break
-        if not free[i]:
-            continue
-        chosen.append(i)
-        free &= wrist_distance(place, turn, place[i], turn[i]) >= least
     return np.array(chosen, dtype=np.int64)

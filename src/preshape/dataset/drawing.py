@@ -103,12 +103,12 @@ def _best(analyser: Callable[[int], ClosureAnalyser], task: Task, count: int) ->
 def _any(analyser: ClosureAnalyser, task: Task, count: int, seed: int) -> Drawn:
     """Hands closed at random that can be executed, however well they hold."""
     found = draw_population(analyser.hand, analyser.mesh, count, np.random.default_rng(seed))
-    grasps = []
+    made = []
     for grip, points, normals, plane in zip(
         found.grips, found.points, found.normals_in, found.planes, strict=True
     ):
         number, flip = counted_to(grip.approach, points, plane, (plane,))
-        made = Finished(grip=grip, row=0, plane=number, flip=flip, points=points, normals_in=normals)
-        grasps.append(analyser.virtual_grasp(task.q, made))
+        made.append(Finished(grip=grip, row=0, plane=number, flip=flip, points=points, normals_in=normals))
+    grasps = analyser.virtual_grasps(task.q, made)
     short = f"only {len(grasps)} of {found.drawn} hands drawn close on the object and can be executed"
     return Drawn(grasps=tuple(grasps), analyser=analyser, reason="" if len(grasps) == count else short)

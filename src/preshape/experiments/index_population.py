@@ -15,7 +15,8 @@ import numpy as np
 
 from ..analyser import Grip
 from ..closure import grip
-from ..closure.analyser import WANTED, inner_centre
+from ..closure.analyser import WANTED
+from ..closure.holding import inner_centre
 from ..closure.sampling import sample
 from ..closure.search import ClosureSearch, Demand
 from ..closure.settings import ClosureSettings

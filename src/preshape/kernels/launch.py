@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
+from collections import deque
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor, wait
 from contextlib import contextmanager
@@ -79,9 +80,21 @@ def in_parts(launch: Callable[[int, int], None], count: int, threads: int) -> No
             launch(0, count)
         return
     edges = [count * k // parts for k in range(parts + 1)]
-    tasks = [_pool(threads).submit(launch, first, end - first) for first, end in pairwise(edges)]
+    left = deque(pairwise(edges))
+
+    def work() -> None:
+        while left:
+            try:
+                first, end = left.popleft()
+            except IndexError:  # another was quicker
+                return
+            launch(first, end - first)
+
+    helpers = [_pool(threads).submit(work) for _ in range(min(threads, parts) - 1)]
     try:
-        for task in tasks:
-            task.result()
+        work()
+        for helper in helpers:
+            helper.result()
     finally:  # interrupted or not, nobody writes on when this returns
-        wait(tasks)
+        left.clear()
+        wait(helpers)

@@ -30,8 +30,8 @@ CONTACTS = 8
 WRENCHES = 32
 """Most wrenches asked for."""
 HALF_ANGLE = math.radians(15.0)
-_BOUND = 15
-"""Place of the bound among the kernel's arguments."""
+_BOUND, _FLOOR = 15, 16
+"""Places of bound and floor among the kernel's arguments."""
 
 
 @value
@@ -175,7 +175,7 @@ class MarginKernel:
         self._out = MarginArrays(rows(wp.float32), rows(wp.float32), rows(wp.int32, 2), rows(vec6))
         self._compute = Launch(
             warp_margin.margins,
-            [*self._asked, *self._in, wp.vec3(), math.inf, FIRST, *self._out],
+            [*self._asked, *self._in, wp.vec3(), math.inf, 0.0, FIRST, *self._out],
             device=device,
             threads=self.threads,
         )
@@ -217,12 +217,13 @@ class MarginKernel:
         wp = self._wp
         about = wp.vec3(*reference)
         most = wp.full(len(counts), math.inf, dtype=float, device=self.device)
+        given = [*self._asked, points, normals_in, counts, lengths, most, about, float(bound), 0.0]
 
         def part(first: int, size: int) -> None:
             wp.launch(
                 self._module.margins,
                 dim=size,
-                inputs=[*self._asked, points, normals_in, counts, lengths, most, about, float(bound), first],
+                inputs=[*given, first],
                 outputs=list(out),
                 device=self.device,
             )
@@ -269,10 +270,11 @@ class MarginKernel:
         length: float,
         reference: Array,
         most: Array | float = math.inf,
+        least: float = 0.0,
     ) -> Array:
-        """(c,) strength alone, or ``most`` where that is less, of arrays that are not checked."""
+        """(c,) strength of arrays that are not checked; ``most`` where less; up to ``least``, only that."""
         with self._compute.lock:
-            self._run(points, normals_in, counts, length, reference, -1.0, most)
+            self._run(points, normals_in, counts, length, reference, -1.0, most, least)
             return np.asarray(self._out.strength.get(len(points)), dtype=np.float64)
 
     def _run(
@@ -284,11 +286,12 @@ class MarginKernel:
         about: Array,
         bound: float,
         most: Array | float,
+        least: float = 0.0,
     ) -> None:
         each = [np.broadcast_to(one, len(points)) for one in (lengths, most)]
         for rows, values in zip(self._in, (points - about, normals, counts, *each), strict=True):
             rows.put(values)
-        self._compute(len(points), {_BOUND: float(bound)})
+        self._compute(len(points), {_BOUND: float(bound), _FLOOR: float(least)})
 
 
 def margins(

@@ -59,6 +59,7 @@ def margin(
     anew: int,
     bound: float,
     most: float,
+    floor: float,
 ):
     """Residual and strength of one candidate.
 
@@ -80,6 +81,7 @@ def margin(
         bound: the search ends where the residual is certainly above this; below 0, only the strength is
             sought.
         most: strength above this is not told from it.
+        floor: the search ends where the strength is certainly no more than this.
 
     Returns:
         Residual, strength, the indices of the wrenches that decided them, and the wrench of the cone that
@@ -99,6 +101,7 @@ def margin(
     strength = wp.min(most, wp.sqrt(dot(base, base)) + wp.sqrt(1.0 + mu * mu) * size + gamma)
     strength_worst = int(-1)
     top = float(strength)
+    enough = wp.max(floor, K_FLOOR)
     least = float(strength)
     least_worst = int(-1)
     least_wrench = units[0]
@@ -135,7 +138,7 @@ def margin(
         mode = DONE
         residual = float(FAR)
         strength = float(0.0)
-    if mode == STRENGTH and strength <= K_FLOOR:
+    if mode == STRENGTH and strength <= enough:
         mode = DONE
 
     while mode != DONE:
@@ -255,7 +258,7 @@ def margin(
                         if k < strength:
                             strength = k
                             strength_worst = who
-                    if d <= wp.max(GAP * before, K_FLOOR) * slope or strength <= K_FLOOR:
+                    if d <= wp.max(GAP * before, K_FLOOR) * slope or strength <= enough:
                         finished = True
                     same = strength == before
                     z = base + asked * strength
@@ -284,7 +287,7 @@ def margin(
                     mode = STRENGTH
                     if loaded:
                         mode = BASE
-                if mode == STRENGTH and (target == m or strength <= K_FLOOR):
+                if mode == STRENGTH and (target == m or strength <= enough):
                     mode = DONE
                 if mode == STRENGTH and target >= anew:
                     if strength < least:
@@ -326,6 +329,7 @@ def margins(
     most: wp.array(dtype=float),
     reference: wp.vec3,
     bound: float,
+    floor: float,
     first: int,
     residual: wp.array(dtype=float),
     strength: wp.array(dtype=float),
@@ -361,6 +365,7 @@ def margins(
         anew,
         bound,
         most[tid],
+        floor,
     )
     residual[tid] = r
     strength[tid] = s
