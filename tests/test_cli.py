@@ -235,6 +235,18 @@ def test_no_learn_makes_no_memory(run_json, tmp_path):
     assert missing.is_file()
 
 
+def test_fewer_answers_than_were_asked_for_are_told(run, run_json):
+    arguments = ("plan", "cube", "--task", Q1, "--no-learn", "--count")
+    given = 1 + len(run_json(*arguments, "99")[1]["alternatives"])
+    assert 1 < given < 99
+    code, _, told = run(*arguments, "99")
+    assert (code, told) == (
+        0,
+        f"{given} of the 99 answers asked for: no other stands apart and is good enough\n",
+    )
+    assert run(*arguments, str(given))[2] == ""
+
+
 def test_count_gives_so_many_different_answers(run, run_json):
     code, document = run_json("plan", "cube", "--task", Q1, "--count", "3")
     assert code == 0

@@ -532,7 +532,7 @@ def test_all_three_at_once(stored: str, tmp_path: Path) -> None:
     code, out, err = run("export", stored, "--format", "moveit", *(x for f in files for x in ("--out", f)))
     assert (code, err) == (0, "")
     assert out.splitlines()[:3] == [f"wrote {file}" for file in files]
-    assert "grasp_pose is rh_wrist in object, best quality 0.9" in out
+    assert "grasp_pose is rh_wrist in object, best quality 0.88" in out
     messages = messages_of(CLOSURE)
     text = (tmp_path / "g.yaml").read_text()
     assert yaml_read(text) == messages

@@ -190,6 +190,9 @@ def test_table_and_boxes_need_the_closure_analyser_and_make_sense(memory: Path) 
         made(memory, "cube", learn=False, avoid=[[1, 1, 1, 0, 0, 0]])
     with pytest.raises(InputError, match="closure"):
         plan("cube", "lift", analyser="rays", memory=memory, learn=False, table="auto")
+    for load in (ClosureSettings(mass=50.0), ClosureSettings(friction=0.01)):
+        with pytest.raises(InputError, match="closure"):
+            plan("cube", "lift", analyser="rays", memory=memory, learn=False, closure=load)
 
 
 def test_off_a_table_the_hand_stays_above_it(memory: Path) -> None:

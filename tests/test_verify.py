@@ -5,6 +5,7 @@ from __future__ import annotations
 import shutil
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ from preshape.closure.settings import ClosureSettings
 from preshape.memory import Memory
 from preshape.physics import verify as verifying
 from preshape.physics.pieces import ConvexPieces
+from preshape.physics.protocol import Protocol
 from preshape.physics.six_directions import HoldResult, Status
 from preshape.planner import Plan, plan
 
@@ -42,7 +44,7 @@ def fresh(lesson: Callable[[str], Path], tmp_path: Path) -> Callable[[], Abstrac
 
 
 def planned(memory: Memory, **how: Any) -> Plan:
-    return plan("box", "lift", hand="allegro", memory=memory, closure=QUICK, verify=True, **how)
+    return plan("box", "lift", hand="allegro", memory=memory, verify=True, **{"closure": QUICK, **how})
 
 
 def outcomes(memory: Memory) -> list[str]:
@@ -106,3 +108,35 @@ def test_what_stood_in_the_way_does_not_become_what_is_known(fresh, monkeypatch:
         planned(memory, approaches="-z")
         planned(memory, avoid=[[0.3, 0.3, 0.3, 0.4, 0.4, 0.4]])
         assert outcomes(memory) == []
+
+
+@pytest.mark.parametrize(
+    ("load", "held", "learnt"),
+    [
+        ({"mass": 0.15}, True, ["held"]),
+        ({"friction": 0.4}, True, ["held"]),
+        ({"mass": 0.05}, True, []),
+        ({"friction": 1.0, "mass": 0.15}, True, []),
+        ({"mass": 0.05}, False, ["lost"]),
+        ({"mass": 0.15}, False, []),
+        ({"friction": 0.4}, False, []),
+    ],
+)
+def test_it_is_tested_with_the_load_that_was_planned_for(
+    fresh, monkeypatch: pytest.MonkeyPatch, load: dict[str, float], held: bool, learnt: list[str]
+) -> None:
+    """And a grip that held something easier than usual, or lost something harder, is not thereby known."""
+    used: list[Protocol] = []
+
+    def hold_test(scene: object, *args: Any, **kwargs: Any) -> HoldResult:
+        used.append(args[-1])
+        status = Status.HELD if held else Status.LOST
+        return HoldResult(row=0, object_name="box", scale=1.0, status=status, reason=str(status.value))
+
+    monkeypatch.setattr(verifying, "hold_test", hold_test)
+    with fresh() as memory:
+        planned(memory, closure=replace(QUICK, **load))
+        assert {(one.mass, one.friction) for one in used} == {
+            (load.get("mass", 0.1), load.get("friction", 0.6))
+        }
+        assert {*outcomes(memory)} == {*learnt}

@@ -231,12 +231,12 @@ class Controller:
         verdict = judge(best.judged, threshold, subject=pa.measure)
         if may_learn and not self.memory.read_only:
             # What stands in the way today must not become what is known of the object [C].
-            whole = discovery if allowed.all() else explore(pa, task.q, self.settings.sets, enough=threshold)
-            assert whole is not None
-            learnt = self._learn(pa, task, whole)
+            whole = None if allowed.all() else explore(pa, task.q, self.settings.sets, enough=threshold)
+            learnt = self._learn(pa, task, whole or discovery)
             steps.append(Transition(mode=3, outcome="learned", reason=learnt))
             if allowed.all():
-                verdict = self._self_test(pa, task.q, allowed)
+                own, verdict = self._self_test(pa, task.q, allowed)
+                best = own if own is not None and best.judged < threshold else best  # what is judged is given
         steps.append(_step(3, verdict, missed="deadlock"))
         if not verdict.reward:
             self.deadlock = True
@@ -285,12 +285,12 @@ class Controller:
         self._experiences, self._weights = everything, weights
         return weights
 
-    def _self_test(self, pa: Analyser, q: Array, allowed: BoolArray) -> Verdict:
-        estimate, _, verdict = self._mode_0(pa, q, allowed)
+    def _self_test(self, pa: Analyser, q: Array, allowed: BoolArray) -> tuple[VirtualGrasp | None, Verdict]:
+        estimate, grasp, verdict = self._mode_0(pa, q, allowed)
         if verdict.reward:
-            return replace(verdict, reason=f"self-test at mode 0: {verdict.reason}")
-        _, verdict = self._mode_1(pa, q, estimate)
-        return replace(verdict, reason=f"self-test at modes 0 and 1: {verdict.reason}")
+            return grasp, replace(verdict, reason=f"self-test at mode 0: {verdict.reason}")
+        grasp, verdict = self._mode_1(pa, q, estimate)
+        return grasp, replace(verdict, reason=f"self-test at modes 0 and 1: {verdict.reason}")
 
     def _answer(
         self,

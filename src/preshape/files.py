@@ -46,6 +46,20 @@ def write_whole(path: Path, write: Callable[[Path], None]) -> None:
             temporary.unlink(missing_ok=True)
 
 
+def make_folder(path: Path) -> None:
+    """Make a folder that will be written to, and those above it, before long work is done for it.
+
+    Raises:
+        EnvironmentFailure: it cannot be made, or not be written to.
+    """
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise EnvironmentFailure(f"cannot make the folder {path}: {error.strerror}") from error
+    if not os.access(path, os.W_OK | os.X_OK):
+        raise EnvironmentFailure(f"cannot write to the folder {path}: permission denied")
+
+
 def write_json(path: Path, document: Any) -> None:
     """Write JSON whole or not at all."""
     write_text(path, dumps(document) + "\n")

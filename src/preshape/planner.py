@@ -140,12 +140,10 @@ def plan(
         approaches: allowed approach axes, as ``+z,-x``.
         settings: thresholds, membership functions and coefficients.
         closure: friction, load and size of the search, for the closure analyser.
-        table: height along the object's z of the table that it stands on [m], or ``auto``: under its lowest
-            point; closure only.
+        table: its height along the object's z [m], or ``auto``: under its lowest point; closure only.
         avoid: boxes that hand and fingers stay out of, six numbers each: lower and upper corner in the mesh
             frame [m]; closure only.
-        verify: whether the best few answers are put to the holding test in simulated physics; the first that
-            holds becomes the answer.
+        verify: whether the best few go through the holding test in physics; the first that holds is given.
         view: of a point cloud, where the camera was, in the file's frame and unit, or ``all`` for points from
             all round; by default what the file says, else its origin where that can be.
 
@@ -162,7 +160,8 @@ def plan(
     if mesh.scan is not None and count > 0:
         wanted = max(wanted, ON_CLOUDS)
     loaded = time.perf_counter()
-    chosen = settings or Settings(seed=seed)
+    chosen, usual = settings or Settings(seed=seed), ClosureSettings()
+    load = closure or usual
     own = None if isinstance(memory, Memory) else Memory.open(memory, read_only=not learn)
     try:
         store = memory if isinstance(memory, Memory) else own
@@ -175,12 +174,16 @@ def plan(
                 model,
                 layout_of(model),
                 settings=chosen,
-                closure=with_obstacles(closure or ClosureSettings(), mesh, table, avoid, wanted),
+                closure=with_obstacles(load, mesh, table, avoid, wanted),
                 gravity=asked.gravity,
             )
         else:
             if table is not None or len(avoid):
                 raise InputError("a table and boxes to avoid need the closure analyser")
+            if not verify and (load.friction, load.mass) != (usual.friction, usual.mass):
+                raise InputError(
+                    "friction and mass need the closure analyser, or a test in physics (--verify)"
+                )
             controller = Controller(store, layout_of(model), settings=chosen)
         element = controller.prepare(mesh)
         prepared = time.perf_counter()
@@ -206,7 +209,7 @@ def plan(
         if mesh.scan is not None:
             made = seen_first(made, keep=count if not verify else wanted)
         if verify:
-            made, tried = verified_plan(made, keep=count)
+            made, tried = verified_plan(made, load, keep=count)
             # What stands in the way today must not become what is known of the object [C].
             free = approaches is None and table is None and not len(avoid)
             if learn and free and not store.read_only:
@@ -246,26 +249,29 @@ def scan_trust(plan: Plan, answer: Answer | None) -> Trust | None:
     return trust_of(scan, answer.grasp.contacts.triangles if answer is not None else None)
 
 
-def verified_plan(plan: Plan, *, keep: int) -> tuple[Plan, list[tuple[VirtualGrasp, bool]]]:
-    """The plan with the first of its answers that holds in the holding test; and which were tried, and held.
+def verified_plan(
+    plan: Plan, load: ClosureSettings, *, keep: int
+) -> tuple[Plan, list[tuple[VirtualGrasp, bool]]]:
+    """The plan with the first of its answers that holds in the holding test; and what that tells of grasps.
 
     Args:
         plan: with all answers that may be tried.
+        load: friction and mass to test with.
         keep: how many answers are kept in all.
     """
-    from .physics.six_directions import Status
-    from .physics.verify import verify
+    from .physics.protocol import Protocol
+    from .physics.verify import telling, verify
 
-    answers = [a for a in (plan.answer, *plan.alternatives) if a is not None]
-    answers = answers[: max(keep, VERIFIED)]
+    answers = [a for a in (plan.answer, *plan.alternatives) if a is not None][: max(keep, VERIFIED)]
     if not answers:
         return plan, []
-    found = verify(plan.hand, plan.mesh, [a.hand_result for a in answers])
+    rules = Protocol(friction=load.friction, mass=load.mass, stop_early=True)
+    found = verify(plan.hand, plan.mesh, [a.hand_result for a in answers], protocol=rules)
     reached = [a.grasp for a in answers if a.hand_result.grasp is not None]
     tried = [
         (grasp, result.held)
         for grasp, result in zip(reached, found.results, strict=False)
-        if result.status in (Status.HELD, Status.LOST)  # all else says nothing of the grasp
+        if telling(result, rules)
     ]
     if found.held is None:
         why = found.results[0].reason if found.results else "the hand reached none of the answers"
@@ -377,7 +383,7 @@ def _gripped(hand: Hand, grasp: VirtualGrasp) -> HandResult:
     return HandResult(
         status=HandStatus.REACHED,
         reason=f"{len(grip.fingers)} fingers closed until they touched; the squeeze balances "
-        f"{grip.task_margin:.1f} times the task's load and {grip.hold_margin:.1f} times a push of one weight",
+        f"{grip.task_margin:.1f} times the task's load and {grip.hold_margin:.1f} times the pushes expected",
         fingers=grip.fingers,
         joints=hand.joints,
         grasp=pose(grip.grasp),

@@ -67,14 +67,18 @@ def closure_options(command: Command) -> Command:
     """``--friction --mass --table --avoid``, for the closure analyser."""
     options = (
         click.option(
-            "--friction", type=float, default=0.6, show_default=True, help="Between fingers and object."
+            "--friction",
+            type=float,
+            default=0.6,
+            show_default=True,
+            help="Between fingers and object; closure, and --verify.",
         ),
         click.option(
             "--mass",
             type=float,
             default=0.1,
             show_default=True,
-            help="Of the object [kg]: what a grip bears.",
+            help="Of the object [kg], what a grip bears; closure, and --verify.",
         ),
         click.option(
             "--table",

@@ -32,7 +32,13 @@ if TYPE_CHECKING:
 @closure_options
 @memory_option
 @click.option("--no-learn", is_flag=True, help="Leave the memory as it is.")
-@click.option("--count", type=int, default=1, show_default=True, help="How many different answers.")
+@click.option(
+    "--count",
+    type=int,
+    default=1,
+    show_default=True,
+    help="How many different answers: the mode's own first, then others, best first.",
+)
 @click.option(
     "--verify",
     is_flag=True,
@@ -78,10 +84,12 @@ def plan(
     settings = settings_from(estimation_threshold, recognition_threshold, seed)
     boxes = boxes_from(avoid)
     from ..closure.settings import ClosureSettings
-    from ..files import write_json, write_text, write_whole
+    from ..files import make_folder, write_json, write_text, write_whole
     from ..io import plan_to_json
     from ..planner import plan as make_plan
 
+    if out is not None:
+        make_folder(Path(out))
     made = make_plan(
         thing,
         task,
@@ -102,6 +110,11 @@ def plan(
         view=_view(view),
     )
     document = plan_to_json(made)
+    given = 1 + len(made.alternatives)
+    if not as_json and made.decision.grasp is not None and given < count:
+        click.echo(
+            f"{given} of the {count} answers asked for: no other stands apart and is good enough", err=True
+        )
     written: list[Path] = []
     if out is not None:
         from ..app.scenes import plan_html

@@ -13,7 +13,7 @@ from .pieces import decompose
 from .planned import palm_grasps, poses_of
 from .protocol import Protocol
 from .scene import build_scene
-from .six_directions import HoldResult, hold_test
+from .six_directions import HoldResult, Status, hold_test
 
 
 @value
@@ -80,3 +80,20 @@ def verify(
         if results[-1].held:
             return Verification(held=index, results=tuple(results))
     return Verification(held=None, results=tuple(results))
+
+
+def telling(result: HoldResult, rules: Protocol) -> bool:
+    """Whether a result is worth remembering of a grasp.
+
+    What held something lighter or rougher than usual tells nothing, nor does what lost something heavier or
+    smoother, or a simulation that broke.
+
+    Args:
+        result: of one grasp.
+        rules: of the test.
+    """
+    usual = Protocol()
+    if result.status is Status.HELD:
+        return rules.mass >= usual.mass and rules.friction <= usual.friction
+    lost = result.status is Status.LOST
+    return lost and rules.mass <= usual.mass and rules.friction >= usual.friction

@@ -170,7 +170,7 @@ def facts(document: Document, answer: Document) -> str:
         rows += [
             ("grip's quality", f"{grip['quality']:.2f} {enough}"),
             ("margin, task", f"{grip['task_margin']:.2f} × the task's load"),
-            ("margin, holding", f"{grip['hold_margin']:.2f} × a push of one weight"),
+            ("margin, holding", f"{grip['hold_margin']:.2f} × the pushes expected"),
             ("way in", f"{1000 * grip['clearance']:.1f} mm clear"),
             ("match (TFVADI)", f"{answer['tfvadi']:.2f} of 6; a real hand is not judged by it"),
         ]
