@@ -33,7 +33,7 @@ EVENNESS = 0.1
 """Weight of an even spread of the forces, against ten for their balance [C]."""
 EDGES = 8
 """Of a friction cone, where forces are chosen."""
-SOFT, TOO_SOFT = float(np.radians(1.0)), float(np.radians(4.0))
+SOFT, TOO_SOFT = float(np.radians(1.0)), float(np.radians(10.0))
 """Where an object turns by the first when the forces are a little beside, what its grip has to spare counts
 half; where by the second and stiffer grips may be found elsewhere, all of its margin does [C]."""
 
