@@ -78,7 +78,7 @@ def wrapped(*parts: str) -> str:
 
 
 def headline(document: Document) -> str:
-    """How the run ended, in which mode, and in how much time."""
+    """How the run ended, in which mode, in how much time, and what it was about: more may be chosen since."""
     sign, kind, words = HEADLINES.get(str(document["status"]), ("", "warn", str(document["status"])))
     mode = document["mode"]
     seconds = float(document.get("seconds", {}).get("total", 0.0))
@@ -89,9 +89,11 @@ def headline(document: Document) -> str:
             if document.get("offers")
             else "<br>No named task fits either: ask for less match, or teach this one."
         )
+    asked = document["task"]["name"] or "six numbers"
+    about = " · ".join((document["object"]["name"], asked, document["hand"]["name"]))
     return (
         f'<div class="head {kind}"><b>{sign} {escape(words)}</b>'
-        f"Mode {mode}: {escape(MODES.get(mode, ''))}{time}</div>"
+        f"{escape(about)}<br>Mode {mode}: {escape(MODES.get(mode, ''))}{time}</div>"
     )
 
 
