@@ -10,7 +10,7 @@ from PIL import Image
 
 from preshape.app.curves import EDGE, LEFT, RIGHT, WIDE
 from preshape.fuzzy import FuzzySets
-from view_app_page import PATIENCE, box_beside, keep, plan, press, saw, tab, until
+from view_app_page import PATIENCE, box_beside, keep, middle_of, place_of, plan, press, saw, tab, until
 
 pytest_plugins = ("view_app_fixtures",)
 
@@ -78,19 +78,18 @@ def test_curves_are_dragged_reset_and_used(opened) -> None:
     svg.scroll_into_view_if_needed()
 
     def place(number: float) -> float:
-        box = svg.bounding_box()
+        box = place_of(page, svg)
         wide = box["width"] / WIDE
         return box["x"] + wide * (LEFT + (number + EDGE) / (2 * EDGE) * (WIDE - LEFT - RIGHT))
 
-    handle = svg.locator("circle").nth(3).bounding_box()
-    y = handle["y"] + handle["height"] / 2
-    assert abs(handle["x"] + handle["width"] / 2 - place(0.15)) < 1.5
+    handle = svg.locator("circle").nth(3)
+    x, y = middle_of(page, handle)
+    assert abs(x - place(0.15)) < 1.5
     drag(page, (place(0.15), y), (place(0.6), y))
     until(page, lambda: abs(float(corners.input_value().split()[3]) - 0.6) < 0.015)  # a pixel is 0.007
     saw(page, "Changed: answers no longer compare with the paper")
     # the curve follows, and a corner never passes its neighbour
-    moved = svg.locator("circle").nth(3)
-    until(page, lambda: abs(moved.bounding_box()["x"] + moved.bounding_box()["width"] / 2 - place(0.6)) < 2.5)
+    until(page, lambda: abs(middle_of(page, handle)[0] - place(0.6)) < 2.5)
     keep(page, "app-tune")
     drag(page, (place(0.6), y), (place(-0.9), y))
     until(page, lambda: corners.input_value() == "-0.15 -0.05 0.05 0.05")
@@ -101,12 +100,10 @@ def test_curves_are_dragged_reset_and_used(opened) -> None:
     # a contact without friction gives another net wrench
     lines = page.locator("#drag-ka-ko-kn-mn")
     lines.scroll_into_view_if_needed()
-    ends = [lines.locator("circle").nth(i).bounding_box() for i in range(4)]
-    floor = lines.bounding_box()["y"] + lines.bounding_box()["height"] * 0.9
+    box = place_of(page, lines)
     for i in (0, 1, 3):
-        end = ends[i]
-        middle = end["x"] + end["width"] / 2, end["y"] + end["height"] / 2
-        drag(page, middle, (middle[0], floor))
+        middle = middle_of(page, lines.locator("circle").nth(i))
+        drag(page, middle, (middle[0], box["y"] + box["height"] * 0.9))
     coefficients = box_beside(page, "ka ko kn mn")
     until(page, lambda: coefficients.input_value() == "0 0 1 0")
     tab(page, "Plan")

@@ -96,6 +96,24 @@ def until(page, true: Callable[[], bool]) -> None:
         page.wait_for_timeout(100)
 
 
+def place_of(page, locator) -> dict[str, float]:
+    """Box of an element, as soon as it is drawn and at rest: what is drawn anew has no place for a moment."""
+    boxes = [locator.bounding_box()]
+
+    def at_rest() -> bool:
+        boxes.append(locator.bounding_box())
+        return boxes[-1] is not None and boxes[-1] == boxes[-2]
+
+    until(page, at_rest)
+    return boxes[-1]
+
+
+def middle_of(page, locator) -> tuple[float, float]:
+    """Where to press to meet the middle of an element."""
+    box = place_of(page, locator)
+    return box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+
+
 def answer_buttons(page) -> list[str]:
     found = page.get_by_role("button", name=re.compile(r"^\d · plane"))
     found.first.wait_for()
