@@ -11,7 +11,8 @@ import pytest
 
 from preshape.analyser import Aim, Grip, VirtualGrasp
 from preshape.closure.analyser import ClosureAnalyser
-from preshape.closure.grip import grip_forces, quality
+from preshape.closure.grip import quality
+from preshape.closure.pressing import grip_forces
 from preshape.closure.settings import ClosureSettings
 from preshape.hands.collision import ObjectCollision
 from preshape.hands.hand import Hand

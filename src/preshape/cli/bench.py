@@ -11,6 +11,7 @@ _BENCHES = {
     "planner": ("bench_planner", "Plan objects and put the answers to the holding test."),
     "tasks": ("bench_tasks", "Put a planner to the task test: the open benchmark."),
     "clouds": ("bench_clouds", "Plan on partial views and test on the true objects."),
+    "learning": ("bench_learning", "Measure whether the memory of a real hand pays."),
     "indices": ("bench_indices", "Measure how well each grasp metric predicts success."),
 }  # fmt: skip
 

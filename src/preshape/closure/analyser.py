@@ -139,9 +139,7 @@ class ClosureAnalyser:
         force = move / np.linalg.norm(move) if move.any() else move
         torque = ASIDE * turn / np.linalg.norm(turn) if turn.any() else turn
         direction = np.concatenate([force, torque])
-        # The weight in units of a middling grip: the ranking hardly depends on which.
-        grip = 0.5 * (self.settings.press_least + self.settings.press_most)
-        base = np.concatenate([-self.gravity * self.settings.weight / grip, np.zeros(3)])
+        base = np.append(-self.gravity * self.settings.weight / self.settings.middling, np.zeros(3))
         if not direction.any():
             return Demand(base=base)
         return Demand(direction=direction, base=base, load=float(np.linalg.norm(direction)))
@@ -193,19 +191,25 @@ class ClosureAnalyser:
         if not part:
             found = self._persist(rng, aim, found, demand)
         finished: list[Finished] = []
-        for _ in range(1 + (0 if part else settings.persistence)):
+        for again in range(1 + (0 if part else settings.persistence)):
             found = self.search.refine(
                 rng, found, demand, elite=elite, each=settings.children, rounds=rounds, wanted=WANTED
             )
             standing = found.take(apart(found, max(8, 4 * enough)))
             standing = self.search.steady(rng, standing, demand, samples=4 if few else 8, wanted=WANTED)
             made = self.finisher.finish(
-                standing, demand, wanted=WANTED, enough=enough, planes=aim.planes, elsewhere=elsewhere
+                standing,
+                demand,
+                wanted=WANTED,
+                enough=enough,
+                planes=aim.planes,
+                elsewhere=elsewhere,
+                by_joints=again > 0,
             )
             finished = max(finished, made, key=_best)
             if _best(finished) >= EASY:
                 break
-        grasps = self.virtual_grasps(q, finished)
+        grasps = self.virtual_grasps(q, sorted(finished, key=lambda made: -made.margin))
         grasps.sort(key=lambda g: -g.judged)
         return _exploration(grasps, found.tried, self._why_none(found))
 
@@ -237,7 +241,7 @@ class ClosureAnalyser:
         """More draws for an object on which the first ones found little."""
         for _ in range(self.settings.persistence):
             best = float(found.score[0]) if len(found) else 0.0
-            if best * self.settings.press_most >= EASY * self.settings.weight and len(found) >= FEWEST:
+            if best * self.settings.strongest >= EASY * self.settings.weight and len(found) >= FEWEST:
                 break
             more = self._evaluate(self._draw(rng, aim, 2 * self.settings.everywhere), demand)
             found = best_of(found, more)

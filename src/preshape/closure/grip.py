@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
 from ..analyser import Grip
-from ..hands.kinematics import HandKinematics, cross
+from ..hands.kinematics import HandKinematics
 from ..kernels.chains import joint_frames, rotations
 from ..kernels.closing import Candidates, ClosingKernel, Closings, Fate
 from ..kernels.field import SurfaceQuery
@@ -19,6 +20,7 @@ from .compliance import turn_when_beside
 from .hand_tables import hand_tables
 from .opening import ALONG, NEAREST, OPENING, Opener, Openings
 from .preshapes import posture_at
+from .pressing import Press, Pressing, finger_order
 from .search import ClosureSearch, Demand, Ranked
 
 GAP = 0.0001
@@ -29,10 +31,11 @@ UNBALANCED = 0.03
 """Forces of a squeeze may leave this share of the press unbalanced, torques over ℓ."""
 SPARE = 2
 """So many more candidates than grips wanted are looked at side by side: some will not do."""
-EVENNESS = 0.1
-"""Weight of an even spread of the forces, against ten for their balance [C]."""
-EDGES = 8
-"""Of a friction cone, where forces are chosen."""
+FIRM = 3.0
+"""A grip that is not enough otherwise may press so many times as hard as the settings' strongest press, where
+no other is looked for [C]."""
+ENOUGH = 3.0
+"""Quality of a grip that can balance just the load expected."""
 SOFT, TOO_SOFT = float(np.radians(1.0)), float(np.radians(10.0))
 """Where an object turns by the first when the forces are a little beside, what its grip has to spare counts
 half; where by the second and stiffer grips may be found elsewhere, all of its margin does [C]."""
@@ -49,7 +52,7 @@ class Finished:
         flip: thumb on that plane's -o side.
         points: (n, 3) contacts, the thumb's first [m].
         normals_in: (n, 3) inward unit normals.
-        margin: largest load that the strongest squeeze can balance, over the load expected.
+        margin: largest load that the strongest usual squeeze can balance, over the load expected.
     """
 
     grip: Grip
@@ -78,11 +81,7 @@ class Finisher:
             self.tables, search.field, device=self.settings.device, threads=self.settings.threads
         )
         self.opener = Opener(self.tables, self.kernel, HandKinematics(search.hand), self.settings.obstacles)
-        joints = list(search.hand.joints)
-        self._couples = [(joints.index(a), joints.index(b)) for a, b in search.hand.couplings]
-        # One drive sets the sum of a couple's angles: each of the two takes half of what it is told.
-        self._sharing = np.ones(len(joints))
-        self._sharing[[k for couple in self._couples for k in couple]] = 2.0
+        self.press = Press(search.hand, self.tables, search.cog, search.length, self.settings.mu)
 
     def close(self, found: Ranked, wanted: int) -> Closings:
         """Closed again with the fine spheres, a little off the surface."""
@@ -119,6 +118,7 @@ class Finisher:
         enough: int = 1,
         planes: Sequence[int] = tuple(range(1, 13)),
         elsewhere: bool = False,
+        by_joints: bool = False,
     ) -> list[Finished]:
         """The grips that the candidates turn into, in their order; what cannot be executed is left out.
 
@@ -129,6 +129,8 @@ class Finisher:
             enough: how many grips are wanted; candidates after that are not looked at.
             planes: approach planes that the way in may belong to.
             elsewhere: there is more to be looked at, so a soft grip is worth less.
+            by_joints: put them first in the order of what the hand's joints can press them for: the ranking
+                does not know these.
         """
         if not len(found):
             return []
@@ -146,6 +148,10 @@ class Finisher:
         sound = (closings.fate == Fate.CLOSED) & (to_object.min(axis=1) > -DEEPEST)
         sound &= (to_rest > 0) & (score > 0)
         rows, grips = np.flatnonzero(sound), list[Finished]()
+        pressing = partial(self.press, candidates, packed, frames)
+        if by_joints:
+            strongest = [min(self.settings.strongest, pressing(int(row)).limit) for row in rows]
+            rows = rows[np.argsort(-score[rows] * strongest, kind="stable")]
         each = enough + SPARE
         for some in (rows[first : first + each] for first in range(0, len(rows), each)):
             free = some[[self.opener.free_of_itself(grasp[row]) for row in some]]
@@ -156,9 +162,8 @@ class Finisher:
                     some_more = packed.take(ways.row[k : k + enough - len(grips)])
                     surely = np.append(surely, self.search.surely(some_more, demand))
                 margins = float(surely[k]) / demand.load, float(hold[row]) / self.settings.hold
-                where = frames[0][row], frames[1][row]
                 made = self._grip(
-                    found, int(row), packed, grasp[row], where, ways, k, margins, planes, elsewhere
+                    found, int(row), pressing(int(row)), grasp[row], ways, k, margins, planes, elsewhere
                 )
                 if made is not None:
                     grips.append(made)
@@ -168,7 +173,7 @@ class Finisher:
 
     def _packed(self, closings: Closings, points: Array, normals: Array) -> Closings:
         """The closings with exact contacts, the thumb's first."""
-        order = self._finger_order()
+        order = finger_order(self.tables)
         used = closings.sphere[:, order] >= 0
         place = np.argsort(~used, axis=1, kind="stable")
         P = np.take_along_axis(points[:, order], place[:, :, None], axis=1)
@@ -179,48 +184,40 @@ class Finisher:
         counts = np.where(closings.fate == Fate.CLOSED, used.sum(axis=1), 0).astype(np.int64)
         return replace(closings, points=full_p, normals_in=full_n, counts=counts)
 
-    def _finger_order(self) -> list[int]:
-        """The thumb, then the others: the order of contacts."""
-        t = self.tables.thumb
-        return [t, *(f for f in range(len(self.tables.fingers)) if f != t)]
-
     def _grip(
         self,
         found: Ranked,
         row: int,
-        packed: Closings,
+        pressing: Pressing,
         q: Array,
-        frames: tuple[Array, Array],
         ways: Openings,
         k: int,
         margins: tuple[float, float],
         planes: Sequence[int],
         elsewhere: bool,
     ) -> Finished | None:
-        candidates, settings = found.sampled.candidates, self.settings
-        n = int(packed.counts[row])
-        points = packed.points[row, :n].astype(np.float64)
-        normals = packed.normals_in[row, :n].astype(np.float64)
-        used = [f for f in self._finger_order() if packed.sphere[row, f] >= 0]
-        arms = (points - self.search.cog) / self.search.length
-        share = grip_forces(arms, normals, settings.mu)
-        left = np.concatenate([share.sum(axis=0), cross(arms, share).sum(axis=0)])
-        if np.linalg.norm(left) > self.unbalanced:
+        if pressing.left > self.unbalanced:
             return None
-        jacobians, chains = self._jacobians(candidates, packed, row, frames, used, points)
-        torques = self._torques(jacobians, chains, share)
-        # A joint that would be too weak for the whole squeeze makes it weaker.
-        strain = float((np.abs(torques) / self.hand.torque_limits).max())
-        most = min(settings.press_most, 1.0 / max(strain, 1e-9))
-        needed = settings.safety * settings.weight / max(min(margins), 1e-9)
-        press = min(max(settings.press_least, needed), most)
+        candidates, settings = found.sampled.candidates, self.settings
+        points, normals, share, torques, limit = (
+            pressing.points, pressing.normals_in, pressing.forces, pressing.torques, pressing.limit,
+        )  # fmt: skip
+        least = max(min(margins), 1e-9)
+        usual = min(settings.strongest, limit)
+        margin, just = least * usual / settings.weight, settings.weight / least
+        # What the usual press cannot hold, a firm one may, just: then no grip here is better than that.
+        firm = not elsewhere and usual < just <= min(FIRM * settings.strongest, limit)
+        press = just if firm else min(max(settings.press_least, settings.safety * just), usual)
         # A target beyond a joint's limit is meant: a servo that stops at the limit would press with nothing.
-        yielding = 1.0 / (self.hand.gains * self._sharing)
+        yielding = 1.0 / (self.hand.gains * self.press.sharing)
         squeeze = q + press * torques * yielding
         turn = turn_when_beside(
-            points - self.search.cog, normals, press * share, jacobians, [yielding[chain] for chain in chains]
+            points - self.search.cog,
+            normals,
+            press * share,
+            pressing.jacobians,
+            [yielding[chain] for chain in pressing.chains],
         )
-        margin = min(margins) * most / settings.weight
         grip = Grip(
             approach=ways.approach[k],
             palm_pose=np.concatenate([candidates.place[row], candidates.turn[row]]),
@@ -229,49 +226,18 @@ class Finisher:
             pregrasp=ways.pregrasp[k],
             grasp=q,
             squeeze=squeeze,
-            fingers=tuple(self.tables.fingers[f] for f in used),
+            fingers=tuple(self.tables.fingers[f] for f in pressing.used),
             forces=press * share,
             torques=press * torques,
             task_margin=margins[0] * press / settings.weight,
             hold_margin=margins[1] * press / settings.weight,
-            quality=quality(margin, turn, elsewhere=elsewhere),
+            quality=ENOUGH if firm else quality(margin, turn, elsewhere=elsewhere),
             clearance=float(ways.clearance[k]),
         )
         number, flip = counted_to(ways.approach[k], points, int(found.sampled.plane[row]), planes)
         return Finished(
             grip=grip, row=row, plane=number, flip=flip, points=points, normals_in=normals, margin=margin
         )
-
-    def _jacobians(
-        self,
-        candidates: Candidates,
-        packed: Closings,
-        row: int,
-        frames: tuple[Array, Array],
-        used: list[int],
-        points: Array,
-    ) -> tuple[list[Array], list[slice]]:
-        """For each contact (6, k) its motion by the joints behind it, and which of the hand's these are."""
-        places, turns = frames
-        R = rotations(candidates.turn[row])
-        anchors = candidates.place[row] + places @ R.T
-        axes = np.einsum("ij,njk,nk->ni", R, turns, self.tables.axis)
-        touching = np.searchsorted(self.tables.sphere_start, packed.sphere[row], side="right") - 1
-        chains = [slice(int(self.tables.joint_start[f]), int(touching[f]) + 1) for f in used]
-        return [
-            np.concatenate([cross(axes[chain], point - anchors[chain]).T, axes[chain].T])
-            for chain, point in zip(chains, points, strict=True)
-        ], chains
-
-    def _torques(self, jacobians: list[Array], chains: list[slice], forces: Array) -> Array:
-        """(j,) joint torques that make the contact forces (n, 3), Jᵀ f."""
-        torques = np.zeros(len(self.hand.joints))
-        for J, chain, force in zip(jacobians, chains, forces, strict=True):
-            torques[chain] = force @ J[:3]
-        # One tendon: the same torque on both, the nearest to what each should have.
-        for a, b in self._couples:
-            torques[[a, b]] = (torques[a] + torques[b]) / 2
-        return torques
 
 
 def counted_to(approach: Array, points: Array, own: int, planes: Sequence[int]) -> tuple[int, bool]:
@@ -320,35 +286,3 @@ def quality(margin: float, turn: float = 0.0, *, elsewhere: bool = False) -> flo
     if elsewhere:
         return stiff
     return min(stiff, 3.0 + max(stiff - 3.0, 0.0) / (1.0 + turn / SOFT))
-
-
-def grip_forces(arms: Array, normals_in: Array, mu: float) -> Array:
-    """(n, 3) forces of a squeeze that moves nothing: they balance, their normal parts sum to one.
-
-    Of all balanced ones inside the cones (of eight edges) about the one that spreads most evenly over
-    contacts and cone: nonnegative least squares with a small penalty.
-
-    Args:
-        arms: (n, 3) contact points from the reference, over ℓ.
-        normals_in: (n, 3) inward unit normals.
-        mu: friction that they may use.
-    """
-    from scipy.optimize import nnls
-
-    n = len(arms)
-    helper = np.where(np.abs(normals_in[:, :1]) < 0.9, [[1.0, 0, 0]], [[0, 1.0, 0]])
-    t1 = cross(normals_in, helper)
-    t1 /= np.linalg.norm(t1, axis=1, keepdims=True)
-    t2 = cross(normals_in, t1)
-    angles = np.arange(EDGES) * 2 * np.pi / EDGES
-    edges = normals_in[:, None] + mu * (
-        np.cos(angles)[None, :, None] * t1[:, None] + np.sin(angles)[None, :, None] * t2[:, None]
-    )
-    flat = edges.reshape(-1, 3)
-    wrenches = np.concatenate([flat, cross(np.repeat(arms, EDGES, axis=0), flat)], axis=1)
-    penalty = EVENNESS * np.sqrt(n * EDGES)
-    rows = np.concatenate([10 * wrenches.T, 10 * np.ones((1, n * EDGES)), penalty * np.eye(n * EDGES)])
-    wanted = np.concatenate([np.zeros(6), [10.0], np.full(n * EDGES, penalty / (n * EDGES))])
-    weights, _ = nnls(rows, wanted)
-    weights /= max(weights.sum(), 1e-9)
-    return np.asarray(np.einsum("ne,nei->ni", weights.reshape(n, EDGES), edges))

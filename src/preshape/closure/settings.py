@@ -14,6 +14,8 @@ from ..types import freeze, value
 
 GRAVITY = 9.81
 """[m/s²]."""
+USUAL = 0.1
+"""The mass for which the presses stand [kg]."""
 
 
 _DEVICE = re.compile(r"cpu|cuda(:[0-9]+)?")
@@ -46,7 +48,8 @@ class ClosureSettings:
         friction_share: share of both that is planned with: room for error [C].
         mass: of the object [kg]; its weight and a push of the same size are what a grip is made for.
         press_least: least sum of normal forces of a squeeze [N].
-        press_most: largest [N]; the hand's joint torques may allow less.
+        press_most: largest [N] on an object of ``USUAL`` or less, in proportion on a heavier one; the
+            hand's joint torques may allow less.
         safety: the squeeze is this many times what the load needs.
         hold: share of the task's load that plain holding in every other direction is asked for.
         at_aim: candidates for one plane and approach value (mode 0).
@@ -132,6 +135,16 @@ class ClosureSettings:
     def weight(self) -> float:
         """Of the object [N]."""
         return self.mass * GRAVITY
+
+    @property
+    def strongest(self) -> float:
+        """Largest sum of normal forces of a squeeze on this object [N]."""
+        return self.press_most * max(1.0, self.mass / USUAL)
+
+    @property
+    def middling(self) -> float:
+        """Between the least and the largest press: the ranking hardly depends on which [N]."""
+        return 0.5 * (self.press_least + self.press_most) * max(1.0, self.mass / USUAL)
 
 
 def table_below(height: float, up: str = "z") -> Obstacles:

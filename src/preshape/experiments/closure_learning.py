@@ -1,33 +1,43 @@
 """Does the closure analyser's memory pay? A stream of objects and tasks, met one after the other.
 
 Along the stream: the share answered at mode 0 (what the estimator names is good enough), what each answer
-cost in candidates, and its quality. At the end: every (object, task) that was learnt is asked for again
-(nothing may be lost), and held-out pairs are asked for twice, with the memory and with a fresh one.
+cost in candidates, and its quality. At the end every (object, task) that was learnt is asked for again:
+nothing may be lost. Then come objects that were never in the stream. A fresh memory explores everything for
+each; with the memory the same is asked for, once as usual, and once with the critic's threshold at the margin
+that exploring reached: how many candidates does experience need for it?
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from ..closure.analyser import ClosureAnalyser
 from ..closure.settings import ClosureSettings
 from ..closure_control import closure_controller
+from ..critic import Thresholds
 from ..decision import Settings, Status
 from ..hands.model import load_hand
 from ..io import write_json, write_whole
 from ..memory import Memory
 from ..objects.library import load_library_object, names
 from ..objects.mesh import TriangleMesh
+from ..physics.hold_tables import TextTable
 from ..planner import layout_of
 from ..tasks import Task, family_names, parse_task
 from ..types import Array, value
 from .plots import OURS, QUIET, THIRD, Canvas
 
 WINDOW = 20
-LARGEST = 0.16  # [m], largest extent of an object that takes part
+LARGEST = 0.16
+"""Largest extent of an object that takes part [m]."""
+HELD_OUT = 0.2
+"""Share of the objects that are kept out of the stream."""
+SAME = 0.95
+"""Share of a margin that counts as the same."""
 
 
 @value
@@ -58,39 +68,51 @@ class LearningStudy:
     Attributes:
         stream: in the order met.
         again: those answered in mode 3, asked for again at the end.
-        held_out: pairs never learnt, with the memory.
-        fresh: the same pairs, each with a memory that knows the cube only and explores everything.
+        fresh: objects held out, each with a memory that knows the cube only and explores everything.
+        held_out: the same pairs, never learnt, with the memory.
+        wanting: the same with the memory, asked for the margin that exploring reached.
     """
 
     stream: tuple[Met, ...]
     again: tuple[Met, ...]
-    held_out: tuple[Met, ...]
     fresh: tuple[Met, ...]
+    held_out: tuple[Met, ...]
+    wanting: tuple[Met, ...]
 
     def share(self, first: int, last: int) -> float:
         """Share of the stream's answers first..last that came at mode 0."""
         part = self.stream[first:last]
         return sum(m.answered and m.mode == 0 for m in part) / max(1, len(part))
 
-    def figures(self) -> dict[str, object]:
+    def ratios(self) -> Array:
+        """Candidates with the memory over those without, for each held-out pair that exploring answers.
+
+        Both for the margin that exploring reaches. Where experience does not reach it, everything has to be
+        explored after all.
+        """
+        pairs = [(w, f) for w, f in zip(self.wanting, self.fresh, strict=True) if f.answered]
+        return np.array([(w.tried if w.answered else w.tried + f.tried) / f.tried for w, f in pairs])
+
+    def figures(self) -> dict[str, Any]:
         """Numbers for a table."""
-        n = len(self.stream)
-        both = [(a, b) for a, b in zip(self.held_out, self.fresh, strict=True) if a.answered and b.answered]
-        as_good = [a.quality >= 0.95 * b.quality for a, b in both]
+        n, ratios = len(self.stream), self.ratios()
+        window = min(WINDOW, n)
         return {
             "met": n,
-            "mode_0_first_window": self.share(0, WINDOW),
-            "mode_0_last_window": self.share(n - WINDOW, n),
+            "answered": sum(m.answered for m in self.stream),
+            "mode_0_first_window": self.share(0, window),
+            "mode_0_last_window": self.share(n - window, n),
             "learnt": len(self.again),
             "still_answered": sum(m.answered for m in self.again),
             "still_mode_0": sum(m.answered and m.mode == 0 for m in self.again),
             "held_out": len(self.held_out),
             "held_out_answered": sum(m.answered for m in self.held_out),
+            "held_out_mode_0": sum(m.answered and m.mode == 0 for m in self.held_out),
             "fresh_answered": sum(m.answered for m in self.fresh),
-            "held_out_as_good": sum(as_good),
-            "candidates_ratio_median": float(np.median([a.tried / max(1, b.tried) for a, b in both]))
-            if both
-            else None,
+            "candidates_as_usual": _median([m.tried for m in self.held_out]),
+            "candidates_fresh": _median([m.tried for m in self.fresh]),
+            "same_margin_ratio_median": _median(ratios),
+            "same_margin_within_a_tenth": int((ratios <= 0.1).sum()),
         }
 
 
@@ -108,49 +130,71 @@ def study(
     Args:
         hand: whose memory.
         length: how many objects and tasks are met.
-        held_out: how many pairs are kept for the end.
+        held_out: how many pairs are asked for of objects that are never met.
         seed: of the stream and of the planner.
         closure: size of the search.
         progress: called after each question.
     """
     rng = np.random.default_rng(seed)
-    pairs = _pairs(rng, length + held_out)
-    total = length + 2 * held_out
-    with Memory.open(":memory:") as memory:
-        stream = []
-        for k, (name, scale, task) in enumerate(pairs[:length]):
-            stream.append(_meet(memory, hand, name, scale, task, seed, closure, learn=True))
-            if progress is not None:
-                progress(k + 1, total)
-        taught = [pair for pair, met in zip(pairs, stream, strict=False) if met.mode == 3 and met.answered]
-        again = [_meet(memory, hand, *pair, seed, closure, learn=False) for pair in taught]
-        known = []
-        for k, pair in enumerate(pairs[length:]):
-            known.append(_meet(memory, hand, *pair, seed, closure, learn=False))
-            if progress is not None:
-                progress(length + k + 1, total)
-    fresh = []
-    for k, pair in enumerate(pairs[length:]):
-        with Memory.open(":memory:") as empty:
-            fresh.append(_meet(empty, hand, *pair, seed, closure, learn=True, explore=True))
-        if progress is not None:
-            progress(length + held_out + k + 1, total)
-    return LearningStudy(stream=tuple(stream), again=tuple(again), held_out=tuple(known), fresh=tuple(fresh))
-
-
-def _pairs(rng: np.random.Generator, count: int) -> list[tuple[str, float, Task]]:
-    """Objects at sizes a little apart, with tasks, every object about as often as the others."""
     usable = [n for n in names() if load_library_object(n).extents.max() <= LARGEST]
-    order = np.concatenate([rng.permutation(len(usable)) for _ in range(count // len(usable) + 1)])[:count]
+    order = [usable[int(i)] for i in rng.permutation(len(usable))]
+    kept_out = max(1, round(HELD_OUT * len(order)))
+    pairs, strangers = _pairs(rng, order[kept_out:], length), _pairs(rng, order[:kept_out], held_out)
+    done, total = 0, length + 3 * held_out
+
+    def meet(memory: Memory, pair: tuple[str, float, Task], **how: Any) -> Met:
+        nonlocal done
+        met = _meet(memory, hand, *pair, seed, closure, **how)
+        done += 1
+        if progress is not None:
+            progress(min(done, total), total)
+        return met
+
+    with Memory.open(":memory:") as memory:
+        stream = [meet(memory, pair, learn=True) for pair in pairs]
+        taught = [pair for pair, met in zip(pairs, stream, strict=True) if met.mode == 3 and met.answered]
+        total += len(taught)
+        again = [meet(memory, pair) for pair in taught]
+        fresh = []
+        for pair in strangers:
+            with Memory.open(":memory:") as empty:
+                fresh.append(meet(empty, pair, explore=True))
+        known = [meet(memory, pair) for pair in strangers]
+        wanting = [
+            meet(memory, pair, threshold=_nearly(met.quality) if met.answered else None)
+            for pair, met in zip(strangers, fresh, strict=True)
+        ]
+    return LearningStudy(
+        stream=tuple(stream),
+        again=tuple(again),
+        fresh=tuple(fresh),
+        held_out=tuple(known),
+        wanting=tuple(wanting),
+    )
+
+
+def _pairs(rng: np.random.Generator, things: Sequence[str], count: int) -> list[tuple[str, float, Task]]:
+    """Objects at sizes a little apart, with tasks, every object about as often as the others."""
+    order = np.concatenate([rng.permutation(len(things)) for _ in range(count // len(things) + 1)])[:count]
     families = family_names()
     return [
         (
-            usable[int(i)],
+            things[int(i)],
             float(np.round(rng.uniform(0.9, 1.1), 3)),
             parse_task(families[int(rng.integers(len(families)))]),
         )
         for i in order
     ]
+
+
+def _nearly(quality: float) -> float:
+    """The quality of :data:`SAME` of its margin, m of 6 (1 - 2^-m)."""
+    margin = -np.log2(1.0 - min(quality, 6.0 - 1e-9) / 6.0)
+    return float(6.0 * (1.0 - 2.0 ** (-SAME * margin)))
+
+
+def _median(numbers: Sequence[float] | Array) -> float | None:
+    return float(np.median(numbers)) if len(numbers) else None
 
 
 def _meet(
@@ -162,8 +206,9 @@ def _meet(
     seed: int,
     closure: ClosureSettings | None,
     *,
-    learn: bool,
+    learn: bool = False,
     explore: bool = False,
+    threshold: float | None = None,
 ) -> Met:
     model = load_hand(hand)
     mesh = _scaled(load_library_object(name), scale)
@@ -171,7 +216,9 @@ def _meet(
         memory,
         model,
         layout_of(model),
-        settings=Settings(seed=seed),
+        settings=Settings(
+            seed=seed, thresholds=Thresholds() if threshold is None else Thresholds(estimation=threshold)
+        ),
         closure=closure or ClosureSettings(finished=4),
         gravity=task.gravity,
     )
@@ -194,17 +241,53 @@ def _scaled(mesh: TriangleMesh, scale: float) -> TriangleMesh:
     )
 
 
-def write(found: LearningStudy, out: Path) -> None:
-    """Figures as JSON, every question as a row, and the plot."""
+def table(found: LearningStudy) -> TextTable:
+    """The figures for people."""
+    f = found.figures()
+
+    def part(count: str, of: str) -> str:
+        return f"{f[count]} of {f[of]}"
+
+    def number(name: str, form: str) -> str:
+        return "-" if f[name] is None else format(f[name], form)
+
+    rows = (
+        ("answered along the stream", part("answered", "met")),
+        ("of the first window at mode 0", f"{f['mode_0_first_window']:.0%}"),
+        ("of the last window at mode 0", f"{f['mode_0_last_window']:.0%}"),
+        ("learnt in mode 3, still answered at the end", part("still_answered", "learnt")),
+        ("learnt in mode 3, at mode 0 at the end", part("still_mode_0", "learnt")),
+        ("objects never met: pairs answered", part("held_out_answered", "held_out")),
+        ("... of these at mode 0", part("held_out_mode_0", "held_out")),
+        ("... exploring everything with a fresh memory", part("fresh_answered", "held_out")),
+        ("candidates closed for one, median", number("candidates_as_usual", ".0f")),
+        ("... exploring everything", number("candidates_fresh", ".0f")),
+        (
+            "candidates for the margin that exploring reaches, share",
+            number("same_margin_ratio_median", ".3f"),
+        ),
+        ("... a tenth or less", part("same_margin_within_a_tenth", "fresh_answered")),
+    )
+    return TextTable(
+        caption=f"The memory along {f['met']} objects and tasks; a window is {min(WINDOW, f['met'])} of them",
+        columns=("what", "measured"),
+        rows=rows,
+    )
+
+
+def write(found: LearningStudy, out: Path) -> list[Path]:
+    """Figures as JSON, every question as a row, and the plot; returns the files."""
     rows = {
         part: [
             {"name": m.name, "task": m.task, "mode": m.mode, "quality": m.quality, "tried": m.tried}
             for m in getattr(found, part)
         ]
-        for part in ("stream", "again", "held_out", "fresh")
+        for part in ("stream", "again", "fresh", "held_out", "wanting")
     }
-    write_json(out / "closure_learning.json", {"figures": found.figures(), **rows})
-    write_whole(out / "closure_learning.png", lambda path: _draw(found, path))
+    files = [out / "report.json", out / "learning.png"]
+    write_json(files[0], {"figures": found.figures(), **rows})
+    write_whole(files[1], lambda path: _draw(found, path))
+    return files
 
 
 def _draw(found: LearningStudy, path: Path) -> None:

@@ -17,6 +17,7 @@ from ..types import value
 from .bench import Bench
 from .cases import FIG_11, FIG_12, FIG_13
 from .contradictions import CONTRADICTIONS
+from .descriptor_report import DESCRIPTOR
 from .fig_14 import FIG_14
 from .fig_15 import FIG_15
 from .fig_16 import FIG_16
@@ -27,7 +28,8 @@ from .table_4 import TABLE_4
 from .values import Data, Experiment, Measurement, Progress
 
 _ALL: tuple[Experiment, ...] = (
-    TABLE_4, FIG_11, FIG_12, FIG_13, FIG_14, FIG_15, FIG_16, ODD_CASES, LEARNING, CONTRADICTIONS,
+    TABLE_4, FIG_11, FIG_12, FIG_13, FIG_14, FIG_15, FIG_16, ODD_CASES, LEARNING, DESCRIPTOR,
+    CONTRADICTIONS,
 )  # fmt: skip
 
 EXPERIMENTS: dict[str, str] = {experiment.name: experiment.title for experiment in _ALL}

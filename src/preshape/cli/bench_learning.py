@@ -1,0 +1,57 @@
+"""``preshape bench learning``: whether the closure analyser's memory pays."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from ..exceptions import InputError
+from .options import json_option
+from .progress import steps
+from .tables import draw_table, report_console
+
+
+@click.command(epilog="Example: preshape bench learning --hand shadow --length 100 --out out/learning")
+@click.option("--hand", default="shadow", show_default=True, metavar="HAND", help="See preshape hands.")
+@click.option("--length", type=int, default=100, show_default=True, metavar="N", help="Pairs met in a row.")
+@click.option("--held-out", type=int, default=20, show_default=True, metavar="N", help="Pairs never learnt.")
+@click.option("--seed", type=int, default=0, show_default=True, help="Of the stream and of the planner.")
+@click.option("--out", metavar="DIR", help="Write report.json and the plot there.")
+@json_option
+def learning(hand: str, length: int, held_out: int, seed: int, out: str | None, as_json: bool) -> int:
+    """Meet library objects and tasks one after the other, learn, and ask again.
+
+    Shown are the share that is answered at mode 0 along the stream, whether anything learnt was lost, and
+    how many candidates objects never met need for the margin that exploring everything reaches.
+
+    Exit code 0: the study ran.
+    """
+    from ..experiments.closure_learning import study, table, write
+
+    for name, number in (("--length", length), ("--held-out", held_out)):
+        if number < 1:
+            raise InputError(f"{name} must be 1 or more, got {number}")
+    if seed < 0:
+        raise InputError(f"--seed must be 0 or more, got {seed}")
+    if out is not None and not out.strip():
+        raise InputError("--out needs a folder, got an empty name")
+    with steps("this bench keeps nothing before its end") as told:
+        found = study(
+            hand=hand,
+            length=length,
+            held_out=held_out,
+            seed=seed,
+            progress=lambda done, of: told.step("questions", done, of),
+        )
+    written = [] if out is None else write(found, Path(out))
+    if as_json:
+        from .main import emit
+
+        emit({"status": "answer", **found.figures(), "files": [str(path) for path in written]})
+        return 0
+    console = report_console(100)
+    draw_table(console, table(found))
+    for path in written:
+        console.print(f"wrote {path}", markup=False, soft_wrap=True)
+    return 0
