@@ -6,7 +6,8 @@ if (i !== undefined) {
     .closest('div:has(input)').querySelector('input');
   const write = Object.getOwnPropertyDescriptor(HTMLInputElement.prototype, 'value').set;
   const move = e => {
-    const svg = document.getElementById(id), r = svg.getBoundingClientRect(), v = svg.viewBox.baseVal;
+    const svg = document.getElementById(id), r = svg && svg.getBoundingClientRect(), v = svg && svg.viewBox.baseVal;
+    if (!r || !r.width) return;  // it is just being made, or its tab was left
     const at = d.axis === 'x' ? (e.clientX - r.left) / r.width * v.width : (e.clientY - r.top) / r.height * v.height;
     const box = find(), numbers = box.value.split(' ').map(Number);
     let low = +d.low, high = +d.high, x = low + (at - d.from) / (d.to - d.from) * (high - low);
