@@ -243,8 +243,6 @@ class Controller:
             return decided(task, 3, Status.DEADLOCK, steps, None, best=best)
         return self._answer(pa, task, 3, best, steps, allowed, count, None)
 
-    # What the modes are made of.
-
     def _criticise(self, pa: Analyser, q: Array, found: Exploration) -> tuple[VirtualGrasp | None, Verdict]:
         threshold = self.settings.thresholds.estimation
         if not len(found):
@@ -379,11 +377,12 @@ def _step(mode: int, verdict: Verdict, *, met: str = "reward", missed: str = "pe
 
 def _explored(discovery: Discovery) -> str:
     best, found = discovery.answer, discovery.found
-    if best.grip is not None:
+    if (g := best.grip) is not None:
+        press = (g.forces * best.contacts.normals_in).sum()
         return (
             f"{found.aimed} hands closed on the object, {len(found)} grips worked out; the best is "
-            f"{best.plane.label}, {len(best.grip.fingers)} fingers, its squeeze balances "
-            f"{best.grip.task_margin:.1f} times the task's load"
+            f"{best.plane.label}, {len(g.fingers)} fingers: squeezing with {press:.0f} N it balances "
+            f"{g.task_margin:.1f} times the task's load, {g.hold_margin:.1f} times the pushes expected"
         )
     return (
         f"{len(found)} virtual grasps of {found.aimed} aimed at; the best is {best.plane.label}, "

@@ -30,7 +30,7 @@ class Status(Enum):
 _HELP = {
     Status.ANSWER: "The preshape below matches the task.",
     Status.CORRECTION: "The object is known, but the task does not fit: ask for another, or teach this one.",
-    Status.DEADLOCK: "No grasp that matches well enough was found and recalled: ask for another task.",
+    Status.DEADLOCK: "No grasp that is good enough was found and recalled: ask for another task, or less.",
     Status.NO_GRASP: "Nothing that was tried holds it: allow other approaches or more room, or another size.",
 }
 
