@@ -68,6 +68,7 @@ fuzz: setup
 
 harden: setup
 	@$(BIN)/python -m hardening.kill
+	@$(BIN)/python -m hardening.grips $(OBJECTS)
 	@test -z "$(OBJECTS)" || $(BIN)/python -m hardening.objects $(OBJECTS)
 
 docs: setup

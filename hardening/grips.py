@@ -1,0 +1,188 @@
+"""What a grip promises of its geometry, checked on the true triangles with the hand's exact shapes.
+
+    python -m hardening.grips [FOLDER] [--hands shadow,allegro,leap] [--tasks lift,turn] [--count 3]
+
+FOLDER holds URDFs that name a mesh each, or mesh files; without one, the library's objects are taken. Of each
+answer: no link is a millimetre deep in the object at the grasp, as many links touch as fingers press, the
+opened hand is clear, and so is its straight way in, and no link goes deep while the fingers close. None of
+the planner's own distances takes part. A run that is stopped goes on where it was.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import time
+from collections import Counter
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from preshape.files import write_json
+
+from .objects import found_objects
+
+if TYPE_CHECKING:
+    from preshape.analyser import Grip
+    from preshape.hands.hand import Hand
+    from preshape.objects.mesh import TriangleMesh
+
+DEEP = 1e-3
+"""No link may be so deep in the object [m]."""
+TOUCHING = 1e-3
+"""A link touches where it is nearer than this [m]."""
+WAY = np.arange(0.7e-3, 0.118, 4.1e-3)
+"""Places on the way in that are looked at [m]; other than the planner's own."""
+SHARES = (0.13, 0.38, 0.61, 0.87)
+"""Parts of the closing at which the fingers are looked at."""
+
+
+def flaws(hand: Hand, mesh: TriangleMesh, grip: Grip) -> list[str]:
+    """What is wrong with a grip, in words; empty for a sound one.
+
+    Args:
+        hand: the hand.
+        mesh: the object.
+        grip: of the closure analyser.
+    """
+    from preshape.hands.collision import object_collision
+    from preshape.hands.kinematics import HandKinematics, hand_geometry, move_shape, pose_matrix
+
+    surface, found = object_collision(mesh), []
+    at_grasp = hand_geometry(hand, grip.palm_pose, grip.grasp)
+    found += [f"{shape.link} is deep in the object" for shape in at_grasp if surface.touches(shape, -DEEP)]
+    touching = sum(surface.touches(shape, TOUCHING) for shape in at_grasp)
+    if touching < len(grip.fingers):
+        found.append(f"{touching} links touch, of {len(grip.fingers)} fingers that press")
+    opened = hand_geometry(hand, grip.palm_pose, grip.pregrasp)
+    found += [f"{shape.link} touches when opened" for shape in opened if surface.touches(shape)]
+    kinematics = HandKinematics(hand)
+    kinematics.set_posture(grip.pregrasp)
+    shapes = kinematics.shapes()
+    for way in WAY:
+        pose = np.array(grip.palm_pose)
+        pose[:3] -= way * grip.approach
+        placed = pose_matrix(pose)
+        if any(surface.touches(move_shape(shape, *placed)) for shape in shapes):
+            found.append(f"the hand touches {1e3 * way:.0f} mm before the end of its way in")
+    for share in SHARES:
+        between = (1 - share) * grip.pregrasp + share * grip.grasp
+        closing = hand_geometry(hand, grip.palm_pose, between)
+        deep = [shape.link for shape in closing if surface.touches(shape, -DEEP)]
+        found += [f"{link} is deep in the object at {share:.0%} of the closing" for link in deep]
+    return found
+
+
+def look(file: str, factor: float, hand: str, task: str, count: int, seed: int) -> dict[str, Any]:
+    """Plan one object for one task, and check every answer."""
+    from preshape import plan
+    from preshape.exceptions import PreshapeError
+    from preshape.objects.load import load_object
+
+    try:
+        mesh = load_object(file, scale=factor)
+        made = plan(
+            mesh,
+            task,
+            hand=hand,
+            analyser="closure",
+            memory=":memory:",
+            learn=False,
+            count=count,
+            seed=seed,
+        )
+    except PreshapeError as error:
+        return {"answers": 0, "flaws": [], "reason": str(error)}
+    answers = [a for a in (made.answer, *made.alternatives) if a is not None and a.grasp.grip is not None]
+    found = [flaws(made.hand, mesh, a.grasp.grip) for a in answers if a.grasp.grip is not None]
+    return {"answers": len(answers), "flaws": [f for f in found if f], "reason": made.decision.reason}
+
+
+def run(
+    rows: list[tuple[str, Path | str, float]],
+    hands: list[str],
+    tasks: list[str],
+    count: int,
+    seed: int,
+    out: Path,
+) -> dict[str, Any]:
+    """Every object with every hand and task, those that an earlier run left; what was found."""
+    out.mkdir(parents=True, exist_ok=True)
+    kept = out / "grips.jsonl"
+    done: dict[str, dict[str, Any]] = {}
+    if kept.is_file():
+        done = {row["key"]: row for row in map(json.loads, kept.read_text().splitlines())}
+    asked = [
+        (f"{name} {hand} {task} {count} {seed}", str(file), factor, hand, task)
+        for name, file, factor in rows
+        for hand in hands
+        for task in tasks
+    ]
+    todo = [one for one in asked if one[0] not in done]
+    begin = time.monotonic()
+    with kept.open("a") as log:
+        for number, (key, file, factor, hand, task) in enumerate(todo, start=1):
+            row = {"key": key, "hand": hand, **look(file, factor, hand, task, count, seed)}
+            done[key] = row
+            log.write(json.dumps(row) + "\n")
+            log.flush()
+            _progress(number, len(todo), (time.monotonic() - begin) / number)
+    found = [done[key] for key, *_ in asked]
+    wrong = [row for row in found if row["flaws"]]
+    return {
+        "asked": len(found),
+        "answered": sum(row["answers"] > 0 for row in found),
+        "answers": sum(row["answers"] for row in found),
+        "sound": sum(row["answers"] - len(row["flaws"]) for row in found),
+        "by_hand": dict(Counter(row["hand"] for row in found if row["answers"])),
+        "wrong": wrong,
+        "without_answer": [{"key": r["key"], "reason": r["reason"]} for r in found if not r["answers"]],
+    }
+
+
+def _progress(done: int, total: int, each: float) -> None:
+    live = sys.stderr.isatty()
+    if live or done % 50 == 0 or done == total:
+        left = f", about {(total - done) * each:.0f} s left" if done < total else ""
+        end = "" if live and done < total else "\n"
+        print(f"\r\x1b[K{done} of {total} plans{left}", end=end, file=sys.stderr, flush=True)
+
+
+def main(arguments: list[str]) -> int:
+    """0: every answer is sound; 1: not so; 2: nothing to plan for."""
+    from preshape.objects.library import names
+
+    parser = argparse.ArgumentParser(prog="python -m hardening.grips", description="Check grips exactly.")
+    parser.add_argument("folder", nargs="?", type=Path, help="URDFs or mesh files; default: the library")
+    parser.add_argument("--hands", default="shadow,allegro,leap", help="default: %(default)s")
+    parser.add_argument("--tasks", default="lift", help="default: %(default)s")
+    parser.add_argument("--count", type=int, default=3, help="answers of each; default: %(default)s")
+    parser.add_argument("--seed", type=int, default=0, help="default: %(default)s")
+    parser.add_argument("--limit", type=int, help="so many objects at most")
+    parser.add_argument("--out", type=Path, default=Path("out/grips"), help="default: %(default)s")
+    given = parser.parse_args(arguments)
+    rows: list[tuple[str, Path | str, float]] = [(name, name, 1.0) for name in names()]
+    if given.folder is not None:
+        rows = list(found_objects(given.folder))
+    rows = rows[: given.limit]
+    if not rows or given.count < 1:
+        print(f"nothing to plan for: no objects in {given.folder}, or --count under 1", file=sys.stderr)
+        return 2
+    hands, tasks = given.hands.split(","), given.tasks.split(",")
+    try:
+        found = run(rows, hands, tasks, given.count, given.seed, given.out)
+    except KeyboardInterrupt:
+        print("\nstopped; the same command goes on from here", file=sys.stderr)
+        return 130
+    write_json(given.out / "grips.json", found)
+    print(f"answered {found['answered']} of {found['asked']}; sound {found['sound']} of {found['answers']}")
+    for row in found["wrong"]:
+        for some in row["flaws"]:
+            print(f"  {row['key']}: {'; '.join(some[:3])}")
+    return int(bool(found["wrong"]))
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
