@@ -225,6 +225,8 @@ class Session:
 
     def _heard(self, reply: Reply) -> None:
         with self._told():
+            if {"mesh", "document", "run"} & reply.keys():
+                self._waiting.quiet()
             if "progress" in reply:
                 self._waiting.progress(str(reply["progress"]), float(reply["share"]))
             elif "mesh" in reply:

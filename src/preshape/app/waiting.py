@@ -52,6 +52,11 @@ class Waiting:
         self._panel.progress.value = share
         self._tell()
 
+    def quiet(self) -> None:
+        """An answer has come: from now on the headline is its own, though the end was not told yet."""
+        with self._lock:
+            self._aloud = lambda: False
+
     def end(self) -> None:
         """It was answered, or will not be."""
         p = self._panel
