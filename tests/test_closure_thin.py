@@ -21,7 +21,7 @@ from preshape.kernels.fitting import Puts, SpotRows, between, fits_plain, frames
 from preshape.objects.load import load_object
 from preshape.objects.mesh import TriangleMesh
 from preshape.physics import pieces as pieces_module
-from preshape.physics.pieces import FILLED, FINE, THRESHOLD, ConvexPieces, decompose, filled_share
+from preshape.physics.pieces import FILLED, FINE, FINER, THRESHOLD, ConvexPieces, decompose, filled_share
 from preshape.planes import APPROACH_AXES, OPPOSITION_AXES
 
 HANDS = ("shadow", "allegro", "leap")
@@ -248,8 +248,12 @@ class TestPieces:
         beside = ConvexPieces(name="cube", pieces=(corners, corners + np.array([0.1, 0, 0])))
         assert filled_share(cube, beside) == pytest.approx(0.5, abs=0.01)
 
-    @pytest.mark.parametrize("factor", [1.0, 2.0])
-    def test_cut_finely_only_where_much_is_filled(self, factor: float, tmp_path, monkeypatch) -> None:
+    @pytest.mark.parametrize(
+        ("factor", "then"), [(1.0, []), (1.015, []), (1.08, [FINER]), (2.0, [FINE])], ids=str
+    )
+    def test_cut_finer_only_where_the_pieces_stand_out(
+        self, factor: float, then: list[float], tmp_path, monkeypatch
+    ) -> None:
         cube = load_object("cube")
         asked: list[float] = []
 
@@ -259,11 +263,10 @@ class TestPieces:
 
         monkeypatch.setattr(pieces_module, "_cut", cut)
         made = decompose(cube, cache=tmp_path)
-        assert asked == ([THRESHOLD] if factor == 1.0 else [THRESHOLD, FINE])
+        assert asked == [THRESHOLD, *then]
         assert filled_share(cube, made) < FILLED
         assert decompose(cube, cache=tmp_path).digest == made.digest
         assert len(asked) <= 2
         # What is asked for by number is not second-guessed, and is another entry of the cache.
-        assert filled_share(cube, decompose(cube, threshold=THRESHOLD, cache=tmp_path)) == pytest.approx(
-            1.0 - 1.0 / factor, abs=0.03
-        )
+        coarse = decompose(cube, threshold=THRESHOLD, cache=tmp_path)
+        assert coarse.volume == pytest.approx(factor * cube.volume, rel=1e-6)

@@ -18,14 +18,12 @@ from ..files import cache_folder, keep_arrays, read_arrays
 from ..objects.mesh import TriangleMesh
 from ..types import Array, IntArray, freeze, frozen_array, value
 
-THRESHOLD = (
-    0.1  # concavity that coacd accepts; its default 0.05 takes four times as long for three times the pieces
-)
-FINE = (
-    0.03  # ... where that fills too much of a thin object: takes ten times as long for five times the pieces
-)
+THRESHOLD = 0.1  # concavity that coacd accepts first
+FINER = 0.05  # ... its own default: takes four times as long for three times the pieces
+FINE = 0.03  # ... takes ten times as long for five times the pieces
 FILLED = 0.15  # share of the pieces' volume that may be outside of the object, by more than
 OUTSIDE = 0.005  # ... this share of its largest extent
+STANDS_OUT = 0.01  # of that extent may coarse pieces stand out, but for a hundredth of their volume
 SAMPLES = 4000  # points in the pieces that this is measured with
 MOST_TRIANGLES = 10_000
 SEED = 0
@@ -140,8 +138,9 @@ def decompose(
 ) -> ConvexPieces:
     """Cut a mesh into convex pieces, or take them from the cache.
 
-    By default it is cut coarsely first. Where the pieces then fill much that is outside of it, such as the
-    bowl of a spoon or the jaws of a wrench, it is cut again finely, to the shape that was planned for.
+    By default it is cut coarsely first, and again finer where the pieces are not the shape that was planned
+    for: where they stand out of it, as over the waist of a bottle, or fill much that is outside, as the bowl
+    of a spoon or the jaws of a wrench.
 
     Args:
         mesh: need not be watertight.
@@ -153,7 +152,8 @@ def decompose(
         EnvironmentFailure: coacd is not installed.
     """
     folder = (cache or cache_folder()) / "convex"
-    rule = f"{threshold!r}" if threshold is not None else f"{THRESHOLD!r} {FINE!r} {FILLED!r} {OUTSIDE!r}"
+    rules = (THRESHOLD, FINER, FINE, FILLED, OUTSIDE, STANDS_OUT)
+    rule = f"{threshold!r}" if threshold is not None else " ".join(map(repr, rules))
     file = folder / f"{_key(mesh, rule)}.npz"
     kept = _read(file)
     if kept is None:
@@ -163,11 +163,12 @@ def decompose(
 
 
 def _fitting(mesh: TriangleMesh, folder: Path) -> tuple[Array, ...]:
-    """Coarse pieces, or fine ones where those fill too much."""
+    """Coarse pieces, or finer ones where those are not the mesh."""
     coarse = _read(folder / f"{_key(mesh, repr(THRESHOLD))}.npz") or _cut(mesh, THRESHOLD)
-    if filled_share(mesh, ConvexPieces(name=mesh.name, pieces=coarse)) <= FILLED:
-        return coarse
-    return _cut(mesh, FINE)
+    distance, volume = _distances(mesh, ConvexPieces(name=mesh.name, pieces=coarse))
+    if volume[distance > OUTSIDE].sum() > FILLED:
+        return _cut(mesh, FINE)
+    return coarse if volume[distance > STANDS_OUT].sum() <= 0.01 else _cut(mesh, FINER)
 
 
 def filled_share(mesh: TriangleMesh, pieces: ConvexPieces) -> float:
@@ -177,6 +178,12 @@ def filled_share(mesh: TriangleMesh, pieces: ConvexPieces) -> float:
         mesh: need not be watertight.
         pieces: of the mesh, at scale 1.
     """
+    distance, weight = _distances(mesh, pieces)
+    return float(weight[distance > OUTSIDE].sum())
+
+
+def _distances(mesh: TriangleMesh, pieces: ConvexPieces) -> tuple[Array, Array]:
+    """(n,), (n,) signed distance of points in the pieces, in extents of the mesh; their shares."""
     from ..kernels.field import SurfaceQuery
 
     rng = np.random.default_rng(SEED)
@@ -185,11 +192,9 @@ def filled_share(mesh: TriangleMesh, pieces: ConvexPieces) -> float:
         _inside(corners, max(10, math.ceil(SAMPLES * share)), rng)
         for corners, share in zip(pieces.pieces, shares, strict=True)
     ]
-    weights = np.concatenate(
-        [np.full(len(own), share / len(own)) for own, share in zip(points, shares, strict=True)]
-    )
-    out = SurfaceQuery(mesh).closest(np.concatenate(points)).distance > OUTSIDE * float(mesh.extents.max())
-    return float(weights[out].sum())
+    weights = [np.full(len(own), share / len(own)) for own, share in zip(points, shares, strict=True)]
+    distance = SurfaceQuery(mesh).closest(np.concatenate(points)).distance / float(mesh.extents.max())
+    return distance, np.concatenate(weights)
 
 
 def _inside(corners: Array, count: int, rng: np.random.Generator) -> Array:
