@@ -13,10 +13,12 @@ from preshape.analyser import Aim, HandLayout
 from preshape.cli.main import run
 from preshape.closure.analyser import ClosureAnalyser
 from preshape.closure.settings import ClosureSettings
+from preshape.exceptions import ObjectError
 from preshape.experiments import planner_bench
 from preshape.hands.model import load_hand
 from preshape.objects.load import load_object
 from preshape.physics.grasps import read_grasps
+from preshape.physics.protocol import Protocol
 from preshape.planner import execute
 from preshape.tasks import parse_task
 
@@ -57,3 +59,27 @@ def test_what_was_lost(
     assert len(np.unique(pixels.reshape(-1, 3), axis=0)) > 500
     assert len(read_grasps(out / "grasps.npz")) == 1
     assert sorted(p.name for p in out.iterdir()) == ["grasps.npz", "lost-000-box.png", "report.json"]
+
+
+def test_the_mass_is_planned_for_and_tested_with(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    planned_for: list[float] = []
+    tested_with: list[float] = []
+
+    def refuse(*_: object, closure: ClosureSettings, **__: object) -> None:
+        planned_for.append(closure.mass)
+        raise ObjectError("box: too wide")
+
+    monkeypatch.setattr(planner_bench, "plan", refuse)
+    assert run("bench planner box --mass 0.4 --json".split()) == 0
+    assert planned_for == [0.4]
+    assert json.loads(capsys.readouterr().out)["failures"][0]["reason"] == "box: too wide"
+
+    def test(grasps: object, hand: object, *, protocol: Protocol, **_: object) -> None:
+        tested_with.append(protocol.mass)
+
+    monkeypatch.setattr(planner_bench, "plan_cases", planned)
+    monkeypatch.setattr(planner_bench, "run_holds", test)
+    assert run("bench planner box mug --mass 0.4 --json".split()) == 0
+    assert tested_with == [0.4]

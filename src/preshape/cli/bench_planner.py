@@ -32,6 +32,7 @@ PICTURES = 12
 @click.option("--scales", default="1", show_default=True, metavar="S,S", help="Factors on the size.")
 @click.option("--pieces", metavar="DIR", help="Folder with NAME/mesh.obj and NAME/convex of each object.")
 @click.option("--friction", type=float, default=0.6, show_default=True, help="Of the test; harder: 0.3.")
+@click.option("--mass", type=float, default=0.1, show_default=True, help="Of every object [kg].")
 @click.option("--probes", default="six", show_default=True, metavar="six|all", help="all: 28 probes.")
 @click.option("--ladder", is_flag=True, help="Also the last strength held.")
 @click.option("--seed", type=int, default=0, show_default=True, help="Of the planner.")
@@ -49,6 +50,7 @@ def planner(
     scales: str,
     pieces: str | None,
     friction: float,
+    mass: float,
     probes: str,
     ladder: bool,
     seed: int,
@@ -71,7 +73,7 @@ def planner(
     if workers is not None and workers < 1:
         raise InputError(f"--workers must be 1 or more, got {workers}")
     cases = cases_of(objects, scales, pieces)
-    protocol = Protocol(friction=friction, probes=probes, ladder=ladder, stop_early=not ladder)
+    protocol = Protocol(friction=friction, mass=mass, probes=probes, ladder=ladder, stop_early=not ladder)
     with steps("this bench keeps nothing before its end") as told:
         report = bench_planner(
             cases,

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ..closure.settings import USUAL, ClosureSettings
 from ..exceptions import ObjectError
 from ..hands.hand import Hand
 from ..hands.model import load_hand
@@ -137,6 +138,7 @@ def plan_cases(
     analyser: str = "closure",
     count: int = 1,
     seed: int = 0,
+    mass: float = USUAL,
     progress: Progress | None = None,
 ) -> list[Planned]:
     """Plan every case with a fresh memory, nothing learnt between them.
@@ -148,22 +150,44 @@ def plan_cases(
         analyser: ``closure`` or ``rays``.
         count: answers asked for.
         seed: of the planner.
+        mass: of every object [kg].
         progress: called after each.
+
+    Raises:
+        InputError: a bad argument.
     """
+    closure = ClosureSettings(mass=mass)
     planned: list[Planned] = []
     with Memory.open(":memory:") as memory:
         for number, case in enumerate(cases, start=1):
-            planned.append(_plan(case, hand, task, analyser, count, seed, memory))
+            planned.append(_plan(case, hand, task, analyser, count, seed, closure, memory))
             if progress is not None:
                 progress("planned", number, len(cases))
     return planned
 
 
-def _plan(case: Case, hand: str, task: str, analyser: str, count: int, seed: int, memory: Memory) -> Planned:
+def _plan(
+    case: Case,
+    hand: str,
+    task: str,
+    analyser: str,
+    count: int,
+    seed: int,
+    closure: ClosureSettings,
+    memory: Memory,
+) -> Planned:
     try:
         mesh = load_object(case.source, scale=case.scale)
         made: Plan = plan(
-            mesh, task, hand=hand, analyser=analyser, memory=memory, learn=False, seed=seed, count=count
+            mesh,
+            task,
+            hand=hand,
+            analyser=analyser,
+            memory=memory,
+            learn=False,
+            seed=seed,
+            count=count,
+            closure=closure,
         )
     except ObjectError as error:
         return Planned(case=case, answers=(), mode=-1, reason=str(error), seconds={})
@@ -205,7 +229,7 @@ def bench_planner(
     Args:
         cases: objects.
         hand: name or TOML.
-        protocol: default the six directions, a loss ends a grasp's test.
+        protocol: default the six directions, a loss ends a grasp's test; its mass is planned for.
         task: what is planned for.
         analyser: ``closure`` or ``rays``.
         count: answers of each case.
@@ -219,12 +243,19 @@ def bench_planner(
         InputError: a bad argument.
         EnvironmentFailure: a file or a process failed.
     """
-    model = load_hand(hand)
-    made = list(
-        planned
-        if planned is not None
-        else plan_cases(cases, hand, task=task, analyser=analyser, count=count, seed=seed, progress=progress)
-    )
+    model, rules = load_hand(hand), protocol or Protocol(stop_early=True)
+    if planned is None:
+        planned = plan_cases(
+            cases,
+            hand,
+            task=task,
+            analyser=analyser,
+            count=count,
+            seed=seed,
+            mass=rules.mass,
+            progress=progress,
+        )
+    made = list(planned)
     grasps = grasps_of(made, model)
     if grasps is None:
         return PlannerReport(hand=model.name, planned=tuple(made), asked=count, holds=None)
@@ -238,7 +269,7 @@ def bench_planner(
     holds = run_holds(
         grasps,
         physics_hand(model),
-        protocol=protocol or Protocol(stop_early=True),
+        protocol=rules,
         pieces=cut,
         workers=workers,
         progress=None if progress is None else lambda done, of: progress("tested", done, of),
