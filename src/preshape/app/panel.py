@@ -26,7 +26,7 @@ OFFERS = 3
 ACCEPT, REJECT = VERDICTS = ("Accept", "Reject")
 TRIAL = (
     "The hand grasps and squeezes in simulated physics (MuJoCo), then the object is pushed from six sides. "
-    "Friction and mass are those of the Plan tab. A scan takes up to a minute the first time."
+    "Friction and mass are those of the Plan tab. A scan takes up to two minutes the first time."
 )
 
 

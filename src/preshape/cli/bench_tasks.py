@@ -76,7 +76,7 @@ def tasks(
     An instance is one object in one task. It passes if the object ends within 50 mm and 15° of its target
     and is never farther from its path. An instance without an answer fails. The planner's first answer is
     tested; with --grasps, that of another planner. The first run cuts each object into convex pieces, which
-    may take a minute an object.
+    may take a minute or two an object.
 
     Exit code 0: every instance was tried, passed or not.
     """

@@ -95,7 +95,7 @@ def run_tasks(
         hand: in physics.
         answers: a planner's, or a file's.
         protocol: default friction 0.6, 0.1 kg.
-        pieces: objects already cut, by name; others are cut, which takes up to a minute an object once.
+        pieces: objects already cut, by name; others are cut, which takes up to two minutes an object once.
         workers: processes; default one for each core.
         progress: called after every instance or few.
         preparing: called with the name of each object before it is cut.

@@ -39,7 +39,7 @@ def verify(
 ) -> Verification:
     """Test answers in their order until one holds.
 
-    The object is cut into convex pieces first, which takes up to a minute for a scan, once.
+    The object is cut into convex pieces first, which takes up to two minutes for a scan, once.
 
     Args:
         hand: the hand.
