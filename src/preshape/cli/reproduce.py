@@ -13,7 +13,9 @@ from .options import json_option
 @click.option(
     "--out", default="reports/reproduce", show_default=True, metavar="DIR", help="Where the report goes."
 )
-@click.option("--only", multiple=True, metavar="NAME", help="Only this one (a wrong name lists them all); repeatable.")
+@click.option(
+    "--only", multiple=True, metavar="NAME", help="Only this one (a wrong name lists all); repeatable."
+)
 @click.option("--quick", is_flag=True, help="A small form of each, for a first look.")
 @click.option("--fresh", is_flag=True, help="Do again what an earlier run has finished.")
 @click.option("--seed", type=int, default=0, show_default=True, help="Of everything random.")
