@@ -522,7 +522,8 @@ def test_check_counts_findings_in_its_exit_code(tmp_path):
     assert run("check", str(tmp_path / "none.toml"))[0] == 2
     assert run("check", "shadw") == (
         2,
-        "no hand 'shadw'; did you mean shadow? Known: allegro, leap, shadow, utah_mit",
+        "no hand 'shadw'; did you mean shadow? Known: allegro, leap, shadow, utah_mit "
+        "(NAME:left for a left one, or your own TOML)",
     )
     assert json.loads(run("check", "leap:left", "--json")[1])["status"] == "fine"
 

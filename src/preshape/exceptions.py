@@ -64,11 +64,12 @@ class UnknownName(InputError):
 
     Survives pickling: both arguments are kept in ``args``.
 
-    >>> str(UnknownHand("utah", ["utah_mit", "shadow"]))
-    "no hand 'utah'; did you mean utah_mit? Known: utah_mit, shadow"
+    >>> str(UnknownTask("lit", ["lift", "pour"]))
+    "no task 'lit'; did you mean lift? Known: lift, pour"
     """
 
     noun: ClassVar[str] = "name"
+    more: ClassVar[str] = ""
 
     def __init__(self, name: str, known: Iterable[str]) -> None:
         self.name = name
@@ -87,7 +88,7 @@ class UnknownName(InputError):
         hint = self.nearest()
         known = ", ".join(self.known)
         guess = f"did you mean {' or '.join(hint)}? Known: {known}" if hint else f"known: {known}"
-        return f"no {self.noun} {self.name!r}; {guess}"
+        return f"no {self.noun} {self.name!r}; {guess}{self.more}"
 
 
 class UnknownObject(UnknownName):
@@ -106,6 +107,7 @@ class UnknownHand(UnknownName):
     """No hand of that name."""
 
     noun = "hand"
+    more = " (NAME:left for a left one, or your own TOML)"
 
 
 class EnvironmentFailure(PreshapeError):
