@@ -3,9 +3,9 @@
     python -m hardening.grips [FOLDER] [--hands shadow,allegro,leap] [--tasks lift,turn] [--count 3]
 
 FOLDER holds URDFs that name a mesh each, or mesh files; without one, the library's objects are taken. Of each
-answer: no link is a millimetre deep in the object at the grasp, as many links touch as fingers press, the
-opened hand is clear, and so is its straight way in, and no link goes deep while the fingers close. None of
-the planner's own distances takes part. A run that is stopped goes on where it was.
+answer: no link is a millimetre deep in the object at the grasp, every finger that presses touches, the opened
+hand is clear, and so is its straight way in, and no link goes deep while the fingers close. None of the
+planner's own distances takes part. A run that is stopped goes on where it was; a finished one begins anew.
 """
 
 from __future__ import annotations
@@ -27,6 +27,7 @@ from .objects import found_objects
 if TYPE_CHECKING:
     from preshape.analyser import Grip
     from preshape.hands.hand import Hand
+    from preshape.hands.kinematics import LinkShape
     from preshape.objects.mesh import TriangleMesh
 
 DEEP = 1e-3
@@ -37,6 +38,22 @@ WAY = np.arange(0.7e-3, 0.118, 4.1e-3)
 """Places on the way in that are looked at [m]; other than the planner's own."""
 SHARES = (0.13, 0.38, 0.61, 0.87)
 """Parts of the closing at which the fingers are looked at."""
+
+
+def owner(hand: Hand, shape: LinkShape) -> str:
+    """The finger that a shape belongs to; ``palm`` where no joint of a finger moves it."""
+    from preshape.hands.kinematics import compile_hand
+
+    model = compile_hand(hand)
+    body = model.body(shape.body).id
+    while body:
+        for joint in np.flatnonzero(model.jnt_bodyid == body):
+            name = model.joint(int(joint)).name
+            for finger in hand.fingers:
+                if name in finger.joints:
+                    return finger.name
+        body = model.body_parentid[body]
+    return "palm"
 
 
 def flaws(hand: Hand, mesh: TriangleMesh, grip: Grip) -> list[str]:
@@ -53,9 +70,8 @@ def flaws(hand: Hand, mesh: TriangleMesh, grip: Grip) -> list[str]:
     surface, found = object_collision(mesh), []
     at_grasp = hand_geometry(hand, grip.palm_pose, grip.grasp)
     found += [f"{shape.link} is deep in the object" for shape in at_grasp if surface.touches(shape, -DEEP)]
-    touching = sum(surface.touches(shape, TOUCHING) for shape in at_grasp)
-    if touching < len(grip.fingers):
-        found.append(f"{touching} links touch, of {len(grip.fingers)} fingers that press")
+    touching = {owner(hand, shape) for shape in at_grasp if surface.touches(shape, TOUCHING)}
+    found += [f"{finger} does not touch" for finger in grip.fingers if finger not in touching]
     opened = hand_geometry(hand, grip.palm_pose, grip.pregrasp)
     found += [f"{shape.link} touches when opened" for shape in opened if surface.touches(shape)]
     kinematics = HandKinematics(hand)
@@ -78,7 +94,7 @@ def flaws(hand: Hand, mesh: TriangleMesh, grip: Grip) -> list[str]:
 def look(file: str, factor: float, hand: str, task: str, count: int, seed: int) -> dict[str, Any]:
     """Plan one object for one task, and check every answer."""
     from preshape import plan
-    from preshape.exceptions import PreshapeError
+    from preshape.exceptions import ObjectError
     from preshape.objects.load import load_object
 
     try:
@@ -93,7 +109,7 @@ def look(file: str, factor: float, hand: str, task: str, count: int, seed: int) 
             count=count,
             seed=seed,
         )
-    except PreshapeError as error:
+    except ObjectError as error:
         return {"answers": 0, "flaws": [], "reason": str(error)}
     answers = [a for a in (made.answer, *made.alternatives) if a is not None and a.grasp.grip is not None]
     found = [flaws(made.hand, mesh, a.grasp.grip) for a in answers if a.grasp.grip is not None]
@@ -111,11 +127,9 @@ def run(
     """Every object with every hand and task, those that an earlier run left; what was found."""
     out.mkdir(parents=True, exist_ok=True)
     kept = out / "grips.jsonl"
-    done: dict[str, dict[str, Any]] = {}
-    if kept.is_file():
-        done = {row["key"]: row for row in map(json.loads, kept.read_text().splitlines())}
+    done = finished_rows(kept)
     asked = [
-        (f"{name} {hand} {task} {count} {seed}", str(file), factor, hand, task)
+        (f"{name} {file} {factor:g} {hand} {task} {count} {seed}", str(file), factor, hand, task)
         for name, file, factor in rows
         for hand in hands
         for task in tasks
@@ -129,6 +143,7 @@ def run(
             log.write(json.dumps(row) + "\n")
             log.flush()
             _progress(number, len(todo), (time.monotonic() - begin) / number)
+    kept.unlink()  # what a finished run found is in its report; the planner may be another next time
     found = [done[key] for key, *_ in asked]
     wrong = [row for row in found if row["flaws"]]
     return {
@@ -142,6 +157,17 @@ def run(
     }
 
 
+def finished_rows(kept: Path) -> dict[str, dict[str, Any]]:
+    """What an earlier run has done, by key; of a line that was torn when it was stopped nothing is left."""
+    if not kept.is_file():
+        return {}
+    text = kept.read_text()
+    whole = text[: text.rfind("\n") + 1]
+    if whole != text:
+        kept.write_text(whole)
+    return {row["key"]: row for row in map(json.loads, whole.splitlines())}
+
+
 def _progress(done: int, total: int, each: float) -> None:
     live = sys.stderr.isatty()
     if live or done % 50 == 0 or done == total:
@@ -152,7 +178,10 @@ def _progress(done: int, total: int, each: float) -> None:
 
 def main(arguments: list[str]) -> int:
     """0: every answer is sound; 1: not so; 2: nothing to plan for."""
+    from preshape.exceptions import InputError
+    from preshape.hands.model import load_hand
     from preshape.objects.library import names
+    from preshape.tasks import parse_task
 
     parser = argparse.ArgumentParser(prog="python -m hardening.grips", description="Check grips exactly.")
     parser.add_argument("folder", nargs="?", type=Path, help="URDFs or mesh files; default: the library")
@@ -171,6 +200,14 @@ def main(arguments: list[str]) -> int:
         print(f"nothing to plan for: no objects in {given.folder}, or --count under 1", file=sys.stderr)
         return 2
     hands, tasks = given.hands.split(","), given.tasks.split(",")
+    try:
+        for hand in hands:
+            load_hand(hand)
+        for task in tasks:
+            parse_task(task)
+    except InputError as error:
+        print(error, file=sys.stderr)
+        return 2
     try:
         found = run(rows, hands, tasks, given.count, given.seed, given.out)
     except KeyboardInterrupt:

@@ -319,9 +319,10 @@ def test_paper_indices_are_the_analysers_own() -> None:
         )
         motion = task_motion(task, mesh.cog, analyser.search.length)
         # The planner weighs the object against a middling grip.
-        middling = (small.press_least + small.press_most) / 2
         score = partial(planner_score, analyser.search, one)
-        ours = index_values(one, task.q, motion, mass=0.1, press=middling, settings=SETTINGS, score=score)
+        ours = index_values(
+            one, task.q, motion, mass=0.1, press=small.middling, settings=SETTINGS, score=score
+        )
         assert ours["tfvadi"][0] == pytest.approx(grasp.tfvadi, abs=1e-9)
         assert (ours["stability"][0], ours["manipulability"][0]) == (grasp.stability, grasp.manipulability)
         press = np.einsum("ni,ni->n", grasp.grip.forces, grasp.contacts.normals_in).sum()

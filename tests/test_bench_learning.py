@@ -20,7 +20,14 @@ QUICK = ClosureSettings(everywhere=400, elite=8, rounds=1, finished=2, persisten
 
 @pytest.fixture(scope="module")
 def found() -> LearningStudy:
-    return study(length=3, held_out=1, seed=3, closure=QUICK)
+    told: list[tuple[int, int]] = []
+    made = study(
+        length=3, held_out=1, seed=3, closure=QUICK, progress=lambda done, of: told.append((done, of))
+    )
+    assert {of for _, of in told} == {9}  # the bar's end stays where it is, and is reached
+    assert [done for done, _ in told] == sorted({done for done, _ in told})
+    assert told[-1] == (9, 9)
+    return made
 
 
 def test_objects_held_out_were_never_met(found: LearningStudy) -> None:
@@ -29,6 +36,7 @@ def test_objects_held_out_were_never_met(found: LearningStudy) -> None:
     assert len(met) == 3
     assert held_out
     assert not met & held_out
+    assert "cube" not in met | held_out  # every memory is taught it first
 
 
 def test_the_same_pairs_are_asked_for_three_times(found: LearningStudy) -> None:
@@ -62,8 +70,10 @@ def test_candidates_are_counted_to_the_end() -> None:
     """What experience does not reach costs what it tried and the exploring after it; nothing else counts."""
     fresh = (met(1000, mode=3), met(2000, mode=3), met(4000, mode=3, answered=False))
     wanting = (met(50), met(300, answered=False, mode=2), met(10))
+    explored = (met(50), met(2300, answered=False, mode=3), met(10))
     made = LearningStudy(stream=(met(9),), again=(), fresh=fresh, held_out=fresh, wanting=wanting)
     np.testing.assert_allclose(made.ratios(), [0.05, 1.15])
+    np.testing.assert_allclose(replace(made, wanting=explored).ratios(), [0.05, 1.15])
     figures = made.figures()
     assert figures["same_margin_ratio_median"] == pytest.approx(0.6)
     assert figures["same_margin_within_a_tenth"] == 1

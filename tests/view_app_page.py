@@ -10,6 +10,7 @@ from collections.abc import Callable
 from pathlib import Path
 from urllib.parse import urlparse
 
+import pytest
 from playwright.sync_api import TimeoutError as NotInTime
 
 PATIENCE = 90_000.0
@@ -51,7 +52,11 @@ class Watched:
 
 
 def saw(page, words: str) -> None:
-    page.get_by_text(words).locator("visible=true").first.wait_for()
+    try:
+        page.get_by_text(words).locator("visible=true").first.wait_for()
+    except NotInTime:
+        said = page.locator("body").inner_text()[:1500]
+        pytest.fail(f"{words!r} was not seen; the page says:\n{said}", pytrace=False)
 
 
 def press(page, name: str) -> None:

@@ -22,14 +22,16 @@ from ..kernels.field import SurfaceQuery, prepare_field
 from ..objects.mesh import TriangleMesh
 from ..planes import plane
 from ..tasks.task import ROTATION_ABSENT, TRANSLATION_ABSENT
-from ..types import Array, BoolArray, ContactCoefficients, Experience, IntArray, frozen_array, value
+from ..types import Array, ContactCoefficients, Experience, IntArray, frozen_array
 from ..wrench import contact_wrenches, net_wrench, screw_measures
-from .grip import Finished, Finisher
+from .grip import ENOUGH, Finished, Finisher
+from .grips import Grips, gathered
 from .holding import inner_centre, turn_levers
 from .pinches import hand_pinches
 from .pinching import PINCHED, Pincher
+from .ranked import Ranked, apart, best_of, joined
 from .sampling import Sampled, sample
-from .search import ClosureSearch, Demand, Ranked, apart, best_of, joined
+from .search import ClosureSearch, Demand
 from .settings import ClosureSettings
 from .spots import find_spots
 
@@ -49,22 +51,6 @@ EASY, FEWEST = 1.5, 100
 """More candidates are drawn where the best margin is under ``EASY`` or fewer than ``FEWEST`` closed, and the
 best are refined again where it still is [C]."""
 _KEPT = 24
-
-
-@value
-class Grips(Exploration):
-    """Grips found for an aim.
-
-    Attributes:
-        grasps: each of them in full.
-    """
-
-    grasps: tuple[VirtualGrasp, ...]
-
-    def where(self, keep: BoolArray | IntArray) -> Grips:
-        """The grips picked by a mask or by indices, in that order."""
-        rows = np.flatnonzero(keep) if np.asarray(keep).dtype == bool else np.asarray(keep)
-        return _exploration([self.grasps[i] for i in rows], self.aimed, self.why)
 
 
 class ClosureAnalyser:
@@ -154,7 +140,7 @@ class ClosureAnalyser:
         task = frozen_array(q, (6,), "task Q")
         _check(aim)
         key = task.tobytes() + _key(aim)
-        elsewhere = len(aim.planes) == 1 and task.tobytes() not in self._everywhere
+        elsewhere = len(aim.planes) == 1 and not self._settled(task)
         if len(aim.planes) == 1:  # experience may have come since, and is asked first
             key += len(self._known()).to_bytes(8, "little") + bytes([elsewhere])
         if key not in self._kept:
@@ -180,8 +166,9 @@ class ClosureAnalyser:
         recalled, worth = self._recalled(aim)
         part = len(aim.planes) == 1
         few = part and len(aim.values) <= FEW
+        how: dict[str, Any] = {"wanted": WANTED, "planes": aim.planes}
         if few and recalled is not None:
-            known = self._again(q, aim, demand, recalled, worth)
+            known = self._again(q, demand, recalled, worth, elsewhere, how)
             if known is not None:
                 return known
         rng = np.random.default_rng([self.seed, zlib.crc32(_key(aim))])
@@ -190,28 +177,24 @@ class ClosureAnalyser:
         found = self._evaluate(drawn if recalled is None else joined(drawn, recalled), demand)
         if not part:
             found = self._persist(rng, aim, found, demand)
-        finished: list[Finished] = []
+        finished, last = list[Finished](), found
+        how |= {"enough": enough, "elsewhere": elsewhere}
         for again in range(1 + (0 if part else settings.persistence)):
             found = self.search.refine(
                 rng, found, demand, elite=elite, each=settings.children, rounds=rounds, wanted=WANTED
             )
             standing = found.take(apart(found, max(8, 4 * enough)))
             standing = self.search.steady(rng, standing, demand, samples=4 if few else 8, wanted=WANTED)
-            made = self.finisher.finish(
-                standing,
-                demand,
-                wanted=WANTED,
-                enough=enough,
-                planes=aim.planes,
-                elsewhere=elsewhere,
-                by_joints=again > 0,
-            )
-            finished = max(finished, made, key=_best)
+            made = self.finisher.finish(standing, demand, by_joints=again > 0, **how)
+            if not again or _best(made) > _best(finished):
+                finished, last = made, standing
             if _best(finished) >= EASY:
                 break
+        if not elsewhere and not _enough(finished):
+            finished = self.finisher.finish(last, demand, by_joints=True, firm=True, **how)
         grasps = self.virtual_grasps(q, sorted(finished, key=lambda made: -made.margin))
         grasps.sort(key=lambda g: -g.judged)
-        return _exploration(grasps, found.tried, self._why_none(found))
+        return gathered(grasps, found.tried, self._why_none(found))
 
     def _why_none(self, found: Ranked) -> str:
         """What became of the candidates, where none of them became a grip."""
@@ -229,13 +212,25 @@ class ClosureAnalyser:
             f"{closed}{blocked}; those that balance the load cannot be opened and brought in without touching"
         )
 
-    def _again(self, q: Array, aim: Aim, demand: Demand, recalled: Sampled, worth: Array) -> Grips | None:
+    def _again(
+        self, q: Array, demand: Demand, recalled: Sampled, worth: Array, elsewhere: bool, how: dict[str, Any]
+    ) -> Grips | None:
         """The best grip of experience, if it is as good here as it was there; then no other is looked for."""
         found = self._evaluate(recalled, demand)
-        finished = self.finisher.finish(found, demand, wanted=WANTED, enough=1, planes=aim.planes)
+        finished = self.finisher.finish(found, demand, **how)
+        if not elsewhere and not _enough(finished):
+            finished = self.finisher.finish(found, demand, firm=True, **how)
         if not finished or finished[0].grip.quality < AS_GOOD * worth.max():
             return None
-        return _exploration(self.virtual_grasps(q, finished[:1]), found.tried)
+        return gathered(self.virtual_grasps(q, finished[:1]), found.tried)
+
+    def _settled(self, q: Array) -> bool:
+        """Whether everything was looked at for a task: here, or when this very object was taught it."""
+        asked, extents = q.tobytes(), self.mesh.attributes.extents
+        return asked in self._everywhere or any(
+            e.task.tobytes() == asked and np.allclose(e.attributes.extents, extents, rtol=1e-6)
+            for e in self._known()
+        )
 
     def _persist(self, rng: np.random.Generator, aim: Aim, found: Ranked, demand: Demand) -> Ranked:
         """More draws for an object on which the first ones found little."""
@@ -375,23 +370,14 @@ def _check(aim: Aim) -> None:
         raise InputError("an aim needs a thumb side at least")
 
 
+def _enough(finished: Sequence[Finished]) -> bool:
+    """Whether one of them is as good as the critic asks for by default."""
+    return any(made.grip.quality >= ENOUGH for made in finished)
+
+
 def _best(finished: Sequence[Finished]) -> float:
     """The best margin among them."""
     return max((made.margin for made in finished), default=-1.0)
-
-
-def _exploration(grasps: Sequence[VirtualGrasp], tried: int, why: str = "") -> Grips:
-    return Grips(
-        plane=np.array([g.plane.index for g in grasps], dtype=np.int64),
-        flip=np.array([g.flip for g in grasps], dtype=bool),
-        value=np.array([g.approach_value for g in grasps]),
-        fingers=np.array([g.fingers for g in grasps], dtype=np.int64),
-        wrench=np.array([g.net_wrench for g in grasps]).reshape(-1, 6),
-        match=np.array([g.judged for g in grasps]),
-        aimed=tried,
-        why=why,
-        grasps=tuple(grasps),
-    )
 
 
 def _key(aim: Aim) -> bytes:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial
+from functools import cache, partial
 
 import numpy as np
 
@@ -21,7 +21,8 @@ from .hand_tables import hand_tables
 from .opening import ALONG, NEAREST, OPENING, Opener, Openings
 from .preshapes import posture_at
 from .pressing import Press, Pressing, finger_order
-from .search import ClosureSearch, Demand, Ranked
+from .ranked import Ranked
+from .search import ClosureSearch, Demand
 
 GAP = 0.0001
 """How far from the surface a finger stops in an answer [m] [C]."""
@@ -32,8 +33,7 @@ UNBALANCED = 0.03
 SPARE = 2
 """So many more candidates than grips wanted are looked at side by side: some will not do."""
 FIRM = 3.0
-"""A grip that is not enough otherwise may press so many times as hard as the settings' strongest press, where
-no other is looked for [C]."""
+"""Where no grip is enough at the settings' strongest press, one may be pressed so many times as hard [C]."""
 ENOUGH = 3.0
 """Quality of a grip that can balance just the load expected."""
 SOFT, TOO_SOFT = float(np.radians(1.0)), float(np.radians(10.0))
@@ -119,6 +119,7 @@ class Finisher:
         planes: Sequence[int] = tuple(range(1, 13)),
         elsewhere: bool = False,
         by_joints: bool = False,
+        firm: bool = False,
     ) -> list[Finished]:
         """The grips that the candidates turn into, in their order; what cannot be executed is left out.
 
@@ -131,6 +132,7 @@ class Finisher:
             elsewhere: there is more to be looked at, so a soft grip is worth less.
             by_joints: put them first in the order of what the hand's joints can press them for: the ranking
                 does not know these.
+            firm: what the usual press cannot hold may be pressed harder, until it is just enough.
         """
         if not len(found):
             return []
@@ -148,10 +150,10 @@ class Finisher:
         sound = (closings.fate == Fate.CLOSED) & (to_object.min(axis=1) > -DEEPEST)
         sound &= (to_rest > 0) & (score > 0)
         rows, grips = np.flatnonzero(sound), list[Finished]()
-        pressing = partial(self.press, candidates, packed, frames)
+        pressing = cache(partial(self.press, candidates, packed, frames))
         if by_joints:
             strongest = [min(self.settings.strongest, pressing(int(row)).limit) for row in rows]
-            rows = rows[np.argsort(-score[rows] * strongest, kind="stable")]
+            rows = rows[np.argsort(-found.score[rows] * strongest, kind="stable")]
         each = enough + SPARE
         for some in (rows[first : first + each] for first in range(0, len(rows), each)):
             free = some[[self.opener.free_of_itself(grasp[row]) for row in some]]
@@ -159,11 +161,14 @@ class Finisher:
             surely = np.zeros(0)
             for k, row in enumerate(ways.row):
                 if k == len(surely):  # as many as are still wanted, side by side
-                    some_more = packed.take(ways.row[k : k + enough - len(grips)])
-                    surely = np.append(surely, self.search.surely(some_more, demand))
+                    more = ways.row[k : k + enough - len(grips)]
+                    # The weight is carried by a middling press, or by what the joints can do.
+                    carried = [min(self.settings.middling, pressing(int(one)).limit) for one in more]
+                    sure = self.search.surely(packed.take(more), demand, np.array(carried))
+                    surely = np.append(surely, sure)
                 margins = float(surely[k]) / demand.load, float(hold[row]) / self.settings.hold
                 made = self._grip(
-                    found, int(row), pressing(int(row)), grasp[row], ways, k, margins, planes, elsewhere
+                    found, int(row), pressing(int(row)), grasp[row], ways, k, margins, planes, elsewhere, firm
                 )
                 if made is not None:
                     grips.append(made)
@@ -195,6 +200,7 @@ class Finisher:
         margins: tuple[float, float],
         planes: Sequence[int],
         elsewhere: bool,
+        firm: bool,
     ) -> Finished | None:
         if pressing.left > self.unbalanced:
             return None
@@ -202,11 +208,9 @@ class Finisher:
         points, normals, share, torques, limit = (
             pressing.points, pressing.normals_in, pressing.forces, pressing.torques, pressing.limit,
         )  # fmt: skip
-        least = max(min(margins), 1e-9)
-        usual = min(settings.strongest, limit)
-        margin, just = least * usual / settings.weight, settings.weight / least
-        # What the usual press cannot hold, a firm one may, just: then no grip here is better than that.
-        firm = not elsewhere and usual < just <= min(FIRM * settings.strongest, limit)
+        usual, just = min(settings.strongest, limit), settings.weight / max(min(margins), 1e-9)
+        margin = min(margins) * usual / settings.weight
+        firm = firm and usual < just <= min(FIRM * settings.strongest, limit)
         press = just if firm else min(max(settings.press_least, settings.safety * just), usual)
         # A target beyond a joint's limit is meant: a servo that stops at the limit would press with nothing.
         yielding = 1.0 / (self.hand.gains * self.press.sharing)

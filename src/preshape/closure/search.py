@@ -12,9 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from ..analyser import wrist_distance
 from ..hands.hand import Hand
-from ..kernels.closing import CLOSING_ARRAYS, Candidates, ClosingKernel, Closings
+from ..kernels.closing import Candidates, ClosingKernel, Closings
 from ..kernels.field import DistanceField
 from ..kernels.hand_spheres import COARSE
 from ..kernels.margin import MarginKernel
@@ -23,13 +22,12 @@ from ..types import Array, BoolArray, IntArray, freeze, frozen_array, value
 from .hand_tables import hand_tables
 from .holding import HOLD, LEVER
 from .preshapes import Preshapes, joint_ranges, posture_at, preshapes
+from .ranked import Ranked, apart, best_of, take
 from .sampling import Sampled
 from .settings import ClosureSettings
 
 STEP, TURN, BEND = 0.006, 0.12, 0.10
 """Spread of the first refinement: wrist [m], its turn [rad], joints of the preshape [rad] [C]."""
-AT_ONCE = 64
-"""Candidates whose distances are worked out together."""
 OPENED, ROOM = 0.8, 0.002
 """Table and boxes are kept out of by this [m], closed and opened to this share of the closing [C]."""
 
@@ -54,93 +52,6 @@ class Demand:
         freeze(self, base=frozen_array(self.base, (6,), "base wrench"))
         if self.direction is not None:
             freeze(self, direction=frozen_array(self.direction, (6,), "task direction"))
-
-
-@value
-class Ranked:
-    """Candidates that closed, best first.
-
-    Attributes:
-        sampled: (n,) what was drawn, row by row as the rest.
-        closings: how they closed.
-        score: (n,) the margin that they are ranked by: how many times the unit demand a unit of grip serves.
-        task: (n,) strength along the task's wrench cone; plain holding's where there is no task.
-        hold: (n,) strength of plain holding, as far as the task's leaves it to decide the score.
-        tried: how many candidates were closed for it.
-        blocked: how many of them held on to the object, but were in the table or a box.
-    """
-
-    sampled: Sampled
-    closings: Closings
-    score: Array
-    task: Array
-    hold: Array
-    tried: int
-    blocked: int = 0
-
-    def __len__(self) -> int:
-        return len(self.score)
-
-    def take(self, rows: IntArray) -> Ranked:
-        """The candidates of these rows, in that order."""
-        return Ranked(
-            sampled=take(self.sampled, rows),
-            closings=self.closings.take(rows),
-            score=self.score[rows],
-            task=self.task[rows],
-            hold=self.hold[rows],
-            tried=self.tried,
-            blocked=self.blocked,
-        )
-
-
-def take(sampled: Sampled, rows: IntArray) -> Sampled:
-    """The drawn candidates of these rows."""
-    return Sampled(
-        candidates=sampled.candidates.take(rows),
-        plane=sampled.plane[rows],
-        flip=sampled.flip[rows],
-        value=sampled.value[rows],
-        preshape=sampled.preshape[rows],
-    )
-
-
-def joined(*several: Sampled) -> Sampled:
-    """All drawn candidates together."""
-    return Sampled(
-        candidates=Candidates(
-            **{
-                name: np.concatenate([getattr(one.candidates, name) for one in several])
-                for name in ("place", "turn", "start", "mask")
-            }
-        ),
-        **{
-            name: np.concatenate([getattr(one, name) for one in several])
-            for name in ("plane", "flip", "value", "preshape")
-        },
-    )
-
-
-def best_of(*several: Ranked, keep: int | None = None) -> Ranked:
-    """All of them together, best first."""
-    parts = [one for one in several if len(one)] or [several[0]]
-    score = np.concatenate([one.score for one in parts])
-    together = Ranked(
-        sampled=joined(*(one.sampled for one in parts)),
-        closings=Closings(
-            **{
-                name: np.concatenate([getattr(one.closings, name) for one in parts])
-                for name in CLOSING_ARRAYS
-            }
-        ),
-        score=score,
-        task=np.concatenate([one.task for one in parts]),
-        hold=np.concatenate([one.hold for one in parts]),
-        tried=sum(one.tried for one in several),
-        blocked=sum(one.blocked for one in several),
-    )
-    order = np.argsort(-score, kind="stable")
-    return together.take(order if keep is None else order[:keep])
 
 
 class ClosureSearch:
@@ -236,13 +147,25 @@ class ClosureSearch:
             hold = kernel.strengths(*given, lever, self.cog, most=hold, least=enough)
         return np.asarray(hold if task is None else task), np.asarray(hold)
 
-    def surely(self, closings: Closings, demand: Demand) -> Array:
-        """(n,) strength along the task's cone, by a search that takes ten times as long and misses less."""
-        given = closings.points, closings.normals_in, closings.counts
+    def surely(self, closings: Closings, demand: Demand, press: Array) -> Array:
+        """(n,) strength along the task's cone, by a search that takes ten times as long and misses less.
+
+        Args:
+            closings: that closed.
+            demand: what the grip is asked for.
+            press: (n,) sum of normal forces that carries the weight [N].
+        """
         kernel = self._serving(demand, thorough=True)
         if kernel is None:
             return self.strengths(closings, demand)[0]
-        return kernel.strengths(*given, self.length, self.cog)
+        left = np.zeros(len(press))
+        for one in np.unique(press):  # mostly all the same
+            rows = np.flatnonzero(press == one)
+            some = closings.take(rows)
+            given = some.points, some.normals_in, some.counts
+            base = demand.base * (self.settings.middling / one)
+            left[rows] = kernel.strengths(*given, self.length, self.cog, base=base)
+        return left
 
     def _margins(self, wrenches: Array, **cone: Any) -> MarginKernel:
         s = self.settings
@@ -366,30 +289,3 @@ class ClosureSearch:
         # The worse half of what may happen counts as much as the grasp as planned.
         left = 0.5 * (found.score + each[:, : max(1, samples // 2)].mean(axis=1))
         return replace(found, score=left).take(np.argsort(-left, kind="stable"))
-
-
-def apart(found: Ranked, count: int, least: float = 1.0) -> IntArray:
-    """Rows of at most ``count`` candidates, best first, that stand apart from each other.
-
-    Args:
-        found: best first.
-        count: how many are wanted.
-        least: distance that they keep: 1 is 20 mm of wrist, or 0.35 rad of its turn, or a mixture.
-    """
-    place, turn = found.sampled.candidates.place, found.sampled.candidates.turn
-    chosen: list[int] = []
-    for first in range(0, len(found), AT_ONCE):
-        rows = np.arange(first, min(first + AT_ONCE, len(found)))
-        others = np.concatenate([np.array(chosen, dtype=np.int64), rows])
-        far = wrist_distance(place[rows, None], turn[rows, None], place[others], turn[others]) >= least
-        free = np.asarray(far[:, : len(chosen)].all(axis=1))
-        far = far[:, len(chosen) :]
-        for k in range(len(rows)):
-            if len(chosen) == count:
-                break
-            if free[k]:
-                chosen.append(first + k)
-                free &= far[k]
-        if len(chosen) == count:
-            break
-    return np.array(chosen, dtype=np.int64)

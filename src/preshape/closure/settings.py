@@ -71,7 +71,7 @@ class ClosureSettings:
     friction: float = 0.6
     torsion: float = 0.005
     friction_share: float = 0.35
-    mass: float = 0.1
+    mass: float = USUAL
     press_least: float = 12.0
     press_most: float = 20.0
     safety: float = 2.0
@@ -139,12 +139,16 @@ class ClosureSettings:
     @property
     def strongest(self) -> float:
         """Largest sum of normal forces of a squeeze on this object [N]."""
-        return self.press_most * max(1.0, self.mass / USUAL)
+        return self.press_most * self._heavier
 
     @property
     def middling(self) -> float:
-        """Between the least and the largest press: the ranking hardly depends on which [N]."""
-        return 0.5 * (self.press_least + self.press_most) * max(1.0, self.mass / USUAL)
+        """A press between the least and the strongest, by which the ranking reckons the weight [N]."""
+        return 0.5 * (self.press_least + self.press_most) * self._heavier
+
+    @property
+    def _heavier(self) -> float:
+        return max(1.0, self.mass / USUAL)
 
 
 def table_below(height: float, up: str = "z") -> Obstacles:

@@ -150,13 +150,13 @@ def plan_cases(
         analyser: ``closure`` or ``rays``.
         count: answers asked for.
         seed: of the planner.
-        mass: of every object [kg].
+        mass: of every object [kg]; the ray analyser knows no load.
         progress: called after each.
 
     Raises:
         InputError: a bad argument.
     """
-    closure = ClosureSettings(mass=mass)
+    closure = ClosureSettings(mass=mass) if analyser == "closure" else None
     planned: list[Planned] = []
     with Memory.open(":memory:") as memory:
         for number, case in enumerate(cases, start=1):
@@ -173,7 +173,7 @@ def _plan(
     analyser: str,
     count: int,
     seed: int,
-    closure: ClosureSettings,
+    closure: ClosureSettings | None,
     memory: Memory,
 ) -> Planned:
     try:
@@ -229,7 +229,8 @@ def bench_planner(
     Args:
         cases: objects.
         hand: name or TOML.
-        protocol: default the six directions, a loss ends a grasp's test; its mass is planned for.
+        protocol: default the six directions, a loss ends a grasp's test; its mass is planned for where
+            nothing was ``planned`` before.
         task: what is planned for.
         analyser: ``closure`` or ``rays``.
         count: answers of each case.

@@ -30,8 +30,8 @@ CONTACTS = 8
 WRENCHES = 32
 """Most wrenches asked for."""
 HALF_ANGLE = math.radians(15.0)
-_BOUND, _FLOOR = 15, 16
-"""Places of bound and floor among the kernel's arguments."""
+_BASE, _BOUND, _FLOOR = 2, 15, 16
+"""Places of base, bound and floor among the kernel's arguments."""
 
 
 @value
@@ -259,7 +259,7 @@ class MarginKernel:
         if math.isnan(bound):
             raise InputError("the bound on the residual must be a number, got nan")
         with self._compute.lock:
-            self._run(p, n, c, ell, about, bound, math.inf)
+            self._run((p, n, c, ell, about), bound)
             return MarginArrays(*(rows.get(len(p)) for rows in self._out))
 
     def strengths(
@@ -271,27 +271,27 @@ class MarginKernel:
         reference: Array,
         most: Array | float = math.inf,
         least: float = 0.0,
+        base: Array | None = None,
     ) -> Array:
-        """(c,) strength of arrays that are not checked; ``most`` where less; up to ``least``, only that."""
+        """(c,) strength, unchecked: ``most`` where less; up to ``least``, only that; on ``base`` if given."""
         with self._compute.lock:
-            self._run(points, normals_in, counts, length, reference, -1.0, most, least)
+            self._run((points, normals_in, counts, length, reference), -1.0, most, least, base)
             return np.asarray(self._out.strength.get(len(points)), dtype=np.float64)
 
     def _run(
         self,
-        points: Array,
-        normals: Array,
-        counts: Any,
-        lengths: Array | float,
-        about: Array,
+        given: tuple[Array, Array, Any, Array | float, Array],
         bound: float,
-        most: Array | float,
+        most: Array | float = math.inf,
         least: float = 0.0,
+        base: Array | None = None,
     ) -> None:
+        points, normals, counts, lengths, about = given
         each = [np.broadcast_to(one, len(points)) for one in (lengths, most)]
         for rows, values in zip(self._in, (points - about, normals, counts, *each), strict=True):
             rows.put(values)
-        self._compute(len(points), {_BOUND: float(bound), _FLOOR: float(least)})
+        rest = self._asked[_BASE] if base is None else self._vec6(*base.tolist())
+        self._compute(len(points), {_BASE: rest, _BOUND: float(bound), _FLOOR: float(least)})
 
 
 def margins(

@@ -23,7 +23,8 @@ FINER = 0.05  # ... its own default: takes four times as long for three times th
 FINE = 0.03  # ... takes ten times as long for five times the pieces
 FILLED = 0.15  # share of the pieces' volume that may be outside of the object, by more than
 OUTSIDE = 0.005  # ... this share of its largest extent
-STANDS_OUT = 0.01  # of that extent may coarse pieces stand out, but for a hundredth of their volume
+STANDS_OUT = 0.01  # of that extent may coarse pieces stand out,
+BUT_FOR = 0.01  # ... but for this share of their volume
 SAMPLES = 4000  # points in the pieces that this is measured with
 MOST_TRIANGLES = 10_000
 SEED = 0
@@ -152,23 +153,23 @@ def decompose(
         EnvironmentFailure: coacd is not installed.
     """
     folder = (cache or cache_folder()) / "convex"
-    rules = (THRESHOLD, FINER, FINE, FILLED, OUTSIDE, STANDS_OUT)
+    rules = (THRESHOLD, FINER, FINE, FILLED, OUTSIDE, STANDS_OUT, BUT_FOR)
     rule = f"{threshold!r}" if threshold is not None else " ".join(map(repr, rules))
     file = folder / f"{_key(mesh, rule)}.npz"
     kept = _read(file)
     if kept is None:
-        kept = _fitting(mesh, folder) if threshold is None else _cut(mesh, threshold)
+        kept = _fitting(mesh, cache) if threshold is None else _cut(mesh, threshold)
         keep_arrays(file, corners=np.concatenate(kept), ends=np.cumsum([len(p) for p in kept]))
     return ConvexPieces(name=mesh.name, pieces=kept)
 
 
-def _fitting(mesh: TriangleMesh, folder: Path) -> tuple[Array, ...]:
+def _fitting(mesh: TriangleMesh, cache: Path | None) -> tuple[Array, ...]:
     """Coarse pieces, or finer ones where those are not the mesh."""
-    coarse = _read(folder / f"{_key(mesh, repr(THRESHOLD))}.npz") or _cut(mesh, THRESHOLD)
-    distance, volume = _distances(mesh, ConvexPieces(name=mesh.name, pieces=coarse))
+    coarse = decompose(mesh, threshold=THRESHOLD, cache=cache)
+    distance, volume = _distances(mesh, coarse)
     if volume[distance > OUTSIDE].sum() > FILLED:
         return _cut(mesh, FINE)
-    return coarse if volume[distance > STANDS_OUT].sum() <= 0.01 else _cut(mesh, FINER)
+    return coarse.pieces if volume[distance > STANDS_OUT].sum() <= BUT_FOR else _cut(mesh, FINER)
 
 
 def filled_share(mesh: TriangleMesh, pieces: ConvexPieces) -> float:
