@@ -113,8 +113,10 @@ class TestObjects:
         assert first.volume == pytest.approx(np.prod(box.extents), rel=1e-3)
         monkeypatch.setattr(pieces_module, "_cut", lambda *_: pytest.fail("cut again"))
         assert decompose(holed).digest == first.digest
-        [file] = (tmp_path / "convex").iterdir()
-        file.write_bytes(file.read_bytes()[:-40])
+        files = list((tmp_path / "convex").iterdir())
+        assert len(files) == 2  # the coarse cut is kept by itself: rules may change
+        for file in files:
+            file.write_bytes(file.read_bytes()[:-40])
         with pytest.raises(pytest.fail.Exception, match="cut again"):  # damaged: cut again, not refused
             decompose(holed)
 
