@@ -23,6 +23,7 @@ from typing import Any
 
 from preshape.files import write_json
 
+from .long_runs import tell
 from .readers import READERS
 from .seeds import CORPUS
 
@@ -190,9 +191,7 @@ def _ending(work: Path, code: int) -> str:
 def _progress(name: str, before: int, now: int, runs: int, seconds: float, *, last: bool = False) -> None:
     done = before + now
     left = f", about {(runs - done) * seconds / now / 60:.0f} min left" if now and not last else ""
-    line = f"{name}: {done} of {runs}{left}"
-    end = "\n" if last or not sys.stderr.isatty() else ""
-    print(f"\r\x1b[K{line}" if sys.stderr.isatty() else line, end=end, file=sys.stderr, flush=True)
+    tell(f"{name}: {done} of {runs}{left}", last=last)
 
 
 if __name__ == "__main__":

@@ -22,12 +22,12 @@ import numpy as np
 
 from preshape.files import write_json
 
+from .long_runs import kept_rows, tell
 from .objects import found_objects
 
 if TYPE_CHECKING:
     from preshape.analyser import Grip
     from preshape.hands.hand import Hand
-    from preshape.hands.kinematics import LinkShape
     from preshape.objects.mesh import TriangleMesh
 
 DEEP = 1e-3
@@ -40,22 +40,6 @@ SHARES = (0.13, 0.38, 0.61, 0.87)
 """Parts of the closing at which the fingers are looked at."""
 
 
-def owner(hand: Hand, shape: LinkShape) -> str:
-    """The finger that a shape belongs to; ``palm`` where no joint of a finger moves it."""
-    from preshape.hands.kinematics import compile_hand
-
-    model = compile_hand(hand)
-    body = model.body(shape.body).id
-    while body:
-        for joint in np.flatnonzero(model.jnt_bodyid == body):
-            name = model.joint(int(joint)).name
-            for finger in hand.fingers:
-                if name in finger.joints:
-                    return finger.name
-        body = model.body_parentid[body]
-    return "palm"
-
-
 def flaws(hand: Hand, mesh: TriangleMesh, grip: Grip) -> list[str]:
     """What is wrong with a grip, in words; empty for a sound one.
 
@@ -65,12 +49,12 @@ def flaws(hand: Hand, mesh: TriangleMesh, grip: Grip) -> list[str]:
         grip: of the closure analyser.
     """
     from preshape.hands.collision import object_collision
-    from preshape.hands.kinematics import HandKinematics, hand_geometry, move_shape, pose_matrix
+    from preshape.hands.kinematics import HandKinematics, finger_of, hand_geometry, move_shape, pose_matrix
 
     surface, found = object_collision(mesh), []
     at_grasp = hand_geometry(hand, grip.palm_pose, grip.grasp)
     found += [f"{shape.link} is deep in the object" for shape in at_grasp if surface.touches(shape, -DEEP)]
-    touching = {owner(hand, shape) for shape in at_grasp if surface.touches(shape, TOUCHING)}
+    touching = {finger_of(hand, shape) for shape in at_grasp if surface.touches(shape, TOUCHING)}
     found += [f"{finger} does not touch" for finger in grip.fingers if finger not in touching]
     opened = hand_geometry(hand, grip.palm_pose, grip.pregrasp)
     found += [f"{shape.link} touches when opened" for shape in opened if surface.touches(shape)]
@@ -127,7 +111,7 @@ def run(
     """Every object with every hand and task, those that an earlier run left; what was found."""
     out.mkdir(parents=True, exist_ok=True)
     kept = out / "grips.jsonl"
-    done = finished_rows(kept)
+    done = {row["key"]: row for row in kept_rows(kept)}
     asked = [
         (f"{name} {file} {factor:g} {hand} {task} {count} {seed}", str(file), factor, hand, task)
         for name, file, factor in rows
@@ -142,7 +126,11 @@ def run(
             done[key] = row
             log.write(json.dumps(row) + "\n")
             log.flush()
-            _progress(number, len(todo), (time.monotonic() - begin) / number)
+            live = sys.stderr.isatty()
+            if live or number % 50 == 0 or number == len(todo):
+                left = (len(todo) - number) * (time.monotonic() - begin) / number
+                left_words = f", about {left:.0f} s left" if number < len(todo) else ""
+                tell(f"{number} of {len(todo)} plans{left_words}", last=number == len(todo))
     kept.unlink()  # what a finished run found is in its report; the planner may be another next time
     found = [done[key] for key, *_ in asked]
     wrong = [row for row in found if row["flaws"]]
@@ -155,25 +143,6 @@ def run(
         "wrong": wrong,
         "without_answer": [{"key": r["key"], "reason": r["reason"]} for r in found if not r["answers"]],
     }
-
-
-def finished_rows(kept: Path) -> dict[str, dict[str, Any]]:
-    """What an earlier run has done, by key; of a line that was torn when it was stopped nothing is left."""
-    if not kept.is_file():
-        return {}
-    text = kept.read_text()
-    whole = text[: text.rfind("\n") + 1]
-    if whole != text:
-        kept.write_text(whole)
-    return {row["key"]: row for row in map(json.loads, whole.splitlines())}
-
-
-def _progress(done: int, total: int, each: float) -> None:
-    live = sys.stderr.isatty()
-    if live or done % 50 == 0 or done == total:
-        left = f", about {(total - done) * each:.0f} s left" if done < total else ""
-        end = "" if live and done < total else "\n"
-        print(f"\r\x1b[K{done} of {total} plans{left}", end=end, file=sys.stderr, flush=True)
 
 
 def main(arguments: list[str]) -> int:

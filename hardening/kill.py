@@ -33,6 +33,8 @@ from preshape.objects.mesh import TriangleMesh
 from preshape.planner import layout_of
 from preshape.tasks import parse_task
 
+from .long_runs import tell
+
 HAND = "utah_mit"
 TASKS = ("lift", "push:+x", "turn:+z")
 KINDS = Counter(["task", "best", "landmark"])
@@ -159,9 +161,7 @@ def study(folder: Path, kills: int, writers: int, seed: int, *, longest: float =
 
 def _progress(done: int, total: int, seconds: float) -> None:
     left = max(0.0, (total - done) * seconds / done / 60)
-    line = f"{done} of {total} kills, about {left:.0f} min left"
-    end = "" if sys.stderr.isatty() else "\n"
-    print(f"\r\x1b[K{line}" if sys.stderr.isatty() else line, end=end, file=sys.stderr, flush=True)
+    tell(f"{done} of {total} kills, about {left:.0f} min left")
 
 
 def main(arguments: list[str]) -> int:

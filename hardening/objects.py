@@ -27,6 +27,8 @@ from xml.etree import ElementTree
 from preshape.files import write_json
 from preshape.objects.load import SUFFIXES
 
+from .long_runs import kept_rows, tell
+
 HANG = 180.0
 """Seconds for one object after which it counts as hanging; the machine may be busy with other things."""
 QUANTILES = (50, 90, 99, 100)
@@ -154,10 +156,7 @@ def run(rows: list[tuple[str, Path, float]], hand: str, task: str, out: Path) ->
     """Plan for every object with one hand, those that an earlier run left."""
     out.mkdir(parents=True, exist_ok=True)
     kept, memory = out / f"{hand}.jsonl", out / f"{hand}.sqlite"
-    done = {}
-    if kept.is_file():
-        lines = kept.read_text().splitlines()
-        done = {row["name"]: row for row in map(json.loads, lines) if row}
+    done = {row["name"]: row for row in kept_rows(kept)}
     if not memory.exists():
         from preshape import plan
 
@@ -211,9 +210,7 @@ def summary(hand: str, rows: list[dict[str, Any]]) -> dict[str, Any]:
 
 def _progress(hand: str, done: int, total: int, each: float) -> None:
     left = f", about {(total - done) * each / 60:.0f} min left" if done < total else ""
-    line = f"{hand}: {done} of {total} objects{left}"
-    end = "" if sys.stderr.isatty() and done < total else "\n"
-    print(f"\r\x1b[K{line}" if sys.stderr.isatty() else line, end=end, file=sys.stderr, flush=True)
+    tell(f"{hand}: {done} of {total} objects{left}", last=done >= total)
 
 
 def main(arguments: list[str]) -> int:

@@ -20,6 +20,7 @@ from preshape.hands.kinematics import (
     HandKinematics,
     LinkShape,
     compile_hand,
+    finger_of,
     hand_geometry,
     move_shape,
     pose_matrix,
@@ -88,18 +89,6 @@ def any_case(request: pytest.FixtureRequest) -> Case:
 
 def grips(c: Case) -> list[Grip]:
     return [g.grip for g in c.grasps if g.grip is not None]
-
-
-def finger_of(hand: Hand, shape: LinkShape) -> str:
-    """The finger that a shape belongs to, by its body's nearest joint; ``palm`` where there is none."""
-    model = compile_hand(hand)
-    body = model.body(shape.body).id
-    while body:
-        joints = np.flatnonzero(model.jnt_bodyid == body)
-        if len(joints):
-            return next(f.name for f in hand.fingers if hand.joints[joints[0]] in f.joints)
-        body = model.body_parentid[body]
-    return "palm"
 
 
 def backed(grip: Grip, way: float) -> Array:

@@ -85,6 +85,13 @@ def _moves(model: Any) -> Array:
     return moves
 
 
+def finger_of(hand: Hand, shape: LinkShape) -> str:
+    """The finger whose joints carry a shape; ``palm`` where none does."""
+    model = compile_hand(hand)
+    carried = _moves(model)[model.body(shape.body).id]
+    return next((f.name for f in hand.fingers if carried[hand.columns(f.name)].any()), "palm")
+
+
 class HandKinematics:
     """One posture at a time: positions and Jacobians in the palm frame.
 
