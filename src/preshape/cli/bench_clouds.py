@@ -8,7 +8,7 @@ from typing import Any
 import click
 
 from ..exceptions import InputError
-from .options import json_option
+from .options import check_folder, json_option
 from .progress import GOES_ON, steps
 from .tables import draw_table, report_console
 
@@ -57,8 +57,7 @@ def clouds(
 
     if workers is not None and workers < 1:
         raise InputError(f"--workers must be 1 or more, got {workers}")
-    if out is not None and not out.strip():
-        raise InputError("--out needs a folder, got an empty name")
+    check_folder(out)
     run = CloudRun(
         hands=_words(hand),
         cases=tuple(cases_of(objects, scales, pieces)),

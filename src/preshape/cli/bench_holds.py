@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ..exceptions import InputError
-from .options import json_option
+from .options import check_folder, json_option
 from .progress import GOES_ON, duration, steps
 from .tables import draw_table, report_console
 
@@ -96,8 +96,7 @@ def holds(
     from ..physics.protocol import Protocol
     from ..physics.runner import run_holds
 
-    if out is not None and not out.strip():
-        raise InputError("--out needs a folder, got an empty name")
+    check_folder(out)
     if workers is not None and workers < 1:
         raise InputError(f"--workers must be 1 or more, got {workers}")
     protocol = Protocol(

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ..exceptions import InputError
-from .options import json_option
+from .options import check_folder, json_option
 from .progress import GOES_ON, steps
 from .tables import draw_table, report_console
 
@@ -64,9 +64,8 @@ def indices(
     from ..experiments.index_report import write_report
     from ..experiments.indices import HANDS, OBJECTS, IndexRun, run_indices
 
-    for name, text in (("--out", out), ("--checkpoint", checkpoint)):
-        if text is not None and not text.strip():
-            raise InputError(f"{name} needs a folder, got an empty name")
+    check_folder(out)
+    check_folder(checkpoint, "--checkpoint")
     for name, number in (("--count", count), ("--workers", workers)):
         if number is not None and number < 1:
             raise InputError(f"{name} must be 1 or more, got {number}")

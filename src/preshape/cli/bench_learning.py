@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from ..exceptions import InputError
-from .options import json_option
+from .options import check_folder, json_option
 from .progress import steps
 from .tables import draw_table, report_console
 
@@ -34,8 +34,7 @@ def learning(hand: str, length: int, held_out: int, seed: int, out: str | None, 
             raise InputError(f"{name} must be 1 or more, got {number}")
     if seed < 0:
         raise InputError(f"--seed must be 0 or more, got {seed}")
-    if out is not None and not out.strip():
-        raise InputError("--out needs a folder, got an empty name")
+    check_folder(out)
     with steps("this bench keeps nothing before its end") as told:
         found = study(
             hand=hand,

@@ -7,7 +7,19 @@ from typing import Any
 
 import click
 
+from ..exceptions import InputError
+
 Command = Callable[..., Any]
+
+
+def check_folder(name: str | None, option: str = "--out") -> None:
+    """Refuse a folder without a name.
+
+    Raises:
+        InputError: it is empty, or nothing but spaces.
+    """
+    if name is not None and not name.strip():
+        raise InputError(f"{option} needs a folder, got an empty name")
 
 
 def memory_option(command: Command) -> Command:
@@ -105,8 +117,6 @@ def boxes_from(given: tuple[str, ...]) -> list[list[float]]:
     Raises:
         InputError: not six numbers.
     """
-    from ..exceptions import InputError
-
     boxes = []
     for text in given:
         try:
@@ -127,7 +137,6 @@ def settings_from(estimation: float, recognition: float, seed: int) -> Any:
     """
     from ..critic import Thresholds
     from ..decision import Settings
-    from ..exceptions import InputError
 
     if seed < 0:
         raise InputError(f"--seed must not be negative, got {seed}")

@@ -11,6 +11,7 @@ import click
 from ..exceptions import InputError
 from .options import (
     boxes_from,
+    check_folder,
     closure_options,
     json_option,
     memory_option,
@@ -79,8 +80,7 @@ def plan(
     Exit code 0: an answer. 1: none (task correction asked for, deadlock, no grasp, or none that holds with
     --verify). 2: bad input.
     """
-    if out is not None and not out.strip():
-        raise InputError("--out needs a folder, got an empty name")
+    check_folder(out)
     settings = settings_from(estimation_threshold, recognition_threshold, seed)
     boxes = boxes_from(avoid)
     from ..closure.settings import ClosureSettings

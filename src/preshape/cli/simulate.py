@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ..exceptions import InputError, PreshapeError
-from .options import json_option
+from .options import check_folder, json_option
 
 if TYPE_CHECKING:
     from ..objects.mesh import TriangleMesh
@@ -61,8 +61,7 @@ def simulate(
     from ..physics.protocol import Protocol
     from .simulate_film import recorded
 
-    if out is not None and not out.strip():
-        raise InputError("--out needs a folder, got an empty name")
+    check_folder(out)
     protocol = Protocol(mass=mass, friction=friction, probes=probes)
     grasps = read_grasps(file, objects=objects)
     chosen = _chosen(grasps, file, answer, row)
