@@ -230,12 +230,11 @@ def seen_first(plan: Plan, *, keep: int) -> Plan:
     scan = plan.mesh.scan
     if plan.answer is None or scan is None:
         return plan
+    from .closure.grip import margin_of
 
     def rank(answer: Answer) -> float:
-        # The critic's figure is 6 (1 - 2^-m) of a margin m; of a virtual grasp it is the match itself.
-        judged = min(answer.grasp.judged, 6.0 - 1e-9)
-        margin = -np.log2(1.0 - judged / 6.0) if answer.grasp.grip is not None else judged
-        return float(margin) * worth(scan, answer.grasp.contacts.triangles)
+        g = answer.grasp  # what the critic judges stands for a margin of a grip; else it is the match itself
+        return (margin_of(g.judged) if g.grip is not None else g.judged) * worth(scan, g.contacts.triangles)
 
     best, *others = sorted((plan.answer, *plan.alternatives), key=lambda answer: -rank(answer))
     return replace(plan, answer=best, alternatives=tuple(others[: keep - 1]))

@@ -24,7 +24,7 @@ from ..planes import plane
 from ..tasks.task import ROTATION_ABSENT, TRANSLATION_ABSENT
 from ..types import Array, ContactCoefficients, Experience, IntArray, frozen_array
 from ..wrench import contact_wrenches, net_wrench, screw_measures
-from .grip import ENOUGH, Finished, Finisher
+from .grip import Finished, Finisher
 from .grips import Grips, gathered
 from .holding import inner_centre, turn_levers
 from .pinches import hand_pinches
@@ -168,7 +168,7 @@ class ClosureAnalyser:
         few = part and len(aim.values) <= FEW
         how: dict[str, Any] = {"wanted": WANTED, "planes": aim.planes}
         if few and recalled is not None:
-            known = self._again(q, demand, recalled, worth, elsewhere, how)
+            known = self._again(q, demand, recalled, worth, firm=not elsewhere, **how)
             if known is not None:
                 return known
         rng = np.random.default_rng([self.seed, zlib.crc32(_key(aim))])
@@ -190,7 +190,7 @@ class ClosureAnalyser:
                 finished, last = made, standing
             if _best(finished) >= EASY:
                 break
-        if not elsewhere and not _enough(finished):
+        if not elsewhere and _best(finished) < 1.0:
             finished = self.finisher.finish(last, demand, by_joints=True, firm=True, **how)
         grasps = self.virtual_grasps(q, sorted(finished, key=lambda made: -made.margin))
         grasps.sort(key=lambda g: -g.judged)
@@ -212,14 +212,10 @@ class ClosureAnalyser:
             f"{closed}{blocked}; those that balance the load cannot be opened and brought in without touching"
         )
 
-    def _again(
-        self, q: Array, demand: Demand, recalled: Sampled, worth: Array, elsewhere: bool, how: dict[str, Any]
-    ) -> Grips | None:
+    def _again(self, q: Array, demand: Demand, recalled: Sampled, worth: Array, **how: Any) -> Grips | None:
         """The best grip of experience, if it is as good here as it was there; then no other is looked for."""
         found = self._evaluate(recalled, demand)
         finished = self.finisher.finish(found, demand, **how)
-        if not elsewhere and not _enough(finished):
-            finished = self.finisher.finish(found, demand, firm=True, **how)
         if not finished or finished[0].grip.quality < AS_GOOD * worth.max():
             return None
         return gathered(self.virtual_grasps(q, finished[:1]), found.tried)
@@ -368,11 +364,6 @@ def _check(aim: Aim) -> None:
         raise InputError(f"virtual fingers must be 2 to {MAX_FINGERS}, got {counts}")
     if not len(aim.flips):
         raise InputError("an aim needs a thumb side at least")
-
-
-def _enough(finished: Sequence[Finished]) -> bool:
-    """Whether one of them is as good as the critic asks for by default."""
-    return any(made.grip.quality >= ENOUGH for made in finished)
 
 
 def _best(finished: Sequence[Finished]) -> float:

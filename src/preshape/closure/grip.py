@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cache, partial
 
@@ -132,7 +133,7 @@ class Finisher:
             elsewhere: there is more to be looked at, so a soft grip is worth less.
             by_joints: put them first in the order of what the hand's joints can press them for: the ranking
                 does not know these.
-            firm: what the usual press cannot hold may be pressed harder, until it is just enough.
+            firm: where none is enough with the usual press, they may press harder, until it is just enough.
         """
         if not len(found):
             return []
@@ -149,7 +150,7 @@ class Finisher:
         )
         sound = (closings.fate == Fate.CLOSED) & (to_object.min(axis=1) > -DEEPEST)
         sound &= (to_rest > 0) & (score > 0)
-        rows, grips = np.flatnonzero(sound), list[Finished]()
+        rows, grips, again = np.flatnonzero(sound), list[Finished](), list[Callable[..., Finished | None]]()
         pressing = cache(partial(self.press, candidates, packed, frames))
         if by_joints:
             strongest = [min(self.settings.strongest, pressing(int(row)).limit) for row in rows]
@@ -167,13 +168,20 @@ class Finisher:
                     sure = self.search.surely(packed.take(more), demand, np.array(carried))
                     surely = np.append(surely, sure)
                 margins = float(surely[k]) / demand.load, float(hold[row]) / self.settings.hold
-                made = self._grip(
-                    found, int(row), pressing(int(row)), grasp[row], ways, k, margins, planes, elsewhere, firm
+                make = partial(
+                    self._grip, found, int(row), pressing(int(row)), grasp[row], ways, k, margins, planes
                 )
+                made = make(elsewhere=elsewhere)
                 if made is not None:
                     grips.append(made)
+                    again.append(make)
                 if len(grips) == enough:
-                    return grips
+                    break
+            if len(grips) == enough:
+                break
+        if firm and all(made.grip.quality < ENOUGH for made in grips):
+            harder = [make(elsewhere=elsewhere, firm=True) for make in again]
+            return [made for made in harder if made is not None]
         return grips
 
     def _packed(self, closings: Closings, points: Array, normals: Array) -> Closings:
@@ -199,26 +207,25 @@ class Finisher:
         k: int,
         margins: tuple[float, float],
         planes: Sequence[int],
+        *,
         elsewhere: bool,
-        firm: bool,
+        firm: bool = False,
     ) -> Finished | None:
         if pressing.left > self.unbalanced:
             return None
         candidates, settings = found.sampled.candidates, self.settings
-        points, normals, share, torques, limit = (
-            pressing.points, pressing.normals_in, pressing.forces, pressing.torques, pressing.limit,
-        )  # fmt: skip
+        points, normals, limit = pressing.points, pressing.normals_in, pressing.limit
         usual, just = min(settings.strongest, limit), settings.weight / max(min(margins), 1e-9)
         margin = min(margins) * usual / settings.weight
         firm = firm and usual < just <= min(FIRM * settings.strongest, limit)
         press = just if firm else min(max(settings.press_least, settings.safety * just), usual)
         # A target beyond a joint's limit is meant: a servo that stops at the limit would press with nothing.
         yielding = 1.0 / (self.hand.gains * self.press.sharing)
-        squeeze = q + press * torques * yielding
+        squeeze = q + press * pressing.torques * yielding
         turn = turn_when_beside(
             points - self.search.cog,
             normals,
-            press * share,
+            press * pressing.forces,
             pressing.jacobians,
             [yielding[chain] for chain in pressing.chains],
         )
@@ -231,8 +238,8 @@ class Finisher:
             grasp=q,
             squeeze=squeeze,
             fingers=tuple(self.tables.fingers[f] for f in pressing.used),
-            forces=press * share,
-            torques=press * torques,
+            forces=press * pressing.forces,
+            torques=press * pressing.torques,
             task_margin=margins[0] * press / settings.weight,
             hold_margin=margins[1] * press / settings.weight,
             quality=ENOUGH if firm else quality(margin, turn, elsewhere=elsewhere),
@@ -289,4 +296,13 @@ def quality(margin: float, turn: float = 0.0, *, elsewhere: bool = False) -> flo
     stiff = float(6.0 * (1.0 - 2.0 ** -max(margin, 0.0)))
     if elsewhere:
         return stiff
-    return min(stiff, 3.0 + max(stiff - 3.0, 0.0) / (1.0 + turn / SOFT))
+    return min(stiff, ENOUGH + max(stiff - ENOUGH, 0.0) / (1.0 + turn / SOFT))
+
+
+def margin_of(judged: float) -> float:
+    """The margin of a stiff grip of that :func:`quality`.
+
+    >>> round(margin_of(quality(1.5)), 12)
+    1.5
+    """
+    return -math.log2(1.0 - min(judged, 6.0 - 1e-9) / 6.0)

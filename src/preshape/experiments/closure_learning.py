@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from ..closure.analyser import ClosureAnalyser
+from ..closure.grip import margin_of, quality
 from ..closure.settings import ClosureSettings
 from ..closure_control import closure_controller
 from ..critic import Thresholds
@@ -189,10 +190,9 @@ def _pairs(rng: np.random.Generator, things: Sequence[str], count: int) -> list[
     ]
 
 
-def _nearly(quality: float) -> float:
-    """The quality of :data:`SAME` of its margin, m of 6 (1 - 2^-m)."""
-    margin = -np.log2(1.0 - min(quality, 6.0 - 1e-9) / 6.0)
-    return float(6.0 * (1.0 - 2.0 ** (-SAME * margin)))
+def _nearly(judged: float) -> float:
+    """The quality of :data:`SAME` of its margin."""
+    return quality(SAME * margin_of(judged))
 
 
 def _median(numbers: Sequence[float] | Array) -> float | None:
