@@ -170,14 +170,14 @@ def test_a_file_is_made_with_its_folders_and_keeps_what_it_got(path: Path) -> No
     with Memory.open(path) as memory:
         first = memory.add([experience(kind=kind) for kind in KINDS])
         second = memory.add([experience(hand="allegro")], weights())
-        assert (first, second) == ((1, 2, 3, 4), (5,))
+        assert (first, second) == ((1, 2, 3, 4, 5), (6,))
     assert [p.name for p in path.parent.iterdir()] == [path.name]  # the log is written back
     with Memory.open(path) as memory:
         assert [one.kind for one in memory.experiences()] == [*KINDS, "task"]
         assert [one.hand for one in memory.experiences("allegro")] == ["allegro"]
         assert [one.kind for one in memory.experiences(kinds={"seed", "best"})] == ["seed", "best"]
         assert memory.experiences("utah_mit", kinds=()) == ()
-        assert (memory.count(), memory.count("allegro"), memory.count("none")) == (5, 1, 0)
+        assert (memory.count(), memory.count("allegro"), memory.count("none")) == (6, 1, 0)
         assert bits(memory.weights("allegro")) == bits(weights())
         assert memory.weights("utah_mit") is None
         assert memory.experiences()[0].task.flags.writeable is False
@@ -346,7 +346,7 @@ def test_objects_and_statistics() -> None:
         assert [(one.name, one.experiences) for one in memory.objects("a,b")] == [("cube", 1)]
         facts = memory.statistics()
         assert (facts.path, facts.version, facts.experiences, facts.objects) == (":memory:", 3, 4, 2)
-        assert facts.kinds == (("seed", 0), ("task", 3), ("best", 1), ("landmark", 0))
+        assert facts.kinds == (("seed", 0), ("task", 3), ("best", 1), ("landmark", 0), ("grip", 0))
         assert facts.hands == (("a,b", 1), ("utah_mit", 3))
         assert facts.trained == (("a,b", 7),)
         assert (facts.oldest, facts.newest) == ("2001-01-01T00:00:00Z", "2003-01-01T00:00:00Z")

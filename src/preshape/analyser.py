@@ -163,12 +163,15 @@ class Aim:
         values: approach values.
         fingers: virtual fingers, thumb included.
         flips: thumb sides.
+        recall: planes of which remembered grips are tried too, whatever else they are; only analysers that
+            keep grips look.
     """
 
     planes: Sequence[int] = tuple(p.index for p in PLANES)
     values: Sequence[float] | Array
     fingers: Sequence[int] = (2, 3, 4)
     flips: Sequence[bool] = (False, True)
+    recall: Sequence[int] = ()
 
 
 @value

@@ -29,11 +29,12 @@ from .estimator import Estimate, InputKind, decode, inputs, predict
 from .exceptions import InputError
 from .learning import (
     Discovery,
+    asked_of,
     everywhere,
+    experience_of,
     experiences_of,
     explore,
     first_guess,
-    held_by,
     learn,
     outcomes_of,
     search_values,
@@ -46,7 +47,7 @@ from .objects.mesh import TriangleMesh
 from .objects.shape import described
 from .planes import allowed_planes
 from .tasks import Task, all_named_tasks
-from .types import Array, Attributes, BoolArray, Experience, NetworkWeights
+from .types import KEPT, Array, Attributes, BoolArray, Experience, NetworkWeights
 from .virtual_grasp import RayAnalyser
 
 OFFERS = 3
@@ -124,7 +125,7 @@ class Controller:
             task: what the hand is to do with it.
             approaches: allowed approach axes, as ``+z,-x``; all by default.
             count: how many different answers are wanted.
-            may_learn: whether mode 3 may teach the memory.
+            may_learn: whether mode 3 may teach the memory, and what a real hand did is remembered.
 
         Raises:
             InputError: a bad argument, or a deadlock that was not reset.
@@ -140,13 +141,13 @@ class Controller:
 
         estimate, grasp, verdict = self._mode_0(pa, task.q, allowed)
         steps.append(_step(0, verdict))
+        if not verdict.reward:
+            grasp, verdict = self._mode_1(pa, task.q, estimate)
+            steps.append(_step(1, verdict))
         if verdict.reward and grasp is not None:
-            return self._answer(pa, task, 0, grasp, steps, allowed, count, estimate)
-
-        grasp, verdict = self._mode_1(pa, task.q, estimate)
-        steps.append(_step(1, verdict))
-        if verdict.reward and grasp is not None:
-            return self._answer(pa, task, 1, grasp, steps, allowed, count, estimate)
+            if may_learn:
+                self._keep(pa, task, grasp)
+            return self._answer(pa, task, len(steps) - 1, grasp, steps, allowed, count, estimate)
 
         recognition = self._mode_2(pa)
         steps.append(_step(2, recognition.verdict, met="known", missed="unknown"))
@@ -166,14 +167,18 @@ class Controller:
         """Meta control's reset of a deadlock; the next run starts at mode 0."""
         self.deadlock = False
 
-    def at_estimate(self, pa: Analyser, q: Array, estimate: Estimate) -> Exploration:
+    def at_estimate(
+        self, pa: Analyser, q: Array, estimate: Estimate, recall: Sequence[int] = ()
+    ) -> Exploration:
         """What mode 0 chooses from, best first; empty where no grasp is.
 
-        With as many fingers as estimated, or as many as fit and meet the object there [C].
+        With as many fingers as estimated, or as many as fit and meet the object there; and the grips of real
+        hands that are remembered of such objects, on the planes ``recall`` [C].
         """
         value = float(self.settings.sets.crisp()[estimate.approach_set])
         fingers = range(2, estimate.fingers + 1)
-        found = pa.explore(q, Aim(planes=[estimate.plane], values=[value], fingers=fingers))
+        aim = Aim(planes=[estimate.plane], values=[value], fingers=fingers, recall=recall)
+        found = pa.explore(q, aim)
         return found.where(found.fingers == found.fingers.max()) if len(found) else found
 
     def on_plane(self, pa: Analyser, q: Array, estimate: Estimate) -> Exploration:
@@ -188,7 +193,7 @@ class Controller:
         """AE → PA: the grasp that the estimator names, if there is one."""
         x = inputs(q, self._attributes(pa), self.layout.u, self._kind)
         estimate = decode(predict(self.weights, x), allowed)
-        return estimate, *self._criticise(pa, q, self.at_estimate(pa, q, estimate))
+        return estimate, *self._criticise(pa, q, self.at_estimate(pa, q, estimate, _indices(allowed)))
 
     def _mode_1(self, pa: Analyser, q: Array, estimate: Estimate) -> tuple[VirtualGrasp | None, Verdict]:
         """The estimated plane is kept; approach value, fingers and thumb side are searched."""
@@ -198,7 +203,8 @@ class Controller:
         """Is the object known?"""
         s = self.settings
         if self._kind == "shape":
-            return recognise_shape(self._attributes(pa), self._experiences)
+            learnt = [e for e in self._experiences if e.kind != KEPT]
+            return recognise_shape(self._attributes(pa), learnt)
         return recognise(pa, self._experiences, s.thresholds.recognition, s.sets)
 
     def _attributes(self, pa: Analyser) -> Attributes:
@@ -227,7 +233,7 @@ class Controller:
             steps.append(Transition(mode=3, outcome="no grasp", reason=reason))
             return decided(task, 3, Status.NO_GRASP, steps, None)
         best = discovery.answer
-        steps.append(Transition(mode=3, outcome="explored", reason=_explored(discovery)))
+        steps.append(Transition(mode=3, outcome="explored", reason=discovery.told))
         verdict = judge(best.judged, threshold, subject=pa.measure)
         if may_learn and not self.memory.read_only:
             # What stands in the way today must not become what is known of the object [C].
@@ -260,6 +266,15 @@ class Controller:
             f"mean-square error {weights.mean_square_error:.1e}"
         )
 
+    def _keep(self, pa: Analyser, task: Task, grasp: VirtualGrasp) -> None:
+        """Remember a real hand's grip of mode 0 or 1; the estimator learns nothing of it [C]."""
+        if grasp.grip is None or self.memory.read_only:
+            return
+        kept = experience_of(pa, pa.mesh.name, KEPT, task.q, grasp, self.settings.sets, self._attributes(pa))
+        if all(asked_of(e) != asked_of(kept) for e in self._experiences):
+            self.memory.add([kept])
+            self._experiences = (*self._experiences, kept)
+
     def learn_outcomes(self, pa: Analyser, task: Task, tried: Sequence[tuple[VirtualGrasp, bool]]) -> None:
         """Remember what physics said of grasps, and teach the estimator accordingly.
 
@@ -271,9 +286,9 @@ class Controller:
             task: what the grasps were for.
             tried: grasps and whether each held, in the order in which they were tried.
         """
-        said = {_asked(e): e.outcome for e in self._experiences if e.outcome}
+        said = {asked_of(e): e.outcome for e in self._experiences if e.outcome}
         found = outcomes_of(pa, task.q, tried, self.settings.sets)
-        if any(said.get(_asked(e)) != e.outcome for e in found):
+        if any(said.get(asked_of(e)) != e.outcome for e in found):
             self._remember(found)
 
     def _remember(self, new: Sequence[Experience]) -> NetworkWeights:
@@ -373,26 +388,6 @@ class Controller:
 
 def _step(mode: int, verdict: Verdict, *, met: str = "reward", missed: str = "penalty") -> Transition:
     return Transition(mode=mode, outcome=met if verdict.reward else missed, reason=verdict.reason)
-
-
-def _explored(discovery: Discovery) -> str:
-    best, found = discovery.answer, discovery.found
-    if (g := best.grip) is not None:
-        press = (g.forces * best.contacts.normals_in).sum()
-        return (
-            f"{found.aimed} hands closed on the object, {len(found)} grips worked out; the best is "
-            f"{best.plane.label}, {len(g.fingers)} fingers: squeezing with {press:.0f} N it balances "
-            f"{g.task_margin:.1f} times the task's load, {g.hold_margin:.1f} times the pushes expected"
-        )
-    return (
-        f"{len(found)} virtual grasps of {found.aimed} aimed at; the best is {best.plane.label}, "
-        f"{best.fingers} fingers, TFVADI {best.tfvadi:.2f}"
-    )
-
-
-def _asked(e: Experience) -> tuple[str, bytes, bytes, bytes]:
-    """Which grasp of which object for which task, to tell whether what physics says of it is news."""
-    return e.object_name, e.attributes.extents.tobytes(), e.task.tobytes(), held_by(e)
 
 
 def _indices(allowed: BoolArray) -> Sequence[int]:

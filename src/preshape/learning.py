@@ -19,7 +19,7 @@ from .fuzzy import FuzzySets, approaching_degrees
 from .objects.shape import described
 from .planes import PLANES
 from .training import train
-from .types import Array, Attributes, BoolArray, Experience, NetworkWeights, value
+from .types import KEPT, Array, Attributes, BoolArray, Experience, NetworkWeights, value
 
 FINE_VALUES: Array = np.linspace(-0.95, 0.95, 64)
 """Approach values that modes 1 and 3 try between the crisp ones [C]."""
@@ -42,6 +42,22 @@ class Discovery:
     answer: VirtualGrasp
     taught: VirtualGrasp
     found: Exploration
+
+    @property
+    def told(self) -> str:
+        """What was found, in a sentence."""
+        best, found = self.answer, self.found
+        if (g := best.grip) is not None:
+            press = (g.forces * best.contacts.normals_in).sum()
+            return (
+                f"{found.aimed} hands closed on the object, {len(found)} grips worked out; the best is "
+                f"{best.plane.label}, {len(g.fingers)} fingers: squeezing with {press:.0f} N it balances "
+                f"{g.task_margin:.1f} times the task's load, {g.hold_margin:.1f} times the pushes expected"
+            )
+        return (
+            f"{len(found)} virtual grasps of {found.aimed} aimed at; the best is {best.plane.label}, "
+            f"{best.fingers} fingers, TFVADI {best.tfvadi:.2f}"
+        )
 
 
 def explore(
@@ -172,6 +188,11 @@ def held_by(e: Experience) -> bytes:
     return (e.wrench if e.grip is None else e.grip).tobytes()
 
 
+def asked_of(e: Experience) -> tuple[str, bytes, bytes, bytes]:
+    """Which grasp of which object for which task, to tell whether it is news."""
+    return e.object_name, e.attributes.extents.tobytes(), e.task.tobytes(), held_by(e)
+
+
 def _remembered(g: VirtualGrasp, cog: Array) -> Array | None:
     """What is kept of a grip: the palm's pose about the COG, the fingers in use, the preshape."""
     if g.grip is None:
@@ -242,7 +263,7 @@ def training_set(
         raise InputError(f"no kind of inputs {kind!r}; known: {', '.join(INPUT_COUNTS)}")
     rows: dict[bytes, tuple[Array, Array, bytes]] = {}
     for e in experiences:
-        if e.kind == "landmark" or (kind == "shape" and e.attributes.shape is None):
+        if e.kind in ("landmark", KEPT) or (kind == "shape" and e.attributes.shape is None):
             continue
         x = inputs(e.task, e.attributes, u, kind)
         key, bits = np.round(x, 6).tobytes(), encode(e.plane, e.approach_set, e.fingers)

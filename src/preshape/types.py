@@ -143,13 +143,18 @@ class ContactCoefficients:
         frozen_array([self.ka, self.ko, self.kn, self.mn], (4,), "contact coefficients")
 
 
+KEPT = "grip"
+"""Kind of the experiences that modes 0 and 1 leave of a real hand."""
+
+
 @value
 class Experience:
     """One thing the system has met (§3.5): what was asked of which object, and what answered it.
 
     Attributes:
         kind: ``seed`` (the cube of the first training), ``task`` (the user's Q), ``best`` (the best
-            possible task, BPT) or ``landmark`` (kept for recognition only, never trained on).
+            possible task, BPT), ``landmark`` (kept for recognition only, never trained on) or ``grip``
+            (how a real hand held the object in mode 0 or 1: tried again, not trained on nor recognised by).
         object_name: the object's name.
         hand: the hand's name; experiences of one hand never serve another.
         attributes: the object's attributes [m].

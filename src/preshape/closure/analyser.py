@@ -17,36 +17,32 @@ from ..analyser import Aim, Contacts, Exploration, HandLayout, VirtualGrasp
 from ..exceptions import InputError
 from ..fuzzy import FuzzySets, approaching_degrees
 from ..hands.hand import Hand
-from ..kernels.closing import Candidates
 from ..kernels.field import SurfaceQuery, prepare_field
 from ..objects.mesh import TriangleMesh
 from ..planes import plane
 from ..tasks.task import ROTATION_ABSENT, TRANSLATION_ABSENT
-from ..types import Array, ContactCoefficients, Experience, IntArray, frozen_array
+from ..types import KEPT, Array, ContactCoefficients, Experience, IntArray, frozen_array
 from ..wrench import contact_wrenches, net_wrench, screw_measures
-from .grip import Finished, Finisher
+from .grip import ENOUGH, Finished, Finisher
 from .grips import Grips, gathered
 from .holding import inner_centre, turn_levers
 from .pinches import hand_pinches
 from .pinching import PINCHED, Pincher
-from .ranked import Ranked, apart, best_of, joined
+from .ranked import Ranked, apart, best_of, joined, take
+from .recalling import FEW, MAX_FINGERS, recalled
 from .sampling import Sampled, sample
 from .search import ClosureSearch, Demand
 from .settings import ClosureSettings
 from .spots import find_spots
 
-MAX_FINGERS = 4
-"""Virtual fingers of the paper's estimator; a hand's fifth counts as the fourth."""
 ASIDE = 0.5
 """Torque of a task's load over its force, in ℓ (ENGINE §4)."""
-FEW = 7
-"""An aim with no more approach values than this means these values; with more, all between them."""
 WANTED = 2
 """Contacts that a grip must have, the thumb's included; the margin decides whether they are enough."""
-RECALLED, MOST_RECALLED = 0.25, 16
-"""Grips of objects whose extents are within this ratio (logarithm) are tried again, the last of them [C]."""
 AS_GOOD = 0.95
-"""A grip of experience that is this share as good as the best of them was is the answer of mode 0 [C]."""
+"""A grip of experience that is this share as good as it was is the answer of mode 0 [C]."""
+LIKELY, TRIED = 8, 2
+"""Remembered grips that are looked at, and that are worked out: those that rank first on this object [C]."""
 EASY, FEWEST = 1.5, 100
 """More candidates are drawn where the best margin is under ``EASY`` or fewer than ``FEWEST`` closed, and the
 best are refined again where it still is [C]."""
@@ -142,7 +138,7 @@ class ClosureAnalyser:
         key = task.tobytes() + _key(aim)
         elsewhere = len(aim.planes) == 1 and not self._settled(task)
         if len(aim.planes) == 1:  # experience may have come since, and is asked first
-            key += len(self._known()).to_bytes(8, "little") + bytes([elsewhere])
+            key += len(self._known()).to_bytes(8, "little") + bytes([elsewhere, *aim.recall])
         if key not in self._kept:
             if len(self._kept) >= _KEPT:
                 del self._kept[next(iter(self._kept))]
@@ -163,22 +159,29 @@ class ClosureAnalyser:
 
     def _explore(self, q: Array, aim: Aim, elsewhere: bool) -> Grips:
         demand, settings = self.demand(q), self.settings
-        recalled, worth = self._recalled(aim)
+        known = recalled(self._known(), self.mesh, q, aim, joints=len(self.hand.joints), sets=self.sets)
         part = len(aim.planes) == 1
         few = part and len(aim.values) <= FEW
-        how: dict[str, Any] = {"wanted": WANTED, "planes": aim.planes}
-        if few and recalled is not None:
-            known = self._again(q, demand, recalled, worth, firm=not elsewhere, **how)
-            if known is not None:
-                return known
+        how: dict[str, Any] = {"wanted": WANTED, "elsewhere": elsewhere}
+        remembered, asked = list[Finished](), 0
+        if few and known is not None:
+            own, rest = np.split(np.arange(len(known.aimed)), [known.first])
+            for rows in (own, rest):
+                asked += len(rows)
+                remembered += self._again(demand, take(known.sampled, rows), aim, **how)
+                if _worth(remembered) >= max(AS_GOOD * known.bar, ENOUGH):
+                    best = max(remembered, key=lambda made: made.grip.quality)
+                    return gathered(self.virtual_grasps(q, [best]), asked)
         rng = np.random.default_rng([self.seed, zlib.crc32(_key(aim))])
         count, elite, rounds, enough = self._effort(aim)
         drawn = self._draw(rng, aim, count)
-        found = self._evaluate(drawn if recalled is None else joined(drawn, recalled), demand)
+        if known is not None and known.aimed.any():
+            drawn = joined(drawn, take(known.sampled, np.flatnonzero(known.aimed)))
+        found = self._evaluate(drawn, demand)
         if not part:
             found = self._persist(rng, aim, found, demand)
+        how |= {"enough": enough, "planes": aim.planes}
         finished, last = list[Finished](), found
-        how |= {"enough": enough, "elsewhere": elsewhere}
         for again in range(1 + (0 if part else settings.persistence)):
             found = self.search.refine(
                 rng, found, demand, elite=elite, each=settings.children, rounds=rounds, wanted=WANTED
@@ -192,9 +195,9 @@ class ClosureAnalyser:
                 break
         if not elsewhere and _best(finished) < 1.0:
             finished = self.finisher.finish(last, demand, by_joints=True, firm=True, **how)
-        grasps = self.virtual_grasps(q, sorted(finished, key=lambda made: -made.margin))
+        grasps = self.virtual_grasps(q, sorted([*remembered, *finished], key=lambda made: -made.margin))
         grasps.sort(key=lambda g: -g.judged)
-        return gathered(grasps, found.tried, self._why_none(found))
+        return gathered(grasps[:enough], asked + found.tried, self._why_none(found))
 
     def _why_none(self, found: Ranked) -> str:
         """What became of the candidates, where none of them became a grip."""
@@ -212,19 +215,23 @@ class ClosureAnalyser:
             f"{closed}{blocked}; those that balance the load cannot be opened and brought in without touching"
         )
 
-    def _again(self, q: Array, demand: Demand, recalled: Sampled, worth: Array, **how: Any) -> Grips | None:
-        """The best grip of experience, if it is as good here as it was there; then no other is looked for."""
-        found = self._evaluate(recalled, demand)
-        finished = self.finisher.finish(found, demand, **how)
-        if not finished or finished[0].grip.quality < AS_GOOD * worth.max():
-            return None
-        return gathered(self.virtual_grasps(q, finished[:1]), found.tried)
+    def _again(self, demand: Demand, known: Sampled, aim: Aim, **how: Any) -> list[Finished]:
+        """What becomes of remembered grips on this object."""
+        if not len(known.plane):
+            return []
+        found = self._evaluate(known, demand)
+        likely = found.take(apart(found, LIKELY))
+        planes = sorted({*aim.planes, *aim.recall})
+        firm = not how["elsewhere"]
+        return self.finisher.finish(likely, demand, planes=planes, firm=firm, enough=TRIED, **how)
 
     def _settled(self, q: Array) -> bool:
         """Whether everything was looked at for a task: here, or when this very object was taught it."""
         asked, extents = q.tobytes(), self.mesh.attributes.extents
         return asked in self._everywhere or any(
-            e.task.tobytes() == asked and np.allclose(e.attributes.extents, extents, rtol=1e-6)
+            e.kind != KEPT
+            and e.task.tobytes() == asked
+            and np.allclose(e.attributes.extents, extents, rtol=1e-6)
             for e in self._known()
         )
 
@@ -268,42 +275,6 @@ class ClosureAnalyser:
 
     def _evaluate(self, sampled: Sampled, demand: Demand) -> Ranked:
         return self.search.evaluate(sampled, demand, wanted=WANTED)
-
-    def _recalled(self, aim: Aim) -> tuple[Sampled | None, Array]:
-        """Grips that held objects of about this size on these planes, put on this one; how good they were."""
-        joints, known = len(self.hand.joints), self._known()
-        said = {e.grip.tobytes(): e.outcome for e in known if e.grip is not None and e.outcome}
-        near = set(range(len(self.sets.crisp())))
-        if len(aim.values) <= FEW:
-            near = {self.sets.name_index(float(v)) for v in aim.values}
-        rows = [
-            e
-            for e in known
-            if e.grip is not None
-            and said.get(e.grip.tobytes()) != "lost"
-            and e.plane in aim.planes
-            and e.flip in aim.flips
-            and e.approach_set in near
-            and min(e.fingers, MAX_FINGERS) in aim.fingers
-            and len(e.grip) == 8 + joints
-            and np.abs(np.log(e.attributes.extents / self.mesh.attributes.extents)).max() < RECALLED
-        ][-MOST_RECALLED:]
-        if not rows:
-            return None, np.zeros(0)
-        grips = np.array([e.grip for e in rows])
-        worth = np.array([e.match if e.quality is None else e.quality for e in rows])
-        return Sampled(
-            candidates=Candidates(
-                place=grips[:, :3] + self.mesh.cog,
-                turn=grips[:, 3:7],
-                start=grips[:, 8:],
-                mask=grips[:, 7].astype(np.int64),
-            ),
-            plane=np.array([e.plane for e in rows]),
-            flip=np.array([e.flip for e in rows]),
-            value=np.array([e.approach_value for e in rows]),
-            preshape=np.full(len(rows), -1),
-        ), worth
 
     def virtual_grasps(self, q: Array, finished: Sequence[Finished]) -> list[VirtualGrasp]:
         """Grips as the controller knows virtual grasps: plane, net wrench, TFVADI and indices of each.
@@ -369,6 +340,11 @@ def _check(aim: Aim) -> None:
 def _best(finished: Sequence[Finished]) -> float:
     """The best margin among them."""
     return max((made.margin for made in finished), default=-1.0)
+
+
+def _worth(finished: Sequence[Finished]) -> float:
+    """The best quality among them."""
+    return max((made.grip.quality for made in finished), default=-1.0)
 
 
 def _key(aim: Aim) -> bytes:

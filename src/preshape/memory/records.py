@@ -19,7 +19,7 @@ from ..objects.shape import LENGTH as SHAPE_LENGTH
 from ..types import Array, Attributes, Experience, NetworkWeights
 from .checks import exactly, grip, number, numbers, text, utc, vector, whole
 
-KINDS = ("seed", "task", "best", "landmark")
+KINDS = ("seed", "task", "best", "landmark", "grip")
 OUTCOMES = ("", "held", "lost")
 
 EXPERIENCE_COLUMNS = (
