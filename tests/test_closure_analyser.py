@@ -9,13 +9,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from preshape.analyser import Aim
+from preshape.analyser import Aim, wrist_distance
 from preshape.closure.analyser import ClosureAnalyser, Grips
 from preshape.closure.holding import inner_centre
+from preshape.closure.ranked import Ranked, beside
 from preshape.closure.settings import ClosureSettings, table_below
 from preshape.exceptions import InputError
 from preshape.fuzzy import FuzzySets, approaching_degrees
 from preshape.hands.model import load_hand
+from preshape.kernels.closing import Candidates
 from preshape.kernels.field import prepare_field
 from preshape.objects.library import load_library_object
 from preshape.objects.mesh import TriangleMesh
@@ -204,6 +206,48 @@ def _sized(mesh: TriangleMesh, factor: float) -> Attributes:
     return replace(mesh, vertices=mesh.vertices * factor).attributes
 
 
+# -- what cannot be executed ---------------------------------------------------------------------------
+
+
+def test_hands_like_those_that_cannot_be_executed_are_not_refined_again(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    element = analyser(solid("sphere"), persistence=2)
+    rounds: list[Candidates] = []
+
+    def refuse(standing: Ranked, demand: object, *, firm: bool = False, **how: object) -> list[object]:
+        if not firm:
+            rounds.append(standing.sampled.candidates)
+        return []
+
+    monkeypatch.setattr(element.finisher, "finish", refuse)
+    grips = element.explore(LIFT, EVERYWHERE)
+    assert len(grips) == 0
+    assert len(rounds) == 3
+    for earlier, later in ((0, 1), (0, 2), (1, 2)):
+        one, other = rounds[earlier], rounds[later]
+        nearest = [
+            wrist_distance(one.place, one.turn, place, turn).min()
+            for place, turn in zip(other.place, other.turn, strict=True)
+        ]
+        assert np.mean(np.array(nearest) < 1.0) < 0.1
+
+
+def test_beside_keeps_what_is_nearer_to_a_hand_that_can_be_executed(sphere: ClosureAnalyser) -> None:
+    ranked = sphere._evaluate(sphere._draw(np.random.default_rng(3), EVERYWHERE, 300), sphere.demand(LIFT))
+    looked_at = ranked.take(np.array([0, 1]))
+    assert len(beside(ranked, looked_at, [0, 1])) == len(ranked)
+    left = beside(ranked, looked_at, [0])
+    wrists = ranked.sampled.candidates
+    away = np.stack(
+        [wrist_distance(wrists.place, wrists.turn, wrists.place[k], wrists.turn[k]) for k in (0, 1)]
+    )
+    kept = (away[1] >= 1.0) | (away[0] <= away[1])
+    assert not kept[1]
+    assert kept[0]
+    np.testing.assert_array_equal(left.score, ranked.score[kept])
+
+
 # -- odd objects ---------------------------------------------------------------------------------------
 
 
@@ -227,12 +271,21 @@ def test_a_mesh_wound_inside_out_is_held_as_well(found: Grips) -> None:
         assert (np.einsum("ni,ni->n", inward, g.contacts.normals_in) > 0).all()
 
 
-@pytest.mark.parametrize("factor", [1e-4, 0.01, 20.0, 1e4])
-def test_far_too_large_or_too_small_is_no_grip_and_no_crash(factor: float) -> None:
+@pytest.mark.parametrize("factor", [20.0, 1e4])
+def test_far_too_large_is_no_grip_and_no_crash(factor: float) -> None:
     cube = solid("cube")
     grips = analyser(replace(cube, vertices=cube.vertices * factor)).explore(LIFT, EVERYWHERE)
     assert len(grips) == 0
     assert grips.aimed >= SMALL["everywhere"]
+
+
+@pytest.mark.parametrize("factor", [1e-4, 0.01])
+def test_what_fingers_cannot_be_placed_to_is_told_to_be_too_small(factor: float) -> None:
+    cube = solid("cube")
+    grips = analyser(replace(cube, vertices=cube.vertices * factor)).explore(LIFT, EVERYWHERE)
+    assert len(grips) == 0
+    assert f"{1e3 * factor * cube.extents.max():.2g} mm long" in grips.why
+    assert "check its unit" in grips.why
 
 
 def test_a_single_triangle_is_no_crash() -> None:

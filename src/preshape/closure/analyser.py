@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import zlib
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -28,12 +29,12 @@ from .grips import Grips, gathered
 from .holding import inner_centre, turn_levers
 from .pinches import hand_pinches
 from .pinching import PINCHED, Pincher
-from .ranked import Ranked, apart, best_of, joined, take
+from .ranked import Ranked, apart, beside, best_of, joined, take
 from .recalling import FEW, MAX_FINGERS, recalled
 from .sampling import Sampled, sample
 from .search import ClosureSearch, Demand
 from .settings import ClosureSettings
-from .spots import find_spots
+from .spots import THINNEST, find_spots
 
 ASIDE = 0.5
 """Torque of a task's load over its force, in ℓ (ENGINE §4)."""
@@ -158,6 +159,9 @@ class ClosureAnalyser:
         return found.grasps[index]
 
     def _explore(self, q: Array, aim: Aim, elsewhere: bool) -> Grips:
+        if self.mesh.extents.max() < THINNEST:
+            size = f"{1e3 * self.mesh.extents.max():.2g} mm long, under the {1e3 * THINNEST:.0f} mm"
+            return gathered([], 0, f"the object is {size} that fingers are placed to; check its unit")
         demand, settings = self.demand(q), self.settings
         known = recalled(self._known(), self.mesh, q, aim, joints=len(self.hand.joints), sets=self.sets)
         part = len(aim.planes) == 1
@@ -179,9 +183,9 @@ class ClosureAnalyser:
             drawn = joined(drawn, take(known.sampled, np.flatnonzero(known.aimed)))
         found = self._evaluate(drawn, demand)
         if not part:
-            found = self._persist(rng, aim, found, demand)
+            found = self._persist(rng, aim, found, demand, settings.persistence)
         how |= {"enough": enough, "planes": aim.planes}
-        finished, last = list[Finished](), found
+        finished, last, pool = list[Finished](), found, found
         for again in range(1 + (0 if part else settings.persistence)):
             found = self.search.refine(
                 rng, found, demand, elite=elite, each=settings.children, rounds=rounds, wanted=WANTED
@@ -193,6 +197,12 @@ class ClosureAnalyser:
                 finished, last = made, standing
             if _best(finished) >= EASY:
                 break
+            if not part and len(made) < enough:  # all were looked at: what fails leads nowhere
+                done = [one.row for one in made]
+                found = beside(found, standing, done)
+                more = self._persist(rng, aim, beside(pool, standing, done), demand, times=1)
+                fresh = replace(more, tried=more.tried - pool.tried, blocked=more.blocked - pool.blocked)
+                found, pool = best_of(found, fresh), more
         if not elsewhere and _best(finished) < 1.0:
             finished = self.finisher.finish(last, demand, by_joints=True, firm=True, **how)
         grasps = self.virtual_grasps(q, sorted([*remembered, *finished], key=lambda made: -made.margin))
@@ -235,9 +245,11 @@ class ClosureAnalyser:
             for e in self._known()
         )
 
-    def _persist(self, rng: np.random.Generator, aim: Aim, found: Ranked, demand: Demand) -> Ranked:
+    def _persist(
+        self, rng: np.random.Generator, aim: Aim, found: Ranked, demand: Demand, times: int
+    ) -> Ranked:
         """More draws for an object on which the first ones found little."""
-        for _ in range(self.settings.persistence):
+        for _ in range(times):
             best = float(found.score[0]) if len(found) else 0.0
             if best * self.settings.strongest >= EASY * self.settings.weight and len(found) >= FEWEST:
                 break

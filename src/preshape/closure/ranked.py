@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from ..analyser import wrist_distance
@@ -125,3 +127,23 @@ def apart(found: Ranked, count: int, least: float = 1.0) -> IntArray:
         if len(chosen) == count:
             break
     return np.array(chosen, dtype=np.int64)
+
+
+def beside(found: Ranked, looked_at: Ranked, sound: Sequence[int]) -> Ranked:
+    """What is left of candidates when those are taken away that are like one that cannot be executed.
+
+    Args:
+        found: candidates.
+        looked_at: those that were worked out.
+        sound: rows of these that can be executed; a candidate that is nearer to one of them stays.
+    """
+    if not len(looked_at) or not len(found):
+        return found
+    one, other = found.sampled.candidates, looked_at.sampled.candidates
+    away = np.stack(
+        [wrist_distance(one.place, one.turn, *wrist) for wrist in zip(other.place, other.turn, strict=True)],
+        axis=1,
+    )
+    nearest = away.argmin(axis=1)
+    bad = ~np.isin(nearest, np.asarray(sound, dtype=np.int64)) & (away.min(axis=1) < 1.0)
+    return found.take(np.flatnonzero(~bad))
