@@ -47,10 +47,11 @@ def test_the_same_pairs_are_asked_for_three_times(found: LearningStudy) -> None:
     assert all(one.tried >= QUICK.everywhere for one in found.fresh)
 
 
-def test_what_was_learnt_is_asked_for_again(found: LearningStudy) -> None:
-    taught = [(one.name, one.task) for one in found.stream if one.mode == 3 and one.answered]
-    assert [(one.name, one.task) for one in found.again] == taught
-    assert all(one.answered for one in found.again)
+def test_what_was_answered_is_asked_for_again(found: LearningStudy) -> None:
+    answered = [one for one in found.stream if one.answered]
+    assert [(one.name, one.task) for one in found.again] == [(one.name, one.task) for one in answered]
+    assert all(one.answered and one.mode == 0 for one in found.again)
+    assert all(b.quality >= 0.95 * a.quality for a, b in zip(answered, found.again, strict=True))
 
 
 def test_the_same_seed_shows_the_same(found: LearningStudy) -> None:
