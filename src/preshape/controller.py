@@ -271,7 +271,7 @@ class Controller:
         if grasp.grip is None or self.memory.read_only:
             return
         kept = experience_of(pa, pa.mesh.name, KEPT, task.q, grasp, self.settings.sets, self._attributes(pa))
-        if all(asked_of(e) != asked_of(kept) for e in self._experiences):
+        if asked_of(kept) not in map(asked_of, self._experiences):
             self.memory.add([kept])
             self._experiences = (*self._experiences, kept)
 

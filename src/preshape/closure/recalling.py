@@ -54,32 +54,39 @@ def recalled(
         joints: of the hand.
         sets: membership functions.
     """
-    here = mesh.attributes
+    here, away = mesh.attributes, dict[bytes, float]()
     said = {e.grip.tobytes(): e.outcome for e in known if e.grip is not None and e.outcome}
+    sizes = np.array([e.attributes.extents for e in known]).reshape(-1, 3)
+    with np.errstate(divide="ignore"):
+        near = np.abs(np.log(sizes / here.extents)).max(axis=1) < RECALLED
+    named = {sets.name_index(float(v)) for v in aim.values} if len(aim.values) <= FEW else set(range(7))
     ranked = []
-    for k, e in enumerate(known):
+    for k in np.flatnonzero(near).tolist():
+        e = known[k]
         if e.grip is None or len(e.grip) != 8 + joints or said.get(e.grip.tobytes()) == "lost":
             continue
-        aimed = _aimed(e, aim, sets)
+        aimed = e.plane in aim.planes and e.flip in aim.flips and e.approach_set in named
+        aimed = aimed and min(e.fingers, MAX_FINGERS) in aim.fingers
         if not aimed and e.plane not in aim.recall:
             continue
-        if np.abs(np.log(e.attributes.extents / here.extents)).max() < RECALLED:
-            alike = attribute_distance(here, e.attributes), e.task.tobytes() != q.tobytes()
-            worth = e.match if e.quality is None else e.quality
-            ranked.append((*alike, -worth, -k, e, aimed))
+        which = sizes[k].tobytes() + np.array([e.attributes.area, e.attributes.volume]).tobytes()
+        if which not in away:
+            away[which] = attribute_distance(here, e.attributes)
+        worth = e.match if e.quality is None else e.quality
+        ranked.append((away[which], e.task.tobytes() != q.tobytes(), -worth, -k, e, aimed))
     if not ranked:
         return None
     ranked.sort(key=lambda row: row[:4])
     chosen, of_one = dict[bytes, tuple[Experience, bool]](), dict[float, int]()
     first = 0
-    for away, other, _, _, e, aimed in ranked:
+    for apart, other, _, _, e, aimed in ranked:
         assert e.grip is not None
         key = e.grip.tobytes()
-        if key in chosen or of_one.get(away, 0) == OF_ONE or len(chosen) == MOST_RECALLED:
+        if key in chosen or of_one.get(apart, 0) == OF_ONE or len(chosen) == MOST_RECALLED:
             continue
         chosen[key] = e, aimed
-        of_one[away] = of_one.get(away, 0) + 1
-        first += (away, other) == ranked[0][:2]
+        of_one[apart] = of_one.get(apart, 0) + 1
+        first += (apart, other) == ranked[0][:2]
     return Recalled(
         sampled=_put([e for e, _ in chosen.values()], mesh),
         aimed=np.array([aimed for _, aimed in chosen.values()]),
@@ -102,11 +109,3 @@ def _put(rows: Sequence[Experience], mesh: TriangleMesh) -> Sampled:
         value=np.array([e.approach_value for e in rows]),
         preshape=np.full(len(rows), -1),
     )
-
-
-def _aimed(e: Experience, aim: Aim, sets: FuzzySets) -> bool:
-    if e.plane not in aim.planes or e.flip not in aim.flips:
-        return False
-    if min(e.fingers, MAX_FINGERS) not in aim.fingers:
-        return False
-    return len(aim.values) > FEW or e.approach_set in {sets.name_index(float(v)) for v in aim.values}
