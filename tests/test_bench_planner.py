@@ -83,3 +83,11 @@ def test_the_mass_is_planned_for_and_tested_with(
     monkeypatch.setattr(planner_bench, "run_holds", test)
     assert run("bench planner box mug --mass 0.4 --json".split()) == 0
     assert tested_with == [0.4]
+
+
+@pytest.mark.parametrize("name", ["", " "])
+def test_a_folder_without_a_name_is_refused_before_anything_is_planned(
+    capsys: pytest.CaptureFixture[str], name: str
+) -> None:
+    assert run(["bench", "planner", "box", "--hand", "leap", "--out", name]) == 2
+    assert "--out needs a folder" in capsys.readouterr().err

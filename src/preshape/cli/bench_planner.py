@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ..exceptions import EnvironmentFailure, InputError
-from .options import json_option
+from .options import check_folder, json_option
 from .progress import steps
 
 if TYPE_CHECKING:
@@ -68,6 +68,7 @@ def planner(
     from ..physics.grasps import write_grasps
     from ..physics.protocol import Protocol
 
+    check_folder(out)
     if count < 1:
         raise InputError(f"--count must be 1 or more, got {count}")
     if workers is not None and workers < 1:
