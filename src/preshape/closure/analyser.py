@@ -186,7 +186,8 @@ class ClosureAnalyser:
             found = self._persist(rng, aim, found, demand, settings.persistence)
         how |= {"enough": enough, "planes": aim.planes}
         finished, last, pool = list[Finished](), found, found
-        for again in range(1 + (0 if part else settings.persistence)):
+        last_round = 0 if part else settings.persistence
+        for again in range(1 + last_round):
             found = self.search.refine(
                 rng, found, demand, elite=elite, each=settings.children, rounds=rounds, wanted=WANTED
             )
@@ -195,9 +196,9 @@ class ClosureAnalyser:
             made = self.finisher.finish(standing, demand, by_joints=again > 0, **how)
             if not again or _best(made) > _best(finished):
                 finished, last = made, standing
-            if _best(finished) >= EASY:
+            if _best(finished) >= EASY or again == last_round:
                 break
-            if not part and len(made) < enough:  # all were looked at: what fails leads nowhere
+            if len(made) < enough:  # all were looked at: what fails leads nowhere
                 done = [one.row for one in made]
                 found = beside(found, standing, done)
                 more = self._persist(rng, aim, beside(pool, standing, done), demand, times=1)
