@@ -15,12 +15,12 @@ import numpy as np
 from preshape.closure.hand_tables import hand_tables
 from preshape.closure.preshapes import preshapes
 from preshape.closure.sampling import sample
-from preshape.hands.model import load_hand
-from preshape.kernels.closing import ClosingKernel, Closings, Fate
-from preshape.kernels.closing_numpy import close_plain
-from preshape.kernels.field import prepare_field
-from preshape.kernels.margin import margins
-from preshape.kernels.margin_numpy import Grip, margin_plain
+from preshape.hands.load import load_hand
+from preshape.kernels.closing.host import ClosingKernel, Closings, Fate
+from preshape.kernels.closing.plain import close_plain
+from preshape.kernels.field.host import prepare_field
+from preshape.kernels.margin.host import margins
+from preshape.kernels.margin.plain import Grip, margin_plain
 from preshape.objects.library import load_library_object
 
 from .common import median_of, row

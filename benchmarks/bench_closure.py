@@ -8,13 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from preshape.analyser import Aim
 from preshape.closure.analyser import ClosureAnalyser
 from preshape.closure.settings import ClosureSettings
 from preshape.closure_control import closure_controller
-from preshape.decision import Settings
-from preshape.hands.model import load_hand
-from preshape.kernels.field import prepare_field
+from preshape.hands.load import load_hand
+from preshape.hiis.analyser import Aim
+from preshape.hiis.decision import Settings
+from preshape.kernels.field.host import prepare_field
 from preshape.memory import Memory
 from preshape.planner import layout_of
 from preshape.tasks import parse_task

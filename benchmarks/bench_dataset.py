@@ -20,7 +20,7 @@ from preshape.dataset.folder import Folder, manifest
 from preshape.dataset.making import Made
 from preshape.dataset.run import DatasetReport, run_dataset
 from preshape.dataset.settings import DatasetSettings, list_shards
-from preshape.experiments.planner_bench import Case
+from preshape.planning.planner_bench import Case
 
 from .common import row
 

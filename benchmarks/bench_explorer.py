@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from preshape.analyser import Aim
+from preshape.hiis.analyser import Aim
+from preshape.hiis.virtual_grasp import RayAnalyser
 from preshape.kernels.rays import cast_plain
 from preshape.tasks import parse_task
-from preshape.virtual_grasp import RayAnalyser
 
 from .common import layout, median_of, row, scan
 

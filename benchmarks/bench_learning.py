@@ -8,7 +8,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-from preshape.controller import Controller
+from preshape.hiis.controller import Controller
 from preshape.memory import Memory
 from preshape.objects.library import entry, names
 from preshape.objects.load import load_object

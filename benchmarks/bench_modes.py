@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from preshape.controller import Controller
+from preshape.hiis.controller import Controller
 from preshape.memory import Memory
 from preshape.tasks import parse_task
 

@@ -14,9 +14,9 @@ from typing import Any
 
 from preshape.physics.grasps import STAGES, GraspSet, read_grasps
 from preshape.physics.hand import hand_from_mjcf
+from preshape.physics.hold.runner import run_holds
 from preshape.physics.pool import usable_cores
 from preshape.physics.protocol import Protocol
-from preshape.physics.runner import run_holds
 
 from .common import row
 

@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from preshape.estimator import decode, predict
-from preshape.fuzzy import FuzzySets
-from preshape.learning import seed_experiences, training_set
+from preshape.hiis.estimator import decode, predict
+from preshape.hiis.fuzzy import FuzzySets
+from preshape.hiis.learning import seed_experiences, training_set
+from preshape.hiis.training import back_propagation, train
+from preshape.hiis.virtual_grasp import RayAnalyser
 from preshape.objects.load import load_object
-from preshape.training import back_propagation, train
-from preshape.virtual_grasp import RayAnalyser
 
 from .common import layout, median_of, row
 

@@ -7,8 +7,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from preshape.analyser import HandLayout
-from preshape.hands.model import load_hand
+from preshape.hands.load import load_hand
+from preshape.hiis.analyser import HandLayout
 from preshape.objects.load import load_object
 from preshape.objects.mesh import TriangleMesh
 from preshape.planner import layout_of

@@ -14,10 +14,10 @@ from scipy.spatial import cKDTree
 import preshape
 from preshape.cli.bench_planner import planner
 from preshape.cli.simulate import simulate
-from preshape.hand_simulation import hand_geometry
-from preshape.io import dumps
 from preshape.objects.library import load_library_object, names
 from preshape.pictures import plan_png
+from preshape.planning.document import dumps
+from preshape.planning.hand_simulation import hand_geometry
 from preshape.viewer.gallery import contact_sheet, hand_picture
 
 OUT = Path(__file__).parent / "pictures"

@@ -2,12 +2,12 @@
 
 import numpy as np
 
-from preshape.analyser import Aim, HandLayout
-from preshape.fuzzy import FuzzySets, approaching_degrees, tfvadi
+from preshape.hiis.analyser import Aim, HandLayout
+from preshape.hiis.fuzzy import FuzzySets, approaching_degrees, tfvadi
+from preshape.hiis.planes import PLANES
+from preshape.hiis.virtual_grasp import RayAnalyser
+from preshape.hiis.wrench import screw_measures
 from preshape.objects.load import load_object
-from preshape.planes import PLANES
-from preshape.virtual_grasp import RayAnalyser
-from preshape.wrench import screw_measures
 
 q1 = np.array([1.0, 1.0, 0.1, 0.05, 0.8, 0.05])  # table 1
 print("fig. 14, row 2:", tfvadi(q1, [1.3, 1.1, -0.27, 0.06, 0.86, 0.11]).round(3))

@@ -7,7 +7,7 @@ from preshape.closure.settings import ClosureSettings
 from preshape.export.moveit import MoveItOptions, moveit_grasps
 from preshape.export.planned import planned_grasps
 from preshape.export.yaml_text import yaml_documents
-from preshape.io import write_json
+from preshape.planning.document import write_json
 from preshape.spatial import inverse, pose_from_seven
 
 # From mesh to grasp

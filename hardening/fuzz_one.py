@@ -36,7 +36,7 @@ with atheris.instrument_imports(
 ):
     import trimesh  # noqa: F401
 
-    import preshape.hands.foreign
+    import preshape.hands.compiled
     import preshape.hands.rewrite
 
     from . import readers

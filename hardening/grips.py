@@ -26,8 +26,8 @@ from .long_runs import kept_rows, tell
 from .objects import found_objects
 
 if TYPE_CHECKING:
-    from preshape.analyser import Grip
     from preshape.hands.hand import Hand
+    from preshape.hiis.analyser import Grip
     from preshape.objects.mesh import TriangleMesh
 
 DEEP = 1e-3
@@ -148,7 +148,7 @@ def run(
 def main(arguments: list[str]) -> int:
     """0: every answer is sound; 1: not so; 2: nothing to plan for."""
     from preshape.exceptions import InputError
-    from preshape.hands.model import load_hand
+    from preshape.hands.load import load_hand
     from preshape.objects.library import names
     from preshape.tasks import parse_task
 

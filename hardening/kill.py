@@ -25,9 +25,9 @@ from typing import Any
 
 import numpy as np
 
-from preshape.controller import Controller
 from preshape.files import write_json
-from preshape.hands.model import load_hand
+from preshape.hands.load import load_hand
+from preshape.hiis.controller import Controller
 from preshape.memory import Memory
 from preshape.objects.mesh import TriangleMesh
 from preshape.planner import layout_of
@@ -124,7 +124,7 @@ def study(folder: Path, kills: int, writers: int, seed: int, *, longest: float =
         seed: of the moments.
         longest: seconds until the last of a round is killed.
     """
-    for module in ("scipy.optimize", "trimesh", "embreex", "preshape.virtual_grasp"):
+    for module in ("scipy.optimize", "trimesh", "embreex", "preshape.hiis.virtual_grasp"):
         import_module(module)  # once, so that what is interrupted is learning
     rng = random.Random(seed)
     report: dict[str, Any] = {"kills": 0, "rounds": 0, "acknowledged": 0, "at_work": 0, "faults": []}

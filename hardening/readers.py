@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from preshape.exceptions import EnvironmentFailure, PreshapeError
-from preshape.hands.model import load_hand, parse_hand
+from preshape.hands.load import load_hand, parse_hand
 from preshape.memory import Memory
 from preshape.memory.transfer import read_document
 from preshape.objects.load import load_object

@@ -15,9 +15,9 @@ from typing import Any
 import numpy as np
 
 from preshape import plan
-from preshape.io import dumps, plan_to_json
 from preshape.memory import Memory
 from preshape.physics.grasps import grasps_from_plans, write_grasps
+from preshape.planning.document import dumps, plan_to_json
 
 from . import pincer
 

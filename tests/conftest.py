@@ -62,8 +62,8 @@ def lesson(once: Callable[[str, Callable[[Path], object]], Path]) -> Callable[[s
     """
     from preshape.closure.settings import ClosureSettings
     from preshape.closure_control import closure_controller
-    from preshape.decision import Settings
     from preshape.hands import load_hand
+    from preshape.hiis.decision import Settings
     from preshape.memory import Memory
     from preshape.planner import layout_of
     from preshape.tasks import parse_task

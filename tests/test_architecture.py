@@ -167,7 +167,7 @@ def loaded_after(code: str) -> set[str]:
     [
         "import preshape; preshape.__version__; dir(preshape)",
         "import preshape.cli.main",
-        "import preshape.objects, preshape.hands, preshape.kernels, preshape.tasks, preshape.fuzzy",
+        "import preshape.objects, preshape.hands, preshape.kernels, preshape.tasks, preshape.hiis.fuzzy",
         "from preshape import Task, parse_task, FuzzySets, tfvadi, Hand, load_object, TriangleMesh, Memory",
         "import preshape; preshape.load_hand('utah_mit')",
         "import sys; from preshape.cli.main import main; sys.argv = ['preshape', '--help']\n"

@@ -172,7 +172,7 @@ class TestVerdicts:
     ) -> None:
         import mujoco
 
-        from preshape.physics import runner
+        from preshape.physics.hold import runner
 
         def test(*args: Any, row: int, **kwargs: Any) -> Any:
             if row == 1:
@@ -504,8 +504,8 @@ def test_published_grasps_as_the_library_judges_them(
 ) -> None:
     from preshape.physics.grasps import read_grasps
     from preshape.physics.hand import hand_from_mjcf
-    from preshape.physics.report import result_to_json
-    from preshape.physics.runner import run_holds
+    from preshape.physics.hold.report import result_to_json
+    from preshape.physics.hold.runner import run_holds
 
     folder = reference / "dexgraspbench"
     rows = [41, 146, 237, 249, 326]

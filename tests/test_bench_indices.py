@@ -11,24 +11,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from preshape.analyser import Aim
 from preshape.cli.main import run
 from preshape.closure.analyser import ClosureAnalyser
 from preshape.closure.search import Demand
 from preshape.closure.settings import ClosureSettings
-from preshape.exceptions import InputError
-from preshape.experiments import indices
-from preshape.experiments.index_figures import QUESTIONS, asked, figures
-from preshape.experiments.index_population import PRESS, cell_rng, draw_population
-from preshape.experiments.index_report import findings, markdown
-from preshape.experiments.index_statistics import (
-    area,
-    calibration,
-    difference,
-    within,
-    within_difference,
-)
-from preshape.experiments.index_values import (
+from preshape.dataset.index_values import (
     INDICES,
     Grasp,
     Index,
@@ -37,13 +24,20 @@ from preshape.experiments.index_values import (
     planner_score,
     task_wrench,
 )
-from preshape.experiments.indices import IndexRows, IndexRun, run_indices
-from preshape.hands.model import load_hand
+from preshape.exceptions import InputError
+from preshape.hands.load import load_hand
+from preshape.hiis.analyser import Aim
 from preshape.objects.load import load_object
 from preshape.physics.protocol import Protocol
-from preshape.physics.task_motion import task_motion
-from preshape.physics.task_test import TaskProtocol
+from preshape.physics.task.motion import task_motion
+from preshape.physics.task.protocol import TaskProtocol
 from preshape.planner import layout_of
+from preshape.studies import indices
+from preshape.studies.index_figures import QUESTIONS, asked, figures
+from preshape.studies.index_population import PRESS, cell_rng, draw_population
+from preshape.studies.index_report import findings, markdown
+from preshape.studies.index_statistics import area, calibration, difference, within, within_difference
+from preshape.studies.indices import IndexRows, IndexRun, run_indices
 from preshape.tasks import named_task
 
 # ---------------------------------------------------------------- statistics

@@ -12,7 +12,7 @@ from PIL import Image
 
 from preshape.cli.main import run
 from preshape.closure.settings import ClosureSettings
-from preshape.experiments.closure_learning import SAME, LearningStudy, Met, _nearly, study, table
+from preshape.studies.closure_learning import SAME, LearningStudy, Met, _nearly, study, table
 
 pytestmark = pytest.mark.usefixtures("session_cache")
 QUICK = ClosureSettings(everywhere=400, elite=8, rounds=1, finished=2, persistence=0, threads=1)

@@ -9,17 +9,17 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from preshape.analyser import Aim, HandLayout
 from preshape.cli.main import run
 from preshape.closure.analyser import ClosureAnalyser
 from preshape.closure.settings import ClosureSettings
 from preshape.exceptions import ObjectError
-from preshape.experiments import planner_bench
-from preshape.hands.model import load_hand
+from preshape.hands.load import load_hand
+from preshape.hiis.analyser import Aim, HandLayout
 from preshape.objects.load import load_object
 from preshape.physics.grasps import read_grasps
 from preshape.physics.protocol import Protocol
 from preshape.planner import execute
+from preshape.planning import planner_bench
 from preshape.tasks import parse_task
 
 

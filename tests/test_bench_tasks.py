@@ -17,14 +17,14 @@ from preshape.objects.load import load_object
 from preshape.objects.mesh import TriangleMesh
 from preshape.physics.pieces import ConvexPieces
 from preshape.physics.protocol import Protocol
-from preshape.physics.task_grasps import (
+from preshape.physics.task.grasps import (
     GivenAnswers,
     HandPoses,
     given_answers,
     read_task_grasps,
     write_task_grasps,
 )
-from preshape.physics.task_instances import (
+from preshape.physics.task.instances import (
     TaskInstance,
     holdable_scale,
     instance_to_json,
@@ -32,9 +32,9 @@ from preshape.physics.task_instances import (
     make_instances,
     makes_sense,
 )
-from preshape.physics.task_report import TaskReport, result_from_json, result_to_json
-from preshape.physics.task_runner import run_tasks
-from preshape.physics.task_test import TaskProtocol, TaskStatus
+from preshape.physics.task.protocol import TaskProtocol, TaskStatus
+from preshape.physics.task.report import TaskReport, result_from_json, result_to_json
+from preshape.physics.task.runner import run_tasks
 from preshape.tasks import FAMILIES, named_task
 from test_physics_run import grasp_set
 from test_physics_scene import BOX, CORNERS, HAND, HERE, clamp

@@ -20,15 +20,15 @@ import pytest
 from click.core import ParameterSource
 
 from preshape.cli import main as cli
-from preshape.controller import Controller
 from preshape.exceptions import InputError
-from preshape.experiments.run import EXPERIMENTS
-from preshape.hands.model import load_hand
-from preshape.io import plan_schema
+from preshape.hands.load import load_hand
+from preshape.hiis.controller import Controller
+from preshape.hiis.planes import allowed_planes
 from preshape.memory import Memory
 from preshape.objects.library import load_library_object, names
-from preshape.planes import allowed_planes
 from preshape.planner import layout_of
+from preshape.planning.document import plan_schema
+from preshape.studies.run import EXPERIMENTS
 from preshape.tasks import FAMILIES, all_named_tasks, parse_task
 
 LAYOUT = layout_of(load_hand("utah_mit"))
@@ -395,8 +395,8 @@ def test_learn_teaches_a_known_object_a_task_that_did_not_fit(run_json):
 
 
 def _everywhere():
-    from preshape.analyser import Aim
-    from preshape.fuzzy import FuzzySets
+    from preshape.hiis.analyser import Aim
+    from preshape.hiis.fuzzy import FuzzySets
 
     return Aim(values=FuzzySets().crisp())
 

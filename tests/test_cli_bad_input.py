@@ -16,8 +16,8 @@ import numpy as np
 import pytest
 
 from preshape.cli import main as cli
-from preshape.controller import Controller
-from preshape.hands.model import load_hand
+from preshape.hands.load import load_hand
+from preshape.hiis.controller import Controller
 from preshape.memory import SCHEMA_VERSION, Memory
 from preshape.objects.library import load_library_object, names
 from preshape.planner import layout_of

@@ -12,12 +12,12 @@ from preshape.closure.hand_tables import hand_tables, link_shapes
 from preshape.closure.preshapes import posture_at, preshapes
 from preshape.closure.sampling import sample
 from preshape.hands.kinematics import HandKinematics, LinkShape
-from preshape.hands.model import load_hand
+from preshape.hands.load import load_hand
 from preshape.kernels.chains import fingertips, joint_frames, rotations
-from preshape.kernels.closing import Candidates, ClosingKernel, Closings, Fate, Obstacles
-from preshape.kernels.closing_numpy import clearances_plain, close_plain
-from preshape.kernels.field import DistanceField, prepare_field
-from preshape.kernels.field_numpy import field_distance
+from preshape.kernels.closing.host import Candidates, ClosingKernel, Closings, Fate, Obstacles
+from preshape.kernels.closing.plain import clearances_plain, close_plain
+from preshape.kernels.field.host import DistanceField, prepare_field
+from preshape.kernels.field.plain import field_distance
 from preshape.kernels.hand_spheres import COARSE, FINE, exposed
 from preshape.kernels.tables import HandTables
 from preshape.objects.library import load_library_object

@@ -9,16 +9,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from preshape.analyser import Aim, wrist_distance
 from preshape.closure.analyser import ClosureAnalyser, Grips
 from preshape.closure.holding import inner_centre
 from preshape.closure.ranked import Ranked, beside
 from preshape.closure.settings import ClosureSettings, table_below
 from preshape.exceptions import InputError
-from preshape.fuzzy import FuzzySets, approaching_degrees
-from preshape.hands.model import load_hand
-from preshape.kernels.closing import Candidates
-from preshape.kernels.field import prepare_field
+from preshape.hands.load import load_hand
+from preshape.hiis.analyser import Aim, wrist_distance
+from preshape.hiis.fuzzy import FuzzySets, approaching_degrees
+from preshape.kernels.closing.host import Candidates
+from preshape.kernels.field.host import prepare_field
 from preshape.objects.library import load_library_object
 from preshape.objects.mesh import TriangleMesh
 from preshape.planner import layout_of

@@ -9,7 +9,6 @@ import mujoco
 import numpy as np
 import pytest
 
-from preshape.analyser import Aim, Grip, VirtualGrasp
 from preshape.closure.analyser import ClosureAnalyser
 from preshape.closure.grip import quality
 from preshape.closure.pressing import grip_forces
@@ -25,8 +24,9 @@ from preshape.hands.kinematics import (
     move_shape,
     pose_matrix,
 )
-from preshape.hands.model import load_hand
-from preshape.kernels.closing import Candidates, Obstacles
+from preshape.hands.load import load_hand
+from preshape.hiis.analyser import Aim, Grip, VirtualGrasp
+from preshape.kernels.closing.host import Candidates, Obstacles
 from preshape.metrics import Contacts, ForceLimits, task_margin
 from preshape.objects.library import load_library_object
 from preshape.objects.mesh import TriangleMesh

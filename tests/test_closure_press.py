@@ -9,15 +9,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from preshape.analyser import Aim, Grip, VirtualGrasp
 from preshape.closure.analyser import ClosureAnalyser
 from preshape.closure.grip import ENOUGH, FIRM
 from preshape.closure.ranked import apart
 from preshape.closure.settings import ClosureSettings
-from preshape.fuzzy import FuzzySets
 from preshape.hands.hand import Hand
-from preshape.hands.model import load_hand
-from preshape.learning import experiences_of, explore
+from preshape.hands.load import load_hand
+from preshape.hiis.analyser import Aim, Grip, VirtualGrasp
+from preshape.hiis.fuzzy import FuzzySets
+from preshape.hiis.learning import experiences_of, explore
 from preshape.metrics import Contacts, ForceLimits, task_margin
 from preshape.objects.library import load_library_object
 from preshape.planner import layout_of

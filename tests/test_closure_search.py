@@ -13,14 +13,14 @@ from preshape.closure.preshapes import posture_at
 from preshape.closure.sampling import Sampled, quaternions, sample, small_rotations
 from preshape.closure.search import ClosureSearch, Demand, Ranked, apart, best_of
 from preshape.closure.settings import ClosureSettings
-from preshape.hands.model import load_hand
+from preshape.hands.load import load_hand
+from preshape.hiis.planes import plane
 from preshape.kernels.chains import fingertips, rotations
-from preshape.kernels.closing import Candidates, Fate
-from preshape.kernels.field import prepare_field
+from preshape.kernels.closing.host import Candidates, Fate
+from preshape.kernels.field.host import prepare_field
 from preshape.metrics import Contacts, ForceLimits, task_margin
 from preshape.objects.library import load_library_object
 from preshape.objects.mesh import TriangleMesh
-from preshape.planes import plane
 from preshape.types import Array, IntArray
 
 TRIDENT = str(Path(__file__).parent.parent / "examples" / "hands" / "trident.toml")

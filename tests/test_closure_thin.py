@@ -13,16 +13,16 @@ from preshape.closure.sampling import Sampled, quaternions, sample
 from preshape.closure.search import ClosureSearch, Demand
 from preshape.closure.settings import ClosureSettings
 from preshape.closure.spots import Spots, find_spots
-from preshape.hands.model import load_hand
+from preshape.hands.load import load_hand
+from preshape.hiis.planes import APPROACH_AXES, OPPOSITION_AXES
 from preshape.kernels.chains import rotations
-from preshape.kernels.closing import Candidates, ClosingKernel, Fate
-from preshape.kernels.field import prepare_field
-from preshape.kernels.fitting import Puts, SpotRows, between, fits_plain, frames, put_plain
+from preshape.kernels.closing.host import Candidates, ClosingKernel, Fate
+from preshape.kernels.field.host import prepare_field
+from preshape.kernels.fitting.host import Puts, SpotRows, between, fits_plain, frames, put_plain
 from preshape.objects.load import load_object
 from preshape.objects.mesh import TriangleMesh
 from preshape.physics import pieces as pieces_module
 from preshape.physics.pieces import FILLED, FINE, FINER, THRESHOLD, ConvexPieces, decompose, filled_share
-from preshape.planes import APPROACH_AXES, OPPOSITION_AXES
 
 HANDS = ("shadow", "allegro", "leap")
 WIDE = 0.004

@@ -15,26 +15,26 @@ from preshape.cli import main as cli
 from preshape.cli.plan import written_surface
 from preshape.cli.show import show_plan
 from preshape.closure.settings import ClosureSettings
-from preshape.clouds.cleaning import cleaned
-from preshape.clouds.complete import complete, solid
-from preshape.clouds.read_points import read_npy, read_pcd, read_xyz
-from preshape.clouds.scan import RawCloud, Scan
-from preshape.clouds.sight import HIDDEN, hidden_share, sight_of
-from preshape.clouds.symmetry import symmetries
-from preshape.clouds.trust import UNSEEN, trust_of, worth
 from preshape.exceptions import InputError, ObjectError
-from preshape.experiments.partial_report import figures, tables, write_report
-from preshape.experiments.partial_views import CloudRun, alike, depth_view, guessed, run_clouds
-from preshape.experiments.planner_bench import Case
-from preshape.io import plan_schema, plan_to_json
-from preshape.kernels.field import SurfaceQuery
+from preshape.kernels.field.host import SurfaceQuery
 from preshape.kernels.surface_points import surface_points
 from preshape.objects.library import load_library_object
 from preshape.objects.load import CLOUD_SUFFIXES, load_object
 from preshape.objects.mesh import TriangleMesh
 from preshape.objects.read_ply import read_ply
+from preshape.objects.scans.cleaning import cleaned
+from preshape.objects.scans.complete import complete, solid
+from preshape.objects.scans.read_points import read_npy, read_pcd, read_xyz
+from preshape.objects.scans.scan import RawCloud, Scan
+from preshape.objects.scans.sight import HIDDEN, hidden_share, sight_of
+from preshape.objects.scans.symmetry import symmetries
+from preshape.objects.scans.trust import UNSEEN, trust_of, worth
 from preshape.physics.pieces import ConvexPieces
 from preshape.planner import Plan, plan, scan_trust, seen_first
+from preshape.planning.document import plan_schema, plan_to_json
+from preshape.planning.planner_bench import Case
+from preshape.studies.partial_report import figures, tables, write_report
+from preshape.studies.partial_views import CloudRun, alike, depth_view, guessed, run_clouds
 
 FEW = np.random.default_rng(0).uniform(0.01, 0.05, (7, 3)).round(4)
 
@@ -231,7 +231,7 @@ def test_the_file_s_unit_is_kept_and_its_camera_is_in_it(tmp_path, monkeypatch):
         asked.append(camera)
         raise ObjectError("stopped")
 
-    monkeypatch.setattr("preshape.clouds.complete.complete", stop)
+    monkeypatch.setattr("preshape.objects.scans.complete.complete", stop)
     with pytest.raises(ObjectError, match="stopped"):
         load_object(file, unit="mm", view=[0, 0, 500], scale=0.5)
     assert np.asarray(asked[0]) == pytest.approx([0, 0, 0.25])
@@ -463,7 +463,7 @@ def test_the_surface_that_was_planned_with_is_written_whole(tmp_path, box):
 def test_the_study_tests_on_the_true_object_and_goes_on_from_what_it_has_kept(
     tmp_path, monkeypatch, on_cloud
 ):
-    study = "preshape.experiments.partial_views"
+    study = "preshape.studies.partial_views"
     asked: list[TriangleMesh] = []
 
     def planned(mesh: TriangleMesh, *_: object, **__: object) -> Plan:

@@ -12,19 +12,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from preshape.controller import OFFERS, Controller
-from preshape.critic import Thresholds
-from preshape.decision import Decision, Settings, Status
 from preshape.exceptions import InputError, ObjectError
-from preshape.hands.model import load_hand
+from preshape.hands.load import load_hand
+from preshape.hiis.controller import OFFERS, Controller
+from preshape.hiis.critic import Thresholds
+from preshape.hiis.decision import Decision, Settings, Status
+from preshape.hiis.planes import allowed_planes
+from preshape.hiis.virtual_grasp import RayAnalyser
 from preshape.memory import Memory
 from preshape.objects.library import entry, load_library_object, names
 from preshape.objects.load import load_object
 from preshape.objects.mesh import TriangleMesh
-from preshape.planes import allowed_planes
 from preshape.planner import layout_of
 from preshape.tasks import Task, parse_task
-from preshape.virtual_grasp import RayAnalyser
 
 LAYOUT = layout_of(load_hand("utah_mit"))
 Q1 = "1 1 .1 .05 .8 .05"

@@ -9,16 +9,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from preshape.analyser import Aim
-from preshape.critic import SAME_OBJECT, Thresholds, attribute_distance, judge, recognise
 from preshape.exceptions import InputError
-from preshape.fuzzy import FuzzySets, tfvadi
-from preshape.hands.model import load_hand
+from preshape.hands.load import load_hand
+from preshape.hiis.analyser import Aim
+from preshape.hiis.critic import SAME_OBJECT, Thresholds, attribute_distance, judge, recognise
+from preshape.hiis.fuzzy import FuzzySets, tfvadi
+from preshape.hiis.virtual_grasp import RayAnalyser
 from preshape.objects.library import load_library_object
 from preshape.objects.mesh import TriangleMesh
 from preshape.planner import layout_of
 from preshape.types import Attributes, Experience
-from preshape.virtual_grasp import RayAnalyser
 
 LAYOUT = layout_of(load_hand("utah_mit"))
 SETS = FuzzySets()

@@ -29,17 +29,17 @@ from preshape.dataset.run import DatasetReport, run_dataset
 from preshape.dataset.schema import COLUMNS, DIRECTIONS, META, arrow_schema, facts_of, markdown, parquet_bytes
 from preshape.dataset.settings import DatasetSettings, Shard, list_shards
 from preshape.exceptions import EnvironmentFailure, InputError, ObjectError, UnknownHand, UnknownObject
-from preshape.experiments.planner_bench import Case
-from preshape.hands.model import load_hand
+from preshape.hands.load import load_hand
 from preshape.kernels.chains import joint_frames
-from preshape.kernels.field import SurfaceQuery
+from preshape.kernels.field.host import SurfaceQuery
 from preshape.kernels.hand_spheres import FINE
 from preshape.metrics import Contacts, epsilon, force_closure
 from preshape.objects.load import load_object
 from preshape.physics.grasps import GraspSet
 from preshape.physics.hand import physics_hand
+from preshape.physics.hold.runner import run_holds
 from preshape.physics.pieces import load_pieces
-from preshape.physics.runner import run_holds
+from preshape.planning.planner_bench import Case
 from preshape.tasks import named_task
 
 pq = pytest.importorskip("pyarrow.parquet")

@@ -10,7 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from preshape.estimator import (
+from preshape.exceptions import InputError
+from preshape.hiis.estimator import (
     HIDDEN,
     INPUTS,
     LAYERS,
@@ -22,7 +23,6 @@ from preshape.estimator import (
     predict,
     sigmoid,
 )
-from preshape.exceptions import InputError
 from preshape.objects import library
 from preshape.types import Attributes, NetworkWeights
 

@@ -34,13 +34,13 @@ from preshape.export.planned import planned_grasps, read_plan
 from preshape.export.scene_object import find_object, grasp_set
 from preshape.export.yaml_text import yaml_documents, yaml_text
 from preshape.hands.kinematics import HandKinematics
-from preshape.hands.model import load_hand
-from preshape.io import plan_to_json
+from preshape.hands.load import load_hand
 from preshape.objects.library import load_library_object
 from preshape.physics.grasps import read_grasps, write_grasps
 from preshape.physics.hand import physics_hand
 from preshape.physics.pieces import ConvexPieces
 from preshape.planner import plan
+from preshape.planning.document import plan_to_json
 
 main._COMMANDS.setdefault("export", ("export", "Write a plan for other programs."))
 

@@ -11,10 +11,10 @@ import pytest
 from scipy.spatial import cKDTree
 
 from preshape.exceptions import InputError
-from preshape.kernels import field_numpy
-from preshape.kernels.field import DistanceField, SurfaceQuery, prepare_field
+from preshape.kernels.field.host import DistanceField, SurfaceQuery, prepare_field
+from preshape.kernels.field import plain as field_numpy
+from preshape.kernels.field.winding import oriented_triangles
 from preshape.kernels.surface_points import surface_points
-from preshape.kernels.winding import oriented_triangles
 from preshape.objects.library import load_library_object
 from preshape.objects.load import load_object
 from preshape.objects.mesh import TriangleMesh
@@ -55,7 +55,7 @@ def on_device(field: DistanceField, points: Array) -> tuple[Array, Array]:
     """Distance and gradient by the kernel."""
     import warp as wp
 
-    from preshape.kernels import warp_field
+    from preshape.kernels.field.host import warp as warp_field
 
     distance = wp.zeros(len(points), dtype=float, device="cpu")
     gradient = wp.zeros(len(points), dtype=wp.vec3, device="cpu")
@@ -394,7 +394,7 @@ def test_the_cache_gives_back_what_was_put_in(tmp_path: Path, monkeypatch: pytes
     (file,) = (tmp_path / "fields").iterdir()
     assert file.name == f"{first.digest}.npz"
     with monkeypatch.context() as blocked:
-        blocked.setattr("preshape.kernels.field._fill", None)
+        blocked.setattr("preshape.kernels.field.host._fill", None)
         assert same(small(tmp_path), first)
         assert not small(tmp_path).distance.flags.writeable
     assert small(tmp_path, padding=0.03).digest != first.digest
@@ -444,7 +444,7 @@ PROGRAM = """
 import os, signal, sys
 from pathlib import Path
 from tests_box import box
-from preshape.kernels.field import prepare_field
+from preshape.kernels.field.host import prepare_field
 if sys.argv[2] == "kill":
     Path.replace = lambda *_: os.kill(os.getpid(), signal.SIGKILL)
 for cells in (12, 13, 14):

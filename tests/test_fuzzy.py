@@ -12,16 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from preshape.exceptions import InputError
-from preshape.fuzzy import (
-    SET_NAMES,
-    SHAPES,
-    FuzzySets,
-    adi,
-    approaching_degrees,
-    inner,
-    outer,
-    tfvadi,
-)
+from preshape.hiis.fuzzy import SET_NAMES, SHAPES, FuzzySets, adi, approaching_degrees, inner, outer, tfvadi
 
 Q1 = (1.0, 1.0, 0.1, 0.05, 0.8, 0.05)
 Q2 = (1.0, 1.0, 0.1, 0.8, 0.05, 0.05)

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from preshape.exceptions import InputError
-from preshape.hand_simulation import HandStatus, hand_geometry, simulate_hand
 from preshape.hands import load_hand
 from preshape.hands.collision import closest_on_triangles
 from preshape.hands.kinematics import HandKinematics
 from preshape.objects.mesh import TriangleMesh
+from preshape.planning.hand_simulation import HandStatus, hand_geometry, simulate_hand
 
 HAND = load_hand("utah_mit")
 X, Y, Z = np.eye(3)

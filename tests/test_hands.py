@@ -102,7 +102,7 @@ def test_hand_has_sixteen_joints_in_four_fingers_of_four():
 def test_reading_a_hand_imports_nothing_heavy():
     code = (
         "import sys; from preshape.hands import load_hand; load_hand('utah_mit');"
-        "import preshape.hand_simulation;"
+        "import preshape.planning.hand_simulation;"
         "print([m for m in ('mujoco', 'fcl', 'trimesh', 'scipy') if m in sys.modules])"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

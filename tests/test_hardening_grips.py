@@ -13,10 +13,10 @@ pytest.importorskip("hardening.grips", reason="the folder hardening is not here"
 
 from hardening import grips
 
-from preshape.analyser import Aim, Grip
 from preshape.closure.analyser import ClosureAnalyser
 from preshape.closure.settings import ClosureSettings
-from preshape.hands.model import load_hand
+from preshape.hands.load import load_hand
+from preshape.hiis.analyser import Aim, Grip
 from preshape.objects.library import load_library_object
 from preshape.planner import layout_of
 from preshape.tasks import parse_task

@@ -18,7 +18,7 @@ import pytest
 
 from preshape.exceptions import EnvironmentFailure, HandError, InputError, MemoryFileError, ObjectError
 from preshape.hands.check import check_hand
-from preshape.hands.model import load_hand, parse_hand
+from preshape.hands.load import load_hand, parse_hand
 from preshape.memory import Memory
 from preshape.objects.load import load_object
 from preshape.physics.grasps import GraspSet, read_grasps

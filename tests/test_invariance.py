@@ -24,25 +24,25 @@ from hypothesis import HealthCheck, Phase, given
 from hypothesis import settings as how_many
 from hypothesis import strategies as st
 
-from preshape.analyser import Aim, HandLayout
 from preshape.closure.preshapes import preshapes
 from preshape.closure.sampling import sample
 from preshape.closure.search import ClosureSearch, Demand
 from preshape.closure.settings import ClosureSettings
-from preshape.fuzzy import FuzzySets
 from preshape.hands.hand import Hand
+from preshape.hands.load import load_hand
 from preshape.hands.mirror import mirrored
-from preshape.hands.model import load_hand
-from preshape.kernels.closing import Candidates, Closings, Fate
-from preshape.kernels.field import prepare_field
-from preshape.learning import search_values
+from preshape.hiis.analyser import Aim, HandLayout
+from preshape.hiis.fuzzy import FuzzySets
+from preshape.hiis.learning import search_values
+from preshape.hiis.planes import PLANES
+from preshape.hiis.virtual_grasp import RayAnalyser
+from preshape.kernels.closing.host import Candidates, Closings, Fate
+from preshape.kernels.field.host import prepare_field
 from preshape.objects.mesh import TriangleMesh
 from preshape.objects.shape import shape_descriptor
-from preshape.planes import PLANES
 from preshape.spatial import quaternion_from_rotation, rotation_from_quaternion
 from preshape.tasks import parse_task
 from preshape.types import Array, ContactCoefficients
-from preshape.virtual_grasp import RayAnalyser
 
 blobs = pytest.importorskip("hardening.blobs", reason="the folder hardening is not here")
 

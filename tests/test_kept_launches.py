@@ -11,11 +11,11 @@ from preshape.closure.hand_tables import hand_tables
 from preshape.closure.preshapes import preshapes
 from preshape.closure.sampling import sample
 from preshape.hands import load_hand
-from preshape.kernels.closing import CLOSING_ARRAYS, Candidates, ClosingKernel, Closings, Fate
-from preshape.kernels.field import SurfaceQuery, prepare_field
-from preshape.kernels.kept import LEAST_ROOM, Rows
+from preshape.kernels.closing.host import CLOSING_ARRAYS, Candidates, ClosingKernel, Closings, Fate
+from preshape.kernels.field.host import SurfaceQuery, prepare_field
 from preshape.kernels.launch import warp
-from preshape.kernels.margin import MarginKernel
+from preshape.kernels.margin.host import MarginKernel
+from preshape.kernels.packed_launch import LEAST_ROOM, Rows
 from preshape.objects.library import load_library_object
 
 MESH = load_library_object("mug")

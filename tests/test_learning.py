@@ -9,14 +9,14 @@ from itertools import pairwise, product
 import numpy as np
 import pytest
 
-from preshape.analyser import Aim, Contacts, Exploration, VirtualGrasp
-from preshape.controller import Controller
-from preshape.critic import Thresholds, recognise
-from preshape.decision import Settings, Status
-from preshape.estimator import decode, encode, inputs, predict
-from preshape.fuzzy import FuzzySets, approaching_degrees, tfvadi
-from preshape.hands.model import load_hand
-from preshape.learning import (
+from preshape.hands.load import load_hand
+from preshape.hiis.analyser import Aim, Contacts, Exploration, VirtualGrasp
+from preshape.hiis.controller import Controller
+from preshape.hiis.critic import Thresholds, recognise
+from preshape.hiis.decision import Settings, Status
+from preshape.hiis.estimator import decode, encode, inputs, predict
+from preshape.hiis.fuzzy import FuzzySets, approaching_degrees, tfvadi
+from preshape.hiis.learning import (
     FINE_VALUES,
     experiences_of,
     explore,
@@ -26,14 +26,14 @@ from preshape.learning import (
     seed_tasks,
     training_set,
 )
+from preshape.hiis.planes import PLANES, allowed_planes, plane
+from preshape.hiis.virtual_grasp import RayAnalyser
 from preshape.memory import Memory
 from preshape.objects.library import entry, load_library_object, names
 from preshape.objects.mesh import TriangleMesh
-from preshape.planes import PLANES, allowed_planes, plane
 from preshape.planner import layout_of
 from preshape.tasks import family_names, parse_task
 from preshape.types import ContactCoefficients
-from preshape.virtual_grasp import RayAnalyser
 
 LAYOUT = layout_of(load_hand("utah_mit"))
 SETS = FuzzySets()

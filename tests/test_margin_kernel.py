@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from preshape.exceptions import InputError
-from preshape.kernels.margin import MarginKernel, Margins, cone_strengths, margins
-from preshape.kernels.margin_numpy import Grip, margin_plain
+from preshape.kernels.margin.host import MarginKernel, Margins, cone_strengths, margins
+from preshape.kernels.margin.plain import Grip, margin_plain
 from preshape.metrics import Contacts, ForceLimits, six_pushes, task_margin
 from preshape.spatial import rotation_from_quaternion
 from preshape.types import Array
@@ -138,8 +138,8 @@ def test_kernel_against_its_twin(seed: int):
 
 @pytest.mark.parametrize("thorough", [False, True])
 def test_cone_against_its_twin(thorough: bool):
-    from preshape.kernels.cone import cone_starts
-    from preshape.kernels.margin import HALF_ANGLE
+    from preshape.kernels.margin.cone import cone_starts
+    from preshape.kernels.margin.host import HALF_ANGLE
 
     batch = Batch(20, 9)
     axis = np.array([0.2, -0.1, 0.9, 0.3, 0.1, -0.2])
@@ -203,7 +203,7 @@ def test_cone_against_the_task_margin(seed: int, thorough: bool):
 @pytest.mark.parametrize("thorough", [False, True])
 def test_what_is_worth_little_is_not_worked_out(share: float, thorough: bool):
     """With a floor the same above it; under it something between the strength and the floor."""
-    from preshape.kernels.margin import HALF_ANGLE, MarginKernel
+    from preshape.kernels.margin.host import HALF_ANGLE, MarginKernel
 
     batch = Batch(200, 11)
     how = {"half_angle": HALF_ANGLE, "thorough": thorough}

@@ -9,14 +9,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from preshape.analyser import Aim, VirtualGrasp
 from preshape.closure.analyser import ClosureAnalyser, Grips
 from preshape.closure.settings import ClosureSettings
 from preshape.closure_control import closure_controller
-from preshape.controller import Controller
-from preshape.decision import Settings
 from preshape.hands import load_hand
-from preshape.learning import training_set
+from preshape.hiis.analyser import Aim, VirtualGrasp
+from preshape.hiis.controller import Controller
+from preshape.hiis.decision import Settings
+from preshape.hiis.learning import training_set
 from preshape.memory import Memory
 from preshape.objects.library import load_library_object
 from preshape.planner import layout_of

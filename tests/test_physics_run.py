@@ -21,13 +21,13 @@ from preshape.objects.load import load_object
 from preshape.physics import pool
 from preshape.physics.grasps import STAGES, GraspSet, read_grasps, write_grasps
 from preshape.physics.hand import PhysicsHand, hand_from_mjcf
+from preshape.physics.hold.perturb import perturbed
+from preshape.physics.hold.report import result_from_json, result_to_json
+from preshape.physics.hold.runner import run_holds
+from preshape.physics.hold.six_directions import Status
 from preshape.physics.measures import diversity
-from preshape.physics.perturb import perturbed
 from preshape.physics.pieces import ConvexPieces
 from preshape.physics.protocol import Protocol
-from preshape.physics.report import result_from_json, result_to_json
-from preshape.physics.runner import run_holds
-from preshape.physics.six_directions import Status
 from test_physics_scene import BOX, CORNERS, FAST, HAND, HERE, clamp
 
 QUICK = replace(FAST, checks=1)

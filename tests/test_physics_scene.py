@@ -15,11 +15,11 @@ from preshape.objects.load import load_object
 from preshape.objects.mesh import TriangleMesh
 from preshape.physics import pieces as pieces_module
 from preshape.physics.hand import PhysicsHand, physics_hand
+from preshape.physics.hold.six_directions import HoldResult, Status, hold_test, slerp
 from preshape.physics.measures import geometry, place
 from preshape.physics.pieces import ConvexPieces, decompose, load_pieces, pieces_from_folder, simplified
 from preshape.physics.protocol import Protocol, probes
 from preshape.physics.scene import OBJECT, PALM, build_scene
-from preshape.physics.six_directions import HoldResult, Status, hold_test, slerp
 
 CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=float)
 SIDE = np.array([0.03, 0.02, 0.025])  # half extents of the box [m]
@@ -238,7 +238,7 @@ class TestScene:
             build_scene(replace(HAND, **change), BOX, 1.0, Protocol())
 
     def test_a_built_in_hand(self) -> None:
-        from preshape.hands.model import load_hand
+        from preshape.hands.load import load_hand
 
         hand = load_hand("utah_mit")
         scene = build_scene(physics_hand(hand), BOX, 1.0, Protocol())

@@ -14,21 +14,21 @@ import pytest
 
 from preshape.closure.settings import ClosureSettings
 from preshape.closure_control import closure_controller
-from preshape.critic import Thresholds
-from preshape.decision import Settings, Status
 from preshape.exceptions import InputError
-from preshape.hands.model import load_hand
-from preshape.io import dumps, plan_schema, plan_to_json
+from preshape.hands.load import load_hand
+from preshape.hiis.critic import Thresholds
+from preshape.hiis.decision import Settings, Status
+from preshape.hiis.planes import axis_name
 from preshape.memory import Memory
 from preshape.objects.library import load_library_object
 from preshape.objects.mesh import TriangleMesh
 from preshape.physics.hand import physics_hand
+from preshape.physics.hold.six_directions import hold_test
 from preshape.physics.pieces import ConvexPieces
 from preshape.physics.protocol import Protocol
 from preshape.physics.scene import build_scene
-from preshape.physics.six_directions import hold_test
-from preshape.planes import axis_name
 from preshape.planner import Plan, layout_of, plan
+from preshape.planning.document import dumps, plan_schema, plan_to_json
 from preshape.spatial import inverse, quaternion_from_rotation, rotation_from_quaternion
 from preshape.tasks import parse_task
 from preshape.types import Array
@@ -109,7 +109,7 @@ def test_what_modes_0_and_1_miss_mode_3_finds_or_the_controller_is_in_deadlock(m
 
 
 def test_a_known_object_with_a_hopeless_task_asks_for_another(memory: Path, monkeypatch: Any) -> None:
-    from preshape.controller import Controller
+    from preshape.hiis.controller import Controller
 
     monkeypatch.setattr(Controller, "_offers", lambda *_: ())  # they take long
     p = made(memory, "cube", settings=strict(6.0))

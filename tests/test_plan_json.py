@@ -14,13 +14,13 @@ import jsonschema
 import numpy as np
 import pytest
 
-from preshape.decision import Settings
-from preshape.fuzzy import SET_NAMES
-from preshape.hand_simulation import HandStatus
-from preshape.io import GRASP_KEYS, dumps, error_to_json, plan_schema, plan_to_json
+from preshape.hiis.decision import Settings
+from preshape.hiis.fuzzy import SET_NAMES
+from preshape.hiis.planes import PLANES
 from preshape.objects.library import load_library_object
-from preshape.planes import PLANES
 from preshape.planner import Plan, plan
+from preshape.planning.document import GRASP_KEYS, dumps, error_to_json, plan_schema, plan_to_json
+from preshape.planning.hand_simulation import HandStatus
 
 EXAMPLE = Path(__file__).parent.parent / "docs" / "plan.example.json"
 PROMISED = {

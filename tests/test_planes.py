@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from preshape.exceptions import InputError
-from preshape.planes import (
+from preshape.hiis.planes import (
     APPROACH_AXES,
     AXIS_NAMES,
     OPPOSITION_AXES,

@@ -9,7 +9,7 @@ import pytest
 from preshape.cli import main as cli
 from preshape.cli import progress
 from preshape.cli.progress import GOES_ON, LINES, WINDOW, duration, steps
-from preshape.experiments import planner_bench
+from preshape.planning import planner_bench
 
 
 class Clock:

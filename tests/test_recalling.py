@@ -11,16 +11,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from preshape.analyser import Aim, VirtualGrasp
 from preshape.closure.analyser import ClosureAnalyser
 from preshape.closure.recalling import MOST_RECALLED, OF_ONE, recalled
 from preshape.closure.settings import ClosureSettings
 from preshape.closure_control import closure_controller
-from preshape.controller import Controller
-from preshape.decision import Decision, Settings, Status
-from preshape.fuzzy import FuzzySets
 from preshape.hands import load_hand
-from preshape.learning import training_set
+from preshape.hiis.analyser import Aim, VirtualGrasp
+from preshape.hiis.controller import Controller
+from preshape.hiis.decision import Decision, Settings, Status
+from preshape.hiis.fuzzy import FuzzySets
+from preshape.hiis.learning import training_set
 from preshape.memory import Memory
 from preshape.objects.library import load_library_object
 from preshape.objects.mesh import TriangleMesh

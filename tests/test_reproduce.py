@@ -12,7 +12,9 @@ import pytest
 from scipy.stats import binomtest
 
 from preshape.exceptions import EnvironmentFailure, InputError
-from preshape.experiments import (
+from preshape.hiis.fuzzy import tfvadi
+from preshape.physics import measures
+from preshape.studies import (
     EXPERIMENTS,
     ReportResult,
     cases,
@@ -24,10 +26,8 @@ from preshape.experiments import (
     printed,
     run_all,
 )
-from preshape.experiments.bench import Bench
-from preshape.experiments.values import Section
-from preshape.fuzzy import tfvadi
-from preshape.physics import measures
+from preshape.studies.bench import Bench
+from preshape.studies.values import Section
 
 STOP_AT = f"odd cases: experiment {odd_cases.QUICK_EACH + 4} of"
 """In the middle of the second session."""

@@ -10,19 +10,19 @@ from typing import Any
 import numpy as np
 import pytest
 
-from preshape.critic import SAME_OBJECT, SAME_SHAPE, recognise_shape
-from preshape.estimator import INPUT_COUNTS, INPUTS, decode, inputs, predict
 from preshape.exceptions import InputError
-from preshape.experiments import descriptor_study as study
-from preshape.experiments.bench import Bench
-from preshape.experiments.descriptor_report import DESCRIPTOR, as_data, report
-from preshape.fuzzy import FuzzySets
-from preshape.learning import experiences_of, explore, learn, training_set
+from preshape.hiis.critic import SAME_OBJECT, SAME_SHAPE, recognise_shape
+from preshape.hiis.estimator import INPUT_COUNTS, INPUTS, decode, inputs, predict
+from preshape.hiis.fuzzy import FuzzySets
+from preshape.hiis.learning import experiences_of, explore, learn, training_set
+from preshape.hiis.training import train
 from preshape.objects.library import load_library_object, names
 from preshape.objects.mesh import TriangleMesh
 from preshape.objects.shape import described, shape_distance
+from preshape.studies import descriptor_study as study
+from preshape.studies.bench import Bench
+from preshape.studies.descriptor_report import DESCRIPTOR, as_data, report
 from preshape.tasks import parse_task
-from preshape.training import train
 from preshape.types import Attributes, Experience
 
 SETS = FuzzySets()

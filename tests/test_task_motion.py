@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from preshape.exceptions import TaskError
-from preshape.physics.task_motion import TaskMotion, ease, task_motion
+from preshape.physics.task.motion import TaskMotion, ease, task_motion
 from preshape.spatial import (
     pose,
     rotation_from_vector,

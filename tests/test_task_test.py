@@ -14,8 +14,8 @@ from preshape.physics.hand import PhysicsHand
 from preshape.physics.pieces import ConvexPieces
 from preshape.physics.protocol import Protocol
 from preshape.physics.scene import build_scene
-from preshape.physics.task_motion import TaskMotion, task_motion
-from preshape.physics.task_test import TaskProtocol, TaskResult, TaskStatus, task_test
+from preshape.physics.task.motion import TaskMotion, task_motion
+from preshape.physics.task.protocol import TaskProtocol, TaskResult, TaskStatus, task_test
 from preshape.spatial import inverse, pose_from_seven, seven_from_pose
 from preshape.tasks import named_task
 from test_physics_scene import BOX, CORNERS, HAND, HERE, SIDE, clamp

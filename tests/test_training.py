@@ -8,14 +8,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from preshape.analyser import HandLayout
-from preshape.estimator import decode, inputs, predict
 from preshape.exceptions import InputError
-from preshape.fuzzy import FuzzySets
-from preshape.hands.model import load_hand
-from preshape.learning import experiences_of, explore, learn, seed_experiences, seed_tasks, training_set
-from preshape.objects.library import load_library_object
-from preshape.training import (
+from preshape.hands.load import load_hand
+from preshape.hiis.analyser import HandLayout
+from preshape.hiis.estimator import decode, inputs, predict
+from preshape.hiis.fuzzy import FuzzySets
+from preshape.hiis.learning import experiences_of, explore, learn, seed_experiences, seed_tasks, training_set
+from preshape.hiis.training import (
     TARGET_ERROR,
     back_propagation,
     initial_weights,
@@ -23,8 +22,9 @@ from preshape.training import (
     mean_square_error,
     train,
 )
+from preshape.hiis.virtual_grasp import RayAnalyser
+from preshape.objects.library import load_library_object
 from preshape.types import Experience, NetworkWeights
-from preshape.virtual_grasp import RayAnalyser
 
 Array = NDArray[np.float64]
 LOSSES = ("squared", "entropy")

@@ -13,11 +13,11 @@ import pytest
 
 from preshape.closure.settings import ClosureSettings
 from preshape.memory import Memory
-from preshape.physics import verify as verifying
+from preshape.physics.hold.six_directions import HoldResult, Status
 from preshape.physics.pieces import ConvexPieces
 from preshape.physics.protocol import Protocol
-from preshape.physics.six_directions import HoldResult, Status
 from preshape.planner import Plan, plan
+from preshape.planning import verify as verifying
 
 QUICK = ClosureSettings(everywhere=800, elite=12, rounds=2, finished=4, persistence=1)
 

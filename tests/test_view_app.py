@@ -19,9 +19,9 @@ from preshape.app.scenes import document_motion, document_scene, light_mesh, pla
 from preshape.app.uploads import Uploads
 from preshape.app.wire_format import decoded
 from preshape.exceptions import InputError
-from preshape.hand_simulation import hand_geometry
 from preshape.objects.load import load_object
 from preshape.objects.mesh import TriangleMesh
+from preshape.planning.hand_simulation import hand_geometry
 from preshape.viewer.canvas import NullCanvas, RecordingCanvas
 from preshape.viewer.draw import GROUPS, draw_hand, draw_object, draw_plan
 from preshape.viewer.hand_motion import STEPS

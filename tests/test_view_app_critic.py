@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from preshape.app.scenes import document_motion, document_scene, light_mesh
-from preshape.hands.model import load_hand
+from preshape.hands.load import load_hand
 from preshape.objects.load import load_object
 from preshape.viewer.camera import project
 from preshape.viewer.canvas import RecordingCanvas
@@ -49,7 +49,7 @@ def where_a_card_is(page, document: dict, answer: dict, plane: int) -> tuple[flo
 
 
 def answer_axis(plane: int) -> np.ndarray:
-    from preshape.planes import plane as of
+    from preshape.hiis.planes import plane as of
 
     return of(plane).opposition_axis
 

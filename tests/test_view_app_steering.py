@@ -9,7 +9,7 @@ import numpy as np
 from PIL import Image
 
 from preshape.app.curves import EDGE, LEFT, RIGHT, WIDE
-from preshape.fuzzy import FuzzySets
+from preshape.hiis.fuzzy import FuzzySets
 from view_app_page import PATIENCE, box_beside, keep, middle_of, place_of, plan, press, saw, tab, until
 
 pytest_plugins = ("view_app_fixtures",)

@@ -15,7 +15,7 @@ from preshape.app.tuning import _four_numbers
 from preshape.app.wire_format import decoded, encoded
 from preshape.app.worker import Order, Worker, order_fields
 from preshape.exceptions import InputError
-from preshape.fuzzy import FuzzySets
+from preshape.hiis.fuzzy import FuzzySets
 from preshape.objects.load import load_object
 from preshape.spatial import pose, rotation_from_vector
 from preshape.types import ContactCoefficients

@@ -13,8 +13,8 @@ import pytest
 
 from preshape.exceptions import EnvironmentFailure, InputError
 from preshape.hands.kinematics import LinkShape
+from preshape.hiis.planes import plane
 from preshape.objects.mesh import TriangleMesh
-from preshape.planes import plane
 from preshape.viewer import colours, gallery, labels, plan_picture, shading, shapes
 from preshape.viewer.camera import directions
 from preshape.viewer.picture_file import write_png

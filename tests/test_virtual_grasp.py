@@ -11,16 +11,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from preshape.analyser import Aim, Exploration, HandLayout
 from preshape.exceptions import InputError, ObjectError
-from preshape.fuzzy import FuzzySets, tfvadi
+from preshape.hiis.analyser import Aim, Exploration, HandLayout
+from preshape.hiis.fuzzy import FuzzySets, tfvadi
+from preshape.hiis.planes import PLANES, plane
+from preshape.hiis.virtual_grasp import RayAnalyser
+from preshape.hiis.wrench import screw_measures
 from preshape.kernels.rays import MISS, Hits, cast_plain
 from preshape.objects.library import load_library_object
 from preshape.objects.mesh import TriangleMesh
-from preshape.planes import PLANES, plane
 from preshape.types import ContactCoefficients
-from preshape.virtual_grasp import RayAnalyser
-from preshape.wrench import screw_measures
 
 Array = NDArray[np.float64]
 

@@ -7,11 +7,11 @@ from pathlib import Path
 
 import numpy as np
 
-from preshape.analyser import Aim, HandLayout
 from preshape.closure.analyser import ClosureAnalyser
 from preshape.closure.settings import ClosureSettings, table_below
-from preshape.decision import Status
-from preshape.hands.model import load_hand
+from preshape.hands.load import load_hand
+from preshape.hiis.analyser import Aim, HandLayout
+from preshape.hiis.decision import Status
 from preshape.objects.load import load_object
 from preshape.planner import plan
 from preshape.tasks import parse_task

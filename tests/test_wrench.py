@@ -9,8 +9,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from preshape.exceptions import InputError
-from preshape.types import ContactCoefficients
-from preshape.wrench import (
+from preshape.hiis.wrench import (
     contact_wrenches,
     net_wrench,
     rank,
@@ -18,6 +17,7 @@ from preshape.wrench import (
     screw_measures,
     soft_finger_basis,
 )
+from preshape.types import ContactCoefficients
 
 Array = NDArray[np.float64]
 X, Y, Z = np.eye(3)

@@ -16,36 +16,36 @@ from typing import TYPE_CHECKING, Any
 from ._version import __version__
 
 if TYPE_CHECKING:
-    from .analyser import VirtualGrasp
-    from .controller import Controller
-    from .critic import Thresholds
-    from .decision import Decision, Settings, Status
     from .exceptions import EnvironmentFailure, InputError, PreshapeError
-    from .fuzzy import FuzzySets, tfvadi
-    from .hands.model import Hand, load_hand
-    from .io import plan_to_json
+    from .hands.load import Hand, load_hand
+    from .hiis.analyser import VirtualGrasp
+    from .hiis.controller import Controller
+    from .hiis.critic import Thresholds
+    from .hiis.decision import Decision, Settings, Status
+    from .hiis.fuzzy import FuzzySets, tfvadi
     from .memory import Memory
     from .objects.load import load_object
     from .objects.mesh import TriangleMesh
     from .planner import Plan, plan
+    from .planning.document import plan_to_json
     from .tasks import Task, parse_task, task_from_displacement, task_from_poses
     from .types import ContactCoefficients
 
 _HOME = {
-    "VirtualGrasp": "analyser",
-    "Controller": "controller",
-    "Thresholds": "critic",
-    "Decision": "decision",
-    "Settings": "decision",
-    "Status": "decision",
+    "VirtualGrasp": "hiis.analyser",
+    "Controller": "hiis.controller",
+    "Thresholds": "hiis.critic",
+    "Decision": "hiis.decision",
+    "Settings": "hiis.decision",
+    "Status": "hiis.decision",
     "EnvironmentFailure": "exceptions",
     "InputError": "exceptions",
     "PreshapeError": "exceptions",
-    "FuzzySets": "fuzzy",
-    "tfvadi": "fuzzy",
-    "Hand": "hands.model",
-    "load_hand": "hands.model",
-    "plan_to_json": "io",
+    "FuzzySets": "hiis.fuzzy",
+    "tfvadi": "hiis.fuzzy",
+    "Hand": "hands.load",
+    "load_hand": "hands.load",
+    "plan_to_json": "planning.document",
     "Memory": "memory",
     "load_object": "objects.load",
     "TriangleMesh": "objects.mesh",

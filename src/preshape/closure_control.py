@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from .analyser import HandLayout
 from .closure.analyser import ClosureAnalyser
 from .closure.settings import ClosureSettings
-from .controller import Controller
-from .decision import Settings
 from .hands.hand import Hand
+from .hiis.analyser import HandLayout
+from .hiis.controller import Controller
+from .hiis.decision import Settings
 from .memory import Memory
 from .objects.mesh import TriangleMesh
 from .types import Array, Experience

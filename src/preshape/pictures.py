@@ -5,10 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from .fuzzy import SET_NAMES
-from .hand_simulation import hand_geometry
-from .planes import PLANES, ApproachPlane
+from .hiis.fuzzy import SET_NAMES
+from .hiis.planes import PLANES, ApproachPlane
 from .planner import Answer, Plan
+from .planning.hand_simulation import hand_geometry
 from .viewer.plan_picture import plan_picture
 from .viewer.plan_scene import PlaneCard, PlanScene
 

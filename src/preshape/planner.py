@@ -14,18 +14,18 @@ from pathlib import Path
 
 import numpy as np
 
-from .analyser import HandLayout, VirtualGrasp
 from .closure.settings import ClosureSettings
-from .clouds.trust import Trust, trust_of, worth
-from .controller import Controller
-from .decision import Decision, Settings
 from .exceptions import InputError
-from .hand_simulation import HandPose, HandResult, HandStatus, simulate_hand
-from .hands.model import Hand, load_hand
-from .kernels.closing import Obstacles
+from .hands.load import Hand, load_hand
+from .hiis.analyser import HandLayout, VirtualGrasp
+from .hiis.controller import Controller
+from .hiis.decision import Decision, Settings
+from .kernels.closing.host import Obstacles
 from .memory import Memory
 from .objects.load import load_object
 from .objects.mesh import TriangleMesh
+from .objects.scans.trust import Trust, trust_of, worth
+from .planning.hand_simulation import HandPose, HandResult, HandStatus, simulate_hand
 from .tasks import Task, parse_task, task_from_numbers
 from .tasks.task import COMPONENTS
 from .types import Array, frozen_array, value
@@ -259,7 +259,7 @@ def verified_plan(
         keep: how many answers are kept in all.
     """
     from .physics.protocol import Protocol
-    from .physics.verify import telling, verify
+    from .planning.verify import telling, verify
 
     answers = [a for a in (plan.answer, *plan.alternatives) if a is not None][: max(keep, VERIFIED)]
     if not answers:

@@ -12,7 +12,7 @@ from importlib import resources
 
 import numpy as np
 
-from ..fuzzy import SET_NAMES, FuzzySets
+from ..hiis.fuzzy import SET_NAMES, FuzzySets
 from ..types import ContactCoefficients
 
 WIDE, HIGH = 340, 128

@@ -5,9 +5,9 @@ from __future__ import annotations
 from importlib import resources
 from typing import TYPE_CHECKING, Any
 
-from ..hands.model import hand_names
+from ..hands.load import hand_names
+from ..hiis.planes import AXIS_NAMES
 from ..objects.library import names as object_names
-from ..planes import AXIS_NAMES
 from ..tasks import family_names, parse_task
 from ..tasks.task import COMPONENTS
 from ..viewer.draw import GROUPS, HIDDEN

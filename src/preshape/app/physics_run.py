@@ -14,11 +14,11 @@ from ..hands.kinematics import HandKinematics
 from ..objects.mesh import TriangleMesh
 from ..physics.grasps import STAGES
 from ..physics.hand import physics_hand
+from ..physics.hold.recording import Recording, record_hold
 from ..physics.pieces import decompose
-from ..physics.planned import palm_grasps
 from ..physics.protocol import Protocol
-from ..physics.recording import Recording, record_hold
 from ..physics.scene import Scene, build_scene
+from ..planning.grasp_sets import palm_grasps
 from ..types import Array
 from .wire_format import encoded
 

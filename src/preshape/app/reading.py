@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from ..hands.model import load_hand
-from ..io import dumps
+from ..hands.load import load_hand
+from ..planning.document import dumps
 from ..viewer import readings
 from .panel import Panel
 from .scenes import Document, document_html

@@ -9,8 +9,8 @@ import numpy as np
 
 from ..exceptions import InputError
 from ..hands.hand import Hand
+from ..hiis.planes import PLANES, ApproachPlane, plane
 from ..objects.mesh import TriangleMesh
-from ..planes import PLANES, ApproachPlane, plane
 from ..types import Array, frozen_array
 from ..viewer.hand_motion import HandMotion, hand_motion
 from ..viewer.plan_scene import PlaneCard, PlanScene
@@ -118,7 +118,7 @@ def plan_html(plan: Plan, document: Document) -> str:
 
     Args:
         plan: the plan.
-        document: its JSON (:func:`preshape.io.plan_to_json`).
+        document: its JSON (:func:`preshape.planning.document.plan_to_json`).
     """
     made = [a for a in (plan.answer, *plan.alternatives) if a is not None]
     rays = [a.grasp.contacts.ray_origins.tolist() for a in made if a.grasp.grip is None]

@@ -12,9 +12,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..exceptions import PreshapeError
+from ..hiis.planes import plane
 from ..objects.library import names as object_names
 from ..objects.mesh import TriangleMesh
-from ..planes import plane
 from ..types import value
 from ..viewer import readings
 from .link import PlannerLink, Reply

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..exceptions import InputError
-from ..hands.model import load_hand
+from ..hands.load import load_hand
 from ..objects.mesh import TriangleMesh
 from ..types import Array
 from ..viewer.camera import Camera

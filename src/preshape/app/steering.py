@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ..exceptions import InputError
-from ..planes import AXIS_NAMES
+from ..hiis.planes import AXIS_NAMES
 from ..planner import check_analyser
 from ..spatial import vector_from_rotation
 from ..tasks import displacement_of, family_names, parse_task, q_of_displacement

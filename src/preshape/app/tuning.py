@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..fuzzy import SET_NAMES, SHAPES, FuzzySets
+from ..hiis.fuzzy import SET_NAMES, SHAPES, FuzzySets
 from ..types import ContactCoefficients
 from ..viewer import readings
 from .curves import COEFFICIENTS, CORNERS, EDGE, coefficient_svg, membership_svg

@@ -25,7 +25,7 @@ from dataclasses import fields
 from typing import Any
 
 from ..exceptions import PreshapeError
-from ..fuzzy import FuzzySets
+from ..hiis.fuzzy import FuzzySets
 from ..types import ContactCoefficients, freeze, frozen_array, value
 from .wire_format import encoded
 
@@ -149,7 +149,7 @@ class Worker:
         )
 
     def _simulate(self, request: dict[str, Any], say: Say) -> None:
-        from ..hands.model import load_hand
+        from ..hands.load import load_hand
         from .physics_run import hold_run
 
         mesh = self._object(request["source"], request["unit"], request["scale"])
@@ -165,13 +165,13 @@ class Worker:
         say({"run": run})
 
     def _plan(self, order: Order, say: Say, *, teach: bool) -> None:
-        from ..controller import Controller
-        from ..critic import Thresholds
-        from ..decision import Settings
-        from ..hands.model import load_hand
-        from ..io import plan_to_json
+        from ..hands.load import load_hand
+        from ..hiis.controller import Controller
+        from ..hiis.critic import Thresholds
+        from ..hiis.decision import Settings
         from ..memory import Memory
         from ..planner import Plan, check_analyser, execute, layout_of
+        from ..planning.document import plan_to_json
         from ..tasks import parse_task
 
         start = time.perf_counter()
@@ -260,7 +260,7 @@ def main() -> None:
 
     try:
         # Imported before the first click, so that it is answered at once.
-        for name in ("..controller", "..io", "..memory", "..planner", "..kernels.rays"):
+        for name in ("..hiis.controller", "..planning.document", "..memory", "..planner", "..kernels.rays"):
             importlib.import_module(name, __package__)
         for name in ("scipy.optimize", "scipy.spatial", "trimesh", "embreex.rtcore_scene", "mujoco", "fcl"):
             importlib.import_module(name)

@@ -51,8 +51,8 @@ def clouds(
     Beside each stands the planner's answer on the whole mesh. A view without an answer counts as lost.
     With --out a stopped run goes on from there. Exit code 0: the study ran.
     """
-    from ..experiments.partial_report import figures, write_report
-    from ..experiments.partial_views import CloudRun, run_clouds
+    from ..studies.partial_report import figures, write_report
+    from ..studies.partial_views import CloudRun, run_clouds
     from .bench_planner import cases_of
 
     if workers is not None and workers < 1:
@@ -93,7 +93,7 @@ def _words(text: str) -> tuple[str, ...]:
 def _show(document: dict[str, Any], written: list[Path]) -> None:
     from rich.text import Text
 
-    from ..experiments.partial_report import tables
+    from ..studies.partial_report import tables
 
     console = report_console(140)
     for content in tables(document):

@@ -18,8 +18,8 @@ from .tables import draw_table, report_console
 if TYPE_CHECKING:
     from ..physics.grasps import GraspSet
     from ..physics.hand import PhysicsHand
+    from ..physics.hold.report import HoldReport
     from ..physics.protocol import Protocol
-    from ..physics.report import HoldReport
 
 MODELS = (".xml", ".mjcf")
 KEPT = "unfinished.jsonl"  # the file of results in --out, while a run goes on
@@ -93,8 +93,8 @@ def holds(
 
     Exit code 0: all were tested, held or not. 2: some could not be; the others were, and are reported.
     """
+    from ..physics.hold.runner import run_holds
     from ..physics.protocol import Protocol
-    from ..physics.runner import run_holds
 
     check_folder(out)
     if workers is not None and workers < 1:
@@ -171,7 +171,7 @@ def _read(
 
 
 def _hand(name: str, root: str | None, fixed: tuple[str, ...]) -> PhysicsHand:
-    from ..hands.model import load_hand
+    from ..hands.load import load_hand
     from ..physics.hand import hand_from_mjcf, physics_hand
 
     if Path(name).suffix.lower() in MODELS:
@@ -204,7 +204,7 @@ def _document(reports: list[tuple[str, HoldReport]], protocol: Protocol) -> dict
     import mujoco
 
     from .._version import __version__
-    from ..physics.hold_tables import warnings
+    from ..physics.hold.tables import warnings
 
     lines = [line for _, report in reports for line in report.fault_lines()]
     total = sum(len(report.results) for _, report in reports)
@@ -232,9 +232,9 @@ def _write(
 ) -> list[Path]:
     if out is None:
         return []
-    from ..experiments.report import write_pages
-    from ..io import write_json
-    from ..physics.hold_tables import markdown
+    from ..physics.hold.tables import markdown
+    from ..planning.document import write_json
+    from ..studies.report import write_pages
 
     preface = f"MuJoCo {document['mujoco']}, preshape {document['version']}."
     page = markdown(reports, protocol, preface)
@@ -247,7 +247,7 @@ def _show(
 ) -> None:
     from rich.text import Text
 
-    from ..physics.hold_tables import ALL, settings_line, tables, warnings
+    from ..physics.hold.tables import ALL, settings_line, tables, warnings
 
     console = report_console(100)
     for hand, report in reports:

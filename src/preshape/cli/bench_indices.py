@@ -13,7 +13,7 @@ from .progress import GOES_ON, steps
 from .tables import draw_table, report_console
 
 if TYPE_CHECKING:
-    from ..experiments.indices import IndexRows
+    from ..studies.indices import IndexRows
 
 PARTS = "parts"  # the folder in --out where the parts are kept
 
@@ -60,9 +60,9 @@ def indices(
 
     Exit code 0: all were tested, whatever came of it.
     """
-    from ..experiments.index_figures import figures
-    from ..experiments.index_report import write_report
-    from ..experiments.indices import HANDS, OBJECTS, IndexRun, run_indices
+    from ..studies.index_figures import figures
+    from ..studies.index_report import write_report
+    from ..studies.indices import HANDS, OBJECTS, IndexRun, run_indices
 
     check_folder(out)
     check_folder(checkpoint, "--checkpoint")
@@ -109,7 +109,7 @@ def _names(text: str, option: str, all_of_them: tuple[str, ...]) -> tuple[str, .
 def _show(found: IndexRows, document: dict[str, Any], written: list[Path]) -> None:
     from rich.text import Text
 
-    from ..experiments.index_report import findings, tables
+    from ..studies.index_report import findings, tables
 
     console = report_console(120)
     for content in tables(document):

@@ -27,7 +27,7 @@ def learning(hand: str, length: int, held_out: int, seed: int, out: str | None, 
 
     Exit code 0: the study ran.
     """
-    from ..experiments.closure_learning import study, table, write
+    from ..studies.closure_learning import study, table, write
 
     for name, number in (("--length", length), ("--held-out", held_out)):
         if number < 1:

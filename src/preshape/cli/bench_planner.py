@@ -13,9 +13,9 @@ from .options import check_folder, json_option
 from .progress import steps
 
 if TYPE_CHECKING:
-    from ..experiments.planner_bench import Case, PlannerReport
     from ..physics.grasps import GraspSet
     from ..physics.protocol import Protocol
+    from ..planning.planner_bench import Case, PlannerReport
 
 PICTURES = 12
 """So many answers that were lost are drawn."""
@@ -62,11 +62,11 @@ def planner(
 
     An object without an answer counts as one that was lost. Exit code 0: the test ran.
     """
-    from ..experiments.planner_bench import bench_planner, grasps_of
-    from ..hands.model import load_hand
-    from ..io import write_json
+    from ..hands.load import load_hand
     from ..physics.grasps import write_grasps
     from ..physics.protocol import Protocol
+    from ..planning.document import write_json
+    from ..planning.planner_bench import bench_planner, grasps_of
 
     check_folder(out)
     if count < 1:
@@ -110,8 +110,8 @@ def cases_of(objects: tuple[str, ...], scales: str, pieces: str | None) -> list[
         InputError: a scale that is no positive number.
         EnvironmentFailure: a folder that is not there, or without meshes.
     """
-    from ..experiments.planner_bench import Case
     from ..objects.library import names
+    from ..planning.planner_bench import Case
 
     try:
         factors = [float(part) for part in scales.split(",")]
@@ -159,7 +159,7 @@ def _failures(report: PlannerReport) -> list[dict[str, Any]]:
 def _pictures(report: PlannerReport, grasps: GraspSet, protocol: Protocol, folder: Path) -> list[str]:
     """Films of the answers that were lost, the first ``PICTURES`` of them, as pictures in the folder."""
     from ..files import write_whole
-    from ..hands.model import load_hand
+    from ..hands.load import load_hand
     from ..objects.load import load_object
     from ..physics.hand import physics_hand
     from ..viewer.filmstrip import filmstrip

@@ -14,10 +14,10 @@ from .tables import draw_table, report_console
 
 if TYPE_CHECKING:
     from ..physics.hand import PhysicsHand
-    from ..physics.task_grasps import Answers
-    from ..physics.task_instances import TaskInstance
-    from ..physics.task_report import TaskReport
-    from ..physics.task_test import TaskProtocol
+    from ..physics.task.grasps import Answers
+    from ..physics.task.instances import TaskInstance
+    from ..physics.task.protocol import TaskProtocol
+    from ..physics.task.report import TaskReport
     from ..types import Array
 
 KEPT = "unfinished.jsonl"  # the file of results in --out, while a run goes on
@@ -81,9 +81,9 @@ def tasks(
     Exit code 0: every instance was tried, passed or not.
     """
     from ..physics.protocol import Protocol
-    from ..physics.task_instances import make_instances
-    from ..physics.task_runner import run_tasks
-    from ..physics.task_test import TaskProtocol
+    from ..physics.task.instances import make_instances
+    from ..physics.task.protocol import TaskProtocol
+    from ..physics.task.runner import run_tasks
 
     for name, text in (("--out", out), ("--write-instances", write_instances), ("--checkpoint", checkpoint)):
         if text is not None and not text.strip():
@@ -162,11 +162,11 @@ def _answers(
     instances: tuple[TaskInstance, ...], hand: str | None, analyser: str | None, grasps: str | None
 ) -> tuple[PhysicsHand, Answers, str, list[str]]:
     """The hand in physics, who answers, that in words, and notes for the report."""
-    from ..experiments.planned_answers import PlannedAnswers
-    from ..hands.model import load_hand
+    from ..hands.load import load_hand
     from ..physics.hand import physics_hand
-    from ..physics.task_grasps import given_answers, read_task_grasps
+    from ..physics.task.grasps import given_answers, read_task_grasps
     from ..planner import RAY_HAND, check_analyser
+    from ..planning.planned_answers import PlannedAnswers
 
     if grasps is None:
         name = hand or RAY_HAND
@@ -209,10 +209,10 @@ def _write(
 ) -> list[Path]:
     if out is None:
         return []
-    from ..experiments.report import write_pages
-    from ..io import write_json
-    from ..physics.task_grasps import write_task_grasps
-    from ..physics.task_tables import task_markdown
+    from ..physics.task.grasps import write_task_grasps
+    from ..physics.task.tables import task_markdown
+    from ..planning.document import write_json
+    from ..studies.report import write_pages
 
     folder = Path(out)
     page = task_markdown(
@@ -233,8 +233,8 @@ def _write_instances(
     """The list, and a mesh of each object at its size in a folder beside it."""
     from ..files import write_json, write_text
     from ..objects.load import load_object
-    from ..physics.task_instances import instance_to_json, mesh_text
-    from ..physics.task_tables import object_file
+    from ..physics.task.instances import instance_to_json, mesh_text
+    from ..physics.task.tables import object_file
 
     folder = file.with_name(f"{file.stem}_meshes")
     meshes: dict[str, str] = {}
@@ -267,8 +267,8 @@ def _show(
 ) -> None:
     from rich.text import Text
 
-    from ..physics.hold_tables import ALL
-    from ..physics.task_tables import failure_table, rate_line, task_settings_line, task_tables
+    from ..physics.hold.tables import ALL
+    from ..physics.task.tables import failure_table, rate_line, task_settings_line, task_tables
 
     console = report_console(100)
     failures = report.failures()

@@ -27,7 +27,7 @@ def hands(ctx: click.Context, out: str | None, as_json: bool) -> None:
     """List the hands with joints, U, palm frame, source and licence, or check one (preshape hands check)."""
     if ctx.invoked_subcommand is not None:
         return
-    from ..hands.model import hand_names, load_hand
+    from ..hands.load import hand_names, load_hand
 
     found = [load_hand(name) for name in hand_names()]
     pictures = {hand.name: draw_hand(hand, Path(out)) for hand in found} if out is not None else {}

@@ -48,8 +48,8 @@ def learn(
     from rich.markup import escape
     from rich.progress import Progress, SpinnerColumn, TextColumn, TimeRemainingColumn
 
-    from ..controller import Controller
-    from ..hands.model import load_hand
+    from ..hands.load import load_hand
+    from ..hiis.controller import Controller
     from ..memory import Memory
     from ..objects.library import names
     from ..objects.load import load_object

@@ -121,7 +121,7 @@ def import_(file: str, memory: str | None, as_json: bool) -> None:
 def reset(memory: str | None, hand: str | None, yes: bool, as_json: bool) -> None:
     """Forget everything learnt. Asks first; export first if in doubt."""
     from ..exceptions import InputError
-    from ..hands.model import load_hand
+    from ..hands.load import load_hand
     from ..memory import Memory
 
     if hand is not None:

@@ -135,8 +135,8 @@ def settings_from(estimation: float, recognition: float, seed: int) -> Any:
     Raises:
         InputError: a threshold out of 0..6, or a negative seed.
     """
-    from ..critic import Thresholds
-    from ..decision import Settings
+    from ..hiis.critic import Thresholds
+    from ..hiis.decision import Settings
 
     if seed < 0:
         raise InputError(f"--seed must not be negative, got {seed}")

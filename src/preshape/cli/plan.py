@@ -85,8 +85,8 @@ def plan(
     boxes = boxes_from(avoid)
     from ..closure.settings import ClosureSettings
     from ..files import make_folder, write_json, write_text, write_whole
-    from ..io import plan_to_json
     from ..planner import plan as make_plan
+    from ..planning.document import plan_to_json
 
     if out is not None:
         make_folder(Path(out))
@@ -173,7 +173,7 @@ def written_surface(made: Plan, folder: Path) -> Path | None:
     if made.mesh.scan is None:
         return None
     from ..files import write_text
-    from ..physics.task_instances import mesh_text
+    from ..physics.task.instances import mesh_text
 
     path = folder / f"{made.mesh.name}-surface.obj"
     write_text(path, mesh_text(made.mesh))

@@ -28,7 +28,7 @@ def reproduce(out: str, only: tuple[str, ...], quick: bool, fresh: bool, seed: i
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-    from ..experiments import run_all
+    from ..studies import run_all
 
     columns = (
         BarColumn(),

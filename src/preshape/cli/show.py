@@ -10,10 +10,10 @@ from rich.panel import Panel
 from rich.table import Table
 from rich.text import Text
 
-from ..analyser import VirtualGrasp
-from ..decision import Decision, Status
-from ..fuzzy import SET_NAMES
-from ..planes import axis_name
+from ..hiis.analyser import VirtualGrasp
+from ..hiis.decision import Decision, Status
+from ..hiis.fuzzy import SET_NAMES
+from ..hiis.planes import axis_name
 from ..planner import Answer, Plan, scan_trust, shortfalls
 
 _COMPONENTS = ("Tx", "Ty", "Tz", "Rx", "Ry", "Rz")

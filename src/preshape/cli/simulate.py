@@ -14,9 +14,9 @@ from .options import check_folder, json_option
 if TYPE_CHECKING:
     from ..objects.mesh import TriangleMesh
     from ..physics.grasps import GraspSet
+    from ..physics.hold.recording import Recording
     from ..physics.pieces import ConvexPieces
     from ..physics.protocol import Protocol
-    from ..physics.recording import Recording
     from ..physics.scene import Scene
 
 
@@ -54,7 +54,7 @@ def simulate(
 
     Exit code 0: held. 1: not held. 2: bad input, as a plan whose hand has no posture.
     """
-    from ..hands.model import load_hand
+    from ..hands.load import load_hand
     from ..physics.grasps import read_grasps
     from ..physics.hand import physics_hand
     from ..physics.locate import object_pieces

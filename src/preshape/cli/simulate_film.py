@@ -14,9 +14,9 @@ from ..hands.hand import Hand
 from ..objects.mesh import TriangleMesh
 from ..physics.grasps import GraspSet
 from ..physics.hand import physics_hand
+from ..physics.hold.recording import Recording, record_hold
 from ..physics.pieces import ConvexPieces
 from ..physics.protocol import Protocol
-from ..physics.recording import Recording, record_hold
 from ..physics.scene import OBJECT, PALM, Scene, build_scene
 from ..viewer.colours import HAND, Colour, finger_colour
 from ..viewer.colours import OBJECT as OBJECT_COLOUR

@@ -72,7 +72,7 @@ def start_of(
     """What is shown first; whatever is wrong with it is said before anything is served."""
     from ..app.session import Start
     from ..app.worker import Order
-    from ..hands.model import load_hand
+    from ..hands.load import load_hand
     from ..objects.library import names
     from ..objects.load import load_object
     from ..planner import check_analyser

@@ -14,16 +14,16 @@ from typing import Any
 
 import numpy as np
 
-from ..analyser import Aim, Contacts, Exploration, HandLayout, VirtualGrasp
 from ..exceptions import InputError
-from ..fuzzy import FuzzySets, approaching_degrees
 from ..hands.hand import Hand
-from ..kernels.field import SurfaceQuery, prepare_field
+from ..hiis.analyser import Aim, Contacts, Exploration, HandLayout, VirtualGrasp
+from ..hiis.fuzzy import FuzzySets, approaching_degrees
+from ..hiis.planes import plane
+from ..hiis.wrench import contact_wrenches, net_wrench, screw_measures
+from ..kernels.field.host import SurfaceQuery, prepare_field
 from ..objects.mesh import TriangleMesh
-from ..planes import plane
 from ..tasks.task import ROTATION_ABSENT, TRANSLATION_ABSENT
 from ..types import KEPT, Array, ContactCoefficients, Experience, IntArray, frozen_array
-from ..wrench import contact_wrenches, net_wrench, screw_measures
 from .grip import ENOUGH, Finished, Finisher
 from .grips import Grips, gathered
 from .holding import inner_centre, turn_levers

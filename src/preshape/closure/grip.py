@@ -9,13 +9,13 @@ from functools import cache, partial
 
 import numpy as np
 
-from ..analyser import Grip
 from ..hands.kinematics import HandKinematics
+from ..hiis.analyser import Grip
+from ..hiis.planes import APPROACH_AXES, OPPOSITION_AXES
 from ..kernels.chains import joint_frames, rotations
-from ..kernels.closing import Candidates, ClosingKernel, Closings, Fate
-from ..kernels.field import SurfaceQuery
+from ..kernels.closing.host import Candidates, ClosingKernel, Closings, Fate
+from ..kernels.field.host import SurfaceQuery
 from ..kernels.hand_spheres import FINE
-from ..planes import APPROACH_AXES, OPPOSITION_AXES
 from ..types import Array, value
 from .compliance import turn_when_beside
 from .hand_tables import hand_tables

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..analyser import Exploration, VirtualGrasp
+from ..hiis.analyser import Exploration, VirtualGrasp
 from ..types import BoolArray, IntArray, value
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..kernels.field import DistanceField
+from ..kernels.field.host import DistanceField
 from ..objects.mesh import TriangleMesh
 from ..types import Array
 

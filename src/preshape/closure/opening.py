@@ -7,10 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..hands.kinematics import HandKinematics
+from ..hiis.planes import APPROACH_AXES
 from ..kernels.chains import rotations
-from ..kernels.closing import Candidates, ClosingKernel, Obstacles
+from ..kernels.closing.host import Candidates, ClosingKernel, Obstacles
 from ..kernels.tables import HandTables
-from ..planes import APPROACH_AXES
 from ..types import Array, BoolArray, IntArray, value
 from .preshapes import posture_at
 

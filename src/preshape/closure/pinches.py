@@ -16,7 +16,7 @@ import numpy as np
 from ..hands.hand import Hand
 from ..hands.kinematics import HandKinematics
 from ..kernels.chains import fingertips, joint_frames
-from ..kernels.fitting import PinchRows
+from ..kernels.fitting.host import PinchRows
 from ..kernels.tables import HandTables
 from ..types import Array, IntArray, value
 from .hand_cache import kept

@@ -12,9 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from ..kernels.closing import Candidates, ClosingKernel
-from ..kernels.fitting import FittingKernel, Puts, SpotRows
-from ..planes import APPROACH_AXES, OPPOSITION_AXES
+from ..hiis.planes import APPROACH_AXES, OPPOSITION_AXES
+from ..kernels.closing.host import Candidates, ClosingKernel
+from ..kernels.fitting.host import FittingKernel, Puts, SpotRows
 from ..types import Array, IntArray
 from .pinches import Pinches
 from .sampling import TILT, Sampled

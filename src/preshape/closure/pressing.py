@@ -9,7 +9,7 @@ import numpy as np
 from ..hands.hand import Hand
 from ..hands.kinematics import cross
 from ..kernels.chains import rotations
-from ..kernels.closing import Candidates, Closings
+from ..kernels.closing.host import Candidates, Closings
 from ..kernels.tables import HandTables
 from ..types import Array
 

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..analyser import wrist_distance
-from ..kernels.closing import CLOSING_ARRAYS, Candidates, Closings
+from ..hiis.analyser import wrist_distance
+from ..kernels.closing.host import CLOSING_ARRAYS, Candidates, Closings
 from ..types import Array, IntArray, value
 from .sampling import Sampled
 

@@ -6,10 +6,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..analyser import Aim
-from ..critic import attribute_distance
-from ..fuzzy import FuzzySets
-from ..kernels.closing import Candidates
+from ..hiis.analyser import Aim
+from ..hiis.critic import attribute_distance
+from ..hiis.fuzzy import FuzzySets
+from ..kernels.closing.host import Candidates
 from ..objects.mesh import TriangleMesh
 from ..types import Array, BoolArray, Experience, value
 from .sampling import Sampled

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..hands.kinematics import cross
-from ..kernels.closing import Candidates
-from ..planes import APPROACH_AXES, OPPOSITION_AXES
+from ..hiis.planes import APPROACH_AXES, OPPOSITION_AXES
+from ..kernels.closing.host import Candidates
 from ..types import Array, BoolArray, IntArray, value
 from .preshapes import STATIONS, Preshapes
 

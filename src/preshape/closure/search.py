@@ -13,10 +13,10 @@ from typing import Any
 import numpy as np
 
 from ..hands.hand import Hand
-from ..kernels.closing import Candidates, ClosingKernel, Closings
-from ..kernels.field import DistanceField
+from ..kernels.closing.host import Candidates, ClosingKernel, Closings
+from ..kernels.field.host import DistanceField
 from ..kernels.hand_spheres import COARSE
-from ..kernels.margin import MarginKernel
+from ..kernels.margin.host import MarginKernel
 from ..kernels.tables import HandTables
 from ..types import Array, BoolArray, IntArray, freeze, frozen_array, value
 from .hand_tables import hand_tables

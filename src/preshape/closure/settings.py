@@ -9,7 +9,7 @@ from dataclasses import field
 import numpy as np
 
 from ..exceptions import InputError
-from ..kernels.closing import Obstacles
+from ..kernels.closing.host import Obstacles
 from ..types import freeze, value
 
 GRAVITY = 9.81

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..kernels.field import DistanceField
-from ..kernels.field_numpy import field_distance
+from ..kernels.field.host import DistanceField
+from ..kernels.field.plain import field_distance
+from ..kernels.field.winding import oriented_triangles
 from ..kernels.rays import MISS, RayCaster
-from ..kernels.winding import oriented_triangles
 from ..objects.mesh import TriangleMesh
 from ..types import Array, value
 

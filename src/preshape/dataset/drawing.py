@@ -10,15 +10,15 @@ from collections.abc import Callable
 
 import numpy as np
 
-from ..analyser import Aim, VirtualGrasp, same_grip
 from ..closure.analyser import ClosureAnalyser
 from ..closure.grip import Finished, counted_to
-from ..experiments.index_population import draw_population
-from ..fuzzy import FuzzySets
 from ..hands.hand import Hand
-from ..learning import search_values
+from ..hiis.analyser import Aim, VirtualGrasp, same_grip
+from ..hiis.fuzzy import FuzzySets
+from ..hiis.learning import search_values
 from ..objects.mesh import TriangleMesh
 from ..planner import layout_of
+from ..studies.index_population import draw_population
 from ..tasks import Task
 from ..types import value
 from .settings import THRESHOLD, DatasetSettings

@@ -11,7 +11,7 @@ from typing import IO, Any, Self
 
 from ..exceptions import EnvironmentFailure, InputError
 from ..files import locked, write_bytes, write_json
-from ..hands.model import load_hand
+from ..hands.load import load_hand
 from ..tasks import parse_task
 from .making import Made, versions
 from .schema import FORMAT, facts_of

@@ -12,19 +12,19 @@ from typing import Any
 import numpy as np
 
 from .._version import __version__
-from ..analyser import VirtualGrasp
 from ..exceptions import EnvironmentFailure, InputError, ObjectError, PreshapeError
-from ..experiments.index_values import INDICES, Grasp, index_values, planner_score
-from ..fuzzy import SET_NAMES
 from ..hands.hand import Hand
-from ..hands.model import load_hand
+from ..hands.load import load_hand
+from ..hiis.analyser import VirtualGrasp
+from ..hiis.fuzzy import SET_NAMES
 from ..objects.mesh import TriangleMesh
-from ..physics.task_instances import makes_sense
-from ..physics.task_motion import task_motion
+from ..physics.task.instances import makes_sense
+from ..physics.task.motion import task_motion
 from ..planner import Answer, execute
 from ..tasks import Task, parse_task
 from ..types import value
 from .drawing import Drawn, draw
+from .index_values import INDICES, Grasp, index_values, planner_score
 from .outcomes import Row, tested, untested
 from .schema import FORMAT, METRICS, parquet_bytes
 from .settings import DatasetSettings, Shard, mesh_digest, task_label, usable_object

@@ -8,18 +8,18 @@ from typing import Any
 import numpy as np
 
 from ..exceptions import InputError
-from ..experiments.planner_bench import Case, Planned, grasps_of
 from ..hands.hand import Hand
 from ..objects.mesh import TriangleMesh
 from ..physics.hand import physics_hand
+from ..physics.hold.runner import run_holds
+from ..physics.hold.six_directions import HoldResult, Status
 from ..physics.protocol import Protocol
-from ..physics.runner import run_holds
-from ..physics.six_directions import HoldResult, Status
-from ..physics.task_grasps import GivenAnswers, HandPoses
-from ..physics.task_instances import TaskInstance, makes_sense
-from ..physics.task_runner import run_tasks
-from ..physics.task_test import TaskProtocol, TaskResult, TaskStatus
+from ..physics.task.grasps import GivenAnswers, HandPoses
+from ..physics.task.instances import TaskInstance, makes_sense
+from ..physics.task.protocol import TaskProtocol, TaskResult, TaskStatus
+from ..physics.task.runner import run_tasks
 from ..planner import Answer
+from ..planning.planner_bench import Case, Planned, grasps_of
 from ..tasks import Task
 from .settings import DatasetSettings, Shard
 

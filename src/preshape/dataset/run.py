@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from ..exceptions import EnvironmentFailure
-from ..experiments.planner_bench import Case, Progress
+from ..planning.planner_bench import Case, Progress
 from ..types import value
 from .engines import Engine
 from .folder import Folder, manifest

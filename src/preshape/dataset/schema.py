@@ -12,9 +12,9 @@ from collections.abc import Sequence
 from typing import Any
 
 from ..exceptions import EnvironmentFailure
-from ..experiments.index_values import INDICES
 from ..physics.protocol import Protocol
 from ..types import value
+from .index_values import INDICES
 
 FORMAT = "preshape dataset 1"
 META = b"preshape"

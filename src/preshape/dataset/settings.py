@@ -14,11 +14,11 @@ from typing import Any
 from ..closure.hand_cache import digest
 from ..closure.settings import ClosureSettings
 from ..exceptions import InputError, ObjectError
-from ..experiments.planner_bench import Case, Progress
-from ..hands.model import load_hand
+from ..hands.load import load_hand
 from ..objects.load import load_object
 from ..objects.mesh import TriangleMesh
-from ..physics.task_motion import task_motion
+from ..physics.task.motion import task_motion
+from ..planning.planner_bench import Case, Progress
 from ..tasks import Task, parse_task
 from ..types import value
 
@@ -92,7 +92,7 @@ class Shard:
         mesh: hash of its mesh at this scale, or empty where it cannot be used.
         scale: factor on its size.
         pieces: folder of objects that are cut already, or ``None``.
-        hand: name or TOML, as :func:`~preshape.hands.model.load_hand` takes it.
+        hand: name or TOML, as :func:`~preshape.hands.load.load_hand` takes it.
         task: as :func:`~preshape.tasks.parse_task` takes it.
         part: number of the part, from 0.
         count: grasps wanted.

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..exceptions import EnvironmentFailure, InputError
-from ..hands.model import Hand, load_hand
+from ..hands.load import Hand, load_hand
 from ..tasks import Task, parse_task
 from ..types import Array, freeze, frozen_array, value
 

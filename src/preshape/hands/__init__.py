@@ -1,6 +1,6 @@
 """Hands: what the planner knows of each, their kinematics and their collisions."""
 
 from .hand import Finger, Hand
-from .model import hand_names, load_hand, parse_hand
+from .load import hand_names, load_hand, parse_hand
 
 __all__ = ["Finger", "Hand", "hand_names", "load_hand", "parse_hand"]

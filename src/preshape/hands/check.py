@@ -12,11 +12,11 @@ import numpy as np
 
 from ..exceptions import HandError
 from ..types import Array
+from .compiled import model_file, read_model, rebuilt
 from .findings import Finding, description_findings, model_findings
-from .foreign import model_file, read_model, rebuilt
 from .hand import Hand
 from .kinematics import HandKinematics
-from .model import MENAGERIE, built_in_text, hand_from, hand_names, load_hand, read_description
+from .load import MENAGERIE, built_in_text, hand_from, hand_names, load_hand, read_description
 
 DEPTH = 4e-3
 """How deep links may be in each other on the closing path [m]; the analyser refuses more."""

@@ -13,7 +13,7 @@ from ..types import value
 from .description import Table, couplings_of, finger_from, per_joint, side_of
 
 if TYPE_CHECKING:
-    from .foreign import ForeignModel
+    from .compiled import ForeignModel
 
 SMALLEST_TIP, LARGEST_TIP = 1e-3, 30e-3
 """Fingertip radii that are believed [m] [C]: a needle, a plum."""
@@ -202,7 +202,7 @@ def model_findings(data: Table, model: ForeignModel) -> list[Finding]:
 
 def _frames(data: Table, palm: Table) -> list[Finding]:
     """Frames that neither a site nor numbers say."""
-    from .foreign import direction
+    from .compiled import direction
 
     found = []
     if "body" in palm and "site" not in palm:

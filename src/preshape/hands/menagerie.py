@@ -10,10 +10,10 @@ from pathlib import Path
 from typing import Any
 
 from ..exceptions import EnvironmentFailure, UnknownHand
+from .compiled import read_model, rebuilt
 from .description import Table
-from .foreign import read_model, rebuilt
 from .hand import Hand
-from .model import MENAGERIE, built_in_text
+from .load import MENAGERIE, built_in_text
 
 _HANDS: dict[str, tuple[str, Table]] = {
     "shadow_hand": (

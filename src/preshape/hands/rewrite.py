@@ -9,8 +9,8 @@ import numpy as np
 
 from ..spatial import pose, quaternion_from_rotation, rotation_from_quaternion
 from ..types import Array, value
+from .compiled import ForeignModel, direction, rewritten_bodies
 from .description import Table, per_joint
-from .foreign import ForeignModel, direction, rewritten_bodies
 
 _DAMPING, _ARMATURE = 0.05, 2e-4
 """Of joints for which the model says nothing [N m s/rad], [kg m²] [C]."""

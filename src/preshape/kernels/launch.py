@@ -25,7 +25,7 @@ def warp() -> Any:
     wp.config.log_level = max(wp.config.log_level, wp.LOG_ERROR)
     with _quiet():
         wp.init()
-    if not any(Path(wp.config.kernel_cache_dir).glob("*preshape.kernels.warp_closing*")):
+    if not any(Path(wp.config.kernel_cache_dir).glob("*preshape.kernels.closing.warp*")):
         print("compiling the kernels for this machine, once: about 20 s ...", file=sys.stderr, flush=True)
     return wp
 

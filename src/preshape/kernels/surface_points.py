@@ -9,7 +9,7 @@ import numpy as np
 from ..exceptions import InputError
 from ..objects.mesh import TriangleMesh
 from ..types import Array, BoolArray, IntArray, read_only
-from .winding import oriented_triangles
+from .field.winding import oriented_triangles
 
 SHARP = math.cos(math.radians(30.0))
 """Faces whose normals are further apart than this make a sharp edge [C]."""

@@ -9,14 +9,14 @@ from pathlib import Path
 
 import numpy as np
 
-from ..clouds.read_points import read_npy, read_pcd, read_xyz
-from ..clouds.scan import RawCloud
 from ..exceptions import EnvironmentFailure, InputError, ObjectError, PreshapeError
 from ..types import Array, frozen_array
 from . import checks, read_gltf, read_obj, read_ply, read_trimesh
 from .mesh import TriangleMesh
 from .read_raw import RawMesh, group_rows
 from .read_text import shown
+from .scans.read_points import read_npy, read_pcd, read_xyz
+from .scans.scan import RawCloud
 
 _Reader = Callable[[str, bytes, Path], RawMesh | RawCloud]
 
@@ -72,7 +72,7 @@ def load_object(
     hides their number: PLY, OFF, STL, glTF) there are as many as vertices [C].
 
     A point cloud (.pcd, .xyz, .npy, or a .ply without faces) becomes a closed surface, whose unseen side is
-    guessed; ``scan`` says which (:mod:`preshape.clouds.complete`).
+    guessed; ``scan`` says which (:mod:`preshape.objects.scans.complete`).
 
     Args:
         source: a file (.obj, .stl, .ply, .off, .glb, .gltf) or the name of a library object.
@@ -217,7 +217,7 @@ def _from_cloud(
     view: Sequence[float] | Array | str | None,
 ) -> TriangleMesh:
     """Scale, and make a closed surface."""
-    from ..clouds.complete import complete
+    from .scans.complete import complete
 
     points = raw.points * factor
     echoes = points[np.isfinite(points).all(axis=1)]

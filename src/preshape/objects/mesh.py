@@ -7,9 +7,9 @@ from functools import cached_property
 
 import numpy as np
 
-from ..clouds.scan import Scan
 from ..exceptions import ObjectError
 from ..types import Array, Attributes, IntArray, read_only, rebuilt
+from .scans.scan import Scan
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

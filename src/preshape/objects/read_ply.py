@@ -14,13 +14,13 @@ from typing import Any
 
 import numpy as np
 
-from ..clouds.read_points import check_finite
-from ..clouds.scan import RawCloud
 from ..exceptions import ObjectError
 from ..types import Array, IntArray
 from .read_raw import RawMesh, assemble
 from .read_text import plain_text, shown
 from .read_trimesh import quietly
+from .scans.read_points import check_finite
+from .scans.scan import RawCloud
 
 _OFF = re.compile(r"(?:\s|#.*\n)*(?:ST)?C?N?OFF\b(?!\s*BINARY)")
 _OFF_COUNTS = re.compile(r"(?:\s|#.*\n)*(\d+)[ \t]+(\d+)(?:[ \t]+\d+)?[ \t]*(?:#.*)?\n")

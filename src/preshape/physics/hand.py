@@ -10,7 +10,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from ..exceptions import EnvironmentFailure, HandError
-from ..hands.model import Hand
+from ..hands.load import Hand
 from ..types import Array, freeze, frozen_array, value
 
 

@@ -185,7 +185,7 @@ def filled_share(mesh: TriangleMesh, pieces: ConvexPieces) -> float:
 
 def _distances(mesh: TriangleMesh, pieces: ConvexPieces) -> tuple[Array, Array]:
     """(n,), (n,) signed distance of points in the pieces, in extents of the mesh; their shares."""
-    from ..kernels.field import SurfaceQuery
+    from ..kernels.field.host import SurfaceQuery
 
     rng = np.random.default_rng(SEED)
     shares = np.array(pieces.volumes) / pieces.volume

@@ -13,7 +13,7 @@ from multiprocessing.synchronize import Event
 from typing import Any, Protocol, TypeVar
 
 from ..exceptions import EnvironmentFailure, InputError
-from ..hands.foreign import no_mujoco_log
+from ..hands.compiled import no_mujoco_log
 from .hand import PhysicsHand
 from .pieces import ConvexPieces
 from .protocol import Protocol as HoldProtocol

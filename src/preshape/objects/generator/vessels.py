@@ -7,18 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .shapes import (
-    ball,
-    curve,
-    disc,
-    extruded,
-    grown,
-    lobed,
-    revolved,
-    rounded,
-    section,
-    tube,
-)
+from .shapes import ball, curve, disc, extruded, grown, lobed, revolved, rounded, section, tube
 
 if TYPE_CHECKING:
     from manifold3d import Manifold as Solid

@@ -1,0 +1,394 @@
+"""The controller: four execution modes, one after the other (§3.6, fig. 9-10).
+
+::
+
+    mode 0  estimate, analyse             ── reward ──> answer
+       │ penalty
+    mode 1  search the estimated plane    ── reward ──> answer
+       │ penalty
+    mode 2  is the object known?          ── yes ─────> ask for task correction, offer tasks that fit
+       │ no
+    mode 3  explore, learn, test oneself  ── reward ──> answer
+       │ penalty
+    deadlock, until meta control resets it
+
+This is the only place where the parts meet; each of them can be used and tested alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ..exceptions import InputError
+from ..memory import Memory
+from ..objects.library import load_library_object
+from ..objects.mesh import TriangleMesh
+from ..objects.shape import described
+from ..tasks import Task, all_named_tasks
+from ..types import KEPT, Array, Attributes, BoolArray, Experience, NetworkWeights
+from .analyser import Aim, Analyser, Exploration, HandLayout, VirtualGrasp, same_grip
+from .critic import Recognition, Verdict, judge, recognise, recognise_shape
+from .decision import Decision, Offer, Settings, Status, Transition, decided
+from .estimator import Estimate, InputKind, decode, inputs, predict
+from .learning import (
+    Discovery,
+    asked_of,
+    everywhere,
+    experience_of,
+    experiences_of,
+    explore,
+    first_guess,
+    learn,
+    outcomes_of,
+    search_values,
+    seed_experiences,
+    training_set,
+)
+from .planes import allowed_planes
+from .virtual_grasp import RayAnalyser
+
+OFFERS = 3
+"""How many tasks that fit are offered when the asked one does not."""
+
+
+class Controller:
+    """Hybrid intelligent inference for one hand and one memory.
+
+    Args:
+        memory: what was learnt so far; with ``memory.read_only`` nothing is added to it.
+        layout: the hand.
+        settings: what meta control has set.
+        prepare: makes the performance element for an object; the paper's ray analyser by default.
+        prepare_seed: makes the one that the first lesson, the cube, is taught with; default ``prepare``.
+        kind: what the estimator is told of an object: ``paper``, or ``shape``, which no triangulation
+            changes; an object is recognised accordingly.
+    """
+
+    def __init__(
+        self,
+        memory: Memory,
+        layout: HandLayout,
+        *,
+        settings: Settings | None = None,
+        prepare: Callable[[TriangleMesh], Analyser] | None = None,
+        prepare_seed: Callable[[TriangleMesh], Analyser] | None = None,
+        kind: InputKind = "paper",
+    ) -> None:
+        self.memory = memory
+        self.layout = layout
+        self.settings = settings or Settings()
+        self.deadlock = False
+        self._prepare = prepare or self.ray_analyser
+        self._prepare_seed = prepare_seed or self._prepare
+        self._kind: InputKind = kind
+        self._described: tuple[TriangleMesh, Attributes] | None = None
+        self._experiences: tuple[Experience, ...] = ()
+        self._weights: NetworkWeights | None = None
+        self._wake()
+
+    @property
+    def weights(self) -> NetworkWeights:
+        """The approach estimator's weights now."""
+        assert self._weights is not None
+        return self._weights
+
+    @property
+    def experiences(self) -> tuple[Experience, ...]:
+        """Everything this hand has met, in order."""
+        return self._experiences
+
+    def ray_analyser(self, mesh: TriangleMesh) -> RayAnalyser:
+        """The paper's performance element for an object."""
+        s = self.settings
+        return RayAnalyser(mesh, self.layout, coefficients=s.coefficients, sets=s.sets)
+
+    def prepare(self, mesh: TriangleMesh) -> Analyser:
+        """The performance element for an object, to be used for several tasks."""
+        return self._prepare(mesh)
+
+    def run(
+        self,
+        thing: TriangleMesh | Analyser,
+        task: Task,
+        *,
+        approaches: str | None = None,
+        count: int = 1,
+        may_learn: bool = True,
+    ) -> Decision:
+        """Find a preshape: modes 0 to 3, in order, until the critic rewards one.
+
+        Args:
+            thing: the object, or its prepared performance element.
+            task: what the hand is to do with it.
+            approaches: allowed approach axes, as ``+z,-x``; all by default.
+            count: how many different answers are wanted.
+            may_learn: whether mode 3 may teach the memory, and what a real hand did is remembered.
+
+        Raises:
+            InputError: a bad argument, or a deadlock that was not reset.
+            ObjectError: the object does not fit the hand.
+        """
+        if self.deadlock:
+            raise InputError("the controller is in deadlock: reset() it, with another task or object")
+        if count < 1:
+            raise InputError(f"the number of answers must be at least 1, got {count}")
+        allowed = allowed_planes(approaches)
+        pa = self._prepare(thing) if isinstance(thing, TriangleMesh) else thing
+        steps: list[Transition] = []
+
+        estimate, grasp, verdict = self._mode_0(pa, task.q, allowed)
+        steps.append(_step(0, verdict))
+        if not verdict.reward:
+            grasp, verdict = self._mode_1(pa, task.q, estimate)
+            steps.append(_step(1, verdict))
+        if verdict.reward and grasp is not None:
+            if may_learn:
+                self._keep(pa, task, grasp)
+            return self._answer(pa, task, len(steps) - 1, grasp, steps, allowed, count, estimate)
+
+        recognition = self._mode_2(pa)
+        steps.append(_step(2, recognition.verdict, met="known", missed="unknown"))
+        if recognition.verdict.reward:
+            if approaches is not None:
+                steps[-1] = replace(steps[-1], reason=f"{steps[-1].reason}; approaches allowed: {approaches}")
+            offers = self._offers(pa, task, allowed)
+            return decided(task, 2, Status.CORRECTION, steps, estimate, offers=offers)
+        return self._mode_3(pa, task, allowed, count, steps, may_learn)
+
+    def teach(self, thing: TriangleMesh | Analyser, task: Task, *, approaches: str | None = None) -> Decision:
+        """Learn an object with a task at once (mode 3), whether or not it is known."""
+        pa = self._prepare(thing) if isinstance(thing, TriangleMesh) else thing
+        return self._mode_3(pa, task, allowed_planes(approaches), 1, [], may_learn=True)
+
+    def reset(self) -> None:
+        """Meta control's reset of a deadlock; the next run starts at mode 0."""
+        self.deadlock = False
+
+    def at_estimate(
+        self, pa: Analyser, q: Array, estimate: Estimate, recall: Sequence[int] = ()
+    ) -> Exploration:
+        """What mode 0 chooses from, best first; empty where no grasp is.
+
+        With as many fingers as estimated, or as many as fit and meet the object there; and the grips of real
+        hands that are remembered of such objects, on the planes ``recall`` [C].
+        """
+        value = float(self.settings.sets.crisp()[estimate.approach_set])
+        fingers = range(2, estimate.fingers + 1)
+        aim = Aim(planes=[estimate.plane], values=[value], fingers=fingers, recall=recall)
+        found = pa.explore(q, aim)
+        return found.where(found.fingers == found.fingers.max()) if len(found) else found
+
+    def on_plane(self, pa: Analyser, q: Array, estimate: Estimate) -> Exploration:
+        """What mode 1 chooses from: everything on the estimated plane, best first."""
+        return pa.explore(q, Aim(planes=[estimate.plane], values=search_values(self.settings.sets)))
+
+    # The modes.
+
+    def _mode_0(
+        self, pa: Analyser, q: Array, allowed: BoolArray
+    ) -> tuple[Estimate, VirtualGrasp | None, Verdict]:
+        """AE → PA: the grasp that the estimator names, if there is one."""
+        x = inputs(q, self._attributes(pa), self.layout.u, self._kind)
+        estimate = decode(predict(self.weights, x), allowed)
+        return estimate, *self._criticise(pa, q, self.at_estimate(pa, q, estimate, _indices(allowed)))
+
+    def _mode_1(self, pa: Analyser, q: Array, estimate: Estimate) -> tuple[VirtualGrasp | None, Verdict]:
+        """The estimated plane is kept; approach value, fingers and thumb side are searched."""
+        return self._criticise(pa, q, self.on_plane(pa, q, estimate))
+
+    def _mode_2(self, pa: Analyser) -> Recognition:
+        """Is the object known?"""
+        s = self.settings
+        if self._kind == "shape":
+            learnt = [e for e in self._experiences if e.kind != KEPT]
+            return recognise_shape(self._attributes(pa), learnt)
+        return recognise(pa, self._experiences, s.thresholds.recognition, s.sets)
+
+    def _attributes(self, pa: Analyser) -> Attributes:
+        """The object as the estimator sees it."""
+        if self._kind == "paper":
+            return pa.mesh.attributes
+        if self._described is None or self._described[0] is not pa.mesh:
+            self._described = (pa.mesh, described(pa.mesh))
+        return self._described[1]
+
+    def _mode_3(
+        self,
+        pa: Analyser,
+        task: Task,
+        allowed: BoolArray,
+        count: int,
+        steps: list[Transition],
+        may_learn: bool,
+    ) -> Decision:
+        """Explore, learn, and test oneself with the user's task: mode 0, then mode 1."""
+        threshold = self.settings.thresholds.estimation
+        discovery = explore(pa, task.q, self.settings.sets, enough=threshold, allowed=allowed)
+        if discovery is None:
+            why = pa.explore(task.q, everywhere(self.settings.sets, allowed)).why
+            reason = f"no virtual grasp on any allowed plane: {why}"
+            steps.append(Transition(mode=3, outcome="no grasp", reason=reason))
+            return decided(task, 3, Status.NO_GRASP, steps, None)
+        best = discovery.answer
+        steps.append(Transition(mode=3, outcome="explored", reason=discovery.told))
+        verdict = judge(best.judged, threshold, subject=pa.measure)
+        if may_learn and not self.memory.read_only:
+            # What stands in the way today must not become what is known of the object [C].
+            whole = None if allowed.all() else explore(pa, task.q, self.settings.sets, enough=threshold)
+            learnt = self._learn(pa, task, whole or discovery)
+            steps.append(Transition(mode=3, outcome="learned", reason=learnt))
+            if allowed.all():
+                own, verdict = self._self_test(pa, task.q, allowed)
+                best = own if own is not None and best.judged < threshold else best  # what is judged is given
+        steps.append(_step(3, verdict, missed="deadlock"))
+        if not verdict.reward:
+            self.deadlock = True
+            return decided(task, 3, Status.DEADLOCK, steps, None, best=best)
+        return self._answer(pa, task, 3, best, steps, allowed, count, None)
+
+    def _criticise(self, pa: Analyser, q: Array, found: Exploration) -> tuple[VirtualGrasp | None, Verdict]:
+        threshold = self.settings.thresholds.estimation
+        if not len(found):
+            return None, judge(None, threshold, subject=pa.measure, why=found.why)
+        grasp = pa.grasp(q, found)
+        return grasp, judge(grasp.judged, threshold, subject=pa.measure)
+
+    def _learn(self, pa: Analyser, task: Task, discovery: Discovery) -> str:
+        """Incremental learning (§3.5): experiences and new weights reach the memory together."""
+        new = experiences_of(pa, pa.mesh.name, task.q, discovery, self.settings.sets)
+        weights = self._remember(new)
+        return (
+            f"{pa.mesh.name} on plane {discovery.taught.plane.index}, with this task and its best possible "
+            f"task; {weights.trained_on} samples, "
+            f"mean-square error {weights.mean_square_error:.1e}"
+        )
+
+    def _keep(self, pa: Analyser, task: Task, grasp: VirtualGrasp) -> None:
+        """Remember a real hand's grip of mode 0 or 1; the estimator learns nothing of it [C]."""
+        if grasp.grip is None or self.memory.read_only:
+            return
+        kept = experience_of(pa, pa.mesh.name, KEPT, task.q, grasp, self.settings.sets, self._attributes(pa))
+        if asked_of(kept) not in map(asked_of, self._experiences):
+            self.memory.add([kept])
+            self._experiences = (*self._experiences, kept)
+
+    def learn_outcomes(self, pa: Analyser, task: Task, tried: Sequence[tuple[VirtualGrasp, bool]]) -> None:
+        """Remember what physics said of grasps, and teach the estimator accordingly.
+
+        A grasp that held is the way to hold the object for this task from now on; one that was lost is
+        neither taught nor recalled again [C].
+
+        Args:
+            pa: the object's performance element.
+            task: what the grasps were for.
+            tried: grasps and whether each held, in the order in which they were tried.
+        """
+        said = {asked_of(e): e.outcome for e in self._experiences if e.outcome}
+        found = outcomes_of(pa, task.q, tried, self.settings.sets)
+        if any(said.get(asked_of(e)) != e.outcome for e in found):
+            self._remember(found)
+
+    def _remember(self, new: Sequence[Experience]) -> NetworkWeights:
+        everything = (*self._experiences, *new)
+        weights = learn(everything, self.layout.u, self._weights, seed=self.settings.seed, kind=self._kind)
+        self.memory.add(new, weights)
+        self._experiences, self._weights = everything, weights
+        return weights
+
+    def _self_test(self, pa: Analyser, q: Array, allowed: BoolArray) -> tuple[VirtualGrasp | None, Verdict]:
+        estimate, grasp, verdict = self._mode_0(pa, q, allowed)
+        if verdict.reward:
+            return grasp, replace(verdict, reason=f"self-test at mode 0: {verdict.reason}")
+        grasp, verdict = self._mode_1(pa, q, estimate)
+        return grasp, replace(verdict, reason=f"self-test at modes 0 and 1: {verdict.reason}")
+
+    def _answer(
+        self,
+        pa: Analyser,
+        task: Task,
+        mode: int,
+        grasp: VirtualGrasp,
+        steps: list[Transition],
+        allowed: BoolArray,
+        count: int,
+        estimate: Estimate | None,
+    ) -> Decision:
+        others: tuple[VirtualGrasp, ...] = ()
+        if count > 1:
+            others = self._alternatives(pa, task.q, grasp, allowed, count - 1)
+        return decided(task, mode, Status.ANSWER, steps, estimate, grasp=grasp, alternatives=others)
+
+    def _alternatives(
+        self, pa: Analyser, q: Array, grasp: VirtualGrasp, allowed: BoolArray, count: int
+    ) -> tuple[VirtualGrasp, ...]:
+        """The best other answers, each with another plane, thumb side or number of fingers."""
+        found = pa.explore(q, Aim(planes=_indices(allowed), values=search_values(self.settings.sets)))
+        seen = {(grasp.plane.index, grasp.flip, grasp.fingers)}
+        others: list[VirtualGrasp] = []
+        for i in range(len(found)):
+            way = (int(found.plane[i]), bool(found.flip[i]), int(found.fingers[i]))
+            enough = judge(float(found.match[i]), self.settings.thresholds.estimation).reward
+            if len(others) == count or not enough:
+                break
+            other = pa.grasp(q, found, i)
+            # Grips of an aim stand apart already; virtual grasps differ when their way does.
+            if other.grip is not None and same_grip(other, grasp):
+                continue
+            if other.grip is not None or way not in seen:
+                seen.add(way)
+                others.append(other)
+        return tuple(others)
+
+    def _offers(self, pa: Analyser, task: Task, allowed: BoolArray) -> tuple[Offer, ...]:
+        """The nearest named tasks that mode 0 or 1 would answer (task correction)."""
+        offers: list[Offer] = []
+        candidates = sorted(all_named_tasks(), key=lambda t: float(np.linalg.norm(t.q - task.q)))
+        for candidate in candidates[: pa.patience]:
+            estimate, _, verdict = self._mode_0(pa, candidate.q, allowed)
+            mode = 0
+            if not verdict.reward:
+                _, verdict = self._mode_1(pa, candidate.q, estimate)
+                mode = 1
+            if verdict.reward and verdict.match is not None:
+                distance = float(np.linalg.norm(candidate.q - task.q))
+                offers.append(Offer(task=candidate, match=verdict.match, mode=mode, distance=distance))
+            if len(offers) == OFFERS:
+                break
+        return tuple(offers)
+
+    def _wake(self) -> None:
+        """Read the memory; an empty one is taught the cube first (§3.5)."""
+        self._experiences = self.memory.experiences(hand=self.layout.name)
+        self._weights = self.memory.weights(self.layout.name)
+        if not self._experiences:
+            cube = self._prepare_seed(load_library_object("cube"))
+            seeds = tuple(
+                seed_experiences(cube, self.settings.sets, enough=self.settings.thresholds.estimation)
+            )
+            if not seeds:  # a hand that cannot hold the cube still has to begin somewhere
+                self._weights = first_guess(cube, self.layout.u, self._kind, seed=self.settings.seed)
+                return
+            self._weights = learn(seeds, self.layout.u, None, seed=self.settings.seed, kind=self._kind)
+            if not self.memory.read_only:
+                self.memory.add(seeds, self._weights)
+            self._experiences = seeds
+        x, _ = training_set(self._experiences, self.layout.u, kind=self._kind)
+        weights = self._weights
+        if weights is None or weights.trained_on != len(x) or weights.w1.shape[1] != x.shape[1]:
+            # Another process learnt at the same time, or experiences were imported.
+            self._weights = learn(
+                self._experiences, self.layout.u, weights, seed=self.settings.seed, kind=self._kind
+            )
+            if not self.memory.read_only:
+                self.memory.save_weights(self.layout.name, self._weights)
+
+
+def _step(mode: int, verdict: Verdict, *, met: str = "reward", missed: str = "penalty") -> Transition:
+    return Transition(mode=mode, outcome=met if verdict.reward else missed, reason=verdict.reason)
+
+
+def _indices(allowed: BoolArray) -> Sequence[int]:
+    return [int(i) + 1 for i in np.flatnonzero(allowed)]

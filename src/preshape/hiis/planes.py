@@ -1,0 +1,116 @@
+"""The twelve approach planes (fig. 4) and what a hand does on one.
+
+An approach plane is a signed approach axis a and an opposition axis o; the transverse axis is
+t = a × o. "Approach +X" means that the hand moves along +X towards the object.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..exceptions import InputError
+from ..types import Array, BoolArray, frozen_array, read_only, value
+
+AXIS_NAMES = ("+x", "-x", "+y", "-y", "+z", "-z")
+
+
+@value
+class ApproachPlane:
+    """One of the twelve.
+
+    Attributes:
+        index: 1..12.
+        approach_axis: (3,) signed unit vector a, along which the hand moves.
+        opposition_axis: (3,) unit vector o; thumb and fingers oppose each other along it.
+    """
+
+    index: int
+    approach_axis: Array
+    opposition_axis: Array
+
+    @property
+    def transverse_axis(self) -> Array:
+        """(3,) t = a × o, signed."""
+        a, o = self.approach_axis, self.opposition_axis
+        return a[[1, 2, 0]] * o[[2, 0, 1]] - a[[2, 0, 1]] * o[[1, 2, 0]]
+
+    @property
+    def label(self) -> str:
+        """Short name for people.
+
+        >>> plane(5).label
+        'plane 5: approach +X, opposition Y'
+        """
+        o = axis_name(self.opposition_axis)[1].upper()
+        return f"plane {self.index}: approach {axis_name(self.approach_axis).upper()}, opposition {o}"
+
+
+def axis_name(axis: Array) -> str:
+    """``+x`` … ``-z`` of a signed unit vector along a coordinate axis."""
+    i = int(np.argmax(np.abs(axis)))
+    return ("+" if axis[i] > 0 else "-") + "xyz"[i]
+
+
+def axis_vector(name: str) -> Array:
+    """(3,) signed unit vector of ``+x`` … ``-z``.
+
+    Raises:
+        InputError: not one of the six names.
+    """
+    if name.lower() not in AXIS_NAMES:
+        raise InputError(f"an axis must be one of {', '.join(AXIS_NAMES)}, got {name!r}")
+    vector = np.zeros(3)
+    vector["xyz".index(name[1].lower())] = 1.0 if name[0] == "+" else -1.0
+    return vector
+
+
+# 1, 5, 6, 7 are fixed by the text, 9 and 10 by their tasks, 11 is doubtful, the rest is ours [R].
+_TABLE = ("-xy", "-xz", "-zy", "-yz", "+xy", "+yx", "+zy", "+yz", "+xz", "+zx", "-yx", "-zx")
+
+PLANES: tuple[ApproachPlane, ...] = tuple(
+    ApproachPlane(
+        index=i,
+        approach_axis=frozen_array(axis_vector(code[:2]), (3,), "a"),
+        opposition_axis=frozen_array(axis_vector("+" + code[2]), (3,), "o"),
+    )
+    for i, code in enumerate(_TABLE, start=1)
+)
+
+APPROACH_AXES: Array = read_only(np.array([p.approach_axis for p in PLANES]))
+OPPOSITION_AXES: Array = read_only(np.array([p.opposition_axis for p in PLANES]))
+TRANSVERSE_AXES: Array = read_only(np.array([p.transverse_axis for p in PLANES]))
+
+
+def plane(index: int) -> ApproachPlane:
+    """The approach plane of that index.
+
+    Raises:
+        InputError: not 1..12.
+    """
+    if not 1 <= index <= 12:
+        raise InputError(f"an approach plane index must be 1 to 12, got {index}")
+    return PLANES[index - 1]
+
+
+def allowed_planes(approaches: str | None) -> BoolArray:
+    """Which planes have one of the allowed approach axes.
+
+    Args:
+        approaches: comma-separated signed axes, as ``+z,-x``; ``None`` allows all.
+
+    Returns:
+        (12,) booleans, in the order of :data:`PLANES`.
+
+    Raises:
+        InputError: a name that is not an axis, or no name at all.
+
+    >>> [p.index for p, ok in zip(PLANES, allowed_planes("+z,-x")) if ok]
+    [1, 2, 7, 10]
+    """
+    if approaches is None:
+        return np.ones(12, dtype=bool)
+    names = [name.strip() for name in approaches.split(",") if name.strip()]
+    if not names:
+        raise InputError(f"approaches must be axes such as +z,-x, got {approaches!r}")
+    wanted = np.array([axis_vector(name) for name in names])
+    return (APPROACH_AXES @ wanted.T > 0.5).any(axis=1)

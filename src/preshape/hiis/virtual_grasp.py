@@ -1,0 +1,314 @@
+"""The ray analyser: virtual grasps by ray casting (§2.3, §3.3), the paper's performance element.
+
+Each finger aims along the opposition axis at (v · half-extent along a, tᵢ along t): the thumb at
+t = 0 from the +o side, the fingers from the -o side; flipped, the reverse. The first triangle that a
+ray meets from outside is the contact. All aimed fingers must hit, or there is no virtual grasp.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from ..exceptions import InputError, ObjectError
+from ..kernels.rays import MISS, Hits, RayCaster, distance_to
+from ..objects.mesh import TriangleMesh
+from ..types import Array, BoolArray, ContactCoefficients, IntArray, value
+from .analyser import Aim, Contacts, Exploration, HandLayout, VirtualGrasp
+from .fuzzy import FuzzySets, approaching_degrees
+from .planes import APPROACH_AXES, OPPOSITION_AXES, TRANSVERSE_AXES, plane
+from .wrench import contact_wrenches, net_wrench, screw_measures
+
+MAX_EXTENT = 4.0
+"""No extent of the object may exceed this many U [P]."""
+
+MAX_FINGERS = 4
+
+_KEPT = 40
+"""Aims that are kept: the offers of mode 2 go to and fro between the planes."""
+
+# Aimed exactly, a symmetric object is hit exactly on its edges, where either neighbour's normal would do. So
+# the triangle is picked by a ray that stands this much aside (of the largest extent: a micrometre or two).
+_NUDGE = 1e-5 * np.array([0.62, 0.48, 0.62])
+
+# Places along t that a finger can aim at: the middle, two beside each other, two with one between.
+_MIDDLE, _PAIR, _OUTER = [0], [1, 2], [3, 4]
+_PLACES = {2: _MIDDLE, 3: _PAIR, 4: [3, 0, 4]}
+_SIGNS = np.array([0, 1, -1, 1, -1])
+
+
+@value
+class _Field:
+    """Contacts at every place aimed at; axes: plane P, value V, side 2 (+o, -o), place 5."""
+
+    origin: Array  # (P, V, 2, 5, 3)
+    point: Array  # (P, V, 2, 5, 3)
+    normal: Array  # (P, V, 2, 5, 3)
+    triangle: IntArray  # (P, V, 2, 5)
+    hit: BoolArray  # (P, V, 2, 5)
+    fits: BoolArray  # (P, V, 3): whether 1, 2, 3 fingers fit side by side
+    as_finger: Array  # (P, V, 2, 5, 6): contact wrenches about the COG
+    as_thumb: Array  # (P, V, 2, 6): of the middle place, as the thumb
+
+
+@value
+class _Survey:
+    """What an aim found; the last few are kept, as modes and tasks often share them."""
+
+    index: IntArray
+    values: Array
+    field: _Field
+    found: Exploration
+
+
+class RayAnalyser:
+    """Virtual grasps of one object with one hand.
+
+    Args:
+        mesh: the object.
+        layout: the hand.
+        coefficients: Ka, Ko, Kn, Mn.
+        sets: membership functions.
+        cast: first hits of rays; Embree unless given.
+
+    Raises:
+        ObjectError: an extent of the object is over 4U.
+    """
+
+    def __init__(
+        self,
+        mesh: TriangleMesh,
+        layout: HandLayout,
+        *,
+        coefficients: ContactCoefficients | None = None,
+        sets: FuzzySets | None = None,
+        cast: Callable[[Array, Array], Hits] | None = None,
+    ) -> None:
+        _refuse_large(mesh, layout)
+        self.mesh = mesh
+        self.layout = layout
+        self.coefficients = coefficients or ContactCoefficients()
+        self.sets = sets or FuzzySets()
+        self._cast = cast or RayCaster(mesh).cast
+        self._nudge = mesh.extents.max() * _NUDGE
+        self._kept: dict[tuple[bytes, ...], _Survey] = {}
+
+    measure = "TFVADI"
+    patience = 1000
+
+    def explore(self, q: Array, aim: Aim) -> Exploration:
+        """All virtual grasps of an aim, best match first.
+
+        Args:
+            q: (6,) task Q.
+            aim: where to look.
+
+        Raises:
+            InputError: a plane, finger count or approach value that does not exist.
+        """
+        found = self._survey(aim).found
+        match = approaching_degrees(q, found.wrench, self.sets).sum(axis=-1)  # eq. 22
+        return replace(found, match=match).ranked()
+
+    def forget(self) -> None:
+        """Drop what is kept from earlier aims."""
+        self._kept.clear()
+
+    def _survey(self, aim: Aim) -> _Survey:
+        """All virtual grasps of an aim, not matched yet."""
+        index = np.array(aim.planes, dtype=np.int64)
+        values = np.array(aim.values, dtype=np.float64)
+        counts = np.array(aim.fingers, dtype=np.int64)
+        flips = np.array(aim.flips, dtype=bool)
+        key = (index.tobytes(), values.tobytes(), counts.tobytes(), flips.tobytes())
+        if key in self._kept:
+            return self._kept[key]
+        _check_aim(index, values, counts)
+        field = self._aim(index, values)
+        shape = (len(index), len(values), len(flips), len(counts))
+        wrench = np.zeros((*shape, 6))
+        valid = np.zeros(shape, dtype=bool)
+        for i, j in np.ndindex(len(flips), len(counts)):
+            thumb, other = (1, 0) if flips[i] else (0, 1)
+            places = _PLACES[int(counts[j])]
+            fingers = field.as_finger[:, :, other, places].sum(axis=2)
+            wrench[:, :, i, j] = field.as_thumb[:, :, thumb] + fingers
+            valid[:, :, i, j] = (
+                field.hit[:, :, thumb, 0]
+                & field.hit[:, :, other, places].all(axis=2)
+                & field.fits[:, :, counts[j] - 2]
+            )
+        p, v, f, c = np.nonzero(valid)
+        found = Exploration(
+            plane=index[p],
+            flip=flips[f],
+            value=values[v],
+            fingers=counts[c],
+            wrench=wrench[p, v, f, c],
+            match=np.zeros(len(p)),
+            aimed=valid.size,
+        )
+        if len(self._kept) >= _KEPT:
+            del self._kept[next(iter(self._kept))]
+        self._kept[key] = survey = _Survey(index=index, values=values, field=field, found=found)
+        return survey
+
+    def grasp(self, q: Array, found: Exploration, index: int = 0) -> VirtualGrasp:
+        """One virtual grasp in full: contacts, wrenches, matching degrees, screw measures."""
+        number, flip = int(found.plane[index]), bool(found.flip[index])
+        v, fingers = float(found.value[index]), int(found.fingers[index])
+        field, at = self._at(number, v)
+        thumb, other = (1, 0) if flip else (0, 1)
+        side = np.array([thumb] + [other] * (fingers - 1))
+        place = np.array([0, *_PLACES[fingers]])
+
+        def pick(array: Array) -> Array:
+            return array[at][side, place]
+
+        wrenches = pick(field.as_finger)
+        wrenches[0] = field.as_thumb[at][thumb]
+        net = net_wrench(wrenches)
+        adi = approaching_degrees(q, net, self.sets)
+        stability, manipulability = screw_measures(wrenches)
+        return VirtualGrasp(
+            plane=plane(number),
+            flip=flip,
+            approach_value=v,
+            approach_set=self.sets.name_index(v),
+            fingers=fingers,
+            contacts=Contacts(
+                points=pick(field.point),
+                normals_in=pick(field.normal),
+                triangles=field.triangle[at][side, place],
+                wrenches=wrenches,
+                ray_origins=pick(field.origin),
+            ),
+            net_wrench=net,
+            adi=adi,
+            tfvadi=float(adi.sum()),
+            stability=stability,
+            manipulability=manipulability,
+        )
+
+    def _at(self, number: int, v: float) -> tuple[_Field, tuple[int, int]]:
+        """A field that holds this plane and approach value, and where in it they are."""
+        for survey in reversed(self._kept.values()):
+            p = np.flatnonzero(survey.index == number)
+            i = np.flatnonzero(survey.values == v)
+            if len(p) and len(i):
+                return survey.field, (int(p[0]), int(i[0]))
+        return self._aim(np.array([number]), np.array([v])), (0, 0)
+
+    def _aim(self, index: IntArray, values: Array) -> _Field:
+        """Cast the rays of all planes and values at once."""
+        a, o, t = (axes[index - 1] for axes in (APPROACH_AXES, OPPOSITION_AXES, TRANSVERSE_AXES))
+        half = self.mesh.extents / 2
+        half_a, half_o, half_t = (np.abs(axes) @ half for axes in (a, o, t))
+        target = self.mesh.cog + (half_a[:, None] * values)[..., None] * a[:, None]  # (P, V, 3)
+        room = self._room(target, t, half_t)
+        offsets, fits = self._spread(room, half_t)
+        sides = np.stack([o, -o], axis=1)  # (P, 2, 3): where the rays come from
+        start = sides * (2.0 * half_o)[:, None, None]
+        origin = (
+            target[:, :, None, None]
+            + start[:, None, :, None]
+            + offsets[:, :, None, :, None] * t[:, None, None, None]
+        )
+        direction = np.broadcast_to(-sides[:, None, :, None], origin.shape)
+        point, triangle = self._hit(origin, direction)
+        normal = self.mesh.normals[triangle]
+        # Inward = with the ray, whichever way a scan's triangles happen to be wound.
+        along = np.einsum("...i,...i->...", normal, direction)
+        normal = np.where(along[..., None] < 0, -normal, normal)
+        as_finger, as_thumb = self._wrenches(point, normal, a, t)
+        return _Field(
+            origin=origin,
+            point=point,
+            normal=normal,
+            triangle=triangle,
+            hit=triangle != MISS,
+            fits=fits,
+            as_finger=as_finger,
+            as_thumb=as_thumb,
+        )
+
+    def _room(self, target: Array, t: Array, half_t: Array) -> Array:
+        """(P, V) half the object's width along t at each aim [m]; its extent where it is not met."""
+        sides = np.stack([t, -t], axis=1)  # (P, 2, 3)
+        origin = target[:, :, None] + (sides * (2.0 * half_t)[:, None, None])[:, None]
+        direction = np.broadcast_to(-sides[:, None], origin.shape)
+        point, triangle = self._hit(origin, direction)
+        aside = np.einsum("pvsi,pvsi->pvs", point - target[:, :, None], -direction)
+        reach = aside.min(axis=2)  # of the nearer side
+        met = (triangle != MISS).all(axis=2) & (reach > 0)
+        return np.where(met, reach, half_t[:, None])
+
+    def _hit(self, origin: Array, direction: Array) -> tuple[Array, IntArray]:
+        """Where each ray first hits [m], and the triangle; without one, its origin and -1."""
+        origins, directions = origin.reshape(-1, 3), direction.reshape(-1, 3)
+        aside = origins + self._nudge
+        picked = self._cast(aside, directions)
+        hit = (picked.triangle != MISS)[:, None]
+        reach = np.where(hit, picked.distance[:, None], 0.0)
+        true = np.where(hit, distance_to(self.mesh, picked.triangle, origins, directions)[:, None], 0.0)
+        # Beside a wall along the ray the picked triangle's plane says nothing about the true ray.
+        flat = np.abs(true - reach) <= 10 * self._nudge.max()
+        point = np.where(flat, origins + true * directions, aside + reach * directions)
+        return np.where(hit, point, origins).reshape(origin.shape), picked.triangle.reshape(origin.shape[:-1])
+
+    def _spread(self, room: Array, half_t: Array) -> tuple[Array, BoolArray]:
+        """Offsets along t of the five places, and which finger counts fit.
+
+        Fingers stand at the hand's pitch, drawn closer where the object is narrower, but never closer
+        than a fingertip's width [C].
+        """
+        width, pitch = self.layout.fingertip_width, self.layout.finger_pitch
+        across = 2.0 * np.minimum(room, half_t[:, None])
+        pair = np.minimum(pitch, across - width)
+        triple = np.minimum(pitch, (across - width) / 2)
+        zero = np.zeros_like(pair)
+        offsets = np.stack([zero, pair / 2, -pair / 2, triple, -triple], axis=-1)
+        slack = 1e-9
+        fits = np.stack([zero == 0, pair >= width - slack, triple >= width - slack], axis=-1)
+        return offsets, fits
+
+    def _wrenches(self, point: Array, normal: Array, a: Array, t: Array) -> tuple[Array, Array]:
+        """Contact wrenches about the COG: of every place as a finger, of the middle as the thumb."""
+        r = (point - self.mesh.cog) / self.layout.u
+        axes = (a[:, None, None], t[:, None, None])
+        as_finger = contact_wrenches(r, normal, *axes, -_SIGNS, self.coefficients)
+        thumb = np.array([-1])
+        as_thumb = contact_wrenches(r[..., :1, :], normal[..., :1, :], *axes, thumb, self.coefficients)
+        return as_finger, as_thumb[..., 0, :]
+
+
+def _check_aim(index: IntArray, values: Array, counts: IntArray) -> None:
+    if index.size and not ((index >= 1) & (index <= 12)).all():
+        raise InputError(f"approach plane indices must be 1 to 12, got {index.tolist()}")
+    if not ((counts >= 2) & (counts <= MAX_FINGERS)).all():
+        raise InputError(f"virtual fingers must be 2 to {MAX_FINGERS}, got {counts.tolist()}")
+    if not (np.abs(values) <= 1).all():
+        raise InputError(f"approach values must lie in -1..1, got {values.tolist()!s:.80}")
+
+
+def _refuse_large(mesh: TriangleMesh, layout: HandLayout) -> None:
+    limit = MAX_EXTENT * layout.u
+    largest = float(mesh.extents.max())
+    if largest > limit * (1 + 1e-9):
+        axis = "xyz"[int(np.argmax(mesh.extents))]
+        digits = next(n for n in range(16) if round(largest * 1000, n) > round(limit * 1000, n))
+        fits = _rounded_down(mesh.scale * limit / largest)
+        raise ObjectError(
+            f"{mesh.name} measures {largest * 1000:.{digits}f} mm along {axis}, over the "
+            f"{limit * 1000:.{digits}f} mm (4U) that the ray analyser allows the {layout.name} hand; "
+            f"--scale {fits} would fit"
+        )
+
+
+def _rounded_down(number: float) -> str:
+    """Three digits, never more than the number itself."""
+    power = 10.0 ** (2 - math.floor(math.log10(number)))
+    return f"{math.floor(number * power) / power:.3g}"

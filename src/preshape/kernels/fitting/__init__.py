@@ -1,0 +1,1 @@
+"""Fitting of contact planes: host code and Warp kernels."""

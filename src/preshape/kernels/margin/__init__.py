@@ -1,0 +1,1 @@
+"""Wrench margins: host code, Warp kernels, and the NumPy twin that specifies them."""

@@ -1,0 +1,93 @@
+"""Wrench spaces on the device, known by their support: how far along a direction, and where.
+
+Import this module only inside a function: it loads Warp. :mod:`.plain` is the plain version.
+"""
+# Types are Warp's, not Python's; and a literal that a loop changes must be written as float(...) or int(...).
+# mypy: disable-error-code="attr-defined,call-overload,index,no-untyped-def,operator,untyped-decorator"
+# mypy: disable-error-code="valid-type"
+# ruff: noqa: RUF046, UP018
+
+from __future__ import annotations
+
+import warp as wp
+
+wp.set_module_options({"enable_backward": False, "max_unroll": 1})
+
+vec6 = wp.types.vector(length=6, dtype=wp.float32)
+mat83 = wp.types.matrix(shape=(8, 3), dtype=wp.float32)
+
+FAR = wp.constant(wp.float32(wp.inf))
+
+
+@wp.func
+def dot(a: vec6, b: vec6):
+    """The inner product, summed in two halves at a time."""
+    return (a[0] * b[0] + a[1] * b[1] + a[2] * b[2]) + (a[3] * b[3] + a[4] * b[4] + a[5] * b[5])
+
+
+@wp.func
+def highest(arms: mat83, normals: mat83, count: int, mu: float, gamma: float, y: vec6):
+    """The support of the producible wrenches with unit normal force along y, and where it is reached."""
+    yf = wp.vec3(y[0], y[1], y[2])
+    yt = wp.vec3(y[3], y[4], y[5])
+    best = float(-1.0e30)
+    best_i = int(0)
+    best_s = float(0.0)
+    best_g = wp.vec3(0.0, 0.0, 0.0)
+    best_m = float(0.0)
+    for i in range(count):
+        n = normals[i]
+        g = yf + wp.cross(yt, arms[i])
+        along = wp.dot(n, g)
+        t = g - n * along
+        m = gamma * wp.dot(n, yt)
+        s = wp.sqrt(mu * mu * wp.dot(t, t) + m * m)
+        if along + s > best:
+            best = along + s
+            best_i = i
+            best_s = s
+            best_g = t
+            best_m = m
+    n = normals[best_i]
+    f = n
+    twist = float(0.0)
+    if best_s > 1.0e-12:
+        f = n + best_g * (mu * mu / best_s)
+        twist = gamma * best_m / best_s
+    torque = wp.cross(arms[best_i], f) + n * twist
+    return best, vec6(f[0], f[1], f[2], torque[0], torque[1], torque[2])
+
+
+@wp.func
+def hardest(axis: vec6, cos_half: float, sin_half: float, y: vec6):
+    """Of the unit wrenches within the half-angle of the axis the one that goes farthest along y."""
+    along = dot(y, axis)
+    across = y - axis * along
+    width = wp.length(across)
+    size = wp.sqrt(along * along + width * width)
+    w = axis
+    far = along
+    if width > 1.0e-7:
+        if along >= cos_half * size:
+            w = y / size
+            far = size
+        else:
+            w = axis * cos_half + across * (sin_half / width)
+            far = along * cos_half + width * sin_half
+    return far, w
+
+
+@wp.func
+def bounded(base: vec6, units: wp.array(dtype=vec6), y: vec6, height: float):
+    """How far the wrenches reach from the base to the plane across y, and which is stopped first."""
+    far = float(0.0)
+    who = int(-1)
+    for i in range(units.shape[0]):
+        s = dot(y, units[i])
+        if s > far:
+            far = s
+            who = i
+    k = float(FAR)
+    if far > 1.0e-9:
+        k = wp.max(height - dot(y, base), 0.0) / far
+    return k, who

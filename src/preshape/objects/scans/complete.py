@@ -1,0 +1,161 @@
+"""From points to a closed surface that says which of it was seen."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ...exceptions import InputError, ObjectError
+from ...types import Array, IntArray, freeze, frozen_array, value
+from .all_round import outward_normals, poisson
+from .cleaning import check_enough, cleaned, spacing_of
+from .scan import RawCloud, Scan
+from .sight import HIDDEN, Sight, hidden_share, sight_of
+from .surface import SEEN_SPACINGS, Grid, grid_round, seen_triangles, zero_of_values, zero_surface
+from .symmetry import Symmetry, symmetries
+
+NEAR = 8.0
+"""Beyond this many spacings in free space a node is outside for certain [C]."""
+PER_SPACING, MARGIN = 0.7, 8
+"""Cells of the grid of points from all round, in spacings; and cells to spare on every side [C]."""
+ALL_ROUND = "all"
+"""What stands for points from all round where a camera is asked for."""
+
+
+@value
+class Completed:
+    """A closed surface made from points.
+
+    Attributes:
+        vertices: (v, 3) [m], cloud frame.
+        triangles: (t, 3), outward by the right-hand rule.
+        scan: what it was made from.
+    """
+
+    vertices: Array
+    triangles: IntArray
+    scan: Scan
+
+    def __post_init__(self) -> None:
+        freeze(self, vertices=frozen_array(self.vertices, (None, 3), "vertices"))
+
+
+def complete(name: str, cloud: RawCloud, camera: Sequence[float] | Array | str | None = None) -> Completed:
+    """Make a closed surface of points.
+
+    Args:
+        name: the file, for messages.
+        cloud: points [m], and the camera that the file names.
+        camera: (3,) where they were seen from [m], cloud frame; ``all`` for points from all round; ``None``
+            takes the file's camera, else the origin where it lies outside the points' box and no point
+            hides another from there, else all round.
+
+    Raises:
+        ObjectError: points that make no body: too few, two things, all on a plane.
+        InputError: a camera within the points, or one that cannot have seen them.
+    """
+    points = cloud.points[np.isfinite(cloud.points).all(axis=1)]
+    check_enough(name, len(points), "points")
+    place = _camera(name, points, cloud, camera)
+    kept = cleaned(name, points, place)
+    if place is None:
+        return _from_all_round(name, len(points), kept)
+    return _from_one_side(name, len(points), kept, place)
+
+
+def _camera(
+    name: str, points: Array, cloud: RawCloud, asked: Sequence[float] | Array | str | None
+) -> Array | None:
+    """Where the points were seen from; ``None`` for all round."""
+    if isinstance(asked, str):
+        if asked != ALL_ROUND:
+            raise InputError(f"a view is a camera's position x,y,z or {ALL_ROUND}, got {asked!r}")
+        return None
+    low, high = points.min(axis=0), points.max(axis=0)
+    given = cloud.camera if asked is None else frozen_array(asked, (3,), "the camera's position")
+    place = np.zeros(3) if given is None else given
+    outside = bool(((place < low) | (place > high)).any())
+    share = hidden_share(points, place) if outside else 1.0
+    if share <= HIDDEN:
+        return place
+    if given is None:
+        return None
+    where = ", ".join(f"{number:g}" for number in place)
+    why = f"{100 * share:.0f} % of them stand behind others" if outside else "it is among them"
+    raise InputError(
+        f"{name}: a camera at {where} m cannot have seen these points, {why}; give its place in the "
+        f"cloud's frame, or --view {ALL_ROUND} for points from all round"
+    )
+
+
+def _from_one_side(name: str, count: int, points: Array, camera: Array) -> Completed:
+    sight = sight_of(points, camera)
+    found = symmetries(sight, points)
+    far = np.concatenate([points, *(one.apply(points) for one in found)])
+    grid = grid_round(far)
+    vertices, triangles = zero_surface(lambda nodes: solid(sight, found, nodes), grid)
+    kinds = {"mirror": "a mirror plane", "turn": "half a turn", "point": "a centre"}
+    named = [kinds[kind] for kind in dict.fromkeys(one.kind for one in found)]
+    guess = f"guessed by symmetry about {' and '.join(named)}"
+    return marked(name, count, points, camera, vertices, triangles, grid, guess)
+
+
+def solid(sight: Sight, found: Sequence[Symmetry], points: Array) -> Array:
+    """(n,) negative within the guessed solid: what is not seen to be free, nor is any of its images [m].
+
+    Args:
+        sight: what the camera saw.
+        found: symmetries of the solid.
+        points: (n, 3) [m].
+    """
+    free = sight.free(points)
+    for one in found:
+        # What is free by far stays so, whatever its image is.
+        near = np.flatnonzero(free < NEAR * sight.spacing)
+        free[near] = np.maximum(free[near], sight.free(one.apply(points[near])))
+    return free
+
+
+def _from_all_round(name: str, count: int, points: Array) -> Completed:
+    across = float(np.ptp(points, axis=0).max()) / (PER_SPACING * spacing_of(points))
+    grid = grid_round(points, cells=int(np.clip(across, 48, 128)) + 2 * MARGIN, margin=MARGIN)
+    values = poisson(points, outward_normals(points), grid) * grid.spacing
+    vertices, triangles = zero_of_values(values, grid)
+    return marked(name, count, points, None, vertices, triangles, grid, "closed by the smoothest surface")
+
+
+def marked(
+    name: str,
+    count: int,
+    points: Array,
+    camera: Array | None,
+    vertices: Array,
+    triangles: IntArray,
+    grid: Grid,
+    guess: str,
+) -> Completed:
+    """A surface with what of it was seen.
+
+    Args:
+        name: the file, for messages.
+        count: points in the file.
+        points: (n, 3) cleaned [m].
+        camera: (3,) [m], or ``None``.
+        vertices: (v, 3) [m].
+        triangles: (t, 3).
+        grid: that the surface was found on.
+        guess: how the rest was guessed.
+
+    Raises:
+        ObjectError: no triangle.
+    """
+    if not len(triangles):
+        raise ObjectError(f"{name}: no closed surface fits these points; scan more of the object")
+    reach = SEEN_SPACINGS * max(spacing_of(points), grid.spacing)
+    seen = seen_triangles(vertices, triangles, points, reach)
+    corners = vertices[triangles]
+    areas = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    share = float(np.clip(areas[seen].sum() / areas.sum(), 0.0, 1.0))
+    scan = Scan(points=count, camera=camera, seen=seen, seen_share=share, guess=guess)
+    return Completed(vertices=vertices, triangles=triangles, scan=scan)

@@ -1,0 +1,109 @@
+"""A closed surface from a function on a grid, and which of it was seen."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from ...types import Array, BoolArray, IntArray, freeze, frozen_array, value
+from .cleaning import nearest
+
+CELLS = 72
+"""Nodes along the longest side of the grid [C]."""
+SMOOTH = 0.7
+"""Standard deviation of the smoothing of the function, in cells [C]."""
+SEEN_SPACINGS = 1.5
+"""A triangle was seen if its middle is within this many spacings (of points or grid) of a point [C]."""
+
+
+@value
+class Grid:
+    """Nodes of a grid of cubes.
+
+    Attributes:
+        origin: (3,) the first node [m].
+        spacing: edge of a cell [m].
+        shape: nodes along each axis.
+    """
+
+    origin: Array
+    spacing: float
+    shape: tuple[int, int, int]
+
+    def __post_init__(self) -> None:
+        freeze(self, origin=frozen_array(self.origin, (3,), "grid origin"))
+
+    @property
+    def nodes(self) -> Array:
+        """(n, 3) all nodes, the last axis fastest [m]."""
+        steps = np.stack(np.meshgrid(*map(np.arange, self.shape), indexing="ij"), axis=-1)
+        return self.origin + self.spacing * steps.reshape(-1, 3).astype(np.float64)
+
+
+def grid_round(points: Array, *, cells: int = CELLS, margin: int = 3) -> Grid:
+    """A grid round points, with some cells to spare.
+
+    Args:
+        points: (n, 3) [m].
+        cells: nodes along the longest side.
+        margin: cells on every side.
+    """
+    low, high = points.min(axis=0), points.max(axis=0)
+    spacing = float((high - low).max()) / (cells - 1 - 2 * margin)
+    nodes = np.ceil((high - low) / spacing).astype(int) + 1 + 2 * margin
+    return Grid(
+        origin=(low + high) / 2 - spacing * (nodes - 1) / 2,
+        spacing=spacing,
+        shape=(int(nodes[0]), int(nodes[1]), int(nodes[2])),
+    )
+
+
+def zero_surface(function: Callable[[Array], Array], grid: Grid) -> tuple[Array, IntArray]:
+    """Where a function is zero, as triangles outward by the right-hand rule; the largest part of it.
+
+    Args:
+        function: (n, 3) points to (n,) values, negative inside.
+        grid: where it is looked at.
+
+    Returns:
+        (v, 3) vertices [m] and (t, 3) triangles; none where the function has no zero.
+    """
+    return zero_of_values(function(grid.nodes).reshape(grid.shape), grid)
+
+
+def zero_of_values(values: Array, grid: Grid) -> tuple[Array, IntArray]:
+    """As :func:`zero_surface`, from the function's values at the nodes."""
+    from scipy.ndimage import gaussian_filter, label
+    from skimage.measure import marching_cubes
+
+    near = 4 * grid.spacing
+    smooth = gaussian_filter(np.clip(values, -near, near), SMOOTH)
+    # The rim is outside: what reaches it is closed there.
+    for axis in range(3):
+        for side in (0, -1):
+            rim = np.moveaxis(smooth, axis, 0)[side]
+            np.maximum(rim, 0.5 * grid.spacing, out=rim)
+    parts, count = label(smooth < 0)
+    if count == 0:
+        return np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64)
+    if count > 1:
+        largest = 1 + int(np.bincount(parts.ravel())[1:].argmax())
+        smooth = np.where((parts > 0) & (parts != largest), 0.5 * grid.spacing, smooth)
+    vertices, triangles, _, _ = marching_cubes(smooth, 0.0, gradient_direction="descent")  # type: ignore[no-untyped-call]
+    found: IntArray = triangles.astype(np.int64)
+    return grid.origin + grid.spacing * vertices.astype(np.float64), found
+
+
+def seen_triangles(vertices: Array, triangles: IntArray, points: Array, reach: float) -> BoolArray:
+    """(t,) which triangles have a point of the cloud within reach of their middle.
+
+    Args:
+        vertices: (v, 3) [m].
+        triangles: (t, 3).
+        points: (n, 3) what was seen [m].
+        reach: [m].
+    """
+    away, _ = nearest(points, 2, vertices[triangles].mean(axis=1))
+    seen: BoolArray = away[:, 0] <= reach
+    return seen

@@ -1,0 +1,297 @@
+"""A holding test written down while it runs: poses, contact forces, slip, torques and the gap, over time.
+
+Every probe starts again from the squeezed grasp; a recording lays them one after the other. MuJoCo leaves
+the poses and the contact forces of a step's beginning behind: what is recorded belongs together.
+
+Slip is the net way that a part's surface has slid over the object's, in the object's frame, since the part
+began to press, and within a probe since the squeeze ended: it counts the motion of the two bodies' material
+points at the contact along the surface, so that rolling is no slip and trembling adds up to none.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from ...exceptions import InputError
+from ...types import Array, IntArray, freeze, frozen_array, value
+from ..measures import place
+from ..protocol import Protocol
+from ..scene import OBJECT, PALM, PREFIX, Scene
+from .six_directions import HoldResult, hold_test
+
+APPROACH = ("pregrasp", "grasp", "squeeze")
+"""The stages before the probes; the first is one sample, of where the hand begins."""
+PRESSES = 1e-6
+"""A part presses on the object where its normal force is more than this [N]."""
+FAR = 0.2
+"""Gaps beyond this count as this [m]."""
+
+
+@value
+class Recording:
+    """A holding test over time: n samples, p parts of the hand, b bodies, j joints; all in the world's axes.
+
+    Attributes:
+        result: how the test ended.
+        hand: name of the hand.
+        joints: (j,) names.
+        parts: (p,) ``palm`` and the fingers.
+        stage: (n,) ``pregrasp``, ``grasp``, ``squeeze`` or the probe's name.
+        times: (n,) from the beginning [s]; the probes follow each other.
+        object_pose: (n, 7) position [m] and quaternion w x y z.
+        bodies: (n, b, 7) of every body of the scene's model, the same.
+        load: (n, 6) force [N] and torque [N m] on the object about its centre of mass.
+        forces: (n, p, 3) contact force of each part on the object [N].
+        points: (n, p, 3) where it acts: the contacts' mean, weighed by normal force [m]; the object's
+            position where nothing presses.
+        normal: (n, p) sum of the normal forces [N].
+        tangential: (n, p) length of the sum of the friction forces [N].
+        slip: (n, p) see the module [m].
+        torques: (n, j) of the actuators at the joints [N m].
+        gap: (n,) least distance of hand and object, negative where they cut into each other [m].
+    """
+
+    result: HoldResult
+    hand: str
+    joints: tuple[str, ...]
+    parts: tuple[str, ...]
+    stage: tuple[str, ...]
+    times: Array
+    object_pose: Array
+    bodies: Array
+    load: Array
+    forces: Array
+    points: Array
+    normal: Array
+    tangential: Array
+    slip: Array
+    torques: Array
+    gap: Array
+
+    def __post_init__(self) -> None:
+        n, p, j = len(self.stage), len(self.parts), len(self.joints)
+        shapes: dict[str, tuple[int | None, ...]] = {
+            "times": (n,), "object_pose": (n, 7), "bodies": (n, None, 7), "load": (n, 6),
+            "forces": (n, p, 3), "points": (n, p, 3), "normal": (n, p), "tangential": (n, p),
+            "slip": (n, p), "torques": (n, j), "gap": (n,),
+        }  # fmt: skip
+        for name, shape in shapes.items():
+            freeze(self, **{name: frozen_array(getattr(self, name), shape, f"recording: {name}")})
+
+    def __len__(self) -> int:
+        return len(self.stage)
+
+    @property
+    def stages(self) -> tuple[str, ...]:
+        """The stages that were recorded, in their order."""
+        return tuple(dict.fromkeys(self.stage))
+
+    def span(self, stage: str) -> slice:
+        """The samples of one stage.
+
+        Raises:
+            InputError: it was not recorded.
+        """
+        if stage not in self.stage:
+            raise InputError(f"no stage {stage!r} in the recording; it has {', '.join(self.stages)}")
+        start = self.stage.index(stage)
+        return slice(start, start + self.stage.count(stage))
+
+    def largest_force(self, stage: str) -> float:
+        """Largest normal force of one part in a stage [N]."""
+        return float(self.normal[self.span(stage)].max(initial=0.0))
+
+    def largest_slip(self, stage: str) -> float:
+        """Largest slip of one part in a stage [m]."""
+        return float(self.slip[self.span(stage)].max(initial=0.0))
+
+    def moved(self, stage: str) -> tuple[float, float]:
+        """Largest displacement [m] and rotation [rad] of the object in a stage, from where it first stood."""
+        poses, first = self.object_pose[self.span(stage)], self.object_pose[0]
+        away = np.linalg.norm(poses[:, :3] - first[:3], axis=1)
+        turn = 2.0 * np.arccos(np.clip(np.abs(poses[:, 3:] @ first[3:]), 0.0, 1.0))
+        return float(away.max()), float(turn.max())
+
+
+def record_hold(
+    scene: Scene,
+    pregrasp: Array,
+    grasp: Array,
+    squeeze: Array,
+    object_pose: Array,
+    protocol: Protocol,
+    *,
+    probes: Sequence[str] | None = None,
+    parts: Sequence[str] = (),
+    row: int = 0,
+    object_name: str = "",
+    scale: float = 1.0,
+) -> Recording:
+    """Run a holding test and write it down; the test's result is the same as without.
+
+    Args:
+        scene: of hand and object.
+        pregrasp: (7 + joints) root pose x y z w x y z in the world and joint angles [m, rad].
+        grasp: the same, where the hand touches.
+        squeeze: the same, the targets that press.
+        object_pose: (7,) in the world.
+        protocol: the test's numbers.
+        probes: names of those to record; default all that the test tries. The rest are run, not recorded.
+        parts: names of palm and fingers, in the order of ``scene.part_of_body``; default ``finger 1`` ….
+        row: of the result, as are the next two.
+        object_name: see there.
+        scale: see there.
+
+    Raises:
+        InputError: a probe that the protocol does not have, or another number of parts.
+    """
+    known = [probe.name for probe in protocol.loads()]
+    unknown = [name for name in probes or () if name not in known]
+    if unknown:
+        raise InputError(f"no probe {unknown[0]!r} in the test; it has {', '.join(known)}")
+    names = tuple(parts) or ("palm", *(f"finger {k + 1}" for k in range(scene.fingers)))
+    if len(names) != scene.fingers + 1:
+        raise InputError(f"the hand has a palm and {scene.fingers} fingers, got {len(names)} names")
+    recorder = _Recorder(scene, {*APPROACH, *(known if probes is None else probes)})
+    recorder.first(pregrasp, object_pose)
+    result = hold_test(
+        scene, pregrasp, grasp, squeeze, object_pose, protocol,
+        row=row, object_name=object_name, scale=scale, observer=recorder,
+    )  # fmt: skip
+    rows = recorder.rows
+    columns = {name: np.array([sample[name] for sample in rows]) for name in rows[0] if name != "stage"}
+    stage = tuple(sample["stage"] for sample in rows)
+    return Recording(result=result, hand=scene.hand, joints=scene.joints, parts=names, stage=stage, **columns)
+
+
+class _Recorder:
+    """The observer: one sample a call."""
+
+    def __init__(self, scene: Scene, wanted: set[str]) -> None:
+        self.scene, self.wanted = scene, wanted
+        self.rows: list[dict[str, Any]] = []
+        self.done: set[str] = set()
+        self.running, self.again = "", False
+        joints = [scene.model.joint(PREFIX + joint) for joint in scene.joints]
+        self.speeds = np.array([int(joint.dofadr[0]) for joint in joints], dtype=np.int64)
+        bodies = scene.model.geom_bodyid
+        # What touches nothing has no gap either.
+        solid = (scene.model.geom_contype | scene.model.geom_conaffinity) != 0
+        own = scene.part_of_body[bodies]
+        self.geoms = np.flatnonzero((own >= PALM) & solid), np.flatnonzero(own == OBJECT)
+        self.end = self.started = 0.0
+        self.shift = np.zeros((scene.fingers + 1, 3))
+        self.before: _Touch | None = None
+        self.squeezed: _Touch | None = None
+
+    def first(self, pregrasp: Array, object_pose: Array) -> None:
+        import mujoco
+
+        data = mujoco.MjData(self.scene.model)
+        place(self.scene, data, pregrasp, object_pose)
+        mujoco.mj_forward(self.scene.model, data)
+        self("pregrasp", data)
+
+    def __call__(self, name: str, data: Any) -> None:
+        scene, begins = self.scene, self.running != name
+        again = name in self.done if begins else self.again  # the ladder tries the probes once more
+        self.running, self.again = name, again
+        if name not in self.wanted or again:
+            return
+        self.done.add(name)
+        if begins and self.rows:
+            self.end = self.rows[-1]["times"]
+            if name not in APPROACH:  # from the squeezed grasp again
+                self.squeezed = self.squeezed or self.before
+                self.before, self.shift = self.squeezed, np.zeros_like(self.shift)
+        if begins:
+            self.started = self.squeezed.time if self.squeezed else (self.before.time if self.before else 0.0)
+        touch = _Touch(scene, data)
+        if self.before is not None:
+            self.shift = self.shift + self.before.slid(touch)
+        self.before = touch
+        self.rows.append(
+            {
+                "stage": name,
+                "times": self.end + float(data.time) - self.started,
+                "object_pose": touch.bodies[scene.object_body],
+                "bodies": touch.bodies,
+                "load": np.array(data.xfrc_applied[scene.object_body]),
+                "forces": touch.forces,
+                "points": touch.points,
+                "normal": touch.normal,
+                "tangential": touch.tangential,
+                "slip": np.linalg.norm(self.shift, axis=1),
+                "torques": np.array(data.qfrc_actuator[self.speeds]),
+                "gap": self._gap(data),
+            }
+        )
+
+    def _gap(self, data: Any) -> float:
+        import mujoco
+
+        geoms, model = np.asarray(data.contact.geom).reshape(-1, 2), self.scene.model
+        pairs = self.scene.part_of_body[model.geom_bodyid[geoms]]
+        meets = (pairs == OBJECT).any(axis=1) & (pairs >= PALM).any(axis=1)
+        if meets.any():
+            return float(np.asarray(data.contact.dist)[meets].min())
+        least = FAR
+        for own in self.geoms[0]:
+            for other in self.geoms[1]:
+                least = min(least, mujoco.mj_geomDistance(model, data, int(own), int(other), least, None))
+        return float(least)
+
+
+class _Touch:
+    """Where everything stands and presses at one sample."""
+
+    def __init__(self, scene: Scene, data: Any) -> None:
+        import mujoco
+
+        self.scene, self.time = scene, float(data.time)
+        self.bodies = np.concatenate([data.xpos, data.xquat], axis=1)
+        self.rotations = np.array(data.xmat).reshape(-1, 3, 3)
+        count = scene.fingers + 1
+        friction, weighed = np.zeros((count, 3)), np.zeros((count, 3))
+        self.forces, self.normal = np.zeros((count, 3)), np.zeros(count)
+        self.contacts: list[tuple[int, int, Array, Array, float]] = []  # part, body, point, normal, force
+        geoms = np.asarray(data.contact.geom).reshape(-1, 2)
+        bodies: IntArray = scene.model.geom_bodyid[geoms].reshape(-1, 2)
+        parts = scene.part_of_body[bodies]
+        found = np.zeros(6)
+        for index in np.flatnonzero((parts == OBJECT).any(axis=1) & (parts >= PALM).any(axis=1)):
+            mujoco.mj_contactForce(scene.model, data, int(index), found)
+            if found[0] <= PRESSES:
+                continue
+            # The frame's first axis points from the first geom to the second, on which the force acts.
+            second = parts[index, 1] == OBJECT
+            axes = np.array(data.contact.frame[index]).reshape(3, 3) * (1.0 if second else -1.0)
+            part, body = int(parts[index].max()), int(bodies[index, 0 if second else 1])
+            point = np.array(data.contact.pos[index])
+            self.forces[part] += found[:3] @ axes
+            friction[part] += found[1:3] @ axes[1:]
+            self.normal[part] += found[0]
+            weighed[part] += found[0] * point
+            self.contacts.append((part, body, point, axes[0], float(found[0])))
+        self.tangential = np.linalg.norm(friction, axis=1)
+        pressing = self.normal > 0
+        self.points = np.tile(self.bodies[scene.object_body, :3], (count, 1))
+        self.points[pressing] = weighed[pressing] / self.normal[pressing, None]
+
+    def slid(self, after: _Touch) -> Array:
+        """(parts, 3) how far each part that presses here and later slid since, in the object's frame [m]."""
+        total, thing = np.zeros_like(self.forces), self.scene.object_body
+        for part, body, point, normal, force in self.contacts:
+            if after.normal[part] > 0:
+                apart = self._carried(after, body, point) - self._carried(after, thing, point)
+                along = apart - (apart @ normal) * normal
+                total[part] += force / self.normal[part] * (self.rotations[thing].T @ along)
+        return total
+
+    def _carried(self, after: _Touch, body: int, point: Array) -> Array:
+        """Where the body has taken a point that was fixed to it."""
+        local = self.rotations[body].T @ (point - self.bodies[body, :3])
+        return np.asarray(after.rotations[body] @ local + after.bodies[body, :3])

@@ -1,0 +1,153 @@
+"""What a run of the task benchmark says: every instance, and scores a task family and an object."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import asdict, fields
+from typing import Any
+
+import numpy as np
+
+from ...tasks import FAMILIES
+from ...types import value
+from ..grasps import STAGES, GraspSet
+from ..hand import PhysicsHand
+from ..measures import mean, wilson
+from .instances import TaskInstance
+from .protocol import TaskResult, TaskStatus
+
+
+@value
+class TaskScore:
+    """Figures over some instances.
+
+    Attributes:
+        instances: how many.
+        passed: that passed.
+        rate: share of all instances that passed; one without an answer is a failure like any other.
+        interval: 95 % (Wilson).
+        answered: that had a grasp to test.
+        no_answer: for which the planner gave none.
+        lost: that lost the object.
+        penetrating: whose pregrasp cuts too deep.
+        unstable: whose simulation became unstable.
+        invalid: that could not be tested.
+        displacement: mean of the largest distance from the path, over those that passed [m].
+        rotation: mean of the largest angle from the path, over the same [rad].
+    """
+
+    instances: int
+    passed: int
+    rate: float | None
+    interval: tuple[float, float] | None
+    answered: int
+    no_answer: int
+    lost: int
+    penetrating: int
+    unstable: int
+    invalid: int
+    displacement: float | None
+    rotation: float | None
+
+
+@value
+class TaskReport:
+    """The results of a run, in the order of the instances.
+
+    Attributes:
+        instances: as tested.
+        results: one of each.
+        hand: the hand.
+        seconds: that this run took, without what it found done.
+    """
+
+    instances: tuple[TaskInstance, ...]
+    results: tuple[TaskResult, ...]
+    hand: PhysicsHand
+    seconds: float
+
+    def score(self, which: Callable[[TaskResult], bool] = lambda _: True) -> TaskScore:
+        """Figures over the results that ``which`` chooses."""
+        rows = [result for result in self.results if which(result)]
+        count = {status: sum(r.status is status for r in rows) for status in TaskStatus}
+        passed = count[TaskStatus.DONE]
+        done = [r for r in rows if r.passed]
+        return TaskScore(
+            instances=len(rows),
+            passed=passed,
+            rate=passed / len(rows) if rows else None,
+            interval=wilson(passed, len(rows)),
+            answered=len(rows) - count[TaskStatus.NO_ANSWER] - count[TaskStatus.INVALID],
+            no_answer=count[TaskStatus.NO_ANSWER],
+            lost=count[TaskStatus.LOST],
+            penetrating=count[TaskStatus.PENETRATES],
+            unstable=count[TaskStatus.UNSTABLE],
+            invalid=count[TaskStatus.INVALID],
+            displacement=mean(r.displacement for r in done if r.displacement is not None),
+            rotation=mean(r.rotation for r in done if r.rotation is not None),
+        )
+
+    def families(self) -> dict[str, TaskScore]:
+        """The score of each task family."""
+        found = {result.family for result in self.results}
+        names = [*(name for name in FAMILIES if name in found), *sorted(found - set(FAMILIES))]
+        return {name: self.score(lambda r, n=name: r.family == n) for name in names}  # type: ignore[misc]
+
+    def objects(self) -> dict[str, TaskScore]:
+        """The score of each object."""
+        names = dict.fromkeys(result.object_name for result in self.results)
+        return {name: self.score(lambda r, n=name: r.object_name == n) for name in names}  # type: ignore[misc]
+
+    def failures(self) -> tuple[TaskResult, ...]:
+        """The instances that did not pass."""
+        return tuple(result for result in self.results if not result.passed)
+
+    def to_json(self) -> dict[str, Any]:
+        """Scores over all, for each family and object, and every instance, as plain JSON values."""
+        rows = [result_to_json(result) for result in self.results]
+        return {
+            "all": asdict(self.score()),
+            "families": {name: asdict(score) for name, score in self.families().items()},
+            "objects": {name: asdict(score) for name, score in self.objects().items()},
+            "instances": [{k: v for k, v in row.items() if k != "planned"} for row in rows],
+        }
+
+    def planned_grasps(self) -> tuple[GraspSet, tuple[str, ...]]:
+        """The grasps that this program planned, and their tasks; for a file that gives the same scores."""
+        rows = [result for result in self.results if result.planned is not None]
+        poses = np.array([result.planned for result in rows]).reshape(
+            len(rows), len(STAGES), 7 + len(self.hand.joints)
+        )
+        stages: dict[str, Any] = {stage: poses[:, k] for k, stage in enumerate(STAGES)}
+        grasps = GraspSet(
+            hand=self.hand.name,
+            joints=self.hand.joints,
+            objects=tuple(result.object_name for result in rows),
+            scale=np.array([result.scale for result in rows]),
+            object_pose=np.tile([0.0, 0, 0, 1, 0, 0, 0], (len(rows), 1)),
+            **stages,
+        )
+        return grasps, tuple(result.task for result in rows)
+
+
+def result_to_json(result: TaskResult) -> dict[str, Any]:
+    """A result as plain JSON values; numbers keep every digit."""
+    return {**asdict(result), "status": result.status.name.lower()}
+
+
+def result_from_json(document: dict[str, Any]) -> TaskResult:
+    """The inverse of :func:`result_to_json`.
+
+    Raises:
+        KeyError, TypeError, ValueError: it is none.
+    """
+    if set(document) != {field.name for field in fields(TaskResult)}:
+        raise ValueError("other keys than a result has")
+    planned = document["planned"]
+    return TaskResult(
+        **{
+            **document,
+            "status": TaskStatus[document["status"].upper()],
+            "planned": None if planned is None else tuple(tuple(float(x) for x in row) for row in planned),
+        }
+    )

@@ -1,0 +1,1 @@
+"""From a request to a plan: one request, one session, one document."""
