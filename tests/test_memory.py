@@ -345,7 +345,12 @@ def test_objects_and_statistics() -> None:
         assert (cube.hands, cube.last_seen) == (("a,b", "utah_mit"), "2003-01-01T00:00:00Z")
         assert [(one.name, one.experiences) for one in memory.objects("a,b")] == [("cube", 1)]
         facts = memory.statistics()
-        assert (facts.path, facts.version, facts.experiences, facts.objects) == (":memory:", 3, 4, 2)
+        assert (facts.path, facts.version, facts.experiences, facts.objects) == (
+            ":memory:",
+            SCHEMA_VERSION,
+            4,
+            2,
+        )
         assert facts.kinds == (("seed", 0), ("task", 3), ("best", 1), ("landmark", 0), ("grip", 0))
         assert facts.hands == (("a,b", 1), ("utah_mit", 3))
         assert facts.trained == (("a,b", 7),)

@@ -41,7 +41,11 @@ def experience(*, shape: Array | None = None, **changes: Any) -> Experience:
 def bits(e: Experience) -> tuple[Any, ...]:
     """What is new in an experience, down to the sign of zero."""
     arrays = (None if a is None else (a.shape, a.tobytes()) for a in (e.attributes.shape, e.grip))
-    return (*arrays, None if e.quality is None else struct.pack("<d", e.quality), e.outcome)
+    return (*arrays, None if e.quality is None else struct.pack("<d", e.quality), e.outcome, e.scene)
+
+
+PLAIN = (None, None, None, "", "")
+"""Those bits of an experience from before there were such fields."""
 
 
 finite = st.floats(allow_nan=False, allow_infinity=False)
@@ -62,6 +66,7 @@ new_fields = st.fixed_dictionaries(
         "grip": st.none() | grips(),
         "quality": st.none() | st.floats(0, 6),
         "outcome": st.sampled_from(["", "held", "lost"]),
+        "scene": st.text(st.characters(codec="utf-8"), max_size=40),
     }
 )
 
@@ -173,8 +178,8 @@ def file_of_version(path: Path, version: int, content: list[Experience]) -> None
     with Memory.open(path) as memory:
         memory.add(content)
     connection = sqlite3.connect(path, isolation_level=None)
-    later = {1: ("area", "volume")}.get(version, ())
-    for name in (*later, "shape", "grip", "quality", "outcome"):
+    later = {1: ("area", "volume"), 2: ("shape", "grip", "quality", "outcome"), 3: ("scene",)}
+    for name in (name for since, names in later.items() if since >= version for name in names):
         connection.execute(f"ALTER TABLE experiences DROP COLUMN {name}")
     connection.execute(f"PRAGMA user_version = {version}")
     connection.close()
@@ -187,20 +192,20 @@ def columns(path: Path) -> list[Any]:
     return found
 
 
-@pytest.mark.parametrize("version", [1, 2])
+@pytest.mark.parametrize("version", [1, 2, 3])
 def test_an_older_file_is_migrated_and_a_copy_kept(tmp_path: Path, version: int) -> None:
     path, fresh = tmp_path / "memory.sqlite", tmp_path / "fresh.sqlite"
     old = [experience(object_name="old")]
     file_of_version(path, version, old)
     before = columns(path)
     with Memory.open(path, read_only=True) as memory:  # in a copy: the file stays
-        assert [bits(e) for e in memory.experiences()] == [(None, None, None, "")]
+        assert [bits(e) for e in memory.experiences()] == [PLAIN]
     assert columns(path) == before
     with Memory.open(path) as memory:
         (one,) = memory.experiences()
-        assert bits(one) == (None, None, None, "")
+        assert bits(one) == PLAIN
         assert one.task.tobytes() == old[0].task.tobytes()
-        if version == 2:
+        if version > 1:
             assert (one.attributes.area, one.attributes.volume) == (0.0214, 2.1e-4)
         assert memory.statistics().version == SCHEMA_VERSION
         memory.add([experience(grip=GRIP, shape=SHAPE, outcome="lost")])
@@ -236,27 +241,30 @@ def document_of(tmp_path: Path, content: Experience) -> dict[str, Any]:
     return found
 
 
-def first_version(document: dict[str, Any]) -> dict[str, Any]:
+def older_version(document: dict[str, Any], version: int = 1) -> dict[str, Any]:
     (one,) = document["experiences"]
-    plain = {name: one[name] for name in one if name not in ("grip", "quality", "outcome")}
-    plain["attributes"] = {name: one["attributes"][name] for name in one["attributes"] if name != "shape"}
-    return {**document, "version": 1, "experiences": [plain]}
+    later = ("grip", "quality", "outcome", "scene") if version == 1 else ("scene",)
+    plain = {name: one[name] for name in one if name not in later}
+    if version == 1:
+        plain["attributes"] = {name: one["attributes"][name] for name in one["attributes"] if name != "shape"}
+    return {**document, "version": version, "experiences": [plain]}
 
 
-def test_a_document_of_version_1_is_read(tmp_path: Path) -> None:
+@pytest.mark.parametrize("version", [1, 2])
+def test_a_document_of_an_older_version_is_read(tmp_path: Path, version: int) -> None:
     document = document_of(tmp_path, experience())
-    assert document["version"] == FORMAT_VERSION == 2
-    (tmp_path / "in.json").write_text(json.dumps(first_version(document)))
+    assert document["version"] == FORMAT_VERSION == 3
+    (tmp_path / "in.json").write_text(json.dumps(older_version(document, version)))
     with Memory.open(":memory:") as memory:
         assert memory.import_(tmp_path / "in.json") == 1
-        assert [bits(e) for e in memory.experiences()] == [(None, None, None, "")]
+        assert [bits(e) for e in memory.experiences()] == [PLAIN]
         assert memory.import_(tmp_path / "out.json") == 0  # the same experience in today's format
 
 
-@pytest.mark.parametrize("name", ["grip", "quality", "outcome", "shape"])
+@pytest.mark.parametrize("name", ["grip", "quality", "outcome", "shape", "scene"])
 def test_each_version_has_exactly_its_fields(tmp_path: Path, name: str) -> None:
     document = document_of(tmp_path, experience(grip=GRIP, shape=SHAPE, quality=3.0, outcome="held"))
-    old = first_version(document)
+    old = older_version(document)
     place, source = (old["experiences"][0], document["experiences"][0])
     if name == "shape":
         place, source = place["attributes"], source["attributes"]

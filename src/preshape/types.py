@@ -173,6 +173,8 @@ class Experience:
             fingers closed [rad]; ``None`` for a virtual grasp.
         quality: what the critic judged, 0..6, where that is not ``match``; ``None`` where it is.
         outcome: what physics said of the grip: ``held``, ``lost``, or empty where it was not asked.
+        scene: The table and boxes that the lesson was learnt with, as text; empty for free space. Mode 2
+            recognises, and mode 0 recalls, only lessons of the present scene.
     """
 
     kind: str
@@ -191,6 +193,7 @@ class Experience:
     grip: Array | None = None
     quality: float | None = None
     outcome: str = ""
+    scene: str = ""
 
     def __post_init__(self) -> None:
         freeze(

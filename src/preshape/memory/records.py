@@ -21,6 +21,8 @@ from .checks import exactly, grip, number, numbers, text, utc, vector, whole
 
 KINDS = ("seed", "task", "best", "landmark", "grip")
 OUTCOMES = ("", "held", "lost")
+SCENE_LENGTH = 4000
+"""Longest description of a scene in characters."""
 
 EXPERIENCE_COLUMNS = (
     *("hand", "kind", "object_name", "extent_x", "extent_y", "extent_z"),
@@ -28,7 +30,7 @@ EXPERIENCE_COLUMNS = (
     *("task_tx", "task_ty", "task_tz", "task_rx", "task_ry", "task_rz"),
     *("plane", "flip", "approach_value", "approach_set", "fingers"),
     *("wrench_fx", "wrench_fy", "wrench_fz", "wrench_mx", "wrench_my", "wrench_mz"),
-    *("match", "created", "area", "volume", "shape", "grip", "quality", "outcome"),
+    *("match", "created", "area", "volume", "shape", "grip", "quality", "outcome", "scene"),
 )
 WEIGHT_COLUMNS = (
     *("hand", "inputs", "hidden", "outputs", "w1", "b1", "w2", "b2"),
@@ -37,9 +39,10 @@ WEIGHT_COLUMNS = (
 _ATTRIBUTES = ("extents", "vertices", "vertex_normals", "faces", "triangles", "area", "volume", "shape")
 _EXPERIENCE = (
     *("kind", "object_name", "hand", "attributes", "task", "plane", "flip", "approach_value"),
-    *("approach_set", "fingers", "wrench", "match", "created", "grip", "quality", "outcome"),
+    *("approach_set", "fingers", "wrench", "match", "created", "grip", "quality", "outcome", "scene"),
 )
-_LATER: dict[str, Any] = {"grip": None, "quality": None, "outcome": ""}  # not in format version 1
+_SINCE: dict[int, dict[str, Any]] = {2: {"grip": None, "quality": None, "outcome": ""}, 3: {"scene": ""}}
+"""Fields that a format version added, and what they are in an older document."""
 _WEIGHTS = ("hand", "w1", "b1", "w2", "b2", "mean_square_error", "trained_on", "epochs")
 _MATCH_SLACK = 1e-9
 
@@ -59,15 +62,25 @@ def experience_fields(experience: Experience) -> dict[str, Any]:
     return fields
 
 
-def first_experience_from(fields: object) -> Experience:
-    """The experience that fields of format version 1 describe: without shape, grip, quality and outcome.
+def older_experience_from(fields: object, version: int) -> Experience:
+    """The experience that the fields of an older export format describe.
+
+    Args:
+        fields: The fields of one experience.
+        version: Format version of the document; what later versions added gets its default.
 
     Raises:
         InputError: as :func:`experience_from`.
     """
-    found = exactly(fields, [name for name in _EXPERIENCE if name not in _LATER], "an experience")
-    shape = exactly(found["attributes"], [name for name in _ATTRIBUTES if name != "shape"], "attributes")
-    return experience_from({**found, **_LATER, "attributes": {**shape, "shape": None}})
+    later: dict[str, Any] = {}
+    for since, added in _SINCE.items():
+        later |= added if since > version else {}
+    found = exactly(fields, [name for name in _EXPERIENCE if name not in later], "an experience")
+    shape = found["attributes"]
+    if version < 2:
+        shape = exactly(shape, [name for name in _ATTRIBUTES if name != "shape"], "attributes")
+        shape = {**shape, "shape": None}
+    return experience_from({**found, **later, "attributes": shape})
 
 
 def experience_from(fields: object) -> Experience:
@@ -85,6 +98,10 @@ def experience_from(fields: object) -> Experience:
         raise InputError(f"flip must be true or false, got {found['flip']!r:.60}")
     if not (isinstance(found["outcome"], str) and found["outcome"] in OUTCOMES):
         raise InputError(f"outcome must be empty, held or lost, got {found['outcome']!r:.60}")
+    if not (isinstance(found["scene"], str) and len(found["scene"]) <= SCENE_LENGTH):
+        raise InputError(
+            f"scene must be text of at most {SCENE_LENGTH} characters, got {found['scene']!r:.60}"
+        )
     extents = numbers(shape["extents"], "object extents")
     if any(extent < 0.0 for extent in extents):
         raise InputError(f"object extents must not be below 0, got {extents!r:.60}")
@@ -114,6 +131,7 @@ def experience_from(fields: object) -> Experience:
         grip=None if held is None else grip(held),
         quality=None if quality is None else number(quality, "quality", -_MATCH_SLACK, 6.0 + _MATCH_SLACK),
         outcome=found["outcome"],
+        scene=found["scene"],
     )
 
 
@@ -139,7 +157,7 @@ def experience_row(experience: Experience, created: str) -> Row:
         *checked.wrench.tolist(),
         *(checked.match, checked.created, shape.area, shape.volume),
         *(_optional_blob(shape.shape), _optional_blob(checked.grip), checked.quality),
-        checked.outcome or None,
+        *(checked.outcome or None, checked.scene),
     )
 
 

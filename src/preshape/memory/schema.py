@@ -8,6 +8,7 @@ version what changed
 1       experiences and weights
 2       surface area [m²] and volume [m³] of the object, used by recognition
 3       the object's shape descriptor; the grip of a real hand, its quality, what physics said of it
+4       the scene of the lesson: table and boxes, empty for free space
 ======= ==================================================================================
 
 A file is looked at before it is opened for writing: a file that is not a memory, or that a newer
@@ -31,7 +32,7 @@ from ..exceptions import EnvironmentFailure, MemoryFileError
 from .failures import BUSY_SECONDS, ELSEWHERE, primary_code, transaction
 
 APPLICATION_ID = 0x70726573  # "pres"
-SCHEMA_VERSION = 3
+SCHEMA_VERSION = 4
 
 _VERSION_1 = (
     """CREATE TABLE experiences (
@@ -76,12 +77,18 @@ def _add_shape_and_grip(connection: sqlite3.Connection) -> None:
         connection.execute(f"ALTER TABLE experiences ADD COLUMN {name}")
 
 
+def _add_scene(connection: sqlite3.Connection) -> None:
+    """Version 3 to 4: the scene; older lessons did not record it and count as learnt in free space."""
+    connection.execute("ALTER TABLE experiences ADD COLUMN scene TEXT NOT NULL DEFAULT ''")
+
+
 _SMALLEST_DATABASE = 512  # bytes
 _UNSETTLED = {sqlite3.SQLITE_NOTADB, sqlite3.SQLITE_CORRUPT}
 
 MIGRATIONS: dict[int, Callable[[sqlite3.Connection], None]] = {
     1: _add_area_and_volume,
     2: _add_shape_and_grip,
+    3: _add_scene,
 }
 """For each version, what makes the next one of it; runs inside a transaction."""
 

@@ -4,7 +4,7 @@
 
     {
       "format": "preshape-memory",
-      "version": 2,
+      "version": 3,
       "experiences": [
         {
           "kind": "task", "object_name": "cube", "hand": "utah_mit",
@@ -15,7 +15,8 @@
           "fingers": 2..4, "wrench": [fx, fy, fz, mx, my, mz], "match": 0..6,
           "created": "2025-01-31T12:00:00.000000+00:00",
           "grip": [x, y, z, w, x, y, z, fingers, joint angles …] or null,
-          "quality": 0..6 or null, "outcome": "", "held" or "lost"
+          "quality": 0..6 or null, "outcome": "", "held" or "lost",
+          "scene": "" or the table and boxes of the lesson
         }
       ],
       "weights": [
@@ -26,8 +27,8 @@
 
 Experiences stand in the order in which they were stored. The fields are those of
 :class:`~preshape.types.Experience` and :class:`~preshape.types.NetworkWeights`, all present, no others.
-Numbers are written with the digits that give the same double back. Version 1, which has neither shape nor
-grip, quality and outcome, is read too.
+Numbers are written with the digits that give the same double back. Older versions are read too: version 1 has
+neither shape, grip, quality nor outcome, version 2 has no scene.
 """
 
 from __future__ import annotations
@@ -45,7 +46,7 @@ from ..types import Experience, NetworkWeights
 from . import checks, records
 
 FORMAT_NAME = "preshape-memory"
-FORMAT_VERSION = 2
+FORMAT_VERSION = 3
 
 _KEYS = ("format", "version", "experiences", "weights")
 _T = TypeVar("_T")
@@ -117,8 +118,9 @@ def read_document(
     try:
         version = checks.whole(version, "version", 1, FORMAT_VERSION)
         checks.exactly(document, _KEYS, "the document")
-        build = records.first_experience_from if version == 1 else records.experience_from
-        experiences = _each(document["experiences"], "experience", build)
+        experiences = _each(
+            document["experiences"], "experience", lambda item: records.older_experience_from(item, version)
+        )
         weights = _each(document["weights"], "weights", records.weights_from)
         if len({hand for hand, _ in weights}) != len(weights):
             raise InputError("a hand has more than one set of weights")
