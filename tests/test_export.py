@@ -291,7 +291,12 @@ def test_the_parent_link_may_be_any_link_that_stands_still_or_one_of_the_robot()
         pose_of(palm), spatial.pose_from_seven(CLOSURE["hand"]["grasp"]["palm_pose"]), atol=1e-12
     )
     assert messages_of(CLOSURE, parent_link="rh_wrist") == messages_of(CLOSURE)
-    mount = [0.01, -0.02, 0.3, *spatial.quaternion_from_vector([0.3, -0.2, 1.0])]
+    mount = [
+        0.01,
+        -0.02,
+        0.3,
+        *spatial.quaternion_from_rotation(spatial.rotation_from_vector([0.3, -0.2, 1.0])),
+    ]
     flange = messages_of(CLOSURE, parent_link="flange", mount=mount)[0]
     np.testing.assert_allclose(pose_of(flange) @ spatial.pose_from_seven(mount), pose_of(default), atol=1e-12)
     with pytest.raises(InputError, match=r"rh_ffdistal moves with the fingers; .*: rh_wrist, rh_palm"):

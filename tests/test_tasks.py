@@ -15,7 +15,7 @@ from preshape.exceptions import TaskError, UnknownTask
 from preshape.spatial import (
     along_screw,
     pose,
-    quaternion_from_vector,
+    quaternion_from_rotation,
     rotation_from_vector,
     screw_from_displacement,
     vector_from_rotation,
@@ -194,7 +194,7 @@ def test_rotation_in_three_spellings():
     r = np.array([0.3, -0.2, 1.0])
     a, b, c = (
         tasks.task_from_displacement(rotation=rotation)
-        for rotation in (r, quaternion_from_vector(r), rotation_from_vector(r))
+        for rotation in (r, quaternion_from_rotation(rotation_from_vector(r)), rotation_from_vector(r))
     )
     np.testing.assert_allclose(a.displacement, b.displacement, atol=1e-15)
     assert np.array_equal(a.displacement, c.displacement)
