@@ -24,6 +24,7 @@ from preshape.dataset.index_values import (
     planner_score,
     task_wrench,
 )
+from preshape.dataset.random_grasps import PRESS, draw_random_grasps, random_generator
 from preshape.exceptions import InputError
 from preshape.hands.load import load_hand
 from preshape.hiis.analyser import Aim
@@ -34,7 +35,6 @@ from preshape.physics.task.protocol import TaskProtocol
 from preshape.planner import layout_of
 from preshape.studies import indices
 from preshape.studies.index_figures import QUESTIONS, asked, figures
-from preshape.studies.index_population import PRESS, cell_rng, draw_population
 from preshape.studies.index_report import findings, markdown
 from preshape.studies.index_statistics import area, calibration, difference, within, within_difference
 from preshape.studies.indices import IndexRows, IndexRun, run_indices
@@ -319,8 +319,8 @@ def test_paper_indices_are_the_analysers_own() -> None:
         )
         assert ours["tfvadi"][0] == pytest.approx(grasp.tfvadi, abs=1e-9)
         assert (ours["stability"][0], ours["manipulability"][0]) == (grasp.stability, grasp.manipulability)
-        press = np.einsum("ni,ni->n", grasp.grip.forces, grasp.contacts.normals_in).sum()
-        margin = min(grasp.grip.task_margin, grasp.grip.hold_margin) / press * small.weight
+        press = np.einsum("ni,ni->n", grasp.forces, grasp.contacts.normals_in).sum()
+        margin = min(grasp.task_margin, grasp.hold_margin) / press * small.weight
         assert ours["planner"][0] == pytest.approx(margin, rel=0.03)
 
 
@@ -340,24 +340,27 @@ def found(parts: Path) -> IndexRows:
     return run_indices(RUN, folder=parts, workers=1)
 
 
-def test_population_is_not_ranked() -> None:
+def test_random_grasps_are_not_ranked() -> None:
     hand, mesh = load_hand("leap"), load_object("cylinder")
-    drawn, again = (draw_population(hand, mesh, 24, cell_rng(0, "leap", "cylinder")) for _ in range(2))
-    other = draw_population(hand, mesh, 3, cell_rng(1, "leap", "cylinder"))
-    assert len(drawn.grips) == 24
+    drawn, again = (
+        draw_random_grasps(hand, mesh, 24, random_generator(0, "leap", "cylinder")) for _ in range(2)
+    )
+    other = draw_random_grasps(hand, mesh, 3, random_generator(1, "leap", "cylinder"))
+    grips = [one.grip for one in drawn.grasps]
+    assert len(grips) == 24
     assert drawn.drawn >= drawn.closed >= 24
-    for a, b in zip(drawn.grips, again.grips, strict=True):
+    for a, b in zip(grips, [one.grip for one in again.grasps], strict=True):
         assert np.array_equal(a.squeeze, b.squeeze)
         assert np.array_equal(a.palm_pose, b.palm_pose)
-    assert not np.array_equal(drawn.grips[0].palm_pose, other.grips[0].palm_pose)
-    holds = np.array([grip.hold_margin for grip in drawn.grips])
-    left = [np.linalg.norm(grip.forces.sum(axis=0)) for grip in drawn.grips]
+    assert not np.array_equal(grips[0].palm_pose, other.grasps[0].grip.palm_pose)
+    holds = np.array([grip.hold_margin for grip in grips])
+    left = [np.linalg.norm(grip.forces.sum(axis=0)) for grip in grips]
     assert max(left) > 0.2 * PRESS  # some cannot even be balanced
     assert (holds == 0).sum() >= 3  # the planner would show none of these
     assert not (np.diff(holds) <= 0).all()
-    for grip, points, normals in zip(drawn.grips, drawn.points, drawn.normals_in, strict=True):
-        assert len(points) == len(grip.fingers) >= 2
-        assert np.einsum("ni,ni->n", grip.forces, normals).sum() <= PRESS * (1 + 1e-6)
+    for one in drawn.grasps:
+        assert len(one.points) == len(one.grip.fingers) >= 2
+        assert np.einsum("ni,ni->n", one.grip.forces, one.normals_in).sum() <= PRESS * (1 + 1e-6)
 
 
 def test_quick_run(found: IndexRows) -> None:
@@ -403,7 +406,7 @@ def test_a_stopped_run_goes_on(
     def never(*_: object) -> None:
         raise AssertionError("what is kept is not drawn again")
 
-    monkeypatch.setattr(indices, "draw_population", never)
+    monkeypatch.setattr(indices, "draw_random_grasps", never)
 
     def stop(fraction: float, label: str) -> None:
         if label.startswith("holding") and fraction > 0.4:

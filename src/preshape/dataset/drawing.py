@@ -1,114 +1,124 @@
-"""The grasps of a shard: the planner's answers, or hands closed at random.
+"""The grasps of a shard: the planner's answers, or random grasps without ranking.
 
-The planner is asked as its mode 3 asks the closure analyser: everywhere, without a memory, so that a shard
-depends on no other and costs no first lesson.
+The planner searches all approach planes (mode 3 of the closure analyser) and uses no memory, so a shard
+depends on no other shard and needs no first training.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
 from ..closure.analyser import ClosureAnalyser
-from ..closure.grip import Finished, counted_to
+from ..closure.grip import counted_to
 from ..hands.hand import Hand
-from ..hiis.analyser import Aim, VirtualGrasp, same_grip
+from ..hiis.analyser import Aim, Grip
 from ..hiis.fuzzy import FuzzySets
 from ..hiis.learning import search_values
 from ..objects.mesh import TriangleMesh
 from ..planner import layout_of
-from ..studies.index_population import draw_population
 from ..tasks import Task
 from ..types import value
+from .random_grasps import draw_random_grasps
 from .settings import THRESHOLD, DatasetSettings
 
-TURNS = 4
-"""Searches for the ranked grasps of a shard, at most."""
+MAX_SEARCHES = 4
+"""Number of searches, each with another seed, after which a shard may have fewer grasps than asked for."""
 
 
 @value
-class Drawn:
+class ShardGrasps:
     """The grasps of one shard.
 
     Attributes:
-        grasps: of ranked ones the best first.
-        analyser: knows hand, object and task.
-        reason: why there are fewer than asked for; empty where there are not.
+        grasps: The grasps; ranked ones are sorted by quality, best first.
+        analyser: The closure analyser for this hand, object and task.
+        reason: Why there are fewer grasps than asked for; empty otherwise.
     """
 
-    grasps: tuple[VirtualGrasp, ...]
+    grasps: tuple[Grip, ...]
     analyser: ClosureAnalyser
     reason: str
 
 
-def draw(
+def shard_grasps(
     hand: Hand, mesh: TriangleMesh, task: Task, count: int, seed: int, settings: DatasetSettings
-) -> Drawn:
-    """The grasps of one shard.
+) -> ShardGrasps:
+    """Make the grasps of one shard.
 
     Args:
-        hand: the hand.
-        mesh: the object at its scale.
-        task: what is planned for.
-        count: grasps wanted.
-        seed: of everything random.
-        settings: the dataset's.
+        hand: The hand.
+        mesh: The object at its scale [m].
+        task: The task to plan for.
+        count: Number of grasps asked for.
+        seed: Seed of every random draw.
+        settings: Settings of the dataset.
 
     Raises:
-        ObjectError: the object does not suit the analyser.
+        ObjectError: The analyser cannot use the object.
     """
 
-    def analyser(turn: int) -> ClosureAnalyser:
+    def analyser(search: int) -> ClosureAnalyser:
         return ClosureAnalyser(
             mesh,
             hand,
             layout_of(hand),
             settings=settings.closure(count),
             gravity=task.gravity,
-            seed=seed + turn,
+            seed=seed + search,
         )
 
     if settings.ranked:
-        return _best(analyser, task, count)
-    return _any(analyser(0), task, count, seed)
+        return _ranked(analyser, task, count)
+    return _unranked(analyser(0), task, count, seed)
 
 
-def _best(analyser: Callable[[int], ClosureAnalyser], task: Task, count: int) -> Drawn:
-    """What the planner would answer, apart from each other and rewarded by the critic."""
-    good: list[VirtualGrasp] = []
+def _ranked(analyser: Callable[[int], ClosureAnalyser], task: Task, count: int) -> ShardGrasps:
+    """The planner's answers that the critic rewards and that differ from each other."""
+    chosen: list[Grip] = []
     tried, best = 0, 0.0
-    for turn in range(TURNS):
-        element = analyser(turn)
+    for search in range(MAX_SEARCHES):
+        element = analyser(search)
         found = element.explore(task.q, Aim(values=search_values(FuzzySets())))
-        tried += found.aimed
+        tried += found.tried
         for k in range(len(found)):
-            grasp = element.grasp(task.q, found, k)
+            grasp = found.grasp(k)
             best = max(best, grasp.judged)
-            if grasp.judged >= THRESHOLD and not any(same_grip(grasp, other) for other in good):
-                good.append(grasp)
-        if len(good) >= count:
+            if grasp.judged >= THRESHOLD and not any(grasp.same_as(other) for other in chosen):
+                chosen.append(grasp)
+        if len(chosen) >= count:
             break
     reason = ""
     if not best:
-        reason = f"none of {tried} hands closed on the object makes a grasp that can be executed"
-    elif not good:
-        reason = f"the best of {tried} hands closed on the object has quality {best:.2f}, under {THRESHOLD:g}"
-    elif len(good) < count:
-        reason = f"of {tried} hands closed on the object only {len(good)} are good enough and stand apart"
-    good.sort(key=lambda grasp: -grasp.judged)
-    return Drawn(grasps=tuple(good[:count]), analyser=element, reason=reason)
+        reason = f"{tried} candidates were tried; none gives a grasp that the hand can execute"
+    elif not chosen:
+        reason = (
+            f"{tried} candidates were tried; the best has quality {best:.2f}, below the threshold of "
+            f"{THRESHOLD:g}"
+        )
+    elif len(chosen) < count:
+        reason = (
+            f"{tried} candidates were tried; {len(chosen)} of them have quality {THRESHOLD:g} or more and "
+            "differ enough from each other"
+        )
+    chosen.sort(key=lambda grasp: -grasp.judged)
+    return ShardGrasps(grasps=tuple(chosen[:count]), analyser=element, reason=reason)
 
 
-def _any(analyser: ClosureAnalyser, task: Task, count: int, seed: int) -> Drawn:
-    """Hands closed at random that can be executed, however well they hold."""
-    found = draw_population(analyser.hand, analyser.mesh, count, np.random.default_rng(seed))
-    made = []
-    for grip, points, normals, plane in zip(
-        found.grips, found.points, found.normals_in, found.planes, strict=True
-    ):
-        number, flip = counted_to(grip.approach, points, plane, (plane,))
-        made.append(Finished(grip=grip, row=0, plane=number, flip=flip, points=points, normals_in=normals))
-    grasps = analyser.virtual_grasps(task.q, made)
-    short = f"only {len(grasps)} of {found.drawn} hands drawn close on the object and can be executed"
-    return Drawn(grasps=tuple(grasps), analyser=analyser, reason="" if len(grasps) == count else short)
+def _unranked(analyser: ClosureAnalyser, task: Task, count: int, seed: int) -> ShardGrasps:
+    """Random grasps that the hand can execute, however well they hold."""
+    found = draw_random_grasps(analyser.hand, analyser.mesh, count, np.random.default_rng(seed))
+    finished = []
+    for one in found.grasps:
+        number, flip = counted_to(one.approach, one.points, one.plane, (one.plane,))
+        finished.append(replace(one, plane=number, flip=flip))
+    grasps = analyser.grips(task.q, finished)
+    reason = ""
+    if len(grasps) < count:
+        reason = (
+            f"{found.drawn} candidates were drawn; {len(grasps)} of them closed on the object and can be "
+            "executed"
+        )
+    return ShardGrasps(grasps=tuple(grasps), analyser=analyser, reason=reason)

@@ -15,7 +15,7 @@ from .._version import __version__
 from ..exceptions import EnvironmentFailure, InputError, ObjectError, PreshapeError
 from ..hands.hand import Hand
 from ..hands.load import load_hand
-from ..hiis.analyser import VirtualGrasp
+from ..hiis.analyser import Grip
 from ..hiis.fuzzy import SET_NAMES
 from ..objects.mesh import TriangleMesh
 from ..physics.task.instances import makes_sense
@@ -23,7 +23,7 @@ from ..physics.task.motion import task_motion
 from ..planner import Answer, execute
 from ..tasks import Task, parse_task
 from ..types import value
-from .drawing import Drawn, draw
+from .drawing import ShardGrasps, shard_grasps
 from .index_values import INDICES, Grasp, index_values, planner_score
 from .outcomes import Row, tested, untested
 from .schema import FORMAT, METRICS, parquet_bytes
@@ -144,7 +144,7 @@ def _rows(shard: Shard, settings: DatasetSettings, clock: _Clock) -> tuple[list[
     try:
         if mesh is None:
             return [], why, None
-        found = draw(hand, mesh, task, shard.count, shard.seed, settings)
+        found = shard_grasps(hand, mesh, task, shard.count, shard.seed, settings)
     except ObjectError as error:
         return [], str(error), None
     finally:
@@ -178,8 +178,7 @@ def _rows(shard: Shard, settings: DatasetSettings, clock: _Clock) -> tuple[list[
 def _of_grasp(answer: Answer) -> Row:
     """The columns that the planner fills."""
     g, result = answer.grasp, answer.hand_result
-    grip = g.grip
-    assert grip is not None
+    assert isinstance(g, Grip)
     poses: Row = {}
     for stage in ("pregrasp", "grasp", "squeeze"):
         pose = getattr(result, stage)
@@ -193,30 +192,29 @@ def _of_grasp(answer: Answer) -> Row:
         "approach_value": g.approach_value,
         "approach_set": SET_NAMES[g.approach_set],
         "virtual_fingers": g.fingers,
-        "fingers": list(grip.fingers),
-        "approach": grip.approach.tolist(),
-        "torques": grip.torques.tolist(),
+        "fingers": list(g.fingers_touching),
+        "approach": g.approach.tolist(),
+        "torques": g.torques.tolist(),
         "contact_points": g.contacts.points.tolist(),
         "contact_normals": g.contacts.normals_in.tolist(),
-        "forces": grip.forces.tolist(),
-        "press": _press(g),
+        "forces": g.forces.tolist(),
+        "press": g.press,
         "net_wrench": g.net_wrench.tolist(),
         "adi": g.adi.tolist(),
-        "clearance": grip.clearance,
-        "quality": grip.quality,
-        "task_margin": grip.task_margin,
-        "hold_margin": grip.hold_margin,
+        "clearance": g.clearance,
+        "quality": g.quality,
+        "task_margin": g.task_margin,
+        "hold_margin": g.hold_margin,
     }
 
 
-def _press(grasp: VirtualGrasp) -> float:
-    """Sum of the normal forces of the squeeze [N]."""
-    assert grasp.grip is not None
-    return float(np.einsum("ni,ni->", grasp.grip.forces, grasp.contacts.normals_in))
-
-
 def _metrics(
-    grasp: VirtualGrasp, found: Drawn, hand: Hand, mesh: TriangleMesh, task: Task, settings: DatasetSettings
+    grasp: Grip,
+    found: ShardGrasps,
+    hand: Hand,
+    mesh: TriangleMesh,
+    task: Task,
+    settings: DatasetSettings,
 ) -> Row:
     """The columns ``metric_…``."""
     analyser, length = found.analyser, float(mesh.extents.max()) / 2
@@ -234,7 +232,7 @@ def _metrics(
         task.q,
         task_motion(task, mesh.cog, length),
         mass=settings.mass,
-        press=_press(grasp),
+        press=grasp.press,
         settings=analyser.settings,
         score=partial(planner_score, analyser.search, seen),
     )

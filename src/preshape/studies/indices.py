@@ -1,9 +1,10 @@
 """``preshape bench indices``: which index of a grasp predicts that it succeeds?
 
-Grasps of mixed quality are drawn (:mod:`.index_population`), every index is computed from their planned
-contacts (:mod:`.index_values`), and each grasp is put to the holding test and, with a named task drawn at
-random from those that suit the object, to the task test. The parts are kept in a folder as they come, so a
-run that was stopped goes on; the figures (:mod:`.index_figures`) are made from the rows at the end.
+Grasps of mixed quality are drawn (:mod:`preshape.dataset.random_grasps`), every index is computed from
+their planned contacts (:mod:`preshape.dataset.index_values`), and each grasp is put to the holding test and,
+with a named task drawn at random from those that suit the object, to the task test. The parts are kept in a
+folder as they come, so a run that was stopped goes on; the figures (:mod:`.index_figures`) are made from the
+rows at the end.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ import numpy as np
 
 from .._version import __version__
 from ..dataset.index_values import Grasp, index_values, planner_score
+from ..dataset.random_grasps import PRESS, draw_random_grasps, random_generator, random_grasp_settings
 from ..exceptions import EnvironmentFailure, InputError
 from ..hands.load import load_hand
 from ..objects.load import load_object
@@ -38,7 +40,6 @@ from ..planner import layout_of
 from ..planning.document import write_json
 from ..planning.grasp_sets import palm_grasps
 from ..types import value
-from .index_population import PRESS, cell_rng, draw_population, settings
 
 HANDS = ("shadow", "allegro", "leap")
 OBJECTS = (
@@ -181,21 +182,21 @@ def _made(
     kept = _kept(file, key)
     if kept is not None:
         return kept
-    rng = cell_rng(run.seed, hand, thing)
+    rng = random_generator(run.seed, hand, thing)
     own = load_hand(hand)
-    found = draw_population(own, mesh, count, rng)
-    chosen = [instances[k] for k in rng.integers(len(instances), size=len(found.grips))]
-    closure, length, u = settings(), float(mesh.extents.max()) / 2, layout_of(own).u
+    found = draw_random_grasps(own, mesh, count, rng)
+    chosen = [instances[k] for k in rng.integers(len(instances), size=len(found.grasps))]
+    closure, length, u = random_grasp_settings(), float(mesh.extents.max()) / 2, layout_of(own).u
     rows: list[Row] = []
-    for k, (grip, instance) in enumerate(zip(found.grips, chosen, strict=True)):
+    for made, instance in zip(found.grasps, chosen, strict=True):
         grasp = Grasp(
-            found.points[k],
-            found.normals_in[k],
+            made.points,
+            made.normals_in,
             centre=found.search.cog,
             cog=mesh.cog,
             length=length,
             u=u,
-            plane=found.planes[k],
+            plane=made.plane,
         )
         values = index_values(
             grasp,
@@ -206,7 +207,9 @@ def _made(
             settings=closure,
             score=partial(planner_score, found.search, grasp),
         )
-        postures = {name: [*grip.palm_pose.tolist(), *getattr(grip, name).tolist()] for name in STAGES}
+        postures = {
+            name: [*made.grip.palm_pose.tolist(), *getattr(made.grip, name).tolist()] for name in STAGES
+        }
         place = {"hand": hand, "object": thing, "scale": instance.scale, "task": instance.task.label}
         touched = {"points": grasp.points.tolist(), "normals_in": grasp.normals_in.tolist()}
         rows.append({**place, **postures, **touched, "plane": grasp.plane, "indices": values})

@@ -1,0 +1,103 @@
+"""Random grasps of mixed quality: hands closed on an object and kept without any ranking.
+
+A study of grasp metrics needs bad grasps as well as good ones. The planner ranks candidates by their margins
+and refines the best, so its answers hold few bad ones. The steps here are:
+
+1. Draw candidates as the closure analyser does, and close the hand on the object.
+2. Shuffle the candidates that closed.
+3. Accept those that the hand can execute, in the shuffled order: the way in is free, no link is deep in the
+   object, and no two links overlap. How well the contacts hold is not looked at.
+
+Every grasp squeezes with the same sum of normal forces, whatever its metrics are.
+"""
+
+from __future__ import annotations
+
+import math
+import zlib
+
+import numpy as np
+
+from ..closure.analyser import WANTED
+from ..closure.grip import Finished, Finisher
+from ..closure.holding import inner_centre
+from ..closure.sampling import sample
+from ..closure.search import ClosureSearch, Demand
+from ..closure.settings import ClosureSettings
+from ..hands.hand import Hand
+from ..kernels.field.host import SurfaceQuery, prepare_field
+from ..objects.mesh import TriangleMesh
+from ..types import Array, value
+
+PRESS = 10.0
+"""Sum of the normal forces of every squeeze [N]; less where the joint torques do not allow it."""
+BATCH = 400
+"""Number of candidates drawn in one round."""
+MAX_ROUNDS = 40
+"""Number of rounds for one hand and object after which fewer grasps than asked for are returned."""
+FINISH_FACTOR = 3
+"""Candidates finished at a time, as a multiple of the number of grasps asked for."""
+
+
+@value
+class RandomGrasps:
+    """Executable grasps of one hand on one object, in the order in which they were accepted.
+
+    Attributes:
+        grasps: Postures, squeeze, contacts and approach plane of each.
+        search: The search for this hand and object; it also gives the planner's score.
+        drawn: Number of candidates drawn.
+        closed: Number of candidates that closed on the object.
+    """
+
+    grasps: tuple[Finished, ...]
+    search: ClosureSearch
+    drawn: int
+    closed: int
+
+
+class _UnrankedSearch(ClosureSearch):
+    """A search that gives every closed candidate the same score."""
+
+    def score(self, task: Array, hold: Array, demand: Demand) -> Array:
+        return np.ones(len(hold))
+
+
+def random_grasp_settings() -> ClosureSettings:
+    """Closure settings in which every grasp presses with :data:`PRESS`."""
+    return ClosureSettings(press_least=PRESS, press_most=PRESS, threads=1)
+
+
+def random_generator(seed: int, hand: str, object_name: str) -> np.random.Generator:
+    """Random generator of one hand and object; it does not depend on what else is measured."""
+    return np.random.default_rng([seed, zlib.crc32(hand.encode()), zlib.crc32(object_name.encode())])
+
+
+def draw_random_grasps(hand: Hand, mesh: TriangleMesh, count: int, rng: np.random.Generator) -> RandomGrasps:
+    """Draw ``count`` grasps, or fewer where the hand rarely closes on the object.
+
+    Args:
+        hand: The hand.
+        mesh: The object at its size [m].
+        count: Number of grasps asked for.
+        rng: Random generator of the candidates and of their order.
+    """
+    field = prepare_field(mesh)
+    centre = inner_centre(field, mesh)
+    search = _UnrankedSearch(hand, field, centre, float(mesh.extents.max()) / 2, random_grasp_settings())
+    finisher = Finisher(search, SurfaceQuery(mesh))
+    finisher.unbalanced = math.inf  # the planner refuses unbalanced grips; the sample must contain them
+    finished: list[Finished] = []
+    drawn = closed = 0
+    while len(finished) < count and drawn < MAX_ROUNDS * BATCH:
+        candidates = sample(rng, search.pool, mesh.cog, mesh.extents / 2, BATCH)
+        found = search.evaluate(candidates, Demand(), wanted=WANTED)
+        drawn, closed = drawn + BATCH, closed + len(found)
+        found = found.take(rng.permutation(len(found)))
+        step = FINISH_FACTOR * count
+        for first in range(0, len(found), step):
+            part = found.take(np.arange(first, min(first + step, len(found))))
+            finished += finisher.finish(part, Demand(), wanted=WANTED, enough=count - len(finished))
+            if len(finished) >= count:
+                break
+    return RandomGrasps(grasps=tuple(finished), search=search, drawn=drawn, closed=closed)
