@@ -13,7 +13,7 @@ import pytest
 from preshape.exceptions import HandError, ObjectError, UnknownHand
 from preshape.hands import hand_names, load_hand, parse_hand
 from preshape.hands.collision import closest_on_triangles, object_collision
-from preshape.hands.inverse import InverseKinematics, Placement, Reach, _Problem, rotation_exp, skews
+from preshape.hands.inverse import InverseKinematics, Placement, Reach, _Problem, rotation_exp
 from preshape.hands.kinematics import (
     HandKinematics,
     LinkShape,
@@ -23,6 +23,7 @@ from preshape.hands.kinematics import (
     pose_vector,
 )
 from preshape.objects.mesh import TriangleMesh
+from preshape.spatial import skew
 
 HAND = load_hand("utah_mit")
 BOX_TRIANGLES = [[0, 2, 1], [1, 2, 3], [4, 5, 6], [5, 7, 6], [0, 1, 4], [1, 5, 4]]
@@ -258,7 +259,7 @@ def test_rotation_exp_and_its_jacobian(angle):
         h = 1e-6
         plus, minus = (rotation_exp(angle * axis + s * h * direction)[0] for s in (1, -1))
         spin = rotation.T @ (plus - minus) / (2 * h)
-        assert np.allclose(spin, skews((right @ direction)[None])[0], atol=1e-8)
+        assert np.allclose(spin, skew(right @ direction), atol=1e-8)
 
 
 def test_pose_vector_and_matrix_are_inverse():

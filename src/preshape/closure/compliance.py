@@ -12,6 +12,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ..spatial import skew
 from ..types import Array
 
 BESIDE = 0.002
@@ -50,7 +51,7 @@ def turn_when_beside(
     passed = np.zeros((n, 6, 4))
     passed[:, :3, :3], passed[:, 3:, 3] = np.eye(3), normals_in
     grasp = passed.copy()
-    grasp[:, 3:, :3] = _skew(arms)
+    grasp[:, 3:, :3] = skew(arms)
     motion, yielding = np.zeros((n, 6, most)), np.zeros((n, 1, most))
     for k, (J, compliance) in enumerate(zip(jacobians, compliances, strict=True)):
         motion[k, :, : J.shape[1]], yielding[k, 0, : J.shape[1]] = J, compliance
@@ -58,17 +59,10 @@ def turn_when_beside(
     given = (at * yielding) @ at.transpose(0, 2, 1) + GROUND
     stiffness = (grasp @ np.linalg.solve(given, grasp.transpose(0, 2, 1))).sum(axis=0)
     # The force keeps its direction while its point goes round the reference.
-    pressing = _skew(forces)
-    bending = (pressing @ _skew(arms)).sum(axis=0)
+    pressing = skew(forces)
+    bending = (pressing @ skew(arms)).sum(axis=0)
     stiffness[3:, 3:] -= (bending + bending.T) / 2
     if np.linalg.eigvalsh(stiffness)[0] <= 0.0:
         return float("inf")
     turns = np.linalg.inv(stiffness)[3:, 3:]  # by a torque
     return float(BESIDE * np.linalg.norm(turns @ pressing))
-
-
-def _skew(v: Array) -> Array:
-    """(n, 3, 3) the matrices of ``v ×``."""
-    K = np.zeros((len(v), 3, 3))
-    K[:, 0, 1], K[:, 0, 2], K[:, 1, 2] = -v[:, 2], v[:, 1], -v[:, 0]
-    return np.asarray(K - K.transpose(0, 2, 1))

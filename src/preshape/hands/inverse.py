@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..spatial import skew
 from ..types import Array, IntArray, value
 from .collision import ObjectCollision
 from .hand import Finger
@@ -68,7 +69,7 @@ def rotation_exp(w: Array) -> tuple[Array, Array]:
     rounding.
     """
     angle = float(np.linalg.norm(w))
-    matrix = skews(w[None])[0]
+    matrix = skew(w)
     square = matrix @ matrix
     if angle < 1e-4:
         sine, cosine, rest = 1 - angle**2 / 6, 0.5 - angle**2 / 24, 1 / 6 - angle**2 / 120
@@ -77,14 +78,6 @@ def rotation_exp(w: Array) -> tuple[Array, Array]:
         rest = (angle - np.sin(angle)) / angle**3
     eye = np.eye(3)
     return eye + sine * matrix + cosine * square, eye - cosine * matrix + rest * square
-
-
-def skews(v: Array) -> Array:
-    """(n, 3, 3) the matrices of v x · for n vectors."""
-    matrices = np.zeros((len(v), 3, 3))
-    matrices[:, [2, 0, 1], [1, 2, 0]] = v
-    matrices[:, [1, 2, 0], [2, 0, 1]] = -v
-    return matrices
 
 
 class InverseKinematics:
@@ -243,7 +236,7 @@ class _Problem:
         slope[:, :, -joints:] = rotation @ tip_slopes[:, :, self.columns]
         if self.move_base:
             slope[:, :, :3] = _LENGTH * np.eye(3)
-            slope[:, :, 3:6] = -rotation @ skews(tips) @ right  # d(R p) = -R [p]x J dw
+            slope[:, :, 3:6] = -rotation @ skew(tips) @ right  # d(R p) = -R [p]x J dw
         rows = [((tips @ rotation.T + translation - self.targets) / _TIP).ravel()]
         slopes = [slope.reshape(3 * n, width) / _TIP]
         if self.soft:
