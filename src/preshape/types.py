@@ -29,6 +29,13 @@ IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
 """Yes or no for each."""
 
+FRICTION = 0.6
+"""Sliding friction between hand and object that is assumed where nothing else is said, as in the field's tests."""
+FIELD_MASS = 0.1
+"""Mass of every object in the field's holding tests [kg]."""
+GRAVITY = 9.81
+"""Acceleration of gravity [m/s²]."""
+
 _T = TypeVar("_T")
 _A = TypeVar("_A", bound=NDArray[Any])
 

@@ -10,12 +10,7 @@ import numpy as np
 
 from ..exceptions import InputError
 from ..kernels.closing.host import Obstacles
-from ..types import freeze, value
-
-GRAVITY = 9.81
-"""[m/s²]."""
-USUAL = 0.1
-"""The mass for which the presses stand [kg]."""
+from ..types import FIELD_MASS, FRICTION, GRAVITY, freeze, value
 
 
 _DEVICE = re.compile(r"cpu|cuda(:[0-9]+)?")
@@ -46,9 +41,10 @@ class ClosureSettings:
         friction: between fingers and object.
         torsion: torsional friction [m]; a quarter of the field's test: a turn about a pinch creeps [C].
         friction_share: share of both that is planned with: room for error [C].
-        mass: of the object [kg]; its weight and a push of the same size are what a grip is made for.
+        mass: Mass of the object [kg]; its weight and a push of the same size are what a grip is made for.
+            ``None``: a plan takes the object's own mass, the analyser alone the field's 0.1 kg.
         press_least: least sum of normal forces of a squeeze [N].
-        press_most: largest [N] on an object of ``USUAL`` or less, in proportion on a heavier one; the
+        press_most: largest [N] on an object of 0.1 kg or less, in proportion on a heavier one; the
             hand's joint torques may allow less.
         safety: the squeeze is this many times what the load needs.
         hold: share of the task's load that plain holding in every other direction is asked for.
@@ -68,10 +64,10 @@ class ClosureSettings:
         InputError: a number out of range.
     """
 
-    friction: float = 0.6
+    friction: float = FRICTION
     torsion: float = 0.005
     friction_share: float = 0.35
-    mass: float = USUAL
+    mass: float | None = None
     press_least: float = 12.0
     press_most: float = 20.0
     safety: float = 2.0
@@ -93,13 +89,14 @@ class ClosureSettings:
             "friction",
             "torsion",
             "friction_share",
-            "mass",
             "press_least",
             "press_most",
             "safety",
             "hold",
         ):
             freeze(self, **{name: _number(getattr(self, name), name)})
+        if self.mass is not None:
+            freeze(self, mass=_number(self.mass, "mass"))
         for name, least in _COUNTS.items():
             number = getattr(self, name)
             if number is None and name == "threads":
@@ -114,7 +111,7 @@ class ClosureSettings:
             )
         for name in ("friction", "mass", "press_least", "press_most", "safety", "hold"):
             number = getattr(self, name)
-            if not number > 0:
+            if number is not None and not number > 0:
                 raise InputError(f"{name} must be above zero, got {number!r}")
         if not self.torsion >= 0:
             raise InputError(f"torsion must be zero or more [m], got {self.torsion!r}")
@@ -134,7 +131,12 @@ class ClosureSettings:
     @property
     def weight(self) -> float:
         """Of the object [N]."""
-        return self.mass * GRAVITY
+        return self.planned_mass * GRAVITY
+
+    @property
+    def planned_mass(self) -> float:
+        """The mass that is planned with [kg]."""
+        return FIELD_MASS if self.mass is None else self.mass
 
     @property
     def strongest(self) -> float:
@@ -148,7 +150,7 @@ class ClosureSettings:
 
     @property
     def _heavier(self) -> float:
-        return max(1.0, self.mass / USUAL)
+        return max(1.0, self.planned_mass / FIELD_MASS)
 
 
 def table_below(height: float, up: str = "z") -> Obstacles:

@@ -13,7 +13,7 @@ import numpy as np
 
 from ..closure.holding import HOLD
 from ..closure.search import ClosureSearch, Demand
-from ..closure.settings import GRAVITY, ClosureSettings
+from ..closure.settings import ClosureSettings
 from ..hiis.fuzzy import FuzzySets, approaching_degrees
 from ..hiis.planes import plane
 from ..hiis.wrench import contact_wrenches, net_wrench, screw_measures
@@ -35,7 +35,7 @@ from ..metrics import (
 from ..metrics.results import Status
 from ..physics.task.motion import TaskMotion
 from ..tasks import named_task
-from ..types import Array, ContactCoefficients, IntArray, value
+from ..types import GRAVITY, Array, ContactCoefficients, IntArray, value
 
 UNKNOWN = Status.NOT_CONVERGED.name
 """The status of a number that could not be computed: the grasp is left out of that index' figures."""

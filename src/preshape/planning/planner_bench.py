@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..closure.settings import USUAL, ClosureSettings
+from ..closure.settings import ClosureSettings
 from ..exceptions import ObjectError
 from ..hands.hand import Hand
 from ..hands.load import load_hand
@@ -25,7 +25,7 @@ from ..physics.measures import wilson
 from ..physics.pieces import ConvexPieces, load_pieces
 from ..physics.protocol import Protocol
 from ..planner import Answer, Plan, plan
-from ..types import value
+from ..types import FIELD_MASS, value
 from .grasp_sets import palm_grasps, poses_of
 
 Progress = Callable[[str, int, int], None]
@@ -138,7 +138,7 @@ def plan_cases(
     analyser: str = "closure",
     count: int = 1,
     seed: int = 0,
-    mass: float = USUAL,
+    mass: float = FIELD_MASS,
     progress: Progress | None = None,
 ) -> list[Planned]:
     """Plan every case with a fresh memory, nothing learnt between them.
