@@ -9,6 +9,7 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 JOBS ?= 2
 STAMP := $(VENV)/.installed
+OLD_MUJOCO := $(VENV)/mujoco-4.0.0
 OUT ?= out
 
 .PHONY: help setup demo browser test lint format bench reproduce pictures docs fuzz harden clean
@@ -45,7 +46,12 @@ browser:
 	  DEBIAN_FRONTEND=noninteractive $$SUDO apt-get -qq install -y chromium >/dev/null 2>&1 \
 	    || echo "no browser could be installed: the app's tests will fail; install chromium, then make test"; }
 
-test: setup browser
+# One test compares MuJoCo 4.0.0, which other packages need, with the version of constraints.txt.
+$(OLD_MUJOCO): | $(STAMP)
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --target $@ mujoco-core==4.0.0 \
+	  || { rm -rf $@; echo "MuJoCo 4.0.0 could not be installed: the test that compares with it will fail"; }
+
+test: setup browser $(OLD_MUJOCO)
 	@$(BIN)/python -m pytest -n $(JOBS) --dist worksteal $(ARGS)
 
 lint: setup

@@ -50,6 +50,7 @@ def scene_mjcf(grasp: PlannedGrasp, mesh: TriangleMesh, pieces: ConvexPieces) ->
         ("cone", "elliptic"),
         ("impratio", "10"),
         ("noslip_iterations", "2"),
+        ("jacobian", "dense"),  # MuJoCo 4.0.0 factorises sparse ones wrongly
     ):
         option.set(name, setting)
     # A squeeze may be aimed beyond a joint's limit: what presses is the torque, which stays limited.

@@ -106,7 +106,7 @@ def _set_options(option: Any, protocol: Protocol) -> None:
     option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_GRAVITY)
     if not protocol.many_contacts:
         option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_MULTICCD)
-    # MuJoCo 4.0.0 has a wrong Hessian with sparse constraint Jacobians; dense is right in every version.
+    # MuJoCo 4.0.0 factorises sparse constraint Jacobians wrongly; dense ones are right in every version.
     option.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
 
 
