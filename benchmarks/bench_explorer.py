@@ -37,6 +37,6 @@ def run() -> list[dict[str, Any]]:
     twin_seconds = (time.perf_counter() - start) * len(values) / len(few)
     fast = RayAnalyser(mesh, hand).explore(q, Aim(values=few))
     same = len(fast) == len(twin) and bool(np.allclose(fast.match, twin.match, atol=1e-9)) and len(found) > 0
-    what = f"explorer, {len(mesh.triangles)} triangles ({name}), {found.aimed} grasps aimed at"
+    what = f"explorer, {len(mesh.triangles)} triangles ({name}), {found.tried} grasps aimed at"
     base = f"NumPy twin {twin_seconds:.2g} s, ratio {twin_seconds / seconds:.0f}"
     return [row(what, 1e3 * seconds, "ms", 20.0, base, same)]

@@ -21,7 +21,7 @@ for plane in PLANES[:3]:
 layout = HandLayout(name="two chopsticks", u=0.043, finger_pitch=0.025, fingertip_width=0.010)
 analyser = RayAnalyser(load_object("bottle"), layout)
 found = analyser.explore(q1, Aim(values=np.linspace(-0.9, 0.9, 19)))
-best = analyser.grasp(q1, found)
+best = found.grasp()
 print(f"{len(found)} virtual grasps; the best: {best.plane.label}, TFVADI {best.tfvadi:.2f}")
 print("per component:", approaching_degrees(q1, best.net_wrench).round(2))
 

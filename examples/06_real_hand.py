@@ -6,13 +6,11 @@ import preshape
 
 # Any hand but utah_mit is closed for real; "allegro:left" or "my_hand.toml" would do as well.
 plan = preshape.plan("box", "lift", hand="allegro", memory=":memory:", learn=False, table="auto")
-grasp, hand = plan.grasp, plan.hand_result
-assert grasp is not None
+grip, hand = plan.grasp, plan.hand_result
+assert isinstance(grip, preshape.Grip)
 assert hand is not None
 
-grip = grasp.grip
-assert grip is not None
-print(f"{grasp.plane.label}, {len(grip.fingers)} fingers: {', '.join(grip.fingers)}")
+print(f"{grip.plane.label}, {len(grip.fingers_touching)} fingers: {', '.join(grip.fingers_touching)}")
 print(f"come along {np.round(grip.approach, 2)}, at least {1000 * grip.clearance:.1f} mm clear")
 print(f"palm {np.round(hand.grasp.palm_pose, 3)}")
 print(f"open   {np.round(hand.pregrasp.q, 2)}")

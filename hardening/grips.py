@@ -55,7 +55,7 @@ def flaws(hand: Hand, mesh: TriangleMesh, grip: Grip) -> list[str]:
     at_grasp = hand_geometry(hand, grip.palm_pose, grip.grasp)
     found += [f"{shape.link} is deep in the object" for shape in at_grasp if surface.touches(shape, -DEEP)]
     touching = {finger_of(hand, shape) for shape in at_grasp if surface.touches(shape, TOUCHING)}
-    found += [f"{finger} does not touch" for finger in grip.fingers if finger not in touching]
+    found += [f"{finger} does not touch" for finger in grip.fingers_touching if finger not in touching]
     opened = hand_geometry(hand, grip.palm_pose, grip.pregrasp)
     found += [f"{shape.link} touches when opened" for shape in opened if surface.touches(shape)]
     kinematics = HandKinematics(hand)
@@ -77,7 +77,7 @@ def flaws(hand: Hand, mesh: TriangleMesh, grip: Grip) -> list[str]:
 
 def look(file: str, factor: float, hand: str, task: str, count: int, seed: int) -> dict[str, Any]:
     """Plan one object for one task, and check every answer."""
-    from preshape import plan
+    from preshape import Grip, plan
     from preshape.exceptions import ObjectError
     from preshape.objects.load import load_object
 
@@ -95,9 +95,9 @@ def look(file: str, factor: float, hand: str, task: str, count: int, seed: int) 
         )
     except ObjectError as error:
         return {"answers": 0, "flaws": [], "reason": str(error)}
-    answers = [a for a in (made.answer, *made.alternatives) if a is not None and a.grasp.grip is not None]
-    found = [flaws(made.hand, mesh, a.grasp.grip) for a in answers if a.grasp.grip is not None]
-    return {"answers": len(answers), "flaws": [f for f in found if f], "reason": made.decision.reason}
+    answers = [a for a in (made.answer, *made.alternatives) if a is not None]
+    found = [flaws(made.hand, mesh, a.grasp) for a in answers if isinstance(a.grasp, Grip)]
+    return {"answers": len(found), "flaws": [f for f in found if f], "reason": made.decision.reason}
 
 
 def run(

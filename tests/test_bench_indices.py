@@ -17,7 +17,7 @@ from preshape.closure.search import Demand
 from preshape.closure.settings import ClosureSettings
 from preshape.dataset.index_values import (
     INDICES,
-    Grasp,
+    GraspContacts,
     Index,
     column,
     index_values,
@@ -29,7 +29,7 @@ from preshape.exceptions import InputError
 from preshape.hands.load import load_hand
 from preshape.hiis.analyser import Aim
 from preshape.objects.load import load_object
-from preshape.physics.protocol import Protocol
+from preshape.physics.protocol import HoldProtocol
 from preshape.physics.task.motion import task_motion
 from preshape.physics.task.protocol import TaskProtocol
 from preshape.planner import layout_of
@@ -218,11 +218,11 @@ def test_statistics_refuse_nan_and_odd_lengths() -> None:
 SETTINGS = ClosureSettings(press_least=PRESS, press_most=PRESS, threads=1)
 
 
-def pinch(normals: float = 1.0, centre: tuple[float, float, float] = (0.0, 0, 0)) -> Grasp:
+def pinch(normals: float = 1.0, centre: tuple[float, float, float] = (0.0, 0, 0)) -> GraspContacts:
     """Two fingers against each other along x."""
-    return Grasp(
-        np.array([[0.03, 0, 0], [-0.03, 0, 0]]),
-        np.array([[-1.0, 0, 0], [normals, 0, 0]]),
+    return GraspContacts(
+        points=np.array([[0.03, 0, 0], [-0.03, 0, 0]]),
+        normals_in=np.array([[-1.0, 0, 0], [normals, 0, 0]]),
         centre=np.array(centre),
         cog=np.zeros(3),
         length=0.05,
@@ -231,7 +231,7 @@ def pinch(normals: float = 1.0, centre: tuple[float, float, float] = (0.0, 0, 0)
     )
 
 
-def values(grasp: Grasp, label: str) -> dict[str, tuple[float | None, str]]:
+def values(grasp: GraspContacts, label: str) -> dict[str, tuple[float | None, str]]:
     task = named_task(label)
     motion = task_motion(task, np.zeros(3), 0.05)
     settings = ClosureSettings(torsion=0.01, threads=1)
@@ -302,9 +302,9 @@ def test_paper_indices_are_the_analysers_own() -> None:
     found = analyser.explore(task.q, aim)
     assert len(found.grasps) >= 2
     for grasp in found.grasps:
-        one = Grasp(
-            grasp.contacts.points,
-            grasp.contacts.normals_in,
+        one = GraspContacts(
+            points=grasp.contacts.points,
+            normals_in=grasp.contacts.normals_in,
             centre=analyser.middle,
             cog=mesh.cog,
             length=analyser.search.length,
@@ -326,7 +326,7 @@ def test_paper_indices_are_the_analysers_own() -> None:
 
 # ---------------------------------------------------------------- population, run, command
 
-QUICK = TaskProtocol(hold=Protocol(stop_early=True, checks=3), duration=0.6, rise=0.1, rest=0.1)
+QUICK = TaskProtocol(hold=HoldProtocol(stop_early=True, checks=3), duration=0.6, rise=0.1, rest=0.1)
 RUN = IndexRun(hands=("leap",), objects=("cylinder", "sphere"), count=12, seed=2, protocol=QUICK)
 
 
@@ -346,21 +346,21 @@ def test_random_grasps_are_not_ranked() -> None:
         draw_random_grasps(hand, mesh, 24, random_generator(0, "leap", "cylinder")) for _ in range(2)
     )
     other = draw_random_grasps(hand, mesh, 3, random_generator(1, "leap", "cylinder"))
-    grips = [one.grip for one in drawn.grasps]
+    grips = drawn.grasps
     assert len(grips) == 24
     assert drawn.drawn >= drawn.closed >= 24
-    for a, b in zip(grips, [one.grip for one in again.grasps], strict=True):
+    for a, b in zip(grips, again.grasps, strict=True):
         assert np.array_equal(a.squeeze, b.squeeze)
         assert np.array_equal(a.palm_pose, b.palm_pose)
-    assert not np.array_equal(grips[0].palm_pose, other.grasps[0].grip.palm_pose)
+    assert not np.array_equal(grips[0].palm_pose, other.grasps[0].palm_pose)
     holds = np.array([grip.hold_margin for grip in grips])
     left = [np.linalg.norm(grip.forces.sum(axis=0)) for grip in grips]
     assert max(left) > 0.2 * PRESS  # some cannot even be balanced
     assert (holds == 0).sum() >= 3  # the planner would show none of these
     assert not (np.diff(holds) <= 0).all()
     for one in drawn.grasps:
-        assert len(one.points) == len(one.grip.fingers) >= 2
-        assert np.einsum("ni,ni->n", one.grip.forces, one.normals_in).sum() <= PRESS * (1 + 1e-6)
+        assert len(one.points) == len(one.fingers_touching) >= 2
+        assert np.einsum("ni,ni->n", one.forces, one.normals_in).sum() <= PRESS * (1 + 1e-6)
 
 
 def test_quick_run(found: IndexRows) -> None:

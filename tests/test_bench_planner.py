@@ -17,7 +17,7 @@ from preshape.hands.load import load_hand
 from preshape.hiis.analyser import Aim, HandLayout
 from preshape.objects.load import load_object
 from preshape.physics.grasps import read_grasps
-from preshape.physics.protocol import Protocol
+from preshape.physics.protocol import HoldProtocol
 from preshape.planner import execute
 from preshape.planning import planner_bench
 from preshape.tasks import parse_task
@@ -30,7 +30,7 @@ def planned(cases: list[planner_bench.Case], hand: str, **_: object) -> list[pla
     settings = ClosureSettings(everywhere=300, persistence=0, rounds=1, elite=8)
     analyser = ClosureAnalyser(mesh, model, layout, settings=settings)
     found = analyser.explore(task.q, Aim(planes=range(1, 13), values=np.linspace(-0.8, 0.8, 9)))
-    grip = execute(model, mesh, analyser.grasp(task.q, found), seed=0)
+    grip = execute(model, mesh, found.grasp(), seed=0)
     return [
         planner_bench.Planned(case=case, answers=answers, mode=3, reason="too wide", seconds={})
         for case, answers in zip(cases, ((grip,), ()), strict=True)
@@ -76,7 +76,7 @@ def test_the_mass_is_planned_for_and_tested_with(
     assert planned_for == [0.4]
     assert json.loads(capsys.readouterr().out)["failures"][0]["reason"] == "box: too wide"
 
-    def test(grasps: object, hand: object, *, protocol: Protocol, **_: object) -> None:
+    def test(grasps: object, hand: object, *, protocol: HoldProtocol, **_: object) -> None:
         tested_with.append(protocol.mass)
 
     monkeypatch.setattr(planner_bench, "plan_cases", planned)

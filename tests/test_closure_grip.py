@@ -25,7 +25,7 @@ from preshape.hands.kinematics import (
     pose_matrix,
 )
 from preshape.hands.load import load_hand
-from preshape.hiis.analyser import Aim, Grip, VirtualGrasp
+from preshape.hiis.analyser import Aim, Grip
 from preshape.kernels.closing.host import Candidates, Obstacles
 from preshape.metrics import Contacts, ForceLimits, task_margin
 from preshape.objects.library import load_library_object
@@ -49,7 +49,7 @@ class Case(NamedTuple):
     mesh: TriangleMesh
     analyser: ClosureAnalyser
     q: Array
-    grasps: tuple[VirtualGrasp, ...]
+    grips: tuple[Grip, ...]
 
 
 def case(hand: str, mesh: TriangleMesh, task: str, **settings: Any) -> Case:
@@ -57,7 +57,7 @@ def case(hand: str, mesh: TriangleMesh, task: str, **settings: Any) -> Case:
     made = ClosureSettings(**{**SMALL, **settings})
     analyser = ClosureAnalyser(mesh, model, layout_of(model), settings=made, gravity=asked.gravity)
     found = analyser.explore(asked.q, Aim(values=VALUES))
-    return Case(model, mesh, analyser, asked.q, found.grasps)  # type: ignore[attr-defined]
+    return Case(model, mesh, analyser, asked.q, found.grips)
 
 
 @pytest.fixture(scope="module")
@@ -83,12 +83,8 @@ def trident() -> Case:
 @pytest.fixture(params=["mug", "crowded", "trident"])
 def any_case(request: pytest.FixtureRequest) -> Case:
     made: Case = request.getfixturevalue(request.param)
-    assert len(made.grasps) >= 3
+    assert len(made.grips) >= 3
     return made
-
-
-def grips(c: Case) -> list[Grip]:
-    return [g.grip for g in c.grasps if g.grip is not None]
 
 
 def backed(grip: Grip, way: float) -> Array:
@@ -103,19 +99,19 @@ def backed(grip: Grip, way: float) -> Array:
 
 def test_at_the_grasp_nothing_is_in_the_object_and_every_finger_in_use_touches(any_case: Case) -> None:
     surface = ObjectCollision(any_case.mesh)
-    for grip in grips(any_case):
+    for grip in any_case.grips:
         shapes = hand_geometry(any_case.hand, grip.palm_pose, grip.grasp)
         deep = [shape.link for shape in shapes if surface.touches(shape, -1.0 * MM)]
         assert not deep
         near = {finger_of(any_case.hand, shape) for shape in shapes if surface.touches(shape, 1.0 * MM)}
-        assert set(grip.fingers) <= near
-        assert grip.fingers[0] == any_case.hand.fingers[0].name
-        assert len(set(grip.fingers)) == len(grip.fingers) >= 2
+        assert set(grip.fingers_touching) <= near
+        assert grip.fingers_touching[0] == any_case.hand.fingers[0].name
+        assert len(set(grip.fingers_touching)) == len(grip.fingers_touching) >= 2
 
 
 def test_the_pregrasp_is_clear_by_what_it_says(any_case: Case) -> None:
     surface = ObjectCollision(any_case.mesh)
-    for grip in grips(any_case):
+    for grip in any_case.grips:
         shapes = hand_geometry(any_case.hand, grip.palm_pose, grip.pregrasp)
         assert not any(surface.touches(shape) for shape in shapes)
         # Boxes have their edges rounded off where the clearance is measured: up to two millimetres.
@@ -131,7 +127,7 @@ def no_boxes(shapes: list[LinkShape]) -> bool:
 def test_the_way_in_is_free_at_steps_other_than_the_kernels(any_case: Case) -> None:
     surface = ObjectCollision(any_case.mesh)
     kinematics = HandKinematics(any_case.hand)
-    for grip in grips(any_case):
+    for grip in any_case.grips:
         assert np.linalg.norm(grip.approach) == pytest.approx(1.0)
         kinematics.set_posture(grip.pregrasp)
         shapes = kinematics.shapes()
@@ -143,7 +139,7 @@ def test_the_way_in_is_free_at_steps_other_than_the_kernels(any_case: Case) -> N
 def test_the_fingers_close_through_free_space(any_case: Case) -> None:
     """The joints go straight from pregrasp to grasp, as a controller would move them."""
     surface = ObjectCollision(any_case.mesh)
-    for grip in grips(any_case):
+    for grip in any_case.grips:
         for share in (0.13, 0.38, 0.61, 0.87):
             q = (1 - share) * grip.pregrasp + share * grip.grasp
             shapes = hand_geometry(any_case.hand, grip.palm_pose, q)
@@ -153,7 +149,7 @@ def test_the_fingers_close_through_free_space(any_case: Case) -> None:
 def test_no_link_is_in_another_and_every_joint_within_its_limits(any_case: Case) -> None:
     kinematics = HandKinematics(any_case.hand)
     low, high = any_case.hand.limits.T
-    for grip in grips(any_case):
+    for grip in any_case.grips:
         for q in (grip.pregrasp, grip.grasp):
             assert (q >= low - 1e-6).all()
             assert (q <= high + 1e-6).all()
@@ -166,7 +162,7 @@ def test_table_and_wall_are_kept_out_of(crowded: Case) -> None:
     height = obstacles.planes[0, 3]
     low, high = obstacles.boxes[0]
     wall = ObjectCollision(TriangleMesh(name="wall", vertices=low + CUBE * (high - low), triangles=SIDES))
-    for grip in grips(crowded):
+    for grip in crowded.grips:
         postures = [(grip.palm_pose, grip.grasp), (grip.palm_pose, grip.pregrasp)]
         postures += [(grip.palm_pose, 0.5 * (grip.grasp + grip.pregrasp))]
         postures += [(backed(grip, way), grip.pregrasp) for way in np.arange(3 * MM, 0.118, 7.3 * MM)]
@@ -190,14 +186,14 @@ def lowest(shape: LinkShape) -> float:
 
 def test_contacts_lie_on_the_surface_where_the_finger_is(any_case: Case) -> None:
     surface = ObjectCollision(any_case.mesh)
-    for grasp in any_case.grasps:
-        grip = grasp.grip
-        assert grip is not None
+    for grip in any_case.grips:
         shapes = hand_geometry(any_case.hand, grip.palm_pose, grip.grasp)
-        contacts = grasp.contacts
-        assert len(contacts.points) == len(grip.fingers) == len(grip.forces)
+        contacts = grip.contacts
+        assert len(contacts.points) == len(grip.fingers_touching) == len(grip.forces)
         assert np.allclose(np.linalg.norm(contacts.normals_in, axis=1), 1.0, atol=1e-6)
-        for name, point, triangle in zip(grip.fingers, contacts.points, contacts.triangles, strict=True):
+        for name, point, triangle in zip(
+            grip.fingers_touching, contacts.points, contacts.triangles, strict=True
+        ):
             assert surface.closest(point, 0.01)[0] < 0.2 * MM
             corners = any_case.mesh.corners[triangle]
             assert abs(float((point - corners[0]) @ any_case.mesh.normals[triangle])) < 0.05 * MM
@@ -218,10 +214,8 @@ def distance(shape: LinkShape, point: Array) -> float:
 def test_forces_are_in_their_cones_balance_and_sum_to_the_press(any_case: Case) -> None:
     settings = any_case.analyser.settings
     length = float(any_case.mesh.extents.max()) / 2
-    for grasp in any_case.grasps:
-        grip = grasp.grip
-        assert grip is not None
-        normals, points = grasp.contacts.normals_in, grasp.contacts.points
+    for grip in any_case.grips:
+        normals, points = grip.contacts.normals_in, grip.contacts.points
         pressing = np.einsum("ni,ni->n", grip.forces, normals)
         sliding = np.linalg.norm(grip.forces - pressing[:, None] * normals, axis=1)
         press = float(pressing.sum())
@@ -239,13 +233,11 @@ def test_torques_are_the_virtual_work_of_the_forces(any_case: Case) -> None:
     """A joint moved a little moves each contact's link; force times that way is the torque's work."""
     data = mujoco.MjData(compile_hand(any_case.hand))
     joints = list(any_case.hand.joints)
-    for grasp in any_case.grasps:
-        grip = grasp.grip
-        assert grip is not None
+    for grip in any_case.grips:
         R, t = pose_matrix(grip.palm_pose)
         shapes = hand_geometry(any_case.hand, grip.palm_pose, grip.grasp)
         work = np.zeros(len(joints))
-        for name, point, force in zip(grip.fingers, grasp.contacts.points, grip.forces, strict=True):
+        for name, point, force in zip(grip.fingers_touching, grip.contacts.points, grip.forces, strict=True):
             own = [shape for shape in shapes if finger_of(any_case.hand, shape) == name]
             body = min(own, key=lambda shape: distance(shape, point)).body
             step = 1e-5
@@ -274,7 +266,7 @@ def moved(data: mujoco.MjData, body: str, q: Array, joint: int, step: float, poi
 def test_the_servos_told_to_squeeze_make_these_torques(any_case: Case) -> None:
     hand = any_case.hand
     column = {joint: k for k, joint in enumerate(hand.joints)}
-    for grip in grips(any_case):
+    for grip in any_case.grips:
         pull = hand.controls(grip.squeeze) - hand.controls(grip.grasp)
         for error, group in zip(pull, hand.actuators, strict=True):
             for joint in group:
@@ -289,13 +281,11 @@ def test_margins_are_what_the_press_can_balance(any_case: Case) -> None:
     analyser, settings = any_case.analyser, any_case.analyser.settings
     demand = analyser.demand(any_case.q)
     agree = 0
-    for grasp in any_case.grasps:
-        grip = grasp.grip
-        assert grip is not None
-        press = float(np.einsum("ni,ni->", grip.forces, grasp.contacts.normals_in))
+    for grip in any_case.grips:
+        press = float(np.einsum("ni,ni->", grip.forces, grip.contacts.normals_in))
         contacts = Contacts(
-            positions=grasp.contacts.points,
-            normals_in=grasp.contacts.normals_in,
+            positions=grip.contacts.points,
+            normals_in=grip.contacts.normals_in,
             friction=settings.friction * settings.friction_share,
             torsion=settings.torsion * settings.friction_share,
             reference=analyser.search.cog,
@@ -309,7 +299,7 @@ def test_margins_are_what_the_press_can_balance(any_case: Case) -> None:
         agree += abs(grip.task_margin - expected) < 0.05 * expected + 0.02
         # Softness takes only from what is above 3; a stronger press only adds.
         assert grip.quality >= min(quality(min(grip.task_margin, grip.hold_margin)), 3.0) - 1e-6
-    assert agree >= 0.6 * len(any_case.grasps)
+    assert agree >= 0.6 * len(any_case.grips)
 
 
 def test_quality_is_three_at_just_enough_and_grows_with_the_margin() -> None:

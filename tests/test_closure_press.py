@@ -15,7 +15,7 @@ from preshape.closure.ranked import apart
 from preshape.closure.settings import ClosureSettings
 from preshape.hands.hand import Hand
 from preshape.hands.load import load_hand
-from preshape.hiis.analyser import Aim, Grip, VirtualGrasp
+from preshape.hiis.analyser import Aim, Grip
 from preshape.hiis.fuzzy import FuzzySets
 from preshape.hiis.learning import experiences_of, explore
 from preshape.metrics import Contacts, ForceLimits, task_margin
@@ -43,24 +43,19 @@ def element(hand: Hand, known: Sequence[Experience] = (), **settings: Any) -> Cl
     )
 
 
-def grips(hand: Hand, aim: Aim = EVERYWHERE, **settings: Any) -> list[VirtualGrasp]:
+def grips(hand: Hand, aim: Aim = EVERYWHERE, **settings: Any) -> list[Grip]:
     analyser = element(hand, **settings)
     found = analyser.explore(TASK.q, aim)
-    return [analyser.grasp(TASK.q, found, k) for k in range(len(found))]
+    return list(found.grips)
 
 
-def press(grasp: VirtualGrasp) -> float:
+def press(grip: Grip) -> float:
     """Sum of the normal forces of the squeeze [N]."""
-    return float((grip_of(grasp).forces * grasp.contacts.normals_in).sum())
+    return float((grip.forces * grip.contacts.normals_in).sum())
 
 
-def grip_of(grasp: VirtualGrasp) -> Grip:
-    assert grasp.grip is not None
-    return grasp.grip
-
-
-def margin(grasp: VirtualGrasp) -> float:
-    return min(grip_of(grasp).task_margin, grip_of(grasp).hold_margin)
+def margin(grip: Grip) -> float:
+    return min(grip.task_margin, grip.hold_margin)
 
 
 @pytest.fixture(scope="module")
@@ -76,12 +71,12 @@ def test_a_heavier_object_is_pressed_in_proportion(strong: Hand) -> None:
     assert ClosureSettings(mass=0.02).strongest == ClosureSettings().strongest
     light, heavy = (grips(strong, mass=mass, press_least=1e-3, persistence=0) for mass in (0.1, 0.5))
     assert len(light) == len(heavy) == SMALL["finished"]
-    by_palm = {grip_of(one).palm_pose.tobytes(): one for one in heavy}
+    by_palm = {one.palm_pose.tobytes(): one for one in heavy}
     for one in light:
-        other = by_palm[grip_of(one).palm_pose.tobytes()]
+        other = by_palm[one.palm_pose.tobytes()]
         assert press(other) == pytest.approx(5.0 * press(one), rel=1e-6)
         for name in ("task_margin", "hold_margin"):
-            assert getattr(grip_of(other), name) == pytest.approx(getattr(grip_of(one), name), rel=1e-5)
+            assert getattr(other, name) == pytest.approx(getattr(one, name), rel=1e-5)
     assert max(map(press, heavy)) > 20.0 + 1e-6
 
 
@@ -91,7 +86,7 @@ def test_weak_joints_make_the_press_and_what_it_is_worth_smaller() -> None:
     made = grips(weak, mass=0.5)
     assert made
     for one in made:
-        grip = grip_of(one)
+        grip = one
         assert (np.abs(grip.torques) <= weak.torque_limits * (1 + 1e-9)).all()
         assert grip.quality < ENOUGH
         assert grip.quality == pytest.approx(6 * (1 - 2 ** -margin(one)), rel=1e-6)
@@ -99,7 +94,7 @@ def test_weak_joints_make_the_press_and_what_it_is_worth_smaller() -> None:
 
 def test_the_margin_of_a_heavy_object_is_that_of_the_press_which_is_used() -> None:
     """By an exact program with the very forces that the joints can make."""
-    made = [one for one in grips(load_hand("shadow"), mass=0.5) if grip_of(one).task_margin > 0]
+    made = [one for one in grips(load_hand("shadow"), mass=0.5) if one.task_margin > 0]
     assert made
     settings = ClosureSettings(mass=0.5)
     analyser = element(load_hand("shadow"), mass=0.5)
@@ -116,9 +111,7 @@ def test_the_margin_of_a_heavy_object_is_that_of_the_press_which_is_used() -> No
         demand = analyser.demand(TASK.q)
         assert demand.direction is not None
         exact = task_margin(contacts, demand.direction, ForceLimits(total=press(one)), load=load).number
-        assert grip_of(one).task_margin == pytest.approx(
-            (exact or 0.0) / demand.load / settings.weight, rel=0.03
-        )
+        assert one.task_margin == pytest.approx((exact or 0.0) / demand.load / settings.weight, rel=0.03)
 
 
 def test_what_no_usual_press_can_hold_a_firm_one_does_just(strong: Hand) -> None:
@@ -126,19 +119,17 @@ def test_what_no_usual_press_can_hold_a_firm_one_does_just(strong: Hand) -> None
     firm = [one for one in made if press(one) > MOST * RIGHT]
     assert firm
     for one in firm:
-        assert grip_of(one).quality == ENOUGH
+        assert one.quality == ENOUGH
         assert margin(one) == pytest.approx(1.0, rel=1e-9)
         assert press(one) <= FIRM * MOST * RIGHT
     # Best first, and of those that are just enough the one that presses least.
-    assert [grip_of(one).quality for one in made] == sorted(
-        (grip_of(one).quality for one in made), reverse=True
-    )
+    assert [one.quality for one in made] == sorted((one.quality for one in made), reverse=True)
     assert [press(one) for one in firm] == sorted(press(one) for one in firm)
 
 
 def test_nobody_presses_firmly_where_a_usual_press_is_enough(strong: Hand) -> None:
     made = grips(strong, friction=SMOOTH, persistence=0)
-    assert grip_of(made[0]).quality > ENOUGH
+    assert made[0].quality > ENOUGH
     assert min(margin(one) for one in made) < 1.0  # firmly pressed these would be just enough
     assert max(map(press, made)) <= MOST * RIGHT
 
@@ -149,7 +140,7 @@ def test_a_firm_press_is_no_answer_where_a_better_grip_may_be_found_elsewhere(st
     short = [one for one in made if margin(one) < 1.0]
     assert short
     assert max(map(press, made)) <= MOST * RIGHT
-    assert max(grip_of(one).quality for one in short) < ENOUGH
+    assert max(one.quality for one in short) < ENOUGH
 
 
 @pytest.mark.parametrize("same", [True, False], ids=["taught for this object", "taught for another"])
@@ -164,14 +155,14 @@ def test_a_firm_grip_is_recalled_for_the_object_that_it_was_taught_for(strong: H
     if not same:
         bigger = replace(taught.attributes, extents=1.02 * taught.attributes.extents)
         taught = replace(taught, attributes=bigger)
-    best = teacher.grasp(TASK.q, found)
+    best = found.grasp()
     assert press(best) > MOST * RIGHT
     pupil = element(strong, [taught], **low)
     value = float(sets.crisp()[taught.approach_set])
     again = pupil.explore(
         TASK.q, Aim(planes=[taught.plane], values=[value], fingers=range(2, taught.fingers + 1))
     )
-    grasps = [pupil.grasp(TASK.q, again, k) for k in range(len(again))]
+    grasps = again.grips
     if same:
         assert grasps[0].judged >= ENOUGH
         assert press(grasps[0]) == pytest.approx(press(best), rel=0.05)

@@ -42,7 +42,7 @@ def experience(pa: RayAnalyser, aim: Aim | None = None, *, name="stored", **chan
     """The virtual grasp of an object that resembles itself most, as an experience."""
     found = pa.explore(np.zeros(6), aim or Aim(values=SETS.crisp()))
     own = tfvadi(found.wrench, found.wrench, SETS)
-    g = pa.grasp(np.zeros(6), found, int(np.argmax(own)))
+    g = found.grasp(int(np.argmax(own)))
     made = Experience(
         kind="landmark",
         object_name=name,

@@ -31,9 +31,7 @@ def grip() -> Grip:
     settings = ClosureSettings(everywhere=600, elite=8, rounds=1, finished=2, persistence=0)
     analyser = ClosureAnalyser(MESH, HAND, layout_of(HAND), settings=settings, gravity=task.gravity)
     found = analyser.explore(task.q, Aim(values=np.linspace(-0.9, 0.9, 19)))
-    made = analyser.grasp(task.q, found).grip
-    assert made is not None
-    return made
+    return found.grasp()
 
 
 def moved(grip: Grip, way: np.ndarray) -> Grip:
@@ -51,11 +49,11 @@ def test_a_thumb_in_the_object_is_deep_and_a_hand_far_away_does_not_touch(grip: 
     thumb = grip.forces[0] / np.linalg.norm(grip.forces[0])
     assert any("deep in the object" in flaw for flaw in grips.flaws(HAND, MESH, moved(grip, 0.003 * thumb)))
     away = grips.flaws(HAND, MESH, moved(grip, -0.3 * grip.approach))
-    assert away == [f"{finger} does not touch" for finger in grip.fingers]
+    assert away == [f"{finger} does not touch" for finger in grip.fingers_touching]
 
 
 def test_one_finger_that_does_not_touch_is_found_out(grip: Grip) -> None:
-    for finger in grip.fingers:
+    for finger in grip.fingers_touching:
         opened = np.array(grip.grasp)
         opened[HAND.columns(finger)] = grip.pregrasp[HAND.columns(finger)]
         found = grips.flaws(HAND, MESH, replace(grip, grasp=opened))

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from preshape.hands.load import load_hand
-from preshape.hiis.analyser import Aim, Contacts, Exploration, VirtualGrasp
+from preshape.hiis.analyser import Aim, Exploration, GraspContacts, VirtualGrasp
 from preshape.hiis.controller import Controller
 from preshape.hiis.critic import Thresholds, recognise
 from preshape.hiis.decision import Settings, Status
@@ -33,7 +33,7 @@ from preshape.objects.library import entry, load_library_object, names
 from preshape.objects.mesh import TriangleMesh
 from preshape.planner import layout_of
 from preshape.tasks import family_names, parse_task
-from preshape.types import ContactCoefficients
+from preshape.types import ContactCoefficients, value
 
 LAYOUT = layout_of(load_hand("utah_mit"))
 SETS = FuzzySets()
@@ -45,6 +45,40 @@ Q1, Q2 = (1, 1, 0.1, 0.05, 0.8, 0.05), (1, 1, 0.1, 0.8, 0.05, 0.05)
 @cache
 def prepared(name: str) -> RayAnalyser:
     return RayAnalyser(load_library_object(name), LAYOUT)
+
+
+@value
+class TableExploration(Exploration):
+    """What the table's analyser found for a task."""
+
+    task: np.ndarray
+
+    @property
+    def summary(self) -> str:
+        return f"{len(self)} rows of {self.tried}"
+
+    def grasp(self, index: int = 0) -> VirtualGrasp:
+        adi = approaching_degrees(self.task, self.wrench[index], SETS)
+        nothing = np.zeros((int(self.fingers[index]), 3))
+        return VirtualGrasp(
+            plane=plane(int(self.plane[index])),
+            flip=bool(self.flip[index]),
+            approach_value=float(self.value[index]),
+            approach_set=SETS.name_index(float(self.value[index])),
+            fingers=int(self.fingers[index]),
+            contacts=GraspContacts(
+                points=nothing,
+                normals_in=nothing,
+                triangles=np.zeros(len(nothing), dtype=np.int64),
+                wrenches=np.zeros((len(nothing), 6)),
+            ),
+            net_wrench=self.wrench[index],
+            adi=adi,
+            tfvadi=float(adi.sum()),
+            stability=0,
+            manipulability=len(nothing),
+            ray_origins=nothing,
+        )
 
 
 class Table:
@@ -61,38 +95,17 @@ class Table:
         ways = list(product(aim.planes, aim.flips, [float(v) for v in aim.values], aim.fingers))
         hits = [way for way in ways if way in self.matches]
         wrench = np.array([self.wrench(self.matches[way]) for way in hits]).reshape(-1, 6)
-        return Exploration(
+        return TableExploration(
             plane=np.array([way[0] for way in hits], dtype=np.int64),
             flip=np.array([way[1] for way in hits], dtype=bool),
             value=np.array([way[2] for way in hits], dtype=np.float64),
             fingers=np.array([way[3] for way in hits], dtype=np.int64),
             wrench=wrench,
             match=tfvadi(q, wrench, SETS),
-            aimed=len(ways),
-        ).ranked()
-
-    def grasp(self, q, found: Exploration, index: int = 0) -> VirtualGrasp:
-        adi = approaching_degrees(q, found.wrench[index], SETS)
-        nothing = np.zeros((int(found.fingers[index]), 3))
-        return VirtualGrasp(
-            plane=plane(int(found.plane[index])),
-            flip=bool(found.flip[index]),
-            approach_value=float(found.value[index]),
-            approach_set=SETS.name_index(float(found.value[index])),
-            fingers=int(found.fingers[index]),
-            contacts=Contacts(
-                points=nothing,
-                normals_in=nothing,
-                triangles=np.zeros(len(nothing), dtype=np.int64),
-                wrenches=np.zeros((len(nothing), 6)),
-                ray_origins=nothing,
-            ),
-            net_wrench=found.wrench[index],
-            adi=adi,
-            tfvadi=float(adi.sum()),
-            stability=0,
-            manipulability=len(nothing),
-        )
+            tried=len(ways),
+            reason="the table has none",
+            task=q,
+        ).best_first()
 
     @staticmethod
     def wrench(match: float):
@@ -183,7 +196,7 @@ def test_the_explorer_equals_brute_force_over_planes_flips_values_and_fingers(na
             (wrench,) = one.wrench
             matches[p, flip, v, n] = sum(plain_adi(a, b) for a, b in zip(q, wrench, strict=True))
     discovery = explore(pa, q, SETS, enough=3.0, values=values)
-    assert discovery.found.aimed == 12 * 2 * 3 * len(values)
+    assert discovery.found.tried == 12 * 2 * 3 * len(values)
     assert len(discovery.found) == len(matches)
     assert discovery.answer.tfvadi == pytest.approx(max(matches.values()), abs=1e-9)
     f = discovery.found

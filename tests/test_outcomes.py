@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from preshape.closure.analyser import ClosureAnalyser, Grips
+from preshape.closure.analyser import ClosureAnalyser, GripExploration
 from preshape.closure.settings import ClosureSettings
 from preshape.closure_control import closure_controller
 from preshape.hands import load_hand
-from preshape.hiis.analyser import Aim, VirtualGrasp
+from preshape.hiis.analyser import Aim, Grasp, Grip
 from preshape.hiis.controller import Controller
 from preshape.hiis.decision import Settings
 from preshape.hiis.learning import training_set
@@ -29,7 +29,7 @@ QUICK = ClosureSettings(everywhere=600, elite=8, rounds=2, finished=4, persisten
 @pytest.fixture
 def met(
     lesson: Callable[[str], Path], tmp_path: Path
-) -> Iterator[tuple[Controller, ClosureAnalyser, list[VirtualGrasp]]]:
+) -> Iterator[tuple[Controller, ClosureAnalyser, list[Grip]]]:
     """A controller that has met a box, and the grips found for it, best first."""
     with Memory.open(shutil.copy(lesson("allegro"), tmp_path / "m.sqlite")) as memory:
         controller = closure_controller(
@@ -40,17 +40,17 @@ def met(
         decision = controller.teach(element, TASK)
         assert decision.grasp is not None
         everything = next(iter(element._kept.values()))
-        assert len(everything.grasps) >= 2
-        yield controller, element, list(everything.grasps)
+        assert len(everything.grips) >= 2
+        yield controller, element, list(everything.grips)
 
 
-def start(grasp: VirtualGrasp | None) -> bytes:
+def start(grasp: Grasp | None) -> bytes:
     assert grasp is not None
-    assert grasp.grip is not None
-    return grasp.grip.start.tobytes()
+    assert isinstance(grasp, Grip)
+    return grasp.start.tobytes()
 
 
-def again(controller: Controller, element: ClosureAnalyser) -> tuple[int, VirtualGrasp | None]:
+def again(controller: Controller, element: ClosureAnalyser) -> tuple[int, Grasp | None]:
     controller.reset()
     decision = controller.run(element, TASK, may_learn=False)
     return decision.mode, decision.grasp
@@ -96,7 +96,7 @@ def test_an_answer_is_where_it_was_aimed_at(met) -> None:
     far = 0.95 if taught.approach_value < 0 else -0.95
     aim = Aim(planes=[taught.plane.index], values=[far], fingers=[2], flips=[not taught.flip])
     found = element.explore(TASK.q, aim)
-    assert isinstance(found, Grips)
+    assert isinstance(found, GripExploration)
     assert all(start(g) != start(taught) for g in found.grasps)
 
 

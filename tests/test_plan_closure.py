@@ -16,6 +16,7 @@ from preshape.closure.settings import ClosureSettings
 from preshape.closure_control import closure_controller
 from preshape.exceptions import InputError
 from preshape.hands.load import load_hand
+from preshape.hiis.analyser import Grip
 from preshape.hiis.critic import Thresholds
 from preshape.hiis.decision import Settings, Status
 from preshape.hiis.planes import axis_name
@@ -25,7 +26,7 @@ from preshape.objects.mesh import TriangleMesh
 from preshape.physics.hand import physics_hand
 from preshape.physics.hold.six_directions import hold_test
 from preshape.physics.pieces import ConvexPieces
-from preshape.physics.protocol import Protocol
+from preshape.physics.protocol import HoldProtocol
 from preshape.physics.scene import build_scene
 from preshape.planner import Plan, layout_of, plan
 from preshape.planning.document import dumps, plan_schema, plan_to_json
@@ -152,7 +153,7 @@ def test_learning_keeps_the_grip_and_the_next_run_answers_with_one_as_good(memor
 def test_the_same_seed_gives_the_same_plan_on_one_thread_and_two(memory: Path) -> None:
     def pose(seed: int, threads: int) -> Array:
         p = made(memory, "box", learn=False, seed=seed, closure=replace(QUICK, threads=threads), count=3)
-        return np.array([np.concatenate([g.grip.palm_pose, g.grip.squeeze]) for g in answers(p)])
+        return np.array([np.concatenate([g.palm_pose, g.squeeze]) for g in answers(p)])
 
     first = pose(0, 1)
     assert np.array_equal(first, pose(0, 1))
@@ -163,7 +164,7 @@ def test_the_same_seed_gives_the_same_plan_on_one_thread_and_two(memory: Path) -
 def test_answers_stand_apart(memory: Path) -> None:
     p = made(memory, "box", count=4, learn=False)
     assert len(p.alternatives) == 3
-    poses = [g.grip.palm_pose for g in answers(p)]
+    poses = [g.palm_pose for g in answers(p)]
     for i, a in enumerate(poses):
         for b in poses[:i]:
             angle = 2 * np.arccos(min(1.0, abs(float(a[3:] @ b[3:]))))
@@ -179,7 +180,7 @@ def test_only_allowed_approaches_are_used(memory: Path) -> None:
         for g in answers(p):
             assert axis_name(g.plane.approach_axis) in allowed.split(",")
             # The hand really moves that way, within 45°.
-            assert g.grip.approach @ g.plane.approach_axis > 0.7
+            assert g.approach @ g.plane.approach_axis > 0.7
 
 
 def test_table_and_boxes_need_the_closure_analyser_and_make_sense(memory: Path) -> None:
@@ -201,9 +202,8 @@ def test_off_a_table_the_hand_stays_above_it(memory: Path) -> None:
     mesh = load_library_object("cylinder")
     p = made(memory, mesh, table="auto", learn=False)
     assert p.decision.status is Status.ANSWER
-    assert p.grasp is not None
-    grip = p.grasp.grip
-    assert grip is not None
+    grip = p.grasp
+    assert isinstance(grip, Grip)
     for q in (grip.pregrasp, grip.grasp):
         for shape in hand_geometry(p.hand, grip.palm_pose, q):
             reach = shape.radius + float(np.abs(shape.rotation[2]) @ shape.half)
@@ -218,16 +218,15 @@ def test_the_plan_as_json_holds_to_the_schema_and_says_what_the_grip_does(memory
     document = plan_to_json(p)
     assert not [f"{e.json_path}: {e.message}" for e in VALIDATOR.iter_errors(document)]
     assert json.loads(dumps(document)) == document
-    assert p.grasp is not None
-    grip = p.grasp.grip
-    assert grip is not None
+    grip = p.grasp
+    assert isinstance(grip, Grip)
     poses = document["hand"]
     assert poses["status"] == "reached"
     assert poses["joints"] == list(p.hand.joints)
     for stage in ("pregrasp", "grasp", "squeeze"):
         assert poses[stage]["palm_pose"] == grip.palm_pose.tolist()
         assert poses[stage]["q"] == getattr(grip, stage).tolist()
-    assert [c["finger"] for c in document["contacts"]] == list(grip.fingers)
+    assert [c["finger"] for c in document["contacts"]] == list(grip.fingers_touching)
     assert len(document["alternatives"]) == len(p.alternatives) == 3
     for other, one in zip(document["alternatives"], p.alternatives, strict=True):
         assert other["plane"] == one.grasp.plane.index
@@ -239,13 +238,12 @@ def test_the_plan_as_json_holds_to_the_schema_and_says_what_the_grip_does(memory
 @pytest.mark.parametrize("thing", ["box", "cylinder"])
 def test_the_first_answer_is_held_in_all_six_directions(memory: Path, thing: str) -> None:
     p = made(memory, thing, learn=False)
-    assert p.grasp is not None
-    grip = p.grasp.grip
-    assert grip is not None
+    grip = p.grasp
+    assert isinstance(grip, Grip)
     mesh = load_library_object(thing)
     # Both are convex: one piece.
     pieces = ConvexPieces(name=thing, pieces=(np.asarray(mesh.vertices),))
-    hand, protocol = physics_hand(p.hand), Protocol()
+    hand, protocol = physics_hand(p.hand), HoldProtocol()
     scene = build_scene(hand, pieces, 1.0, protocol)
     assert scene.joints == p.hand.joints
     root = root_pose(grip.palm_pose, p.hand.T_root_palm)

@@ -16,7 +16,7 @@ from preshape.closure.recalling import MOST_RECALLED, OF_ONE, recalled
 from preshape.closure.settings import ClosureSettings
 from preshape.closure_control import closure_controller
 from preshape.hands import load_hand
-from preshape.hiis.analyser import Aim, VirtualGrasp
+from preshape.hiis.analyser import Aim, Grip
 from preshape.hiis.controller import Controller
 from preshape.hiis.decision import Decision, Settings, Status
 from preshape.hiis.fuzzy import FuzzySets
@@ -61,8 +61,8 @@ def grips(memory: Memory) -> list[Experience]:
 
 def pose(decision: Decision) -> np.ndarray:
     assert decision.grasp is not None
-    assert decision.grasp.grip is not None
-    return decision.grasp.grip.palm_pose
+    assert isinstance(decision.grasp, Grip)
+    return decision.grasp.palm_pose
 
 
 # -- what modes 0 and 1 leave --------------------------------------------------------------------------
@@ -129,11 +129,11 @@ def test_another_task_finds_the_grip_on_whatever_plane(memory: Memory) -> None:
     named = element.explore(TWIST.q, Aim(planes=[elsewhere], values=values))
     asked = element.explore(TWIST.q, Aim(planes=[elsewhere], values=values, recall=ALL_PLANES))
     assert all(plane == elsewhere for plane in named.plane)
-    best = element.grasp(TWIST.q, asked)
-    assert best.grip is not None
+    best = asked.grasp()
+    assert isinstance(best, Grip)
     assert best.judged >= 3.0
-    np.testing.assert_allclose(best.grip.palm_pose, pose(first), atol=1e-12)
-    assert asked.aimed < named.aimed / 5
+    np.testing.assert_allclose(best.palm_pose, pose(first), atol=1e-12)
+    assert asked.tried < named.tried / 5
     known = recalled(
         [kept], element.mesh, TWIST.q, Aim(planes=[elsewhere], values=values, recall=ALL_PLANES),
         joints=JOINTS, sets=SETS,
@@ -157,16 +157,15 @@ def test_approaches_that_are_not_allowed_are_not_remembered(memory: Memory) -> N
 # -- which of them come back ---------------------------------------------------------------------------
 
 
-def remembered(mesh: TriangleMesh, grasp: VirtualGrasp, mark: float, **changes: Any) -> Experience:
+def remembered(mesh: TriangleMesh, grasp: Grip, mark: float, **changes: Any) -> Experience:
     """A grip like that one, told from others by its first joint's angle."""
-    assert grasp.grip is not None
     grip = np.concatenate(
         [
-            grasp.grip.palm_pose[:3] - mesh.cog,
-            grasp.grip.palm_pose[3:],
-            [grasp.grip.mask],
+            grasp.palm_pose[:3] - mesh.cog,
+            grasp.palm_pose[3:],
+            [grasp.mask],
             [mark],
-            grasp.grip.start[1:],
+            grasp.start[1:],
         ]
     )
     plain = Experience(
@@ -179,7 +178,7 @@ def remembered(mesh: TriangleMesh, grasp: VirtualGrasp, mark: float, **changes: 
 
 
 @pytest.fixture
-def box(memory: Memory) -> tuple[TriangleMesh, VirtualGrasp]:
+def box(memory: Memory) -> tuple[TriangleMesh, Grip]:
     decision, element = ask(memory, may_learn=False)
     assert decision.grasp is not None
     return element.mesh, decision.grasp

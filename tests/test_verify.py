@@ -13,9 +13,9 @@ import pytest
 
 from preshape.closure.settings import ClosureSettings
 from preshape.memory import Memory
-from preshape.physics.hold.six_directions import HoldResult, Status
+from preshape.physics.hold.six_directions import HoldResult, HoldStatus
 from preshape.physics.pieces import ConvexPieces
-from preshape.physics.protocol import Protocol
+from preshape.physics.protocol import HoldProtocol
 from preshape.planner import Plan, plan
 from preshape.planning import verify as verifying
 
@@ -56,7 +56,7 @@ def told(monkeypatch: pytest.MonkeyPatch, *answers: bool | None) -> None:
     said = iter(answers)
 
     def hold_test(*args: Any, **kwargs: Any) -> HoldResult:
-        status = {True: Status.HELD, False: Status.LOST, None: Status.UNSTABLE}[next(said)]
+        status = {True: HoldStatus.HELD, False: HoldStatus.LOST, None: HoldStatus.UNSTABLE}[next(said)]
         return HoldResult(row=0, object_name="box", scale=1.0, status=status, reason=str(status.value))
 
     monkeypatch.setattr(verifying, "hold_test", hold_test)
@@ -82,7 +82,7 @@ def test_the_first_that_holds_is_the_answer(fresh, monkeypatch: pytest.MonkeyPat
         assert second.answer is not None
         assert second.verified is not None
         assert (second.verified.held, second.verified.tried) == (True, 2)
-        assert second.answer.grasp.grip is not first.answer.grasp.grip
+        assert second.answer.grasp is not first.answer.grasp
         assert outcomes(memory) == ["lost", "held"]
 
 
@@ -130,7 +130,7 @@ def test_it_is_tested_with_the_load_that_was_planned_for(
 
     def hold_test(scene: object, *args: Any, **kwargs: Any) -> HoldResult:
         used.append(args[-1])
-        status = Status.HELD if held else Status.LOST
+        status = HoldStatus.HELD if held else HoldStatus.LOST
         return HoldResult(row=0, object_name="box", scale=1.0, status=status, reason=str(status.value))
 
     monkeypatch.setattr(verifying, "hold_test", hold_test)

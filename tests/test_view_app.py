@@ -193,7 +193,7 @@ def test_nothing_in_a_name_becomes_part_of_the_page(planned) -> None:
 def test_every_group_is_drawn_for_every_answer_and_one_card_for_each_plane(planned) -> None:
     document = preshape.plan_to_json(planned)
     for made, answer in zip((planned.answer, *planned.alternatives), answers_of(document), strict=True):
-        rays = made.grasp.contacts.ray_origins.tolist()
+        rays = made.grasp.ray_origins.tolist()
         scene = document_scene(planned.mesh, document, answer, rays=rays)
         drawn = RecordingCanvas()
         draw_object(scene, drawn)

@@ -29,7 +29,7 @@ def why(name: str, *, scale: float = 1.0, **closure: object) -> str:
     )
     found = analyser.explore(task.q, Aim(planes=range(1, 13), values=np.linspace(-0.8, 0.8, 9)))
     assert not len(found)
-    return found.why
+    return found.reason
 
 
 def test_the_table() -> None:

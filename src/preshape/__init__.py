@@ -18,7 +18,7 @@ from ._version import __version__
 if TYPE_CHECKING:
     from .exceptions import EnvironmentFailure, InputError, PreshapeError
     from .hands.load import Hand, load_hand
-    from .hiis.analyser import VirtualGrasp
+    from .hiis.analyser import Grip, VirtualGrasp
     from .hiis.controller import Controller
     from .hiis.critic import Thresholds
     from .hiis.decision import Decision, Settings, Status
@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from .types import ContactCoefficients
 
 _HOME = {
+    "Grip": "hiis.analyser",
     "VirtualGrasp": "hiis.analyser",
     "Controller": "hiis.controller",
     "Thresholds": "hiis.critic",
@@ -64,6 +65,7 @@ __all__ = [
     "Decision",
     "EnvironmentFailure",
     "FuzzySets",
+    "Grip",
     "Hand",
     "InputError",
     "Memory",

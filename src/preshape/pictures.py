@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from .hiis.analyser import Grip, VirtualGrasp
 from .hiis.fuzzy import SET_NAMES
 from .hiis.planes import PLANES, ApproachPlane
 from .planner import Answer, Plan
@@ -53,11 +54,11 @@ def _answer(plan: Plan, answer: Answer) -> dict[str, Any]:
         "fingers": hand.fingers,
         "forces": g.contacts.wrenches[:, :3],
         "friction": 1.0,
-        "ray_origins": None if g.grip else g.contacts.ray_origins,
+        "ray_origins": g.ray_origins if isinstance(g, VirtualGrasp) else None,
         "net_wrench": g.net_wrench,
         "adi": g.adi,
         "match": g.tfvadi,
-        "quality": g.grip.quality if g.grip else None,
+        "quality": g.quality if isinstance(g, Grip) else None,
         "stability": g.stability,
         "manipulability": g.manipulability,
         "hand": tuple(hand_geometry(plan.hand, pose.palm_pose, pose.q)) if pose else (),

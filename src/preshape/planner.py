@@ -17,7 +17,7 @@ import numpy as np
 from .closure.settings import ClosureSettings
 from .exceptions import InputError
 from .hands.load import Hand, load_hand
-from .hiis.analyser import HandLayout, VirtualGrasp
+from .hiis.analyser import Grasp, Grip, HandLayout
 from .hiis.controller import Controller
 from .hiis.decision import Decision, Settings
 from .kernels.closing.host import Obstacles
@@ -25,10 +25,10 @@ from .memory import Memory
 from .objects.load import load_object
 from .objects.mesh import TriangleMesh
 from .objects.scans.trust import Trust, trust_of, worth
-from .planning.hand_simulation import HandPose, HandResult, HandStatus, simulate_hand
+from .planning.hand_simulation import HandResult, simulate_hand
 from .tasks import Task, parse_task, task_from_numbers
 from .tasks.task import COMPONENTS
-from .types import Array, frozen_array, value
+from .types import frozen_array, value
 
 ANALYSERS = ("rays", "closure")
 VERIFIED = 6
@@ -48,7 +48,7 @@ class Answer:
         hand_result: the hand simulation; its status says whether the hand reached it.
     """
 
-    grasp: VirtualGrasp
+    grasp: Grasp
     hand_result: HandResult
 
 
@@ -94,7 +94,7 @@ class Plan:
     verified: Verified | None = None
 
     @property
-    def grasp(self) -> VirtualGrasp | None:
+    def grasp(self) -> Grasp | None:
         """The answer's virtual grasp."""
         return self.answer.grasp if self.answer else None
 
@@ -234,7 +234,7 @@ def seen_first(plan: Plan, *, keep: int) -> Plan:
 
     def rank(answer: Answer) -> float:
         g = answer.grasp  # what the critic judges stands for a margin of a grip; else it is the match itself
-        return (margin_of(g.judged) if g.grip is not None else g.judged) * worth(scan, g.contacts.triangles)
+        return (margin_of(g.judged) if isinstance(g, Grip) else g.judged) * worth(scan, g.contacts.triangles)
 
     best, *others = sorted((plan.answer, *plan.alternatives), key=lambda answer: -rank(answer))
     return replace(plan, answer=best, alternatives=tuple(others[: keep - 1]))
@@ -248,9 +248,7 @@ def scan_trust(plan: Plan, answer: Answer | None) -> Trust | None:
     return trust_of(scan, answer.grasp.contacts.triangles if answer is not None else None)
 
 
-def verified_plan(
-    plan: Plan, load: ClosureSettings, *, keep: int
-) -> tuple[Plan, list[tuple[VirtualGrasp, bool]]]:
+def verified_plan(plan: Plan, load: ClosureSettings, *, keep: int) -> tuple[Plan, list[tuple[Grasp, bool]]]:
     """The plan with the first of its answers that holds in the holding test; and what that tells of grasps.
 
     Args:
@@ -258,13 +256,13 @@ def verified_plan(
         load: friction and mass to test with.
         keep: how many answers are kept in all.
     """
-    from .physics.protocol import Protocol
+    from .physics.protocol import HoldProtocol
     from .planning.verify import telling, verify
 
     answers = [a for a in (plan.answer, *plan.alternatives) if a is not None][: max(keep, VERIFIED)]
     if not answers:
         return plan, []
-    rules = Protocol(friction=load.friction, mass=load.mass, stop_early=True)
+    rules = HoldProtocol(friction=load.friction, mass=load.planned_mass, stop_early=True)
     found = verify(plan.hand, plan.mesh, [a.hand_result for a in answers], protocol=rules)
     reached = [a.grasp for a in answers if a.hand_result.grasp is not None]
     tried = [
@@ -283,10 +281,10 @@ def verified_plan(
     return replace(plan, answer=best, alternatives=rest, verified=said), tried
 
 
-def execute(hand: Hand, mesh: TriangleMesh, grasp: VirtualGrasp, *, seed: int = 0) -> Answer:
+def execute(hand: Hand, mesh: TriangleMesh, grasp: Grasp, *, seed: int = 0) -> Answer:
     """Grasp simulation (§4): the hand tries the virtual grasp, or retracts; a grip is executed as it is."""
-    if grasp.grip is not None:
-        return Answer(grasp=grasp, hand_result=_gripped(hand, grasp))
+    if isinstance(grasp, Grip):
+        return Answer(grasp=grasp, hand_result=HandResult.of_grip(hand, grasp))
     result = simulate_hand(
         hand,
         mesh,
@@ -369,30 +367,6 @@ def _height(table: float | str, mesh: TriangleMesh) -> float:
     if not np.isfinite(height):
         raise InputError(f"a table's height must be finite, got {table!r}")
     return height
-
-
-def _gripped(hand: Hand, grasp: VirtualGrasp) -> HandResult:
-    """The hand on a grip of the closure analyser."""
-    grip = grasp.grip
-    assert grip is not None
-
-    def pose(q: Array) -> HandPose:
-        return HandPose(palm_pose=grip.palm_pose, q=q)
-
-    return HandResult(
-        status=HandStatus.REACHED,
-        reason=f"{len(grip.fingers)} fingers closed until they touched; the squeeze balances "
-        f"{grip.task_margin:.1f} times the task's load and {grip.hold_margin:.1f} times the pushes expected",
-        fingers=grip.fingers,
-        joints=hand.joints,
-        grasp=pose(grip.grasp),
-        pregrasp=pose(grip.pregrasp),
-        squeeze=pose(grip.squeeze),
-        retracted=None,
-        tip_errors=np.zeros(len(grip.fingers)),
-        penetration=0.0,
-        attempts=1,
-    )
 
 
 def _task(task: str | Sequence[float]) -> Task:

@@ -9,6 +9,7 @@ import numpy as np
 
 from ..exceptions import InputError
 from ..hands.hand import Hand
+from ..hiis.analyser import VirtualGrasp
 from ..hiis.planes import PLANES, ApproachPlane, plane
 from ..objects.mesh import TriangleMesh
 from ..types import Array, frozen_array
@@ -121,7 +122,7 @@ def plan_html(plan: Plan, document: Document) -> str:
         document: its JSON (:func:`preshape.planning.document.plan_to_json`).
     """
     made = [a for a in (plan.answer, *plan.alternatives) if a is not None]
-    rays = [a.grasp.contacts.ray_origins.tolist() for a in made if a.grasp.grip is None]
+    rays = [a.grasp.ray_origins.tolist() for a in made if isinstance(a.grasp, VirtualGrasp)]
     return document_html(light_mesh(plan.mesh), plan.hand, document, rays)
 
 

@@ -166,6 +166,7 @@ class Worker:
 
     def _plan(self, order: Order, say: Say, *, teach: bool) -> None:
         from ..hands.load import load_hand
+        from ..hiis.analyser import VirtualGrasp
         from ..hiis.controller import Controller
         from ..hiis.critic import Thresholds
         from ..hiis.decision import Settings
@@ -229,7 +230,7 @@ class Worker:
                     "total": end - start,
                 },
             )
-            rays = [] if kind == "closure" else [a.grasp.contacts.ray_origins.tolist() for a in answers]
+            rays = [a.grasp.ray_origins.tolist() for a in answers if isinstance(a.grasp, VirtualGrasp)]
             whole = len(answers) == len(found)
             say({"document": plan_to_json(made), "rays": rays, "whole": whole})
 

@@ -10,7 +10,7 @@ from rich.panel import Panel
 from rich.table import Table
 from rich.text import Text
 
-from ..hiis.analyser import VirtualGrasp
+from ..hiis.analyser import Grip, VirtualGrasp
 from ..hiis.decision import Decision, Status
 from ..hiis.fuzzy import SET_NAMES
 from ..hiis.planes import axis_name
@@ -33,7 +33,7 @@ def show_plan(plan: Plan, written: Sequence[Path] = ()) -> None:
     parts: list[object] = [_what(plan)]
     if plan.answer is not None:
         parts += ["", _answer(plan, plan.answer), "", _match(plan, plan.answer)]
-        if plan.answer.grasp.grip is None:  # a grip was judged by its margins, not by the match
+        if isinstance(plan.answer.grasp, VirtualGrasp):  # a grip was judged by its margins, not by the match
             parts += [Text(f"! {warning}", style="yellow") for warning in shortfalls(plan, plan.answer)]
     parts += ["", _why(decision)]
     if decision.offers:
@@ -98,13 +98,12 @@ def _answer(plan: Plan, answer: Answer) -> Table:
         ),
         ("hand", hand_text),
     ]
-    if g.grip is not None:
-        press = sum(float(f @ n) for f, n in zip(g.grip.forces, g.contacts.normals_in, strict=True))
+    if isinstance(g, Grip):
         rows.append(
             (
                 "grip",
-                f"quality {g.grip.quality:.1f} of 6 (3 is just enough); squeeze {press:.0f} N in all, "
-                f"{1000 * g.grip.clearance:.0f} mm clear on the way in",
+                f"quality {g.quality:.1f} of 6 (3 is just enough); squeeze {g.press:.0f} N in all, "
+                f"{1000 * g.clearance:.0f} mm clear on the way in",
             )
         )
     if hand.grasp is not None:
@@ -144,10 +143,6 @@ def _offers(plan: Plan) -> Table:
     return _grid(*rows)
 
 
-def _worth(g: VirtualGrasp) -> str:
-    return f"TFVADI {g.tfvadi:.2f}" if g.grip is None else f"quality {g.grip.quality:.1f}"
-
-
 def _alternatives(plan: Plan) -> Table:
     rows: list[tuple[str, str | Text]] = []
     for number, other in enumerate(plan.alternatives, start=2):
@@ -157,7 +152,7 @@ def _alternatives(plan: Plan) -> Table:
         rows.append(
             (
                 f"answer {number}",
-                f"{g.plane.label}, thumb {side}, {g.fingers} fingers, {_worth(g)}, {state}",
+                f"{g.plane.label}, thumb {side}, {g.fingers} fingers, {g.score_text}, {state}",
             )
         )
     return _grid(*rows)

@@ -9,14 +9,14 @@ from __future__ import annotations
 
 import zlib
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import fields, replace
 from typing import Any
 
 import numpy as np
 
 from ..exceptions import InputError
 from ..hands.hand import Hand
-from ..hiis.analyser import Aim, Contacts, Exploration, HandLayout, VirtualGrasp
+from ..hiis.analyser import Aim, Grasp, GraspContacts, Grip, HandLayout
 from ..hiis.fuzzy import FuzzySets, approaching_degrees
 from ..hiis.planes import plane
 from ..hiis.wrench import contact_wrenches, net_wrench, screw_measures
@@ -25,7 +25,7 @@ from ..objects.mesh import TriangleMesh
 from ..tasks.task import ROTATION_ABSENT, TRANSLATION_ABSENT
 from ..types import KEPT, Array, ContactCoefficients, Experience, IntArray, frozen_array
 from .grip import ENOUGH, Finished, Finisher
-from .grips import Grips, gathered
+from .grips import GripExploration, grip_exploration
 from .holding import inner_centre, turn_levers
 from .pinches import hand_pinches
 from .pinching import PINCHED, Pincher
@@ -48,6 +48,7 @@ EASY, FEWEST = 1.5, 100
 """More candidates are drawn where the best margin is under ``EASY`` or fewer than ``FEWEST`` closed, and the
 best are refined again where it still is [C]."""
 _KEPT = 24
+_HAND_FIELDS = tuple({f.name for f in fields(Grip)} - {f.name for f in fields(Grasp)})
 
 
 class ClosureAnalyser:
@@ -95,7 +96,7 @@ class ClosureAnalyser:
         spots = find_spots(mesh, self.field, float(pinches.tip[0]), pinches.widest)
         self.pincher = Pincher(pinches, spots, mesh.cog, mesh.extents / 2, self.search.kernel)
         self.finisher = Finisher(self.search, self.query)
-        self._kept: dict[bytes, Grips] = {}
+        self._kept: dict[bytes, GripExploration] = {}
         self._everywhere: set[bytes] = set()  # tasks for which all planes that are allowed were looked at
         self._asked: tuple[bytes, Demand] | None = None
 
@@ -105,7 +106,7 @@ class ClosureAnalyser:
     @property
     def tried(self) -> int:
         """Candidates closed for all aims that are kept."""
-        return sum(found.aimed for found in self._kept.values())
+        return sum(found.tried for found in self._kept.values())
 
     def demand(self, q: Array) -> Demand:
         """What a task asks of a grip: its wrench, the load along it, and the weight.
@@ -127,7 +128,7 @@ class ClosureAnalyser:
             return Demand(base=base)
         return Demand(direction=direction, base=base, load=float(np.linalg.norm(direction)))
 
-    def explore(self, q: Array, aim: Aim) -> Exploration:
+    def explore(self, q: Array, aim: Aim) -> GripExploration:
         """The best grips of an aim for a task, best first; every one of them can be executed.
 
         Args:
@@ -148,20 +149,10 @@ class ClosureAnalyser:
             self._everywhere.add(task.tobytes())
         return self._kept[key]
 
-    def grasp(self, q: Array, found: Exploration, index: int = 0) -> VirtualGrasp:
-        """One of them in full.
-
-        Raises:
-            TypeError: ``found`` is not this analyser's.
-        """
-        if not isinstance(found, Grips):
-            raise TypeError("found must come from this analyser's explore")
-        return found.grasps[index]
-
-    def _explore(self, q: Array, aim: Aim, elsewhere: bool) -> Grips:
+    def _explore(self, q: Array, aim: Aim, elsewhere: bool) -> GripExploration:
         if self.mesh.extents.max() < THINNEST:
             size = f"{1e3 * self.mesh.extents.max():.2g} mm long, under the {1e3 * THINNEST:.0f} mm"
-            return gathered([], 0, f"the object is {size} that fingers are placed to; check its unit")
+            return grip_exploration([], 0, f"the object is {size} that fingers are placed to; check its unit")
         demand, settings = self.demand(q), self.settings
         known = recalled(self._known(), self.mesh, q, aim, joints=len(self.hand.joints), sets=self.sets)
         part = len(aim.planes) == 1
@@ -174,8 +165,8 @@ class ClosureAnalyser:
                 asked += len(rows)
                 remembered += self._again(demand, take(known.sampled, rows), aim, **how)
                 if _worth(remembered) >= max(AS_GOOD * known.bar, ENOUGH):
-                    best = max(remembered, key=lambda made: made.grip.quality)
-                    return gathered(self.virtual_grasps(q, [best]), asked)
+                    best = max(remembered, key=lambda made: made.quality)
+                    return grip_exploration(self.grips(q, [best]), asked)
         rng = np.random.default_rng([self.seed, zlib.crc32(_key(aim))])
         count, elite, rounds, enough = self._effort(aim)
         drawn = self._draw(rng, aim, count)
@@ -206,9 +197,9 @@ class ClosureAnalyser:
                 found, pool = best_of(found, fresh), more
         if not elsewhere and _best(finished) < 1.0:
             finished = self.finisher.finish(last, demand, by_joints=True, firm=True, **how)
-        grasps = self.virtual_grasps(q, sorted([*remembered, *finished], key=lambda made: -made.margin))
-        grasps.sort(key=lambda g: -g.judged)
-        return gathered(grasps[:enough], asked + found.tried, self._why_none(found))
+        grips = self.grips(q, sorted([*remembered, *finished], key=lambda made: -made.margin))
+        grips.sort(key=lambda g: -g.judged)
+        return grip_exploration(grips[:enough], asked + found.tried, self._why_none(found))
 
     def _why_none(self, found: Ranked) -> str:
         """What became of the candidates, where none of them became a grip."""
@@ -289,8 +280,8 @@ class ClosureAnalyser:
     def _evaluate(self, sampled: Sampled, demand: Demand) -> Ranked:
         return self.search.evaluate(sampled, demand, wanted=WANTED)
 
-    def virtual_grasps(self, q: Array, finished: Sequence[Finished]) -> list[VirtualGrasp]:
-        """Grips as the controller knows virtual grasps: plane, net wrench, TFVADI and indices of each.
+    def grips(self, q: Array, finished: Sequence[Finished]) -> list[Grip]:
+        """The finished grips with the paper's description: net wrench, TFVADI and indices of each.
 
         Args:
             q: (6,) task Q.
@@ -301,9 +292,9 @@ class ClosureAnalyser:
         triangles = self.query.closest(np.concatenate([made.points for made in finished])).triangle
         ends = np.cumsum([len(made.points) for made in finished])[:-1]
         each = zip(finished, np.split(triangles, ends), strict=True)
-        return [self._virtual_grasp(q, made, own) for made, own in each]
+        return [self._grip(q, made, own) for made, own in each]
 
-    def _virtual_grasp(self, q: Array, made: Finished, triangles: IntArray) -> VirtualGrasp:
+    def _grip(self, q: Array, made: Finished, triangles: IntArray) -> Grip:
         p = plane(made.plane)
         a, t = p.approach_axis, p.transverse_axis
         arms = (made.points - self.mesh.cog) / self.layout.u
@@ -315,25 +306,24 @@ class ClosureAnalyser:
         stability, manipulability = screw_measures(wrenches)
         along = float(np.abs(a) @ self.mesh.extents) / 2
         v = float(np.clip((made.points.mean(axis=0) - self.mesh.cog) @ a / max(along, 1e-9), -1.0, 1.0))
-        return VirtualGrasp(
+        return Grip(
             plane=p,
             flip=made.flip,
             approach_value=v,
             approach_set=self.sets.name_index(v),
             fingers=min(len(made.points), MAX_FINGERS),
-            contacts=Contacts(
+            contacts=GraspContacts(
                 points=made.points,
                 normals_in=made.normals_in,
                 triangles=triangles,
                 wrenches=wrenches,
-                ray_origins=made.points - 0.02 * made.normals_in,
             ),
             net_wrench=net,
             adi=adi,
             tfvadi=float(adi.sum()),
             stability=stability,
             manipulability=manipulability,
-            grip=made.grip,
+            **{name: getattr(made, name) for name in _HAND_FIELDS},
         )
 
 
@@ -357,7 +347,7 @@ def _best(finished: Sequence[Finished]) -> float:
 
 def _worth(finished: Sequence[Finished]) -> float:
     """The best quality among them."""
-    return max((made.grip.quality for made in finished), default=-1.0)
+    return max((made.quality for made in finished), default=-1.0)
 
 
 def _key(aim: Aim) -> bytes:

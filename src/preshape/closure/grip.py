@@ -10,7 +10,6 @@ from functools import cache, partial
 import numpy as np
 
 from ..hands.kinematics import HandKinematics
-from ..hiis.analyser import Grip
 from ..hiis.planes import APPROACH_AXES, OPPOSITION_AXES
 from ..kernels.chains import joint_frames, rotations
 from ..kernels.closing.host import Candidates, ClosingKernel, Closings, Fate
@@ -44,25 +43,39 @@ half; where by the second and stiffer grips may be found elsewhere, all of its m
 
 @value
 class Finished:
-    """A grip, the candidate that it came from, and its contacts.
+    """What the hand does in a grip, the candidate that it came from, and its contacts.
+
+    The fields from ``approach`` on are those of :class:`preshape.hiis.analyser.Grip`.
 
     Attributes:
-        grip: the hand.
-        row: of the candidate.
-        plane: the approach plane that the way in belongs to, 1..12.
-        flip: thumb on that plane's -o side.
+        row: Row of the candidate.
+        plane: The approach plane that the way in belongs to, 1..12.
+        flip: Whether the thumb stands on that plane's -o side.
         points: (n, 3) contacts, the thumb's first [m].
         normals_in: (n, 3) inward unit normals.
-        margin: largest load that the strongest usual squeeze can balance, over the load expected.
+        margin: Largest load that the strongest usual squeeze can balance, divided by the expected load.
     """
 
-    grip: Grip
     row: int
     plane: int
     flip: bool
     points: Array
     normals_in: Array
-    margin: float = 0.0
+    margin: float
+    approach: Array
+    palm_pose: Array
+    start: Array
+    mask: int
+    pregrasp: Array
+    grasp: Array
+    squeeze: Array
+    fingers_touching: tuple[str, ...]
+    forces: Array
+    torques: Array
+    task_margin: float
+    hold_margin: float
+    quality: float
+    clearance: float
 
 
 class Finisher:
@@ -179,7 +192,7 @@ class Finisher:
                     break
             if len(grips) == enough:
                 break
-        if firm and all(made.grip.quality < ENOUGH for made in grips):
+        if firm and all(made.quality < ENOUGH for made in grips):
             harder = [make(elsewhere=elsewhere, firm=True) for make in again]
             return [made for made in harder if made is not None]
         return grips
@@ -229,7 +242,14 @@ class Finisher:
             pressing.jacobians,
             [yielding[chain] for chain in pressing.chains],
         )
-        grip = Grip(
+        number, flip = counted_to(ways.approach[k], points, int(found.sampled.plane[row]), planes)
+        return Finished(
+            row=row,
+            plane=number,
+            flip=flip,
+            points=points,
+            normals_in=normals,
+            margin=margin,
             approach=ways.approach[k],
             palm_pose=np.concatenate([candidates.place[row], candidates.turn[row]]),
             start=candidates.start[row],
@@ -237,17 +257,13 @@ class Finisher:
             pregrasp=ways.pregrasp[k],
             grasp=q,
             squeeze=squeeze,
-            fingers=tuple(self.tables.fingers[f] for f in pressing.used),
+            fingers_touching=tuple(self.tables.fingers[f] for f in pressing.used),
             forces=press * pressing.forces,
             torques=press * pressing.torques,
             task_margin=margins[0] * press / settings.weight,
             hold_margin=margins[1] * press / settings.weight,
             quality=ENOUGH if firm else quality(margin, turn, elsewhere=elsewhere),
             clearance=float(ways.clearance[k]),
-        )
-        number, flip = counted_to(ways.approach[k], points, int(found.sampled.plane[row]), planes)
-        return Finished(
-            grip=grip, row=row, plane=number, flip=flip, points=points, normals_in=normals, margin=margin
         )
 
 

@@ -9,7 +9,6 @@ from functools import partial
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
-import numpy as np
 
 from .._version import __version__
 from ..exceptions import EnvironmentFailure, InputError, ObjectError, PreshapeError
@@ -24,7 +23,7 @@ from ..planner import Answer, execute
 from ..tasks import Task, parse_task
 from ..types import value
 from .drawing import ShardGrasps, shard_grasps
-from .index_values import INDICES, Grasp, index_values, planner_score
+from .index_values import INDICES, GraspContacts, index_values, planner_score
 from .outcomes import Row, tested, untested
 from .schema import FORMAT, METRICS, parquet_bytes
 from .settings import DatasetSettings, Shard, mesh_digest, task_label, usable_object
@@ -164,8 +163,8 @@ def _rows(shard: Shard, settings: DatasetSettings, clock: _Clock) -> tuple[list[
         "task_suits": suits,
     }
     rows = [
-        {**place, "row": k, **_of_grasp(answer), **_metrics(answer.grasp, found, hand, mesh, task, settings)}
-        for k, answer in enumerate(answers)
+        {**place, "row": k, **_of_grasp(answer), **_metrics(grasp, found, hand, mesh, task, settings)}
+        for k, (answer, grasp) in enumerate(zip(answers, found.grasps, strict=True))
     ]
     clock.lap("metrics")
     outcomes = (
@@ -218,9 +217,9 @@ def _metrics(
 ) -> Row:
     """The columns ``metric_…``."""
     analyser, length = found.analyser, float(mesh.extents.max()) / 2
-    seen = Grasp(
-        grasp.contacts.points,
-        grasp.contacts.normals_in,
+    seen = GraspContacts(
+        points=grasp.contacts.points,
+        normals_in=grasp.contacts.normals_in,
         centre=analyser.middle,
         cog=mesh.cog,
         length=length,

@@ -5,8 +5,10 @@ The ray analyser (:mod:`preshape.hiis.virtual_grasp`) is the paper's. The contro
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from typing import Protocol
+from dataclasses import replace
+from typing import Protocol, Self
 
 import numpy as np
 
@@ -33,44 +35,128 @@ class HandLayout:
 
 
 @value
-class Contacts:
-    """Where the fingers of one virtual grasp land, thumb first.
+class GraspContacts:
+    """Where the fingers of one grasp touch the object, the thumb first.
 
     Attributes:
         points: (n, 3) [m], mesh frame.
         normals_in: (n, 3) inward unit normals.
-        triangles: (n,) the triangle of each.
+        triangles: (n,) the triangle that each contact lies on.
         wrenches: (n, 6) each contact's wrench about the COG, axes x y z, lengths in U.
-        ray_origins: (n, 3) where each aiming ray starts [m].
     """
 
     points: Array
     normals_in: Array
     triangles: IntArray
     wrenches: Array
-    ray_origins: Array
 
 
 @value
-class Grip:
-    """A grasp that the real hand can execute, found by closing it (the closure analyser).
+class Grasp(ABC):
+    """One way of holding the object; either a :class:`VirtualGrasp` or a :class:`Grip`.
 
     Attributes:
-        approach: (3,) unit vector along which the hand comes straight in, mesh frame.
+        plane: The approach plane.
+        flip: Whether the thumb stands on the -o side.
+        approach_value: v, -1..1 (§3).
+        approach_set: Index of the fuzzy set that v belongs to most.
+        fingers: Number of virtual fingers, thumb included.
+        contacts: Where the fingers touch.
+        net_wrench: (6,) about the COG, axes x y z, lengths in U (eq. 14).
+        adi: (6,) ADI of each component with the task (eq. 19).
+        tfvadi: Their sum (eq. 22).
+        stability: rank(WU) - rank(TI), one wrench a finger (§2.3).
+        manipulability: rank(WU).
+    """
+
+    plane: ApproachPlane
+    flip: bool
+    approach_value: float
+    approach_set: int
+    fingers: int
+    contacts: GraspContacts
+    net_wrench: Array
+    adi: Array
+    tfvadi: float
+    stability: int
+    manipulability: int
+
+    @property
+    def thumb_side(self) -> Array:
+        """(3,) unit vector from the object towards the thumb: o, or -o when flipped."""
+        o = self.plane.opposition_axis
+        return -o if self.flip else o
+
+    @property
+    @abstractmethod
+    def judged(self) -> float:
+        """The number that the critic compares with its threshold, 0..6."""
+
+    @property
+    @abstractmethod
+    def score_text(self) -> str:
+        """``judged`` with its name."""
+
+    @property
+    @abstractmethod
+    def description(self) -> str:
+        """The grasp in part of a sentence: plane, fingers, and how good it is."""
+
+    @abstractmethod
+    def same_as(self, other: Grasp) -> bool:
+        """Whether another answer would offer the user nothing new beside this one."""
+
+
+@value
+class VirtualGrasp(Grasp):
+    """The paper's grasp: contacts found by ray casting, before any hand has tried it.
+
+    Attributes:
+        ray_origins: (n, 3) where each finger's ray starts, in the order of the contacts [m].
+    """
+
+    ray_origins: Array
+
+    @property
+    def judged(self) -> float:
+        """TFVADI."""
+        return self.tfvadi
+
+    @property
+    def score_text(self) -> str:
+        """TFVADI with its name."""
+        return f"TFVADI {self.tfvadi:.2f}"
+
+    @property
+    def description(self) -> str:
+        """Plane, virtual fingers and TFVADI."""
+        return f"{self.plane.label}, {self.fingers} fingers, {self.score_text}"
+
+    def same_as(self, other: Grasp) -> bool:
+        """Whether plane, thumb side and number of virtual fingers agree."""
+        return (self.plane.index, self.flip, self.fingers) == (other.plane.index, other.flip, other.fingers)
+
+
+@value
+class Grip(Grasp):
+    """A grasp that the real hand can execute, found by closing the hand (closure analyser).
+
+    Attributes:
+        approach: (3,) unit vector along which the hand moves in on a straight line, mesh frame.
         palm_pose: (7,) palm frame in the mesh frame, xyz [m] and quaternion wxyz.
-        start: (j,) the preshape: joint angles at the beginning of the closing path [rad].
-        mask: bit f is set where finger f, in the order of the hand's joints, closes.
+        start: (j,) joint angles at the beginning of the closing path [rad].
+        mask: Bit f is set where finger f, in the order of the hand's joints, closes.
         pregrasp: (j,) joint angles, open and clear of the object [rad].
-        grasp: (j,) every finger in use touches [rad].
-        squeeze: (j,) targets of the joints that press with ``forces`` [rad].
-        fingers: names of the fingers in contact, in the order of the contacts, the thumb first.
-        forces: (n, 3) what each contact does to the object in the squeeze [N].
+        grasp: (j,) joint angles at which every finger in use touches [rad].
+        squeeze: (j,) servo targets that press with ``forces`` [rad].
+        fingers_touching: Names of the fingers in contact, in the order of the contacts.
+        forces: (n, 3) force of each contact on the object in the squeeze, mesh frame [N].
         torques: (j,) joint torques of the squeeze [N m].
-        task_margin: largest load along the task's wrench cone that the squeeze can balance, over the
-            load expected; 1 is just enough.
-        hold_margin: the same for pushes and turns in any direction.
-        quality: what the critic judges, 0..6; 3 is just enough.
-        clearance: least distance of the hand to the object, opened and on the way in [m].
+        task_margin: Largest load along the task's wrench cone that the squeeze can balance, divided by
+            the expected load; 1 is just enough.
+        hold_margin: The same for pushes and turns in any direction.
+        quality: What the critic judges, 0..6; 3 is just enough.
+        clearance: Least distance of the open hand to the object, at the pregrasp and on the way in [m].
     """
 
     approach: Array
@@ -80,7 +166,7 @@ class Grip:
     pregrasp: Array
     grasp: Array
     squeeze: Array
-    fingers: tuple[str, ...]
+    fingers_touching: tuple[str, ...]
     forces: Array
     torques: Array
     task_margin: float
@@ -88,49 +174,36 @@ class Grip:
     quality: float
     clearance: float
 
-
-@value
-class VirtualGrasp:
-    """One way of holding the object, before any hand has tried it.
-
-    Attributes:
-        plane: the approach plane.
-        flip: whether the thumb stands on the -o side.
-        approach_value: v, -1..1 (§3).
-        approach_set: index of the fuzzy set that v belongs to most.
-        fingers: virtual fingers, thumb included.
-        contacts: where they land.
-        net_wrench: (6,) about the COG, axes x y z, lengths in U (eq. 14).
-        adi: (6,) ADI of each component with the task (eq. 19).
-        tfvadi: their sum (eq. 22).
-        stability: rank(WU) - rank(TI), one wrench a finger (§2.3).
-        manipulability: rank(WU).
-        grip: the hand on it, where the analyser closed a real one; ``None`` of the ray analyser.
-    """
-
-    plane: ApproachPlane
-    flip: bool
-    approach_value: float
-    approach_set: int
-    fingers: int
-    contacts: Contacts
-    net_wrench: Array
-    adi: Array
-    tfvadi: float
-    stability: int
-    manipulability: int
-    grip: Grip | None = None
-
     @property
     def judged(self) -> float:
-        """What the critic compares with its threshold, 0..6, which is TFVADI or the grip's quality."""
-        return self.tfvadi if self.grip is None else self.grip.quality
+        """The grip's quality."""
+        return self.quality
 
     @property
-    def thumb_side(self) -> Array:
-        """(3,) unit vector from the object towards the thumb, o, or -o when flipped."""
-        o = self.plane.opposition_axis
-        return -o if self.flip else o
+    def score_text(self) -> str:
+        """Quality with its name."""
+        return f"quality {self.quality:.1f}"
+
+    @property
+    def description(self) -> str:
+        """Plane, fingers in contact, press and margins."""
+        return (
+            f"{self.plane.label}, {len(self.fingers_touching)} fingers: squeezing with {self.press:.0f} N it "
+            f"balances {self.task_margin:.1f} times the task's load, {self.hold_margin:.1f} times the pushes "
+            "expected"
+        )
+
+    @property
+    def press(self) -> float:
+        """Sum of the normal forces of the squeeze [N]."""
+        return float(np.einsum("ni,ni->", self.forces, self.contacts.normals_in))
+
+    def same_as(self, other: Grasp) -> bool:
+        """Whether the wrists are closer than a :func:`wrist_distance` of 1."""
+        if not isinstance(other, Grip):
+            return False
+        p, r = self.palm_pose, other.palm_pose
+        return float(wrist_distance(p[:3], p[3:], r[:3], r[3:])) < 1.0
 
 
 def wrist_distance(places: Array, turns: Array, place: Array, turn: Array) -> Array:
@@ -144,14 +217,6 @@ def wrist_distance(places: Array, turns: Array, place: Array, turn: Array) -> Ar
     """
     angle = 2.0 * np.arccos(np.minimum(1.0, np.abs((turns * turn).sum(axis=-1))))
     return np.asarray(np.linalg.norm(places - place, axis=-1) / 0.02 + angle / 0.35)
-
-
-def same_grip(a: VirtualGrasp, b: VirtualGrasp) -> bool:
-    """Whether two grips are nearly one: their wrists at a distance under 1."""
-    if a.grip is None or b.grip is None:
-        return False
-    p, r = a.grip.palm_pose, b.grip.palm_pose
-    return float(wrist_distance(p[:3], p[3:], r[:3], r[3:])) < 1.0
 
 
 @value
@@ -175,18 +240,18 @@ class Aim:
 
 
 @value
-class Exploration:
-    """Every virtual grasp found for an aim; arrays over k grasps, best match first.
+class Exploration(ABC):
+    """Every grasp that an analyser found for an aim and a task; arrays over k grasps, best first.
 
     Attributes:
         plane: (k,) plane index.
-        flip: (k,) thumb on the -o side.
+        flip: (k,) whether the thumb stands on the -o side.
         value: (k,) approach value.
         fingers: (k,) virtual fingers.
-        wrench: (k, 6) net wrench.
-        match: (k,) TFVADI with the task.
-        aimed: how many combinations were aimed at.
-        why: there is none, where there is none.
+        wrench: (k, 6) net wrench about the COG, lengths in U.
+        match: (k,) what the critic judges, 0..6.
+        tried: Number of candidates that were tried.
+        reason: Why nothing was found, where nothing was.
     """
 
     plane: IntArray
@@ -195,13 +260,13 @@ class Exploration:
     fingers: IntArray
     wrench: Array
     match: Array
-    aimed: int
-    why: str = "fingers and thumb never meet the object together"
+    tried: int
+    reason: str
 
     def __len__(self) -> int:
         return len(self.match)
 
-    def ranked(self) -> Exploration:
+    def best_first(self) -> Self:
         """The best match first; among equals the plainest [C].
 
         Plainest = aimed nearest to the object's middle, then more fingers, thumb on +o, lower plane
@@ -211,17 +276,19 @@ class Exploration:
         keys = (self.plane, self.flip, -self.fingers, nearness, -np.round(self.match, 9))
         return self.where(np.lexsort(keys))
 
-    def where(self, keep: BoolArray | IntArray) -> Exploration:
+    def where(self, keep: BoolArray | IntArray) -> Self:
         """The grasps picked by a mask or by indices, in that order."""
-        return Exploration(
-            plane=self.plane[keep],
-            flip=self.flip[keep],
-            value=self.value[keep],
-            fingers=self.fingers[keep],
-            wrench=self.wrench[keep],
-            match=self.match[keep],
-            aimed=self.aimed,
-        )
+        columns = ("plane", "flip", "value", "fingers", "wrench", "match")
+        return replace(self, **{name: getattr(self, name)[keep] for name in columns})
+
+    @property
+    @abstractmethod
+    def summary(self) -> str:
+        """How many grasps were found of how many candidates, in part of a sentence."""
+
+    @abstractmethod
+    def grasp(self, index: int = 0) -> Grasp:
+        """One of the grasps in full; the best by default."""
 
 
 class Analyser(Protocol):
@@ -248,7 +315,4 @@ class Analyser(Protocol):
         """How many other tasks are tried before task correction gives up."""
 
     def explore(self, q: Array, aim: Aim) -> Exploration:
-        """All virtual grasps of an aim, matched with the task, best first."""
-
-    def grasp(self, q: Array, found: Exploration, index: int = 0) -> VirtualGrasp:
-        """One of them in full."""
+        """All grasps of an aim, matched with the task, best first."""

@@ -29,7 +29,7 @@ from ..objects.mesh import TriangleMesh
 from ..objects.shape import described
 from ..tasks import Task, all_named_tasks
 from ..types import KEPT, Array, Attributes, BoolArray, Experience, NetworkWeights
-from .analyser import Aim, Analyser, Exploration, HandLayout, VirtualGrasp, same_grip
+from .analyser import Aim, Analyser, Exploration, Grasp, Grip, HandLayout
 from .critic import Recognition, Verdict, judge, recognise, recognise_shape
 from .decision import Decision, Offer, Settings, Status, Transition, decided
 from .estimator import Estimate, InputKind, decode, inputs, predict
@@ -187,15 +187,13 @@ class Controller:
 
     # The modes.
 
-    def _mode_0(
-        self, pa: Analyser, q: Array, allowed: BoolArray
-    ) -> tuple[Estimate, VirtualGrasp | None, Verdict]:
+    def _mode_0(self, pa: Analyser, q: Array, allowed: BoolArray) -> tuple[Estimate, Grasp | None, Verdict]:
         """AE → PA: the grasp that the estimator names, if there is one."""
         x = inputs(q, self._attributes(pa), self.layout.u, self._kind)
         estimate = decode(predict(self.weights, x), allowed)
         return estimate, *self._criticise(pa, q, self.at_estimate(pa, q, estimate, _indices(allowed)))
 
-    def _mode_1(self, pa: Analyser, q: Array, estimate: Estimate) -> tuple[VirtualGrasp | None, Verdict]:
+    def _mode_1(self, pa: Analyser, q: Array, estimate: Estimate) -> tuple[Grasp | None, Verdict]:
         """The estimated plane is kept; approach value, fingers and thumb side are searched."""
         return self._criticise(pa, q, self.on_plane(pa, q, estimate))
 
@@ -228,12 +226,12 @@ class Controller:
         threshold = self.settings.thresholds.estimation
         discovery = explore(pa, task.q, self.settings.sets, enough=threshold, allowed=allowed)
         if discovery is None:
-            why = pa.explore(task.q, everywhere(self.settings.sets, allowed)).why
+            why = pa.explore(task.q, everywhere(self.settings.sets, allowed)).reason
             reason = f"no virtual grasp on any allowed plane: {why}"
             steps.append(Transition(mode=3, outcome="no grasp", reason=reason))
             return decided(task, 3, Status.NO_GRASP, steps, None)
         best = discovery.answer
-        steps.append(Transition(mode=3, outcome="explored", reason=discovery.told))
+        steps.append(Transition(mode=3, outcome="explored", reason=discovery.summary))
         verdict = judge(best.judged, threshold, subject=pa.measure)
         if may_learn and not self.memory.read_only:
             # What stands in the way today must not become what is known of the object [C].
@@ -249,11 +247,11 @@ class Controller:
             return decided(task, 3, Status.DEADLOCK, steps, None, best=best)
         return self._answer(pa, task, 3, best, steps, allowed, count, None)
 
-    def _criticise(self, pa: Analyser, q: Array, found: Exploration) -> tuple[VirtualGrasp | None, Verdict]:
+    def _criticise(self, pa: Analyser, q: Array, found: Exploration) -> tuple[Grasp | None, Verdict]:
         threshold = self.settings.thresholds.estimation
         if not len(found):
-            return None, judge(None, threshold, subject=pa.measure, why=found.why)
-        grasp = pa.grasp(q, found)
+            return None, judge(None, threshold, subject=pa.measure, why=found.reason)
+        grasp = found.grasp()
         return grasp, judge(grasp.judged, threshold, subject=pa.measure)
 
     def _learn(self, pa: Analyser, task: Task, discovery: Discovery) -> str:
@@ -266,16 +264,16 @@ class Controller:
             f"mean-square error {weights.mean_square_error:.1e}"
         )
 
-    def _keep(self, pa: Analyser, task: Task, grasp: VirtualGrasp) -> None:
+    def _keep(self, pa: Analyser, task: Task, grasp: Grasp) -> None:
         """Remember a real hand's grip of mode 0 or 1; the estimator learns nothing of it [C]."""
-        if grasp.grip is None or self.memory.read_only:
+        if not isinstance(grasp, Grip) or self.memory.read_only:
             return
         kept = experience_of(pa, pa.mesh.name, KEPT, task.q, grasp, self.settings.sets, self._attributes(pa))
         if asked_of(kept) not in map(asked_of, self._experiences):
             self.memory.add([kept])
             self._experiences = (*self._experiences, kept)
 
-    def learn_outcomes(self, pa: Analyser, task: Task, tried: Sequence[tuple[VirtualGrasp, bool]]) -> None:
+    def learn_outcomes(self, pa: Analyser, task: Task, tried: Sequence[tuple[Grasp, bool]]) -> None:
         """Remember what physics said of grasps, and teach the estimator accordingly.
 
         A grasp that held is the way to hold the object for this task from now on; one that was lost is
@@ -298,7 +296,7 @@ class Controller:
         self._experiences, self._weights = everything, weights
         return weights
 
-    def _self_test(self, pa: Analyser, q: Array, allowed: BoolArray) -> tuple[VirtualGrasp | None, Verdict]:
+    def _self_test(self, pa: Analyser, q: Array, allowed: BoolArray) -> tuple[Grasp | None, Verdict]:
         estimate, grasp, verdict = self._mode_0(pa, q, allowed)
         if verdict.reward:
             return grasp, replace(verdict, reason=f"self-test at mode 0: {verdict.reason}")
@@ -310,37 +308,31 @@ class Controller:
         pa: Analyser,
         task: Task,
         mode: int,
-        grasp: VirtualGrasp,
+        grasp: Grasp,
         steps: list[Transition],
         allowed: BoolArray,
         count: int,
         estimate: Estimate | None,
     ) -> Decision:
-        others: tuple[VirtualGrasp, ...] = ()
+        others: tuple[Grasp, ...] = ()
         if count > 1:
             others = self._alternatives(pa, task.q, grasp, allowed, count - 1)
         return decided(task, mode, Status.ANSWER, steps, estimate, grasp=grasp, alternatives=others)
 
     def _alternatives(
-        self, pa: Analyser, q: Array, grasp: VirtualGrasp, allowed: BoolArray, count: int
-    ) -> tuple[VirtualGrasp, ...]:
+        self, pa: Analyser, q: Array, grasp: Grasp, allowed: BoolArray, count: int
+    ) -> tuple[Grasp, ...]:
         """The best other answers, each with another plane, thumb side or number of fingers."""
         found = pa.explore(q, Aim(planes=_indices(allowed), values=search_values(self.settings.sets)))
-        seen = {(grasp.plane.index, grasp.flip, grasp.fingers)}
-        others: list[VirtualGrasp] = []
+        answers = [grasp]
         for i in range(len(found)):
-            way = (int(found.plane[i]), bool(found.flip[i]), int(found.fingers[i]))
             enough = judge(float(found.match[i]), self.settings.thresholds.estimation).reward
-            if len(others) == count or not enough:
+            if len(answers) > count or not enough:
                 break
-            other = pa.grasp(q, found, i)
-            # Grips of an aim stand apart already; virtual grasps differ when their way does.
-            if other.grip is not None and same_grip(other, grasp):
-                continue
-            if other.grip is not None or way not in seen:
-                seen.add(way)
-                others.append(other)
-        return tuple(others)
+            other = found.grasp(i)
+            if not any(other.same_as(answer) for answer in answers):
+                answers.append(other)
+        return tuple(answers[1:])
 
     def _offers(self, pa: Analyser, task: Task, allowed: BoolArray) -> tuple[Offer, ...]:
         """The nearest named tasks that mode 0 or 1 would answer (task correction)."""

@@ -7,7 +7,7 @@ from enum import Enum
 
 from ..tasks import Task
 from ..types import ContactCoefficients, value
-from .analyser import VirtualGrasp
+from .analyser import Grasp
 from .critic import Thresholds
 from .estimator import Estimate
 from .fuzzy import FuzzySets
@@ -106,9 +106,9 @@ class Decision:
     reason: str
     mode: int
     task: Task
-    grasp: VirtualGrasp | None
-    best: VirtualGrasp | None
-    alternatives: tuple[VirtualGrasp, ...]
+    grasp: Grasp | None
+    best: Grasp | None
+    alternatives: tuple[Grasp, ...]
     offers: tuple[Offer, ...]
     transitions: tuple[Transition, ...]
     estimate: Estimate | None
@@ -126,9 +126,9 @@ def decided(
     steps: list[Transition],
     estimate: Estimate | None,
     *,
-    grasp: VirtualGrasp | None = None,
-    best: VirtualGrasp | None = None,
-    alternatives: tuple[VirtualGrasp, ...] = (),
+    grasp: Grasp | None = None,
+    best: Grasp | None = None,
+    alternatives: tuple[Grasp, ...] = (),
     offers: tuple[Offer, ...] = (),
 ) -> Decision:
     """How a run ended, with the last step's reason."""

@@ -14,7 +14,7 @@ import numpy as np
 from ..exceptions import InputError
 from ..objects.shape import described
 from ..types import KEPT, Array, Attributes, BoolArray, Experience, NetworkWeights, value
-from .analyser import Aim, Analyser, Exploration, VirtualGrasp
+from .analyser import Aim, Analyser, Exploration, Grasp, Grip
 from .critic import SLACK
 from .estimator import INPUT_COUNTS, OUTPUTS, InputKind, encode, inputs
 from .fuzzy import FuzzySets, approaching_degrees
@@ -39,25 +39,14 @@ class Discovery:
         found: everything, best first.
     """
 
-    answer: VirtualGrasp
-    taught: VirtualGrasp
+    answer: Grasp
+    taught: Grasp
     found: Exploration
 
     @property
-    def told(self) -> str:
+    def summary(self) -> str:
         """What was found, in a sentence."""
-        best, found = self.answer, self.found
-        if (g := best.grip) is not None:
-            press = (g.forces * best.contacts.normals_in).sum()
-            return (
-                f"{found.aimed} hands closed on the object, {len(found)} grips worked out; the best is "
-                f"{best.plane.label}, {len(g.fingers)} fingers: squeezing with {press:.0f} N it balances "
-                f"{g.task_margin:.1f} times the task's load, {g.hold_margin:.1f} times the pushes expected"
-            )
-        return (
-            f"{len(found)} virtual grasps of {found.aimed} aimed at; the best is {best.plane.label}, "
-            f"{best.fingers} fingers, TFVADI {best.tfvadi:.2f}"
-        )
+        return f"{self.found.summary}; the best is {self.answer.description}"
 
 
 def explore(
@@ -98,9 +87,7 @@ def explore(
     if recalled.any() and not (recalled & (found.plane == home)).any():
         home = found.plane[_first(np.isin(found.plane, found.plane[recalled]), answer)]
     taught = _first(crisp & (found.plane == home), answer)
-    return Discovery(
-        answer=analyser.grasp(q, found, answer), taught=analyser.grasp(q, found, taught), found=found
-    )
+    return Discovery(answer=found.grasp(answer), taught=found.grasp(taught), found=found)
 
 
 def everywhere(sets: FuzzySets, allowed: BoolArray | None = None, values: Array | None = None) -> Aim:
@@ -130,7 +117,7 @@ def experiences_of(
     """
     grasp = discovery.taught
     self_match = approaching_degrees(discovery.found.wrench, discovery.found.wrench, sets).sum(axis=1)
-    landmark = analyser.grasp(q, discovery.found, int(np.argmax(np.round(self_match, 9))))
+    landmark = discovery.found.grasp(int(np.argmax(np.round(self_match, 9))))
     attributes = described(analyser.mesh)
     return [
         experience_of(analyser, object_name, kind, task, g, sets, attributes)
@@ -147,7 +134,7 @@ def experience_of(
     object_name: str,
     kind: str,
     task: Array,
-    g: VirtualGrasp,
+    g: Grasp,
     sets: FuzzySets,
     attributes: Attributes,
     outcome: str = "",
@@ -166,14 +153,14 @@ def experience_of(
         fingers=g.fingers,
         wrench=g.net_wrench,
         match=float(approaching_degrees(task, g.net_wrench, sets).sum()),
-        grip=_remembered(g, analyser.mesh.cog),
-        quality=None if g.grip is None else g.grip.quality,
+        grip=_remembered(g, analyser.mesh.cog) if isinstance(g, Grip) else None,
+        quality=g.quality if isinstance(g, Grip) else None,
         outcome=outcome,
     )
 
 
 def outcomes_of(
-    analyser: Analyser, q: Array, tried: Sequence[tuple[VirtualGrasp, bool]], sets: FuzzySets
+    analyser: Analyser, q: Array, tried: Sequence[tuple[Grasp, bool]], sets: FuzzySets
 ) -> list[Experience]:
     """What physics said of grasps for task Q, in the order in which they were tried: held, or lost."""
     attributes, name = described(analyser.mesh), analyser.mesh.name
@@ -193,12 +180,10 @@ def asked_of(e: Experience) -> tuple[str, bytes, bytes, bytes]:
     return e.object_name, e.attributes.extents.tobytes(), e.task.tobytes(), held_by(e)
 
 
-def _remembered(g: VirtualGrasp, cog: Array) -> Array | None:
-    """What is kept of a grip: the palm's pose about the COG, the fingers in use, the preshape."""
-    if g.grip is None:
-        return None
-    place = g.grip.palm_pose[:3] - cog
-    return np.concatenate([place, g.grip.palm_pose[3:], [float(g.grip.mask)], g.grip.start])
+def _remembered(grip: Grip, cog: Array) -> Array:
+    """What is stored of a grip: the palm's pose about the COG, the finger mask, the start posture."""
+    place = grip.palm_pose[:3] - cog
+    return np.concatenate([place, grip.palm_pose[3:], [float(grip.mask)], grip.start])
 
 
 def seed_tasks() -> Array:

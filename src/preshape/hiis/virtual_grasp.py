@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import replace
 
 import numpy as np
 
@@ -17,7 +16,7 @@ from ..exceptions import InputError, ObjectError
 from ..kernels.rays import MISS, Hits, RayCaster, distance_to
 from ..objects.mesh import TriangleMesh
 from ..types import Array, BoolArray, ContactCoefficients, IntArray, value
-from .analyser import Aim, Contacts, Exploration, HandLayout, VirtualGrasp
+from .analyser import Aim, Exploration, GraspContacts, HandLayout, VirtualGrasp
 from .fuzzy import FuzzySets, approaching_degrees
 from .planes import APPROACH_AXES, OPPOSITION_AXES, TRANSVERSE_AXES, plane
 from .wrench import contact_wrenches, net_wrench, screw_measures
@@ -61,7 +60,38 @@ class _Survey:
     index: IntArray
     values: Array
     field: _Field
-    found: Exploration
+    rows: tuple[IntArray, BoolArray, Array, IntArray]  # plane, flip, approach value, fingers
+    wrench: Array
+    tried: int
+
+
+@value
+class RayExploration(Exploration):
+    """The virtual grasps that the ray analyser found.
+
+    Attributes:
+        analyser: The analyser that found them.
+        task: (6,) the task Q that they were matched with.
+    """
+
+    analyser: RayAnalyser
+    task: Array
+    reason: str = "fingers and thumb never meet the object together"
+
+    @property
+    def summary(self) -> str:
+        """How many virtual grasps were found."""
+        return f"{len(self)} virtual grasps of {self.tried} aimed at"
+
+    def grasp(self, index: int = 0) -> VirtualGrasp:
+        """One virtual grasp in full: contacts, wrenches, matching degrees, screw measures."""
+        return self.analyser.virtual_grasp(
+            self.task,
+            int(self.plane[index]),
+            bool(self.flip[index]),
+            float(self.value[index]),
+            int(self.fingers[index]),
+        )
 
 
 class RayAnalyser:
@@ -99,7 +129,7 @@ class RayAnalyser:
     measure = "TFVADI"
     patience = 1000
 
-    def explore(self, q: Array, aim: Aim) -> Exploration:
+    def explore(self, q: Array, aim: Aim) -> RayExploration:
         """All virtual grasps of an aim, best match first.
 
         Args:
@@ -109,9 +139,19 @@ class RayAnalyser:
         Raises:
             InputError: a plane, finger count or approach value that does not exist.
         """
-        found = self._survey(aim).found
-        match = approaching_degrees(q, found.wrench, self.sets).sum(axis=-1)  # eq. 22
-        return replace(found, match=match).ranked()
+        survey = self._survey(aim)
+        index, flip, values, fingers = survey.rows
+        return RayExploration(
+            plane=index,
+            flip=flip,
+            value=values,
+            fingers=fingers,
+            wrench=survey.wrench,
+            match=approaching_degrees(q, survey.wrench, self.sets).sum(axis=-1),  # eq. 22
+            tried=survey.tried,
+            analyser=self,
+            task=q,
+        ).best_first()
 
     def forget(self) -> None:
         """Drop what is kept from earlier aims."""
@@ -142,24 +182,28 @@ class RayAnalyser:
                 & field.fits[:, :, counts[j] - 2]
             )
         p, v, f, c = np.nonzero(valid)
-        found = Exploration(
-            plane=index[p],
-            flip=flips[f],
-            value=values[v],
-            fingers=counts[c],
-            wrench=wrench[p, v, f, c],
-            match=np.zeros(len(p)),
-            aimed=valid.size,
-        )
         if len(self._kept) >= _KEPT:
             del self._kept[next(iter(self._kept))]
-        self._kept[key] = survey = _Survey(index=index, values=values, field=field, found=found)
+        self._kept[key] = survey = _Survey(
+            index=index,
+            values=values,
+            field=field,
+            rows=(index[p], flips[f], values[v], counts[c]),
+            wrench=wrench[p, v, f, c],
+            tried=valid.size,
+        )
         return survey
 
-    def grasp(self, q: Array, found: Exploration, index: int = 0) -> VirtualGrasp:
-        """One virtual grasp in full: contacts, wrenches, matching degrees, screw measures."""
-        number, flip = int(found.plane[index]), bool(found.flip[index])
-        v, fingers = float(found.value[index]), int(found.fingers[index])
+    def virtual_grasp(self, q: Array, number: int, flip: bool, v: float, fingers: int) -> VirtualGrasp:
+        """One virtual grasp in full: contacts, wrenches, matching degrees, screw measures.
+
+        Args:
+            q: (6,) task Q.
+            number: Index of the approach plane, 1..12.
+            flip: Whether the thumb stands on the -o side.
+            v: Approach value, -1..1.
+            fingers: Virtual fingers, thumb included, 2..4.
+        """
         field, at = self._at(number, v)
         thumb, other = (1, 0) if flip else (0, 1)
         side = np.array([thumb] + [other] * (fingers - 1))
@@ -179,18 +223,18 @@ class RayAnalyser:
             approach_value=v,
             approach_set=self.sets.name_index(v),
             fingers=fingers,
-            contacts=Contacts(
+            contacts=GraspContacts(
                 points=pick(field.point),
                 normals_in=pick(field.normal),
                 triangles=field.triangle[at][side, place],
                 wrenches=wrenches,
-                ray_origins=pick(field.origin),
             ),
             net_wrench=net,
             adi=adi,
             tfvadi=float(adi.sum()),
             stability=stability,
             manipulability=manipulability,
+            ray_origins=pick(field.origin),
         )
 
     def _at(self, number: int, v: float) -> tuple[_Field, tuple[int, int]]:

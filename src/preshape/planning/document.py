@@ -12,7 +12,7 @@ from typing import Any
 
 from .._version import __version__
 from ..files import dumps, write_json, write_whole
-from ..hiis.analyser import VirtualGrasp
+from ..hiis.analyser import Grasp, Grip
 from ..hiis.fuzzy import SET_NAMES
 from ..planner import Answer, Plan, scan_trust, shortfalls
 from .hand_simulation import HandPose
@@ -88,7 +88,7 @@ def _answer(plan: Plan, answer: Answer | None) -> dict[str, Any]:
     }
 
 
-def _grasp(g: VirtualGrasp) -> dict[str, Any]:
+def _grasp(g: Grasp) -> dict[str, Any]:
     return {
         "plane": g.plane.index,
         "flip": g.flip,
@@ -106,10 +106,9 @@ def _grasp(g: VirtualGrasp) -> dict[str, Any]:
     }
 
 
-def _grip(g: VirtualGrasp) -> dict[str, Any] | None:
+def _grip(grip: Grasp) -> dict[str, Any] | None:
     """What the closure analyser knows beside: how the hand comes, how it presses, what that is good for."""
-    grip = g.grip
-    if grip is None:
+    if not isinstance(grip, Grip):
         return None
     return {
         "approach": grip.approach.tolist(),

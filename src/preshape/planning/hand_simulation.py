@@ -21,10 +21,18 @@ from ..hands.collision import object_collision
 from ..hands.inverse import InverseKinematics, Placement, Reach
 from ..hands.kinematics import HandKinematics, hand_geometry, pose_vector
 from ..hands.load import Finger, Hand
+from ..hiis.analyser import Grip
 from ..objects.mesh import TriangleMesh
 from ..types import Array, freeze, frozen_array, value
 
-__all__ = ["HandPose", "HandResult", "HandStatus", "hand_geometry", "simulate_hand"]
+__all__ = [
+    "HandPose",
+    "HandResult",
+    "HandStatus",
+    "InverseKinematicsResult",
+    "hand_geometry",
+    "simulate_hand",
+]
 
 OPENING, SQUEEZE = 0.015, 0.003
 """How far a pregrasp stands off its contacts, and a squeeze is aimed behind them [m] [C]."""
@@ -54,21 +62,17 @@ class HandPose:
 
 @value
 class HandResult:
-    """What the hand simulation found.
+    """The real hand on a grasp, or retracted.
 
     Attributes:
-        status: how it ended.
-        reason: one sentence that names finger and link where there is one.
-        fingers: names of the fingers in use, in contact order, the thumb first.
-        joints: names of the joints, the order of every ``q``.
-        grasp: fingertips on the contacts; ``None`` when retracted.
-        pregrasp: fingers opened by 15 mm, clear of the object; ``None`` when retracted.
-        squeeze: fingertips aimed 3 mm behind the contacts, as far as the joints go; ``None`` when retracted.
-        retracted: open hand backed off along -a; ``None`` when reached.
-        tip_errors: (m,) distance of each fingertip's centre from its seat on the contact [m]; when retracted,
-            of the attempt that ``reason`` is about.
-        penetration: largest depth of a fingertip in the object [m]; 0 when retracted.
-        attempts: number of postures tried.
+        status: How it ended.
+        reason: One sentence that names finger and link where there is one.
+        fingers: Names of the fingers in use, in contact order, the thumb first.
+        joints: Names of the joints, the order of every ``q``.
+        grasp: The hand with its fingers on the contacts; ``None`` when retracted.
+        pregrasp: The hand opened and clear of the object; ``None`` when retracted.
+        squeeze: Servo targets that press on the contacts; ``None`` when retracted.
+        retracted: The open hand backed off along -a; ``None`` when reached.
     """
 
     status: HandStatus
@@ -79,17 +83,52 @@ class HandResult:
     pregrasp: HandPose | None
     squeeze: HandPose | None
     retracted: HandPose | None
+
+    @property
+    def reached(self) -> bool:
+        """Whether the grasp was reached."""
+        return self.status is HandStatus.REACHED
+
+    @classmethod
+    def of_grip(cls, hand: Hand, grip: Grip) -> HandResult:
+        """The hand on a grip, which the closure analyser has already executed."""
+
+        def pose(q: Array) -> HandPose:
+            return HandPose(palm_pose=grip.palm_pose, q=q)
+
+        return HandResult(
+            status=HandStatus.REACHED,
+            reason=f"{len(grip.fingers_touching)} fingers closed until they touched; the squeeze balances "
+            f"{grip.task_margin:.1f} times the task's load and "
+            f"{grip.hold_margin:.1f} times the pushes expected",
+            fingers=grip.fingers_touching,
+            joints=hand.joints,
+            grasp=pose(grip.grasp),
+            pregrasp=pose(grip.pregrasp),
+            squeeze=pose(grip.squeeze),
+            retracted=None,
+        )
+
+
+@value
+class InverseKinematicsResult(HandResult):
+    """The hand brought onto a virtual grasp by inverse kinematics.
+
+    The pregrasp is opened by 15 mm; the squeeze aims 3 mm behind the contacts, as far as the joints go.
+
+    Attributes:
+        tip_errors: (m,) distance of each fingertip's centre from its seat on the contact [m]; when retracted,
+            of the attempt that ``reason`` is about.
+        penetration: Largest depth of a fingertip in the object [m]; 0 when retracted.
+        attempts: Number of postures tried.
+    """
+
     tip_errors: Array
     penetration: float
     attempts: int
 
     def __post_init__(self) -> None:
         freeze(self, tip_errors=frozen_array(self.tip_errors, (None,), "tip errors"))
-
-    @property
-    def reached(self) -> bool:
-        """Whether the grasp was reached."""
-        return self.status is HandStatus.REACHED
 
 
 def simulate_hand(
@@ -102,7 +141,7 @@ def simulate_hand(
     normals_in: ArrayLike,
     triangles: ArrayLike,
     seed: int = 0,
-) -> HandResult:
+) -> InverseKinematicsResult:
     """Put the hand on a virtual grasp.
 
     Args:
@@ -169,7 +208,7 @@ class _Simulation:
         self.seats: Array | None = None
         self.attempts = 0
 
-    def run(self) -> HandResult:
+    def run(self) -> InverseKinematicsResult:
         """Try assignments and starts until one does; else say why none did."""
         assignments = self.assignments()
         seated = self.clearance.seat(self.reach(assignments[0]))
@@ -263,13 +302,13 @@ class _Simulation:
 
     # -- how it ends ---------------------------------------------------------------------------------
 
-    def success(self, fingers: tuple[Finger, ...], reach: Reach, grasp: Placement) -> HandResult:
+    def success(self, fingers: tuple[Finger, ...], reach: Reach, grasp: Placement) -> InverseKinematicsResult:
         """The grasp with its pregrasp and squeeze."""
         behind = self._shifted(reach, SQUEEZE)
         squeeze = self.solver.solve(behind, start=grasp, reference=grasp.q, move_base=False, effort=0)
         if squeeze.errors.max() > TOUCH_TOLERANCE:
             squeeze = self.solver.solve(behind, start=grasp, reference=grasp.q, move_base=False, avoid=False)
-        return HandResult(
+        return InverseKinematicsResult(
             status=HandStatus.REACHED,
             reason=f"{', '.join(finger.name for finger in fingers)} on their contacts",
             fingers=tuple(finger.name for finger in fingers),
@@ -324,9 +363,11 @@ class _Simulation:
         translation = centre + a * (near - _STAND_OFF - front - centre @ a)
         return Placement(rotation=rotation, translation=translation, q=q, errors=np.zeros(0))
 
-    def retract(self, flaw: Flaw, fingers: tuple[Finger, ...], best: Placement | None) -> HandResult:
+    def retract(
+        self, flaw: Flaw, fingers: tuple[Finger, ...], best: Placement | None
+    ) -> InverseKinematicsResult:
         """The open hand, and why."""
-        return HandResult(
+        return InverseKinematicsResult(
             status=flaw.status,
             reason=flaw.reason,
             fingers=tuple(finger.name for finger in fingers),
@@ -340,7 +381,7 @@ class _Simulation:
             attempts=self.attempts,
         )
 
-    def diagnose(self, fingers: tuple[Finger, ...]) -> HandResult:
+    def diagnose(self, fingers: tuple[Finger, ...]) -> InverseKinematicsResult:
         """Why no attempt reached the contacts: is it the object, the joint limits or the lengths?"""
         reach = self.reach(fingers)
         best: Placement | None = None

@@ -7,7 +7,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from ..hands.load import load_hand
-from ..hiis.analyser import Analyser, HandLayout, VirtualGrasp
+from ..hiis.analyser import Analyser, Grasp, HandLayout
 from ..hiis.controller import Controller
 from ..hiis.critic import recognise
 from ..hiis.decision import Decision, Settings
@@ -74,7 +74,7 @@ def box_mesh(name: str, extents: Array) -> TriangleMesh:
     return TriangleMesh(name=name, vertices=corner * extents, triangles=np.array(triangles))
 
 
-def grasp_data(grasp: VirtualGrasp | None) -> Data | None:
+def grasp_data(grasp: Grasp | None) -> Data | None:
     """A virtual grasp as JSON values."""
     if grasp is None:
         return None
@@ -106,7 +106,7 @@ def run_case(controller: Controller, element: Analyser, task: Task, *, may_learn
         named = controller.at_estimate(element, task.q, decision.estimate)
         there = controller.on_plane(element, task.q, decision.estimate)
         estimated_match = round(float(named.match[0]), 6) if len(named) else None
-        searched = element.grasp(task.q, there) if len(there) else None
+        searched = there.grasp() if len(there) else None
     recognition = recognise(element, known, s.thresholds.recognition, s.sets)
     return {
         "q": [float(x) for x in task.q],

@@ -60,7 +60,7 @@ def at_paper(element: Analyser, q: Array) -> Data | None:
     """The virtual grasp at the paper's plane and approach value, a thumb and two fingers."""
     aim = Aim(planes=[printed.FIG_14_PLANE], values=[printed.FIG_14_VALUE], fingers=[3], flips=[False])
     found = element.explore(q, aim)
-    return grasp_data(element.grasp(q, found)) if len(found) else None
+    return grasp_data(found.grasp()) if len(found) else None
 
 
 def wrench_text(w: Sequence[float] | None) -> str:

@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 from .._version import __version__
-from ..dataset.index_values import Grasp, index_values, planner_score
+from ..dataset.index_values import GraspContacts, index_values, planner_score
 from ..dataset.random_grasps import PRESS, draw_random_grasps, random_generator, random_grasp_settings
 from ..exceptions import EnvironmentFailure, InputError
 from ..hands.load import load_hand
@@ -29,9 +29,9 @@ from ..objects.load import load_object
 from ..physics.grasps import STAGES
 from ..physics.hand import PhysicsHand, physics_hand
 from ..physics.hold.runner import run_holds
-from ..physics.hold.six_directions import Status as HoldStatus
+from ..physics.hold.six_directions import HoldStatus
 from ..physics.pieces import ConvexPieces, load_pieces
-from ..physics.protocol import Protocol
+from ..physics.protocol import HoldProtocol
 from ..physics.task.grasps import GivenAnswers, HandPoses
 from ..physics.task.instances import TaskInstance, make_instances
 from ..physics.task.protocol import TaskProtocol, TaskStatus
@@ -72,7 +72,7 @@ class IndexRun:
     count: int = COUNT
     seed: int = 0
     # The first push that fails ends a holding test: the verdict is the same.
-    protocol: TaskProtocol = TaskProtocol(hold=Protocol(stop_early=True))
+    protocol: TaskProtocol = TaskProtocol(hold=HoldProtocol(stop_early=True))
 
     def __post_init__(self) -> None:
         if not self.hands or not self.objects:
@@ -189,9 +189,9 @@ def _made(
     closure, length, u = random_grasp_settings(), float(mesh.extents.max()) / 2, layout_of(own).u
     rows: list[Row] = []
     for made, instance in zip(found.grasps, chosen, strict=True):
-        grasp = Grasp(
-            made.points,
-            made.normals_in,
+        grasp = GraspContacts(
+            points=made.points,
+            normals_in=made.normals_in,
             centre=found.search.cog,
             cog=mesh.cog,
             length=length,
@@ -207,9 +207,7 @@ def _made(
             settings=closure,
             score=partial(planner_score, found.search, grasp),
         )
-        postures = {
-            name: [*made.grip.palm_pose.tolist(), *getattr(made.grip, name).tolist()] for name in STAGES
-        }
+        postures = {name: [*made.palm_pose.tolist(), *getattr(made, name).tolist()] for name in STAGES}
         place = {"hand": hand, "object": thing, "scale": instance.scale, "task": instance.task.label}
         touched = {"points": grasp.points.tolist(), "normals_in": grasp.normals_in.tolist()}
         rows.append({**place, **postures, **touched, "plane": grasp.plane, "indices": values})

@@ -296,7 +296,7 @@ def _draw_case(row: Data, size: tuple[int, int], path: Path) -> None:
     task = parse_task(row["task"])
     element = RayAnalyser(mesh, layout_of(hand))
     aim = Aim(planes=[row["plane"]], values=[row["value"]], fingers=[row["fingers"]], flips=[row["flip"]])
-    grasp = element.grasp(task.q, element.explore(task.q, aim))
+    grasp = element.explore(task.q, aim).grasp()
     answer = execute(hand, mesh, grasp, seed=row["hand_seed"])
     steps = tuple(
         Transition(mode=mode, outcome=outcome, reason=reason) for mode, outcome, reason in row["steps"]
