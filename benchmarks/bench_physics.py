@@ -16,7 +16,7 @@ from preshape.physics.grasps import STAGES, GraspSet, read_grasps
 from preshape.physics.hand import hand_from_mjcf
 from preshape.physics.hold.runner import run_holds
 from preshape.physics.pool import usable_cores
-from preshape.physics.protocol import Protocol
+from preshape.physics.protocol import HoldProtocol
 
 from .common import row
 
@@ -49,7 +49,7 @@ def run() -> list[dict[str, Any]]:
     for early in (True, False):
         before = time.process_time()
         report = run_holds(
-            grasps, hand, protocol=Protocol(stop_early=early), objects=objects, workers=workers
+            grasps, hand, protocol=HoldProtocol(stop_early=early), objects=objects, workers=workers
         )
         cpu = time.process_time() - before
         seconds = report.seconds * workers if whole else cpu

@@ -19,13 +19,13 @@ from preshape.export.planned import planned_grasps
 from preshape.physics.hand import physics_hand
 from preshape.physics.hold.six_directions import hold_test
 from preshape.physics.pieces import ConvexPieces
-from preshape.physics.protocol import Protocol
+from preshape.physics.protocol import HoldProtocol
 from preshape.physics.scene import build_scene
 
 DATA = Path(__file__).parent / "data"
 
 
-def held(hand: str, grip: dict, protocol: Protocol) -> dict:
+def held(hand: str, grip: dict, protocol: HoldProtocol) -> dict:
     """The holding test of one grip: its verdict, and ``qpos`` after each stage and every ten steps."""
     mesh = load_object(grip["object"])
     pieces = ConvexPieces(name=mesh.name, pieces=(mesh.vertices,))  # a box and a cylinder are convex
@@ -85,8 +85,8 @@ def pile(jacobian: str) -> dict:
 
 def main() -> None:
     grips = json.loads((DATA / "planned_grips.json").read_text())
-    runs = {hand: held(hand, grip, Protocol()) for hand, grip in grips.items()}
-    runs["shadow, many contacts"] = held("shadow", grips["shadow"], Protocol(many_contacts=True))
+    runs = {hand: held(hand, grip, HoldProtocol()) for hand, grip in grips.items()}
+    runs["shadow, many contacts"] = held("shadow", grips["shadow"], HoldProtocol(many_contacts=True))
     runs["exported"] = exported()
     runs |= {f"pile, {jacobian}": pile(jacobian) for jacobian in ("dense", "sparse")}
     print(json.dumps({"version": mujoco.__version__, "runs": runs}))

@@ -16,7 +16,7 @@ from preshape.objects.library import names
 from preshape.objects.load import load_object
 from preshape.objects.mesh import TriangleMesh
 from preshape.physics.pieces import ConvexPieces
-from preshape.physics.protocol import Protocol
+from preshape.physics.protocol import HoldProtocol
 from preshape.physics.task.grasps import (
     GivenAnswers,
     HandPoses,
@@ -40,7 +40,7 @@ from test_physics_run import grasp_set
 from test_physics_scene import BOX, CORNERS, HAND, HERE, clamp
 
 UP = np.array([0.0, 0.0, 1.0])
-PROTOCOL = TaskProtocol(hold=Protocol(many_contacts=True), duration=0.5, rise=0.1, rest=0.1)
+PROTOCOL = TaskProtocol(hold=HoldProtocol(many_contacts=True), duration=0.5, rise=0.1, rest=0.1)
 PIECES = {"box": BOX, "bar": ConvexPieces(name="bar", pieces=(CORNERS * [0.03, 0.02, 0.06],))}
 
 

@@ -10,7 +10,7 @@ import pytest
 
 import preshape.metrics as metrics
 from preshape.exceptions import InputError
-from preshape.metrics import Contacts, ForceLimits, Status
+from preshape.metrics import Contacts, ForceLimits, MetricStatus
 from preshape.spatial import rotation_from_vector
 from preshape.types import Array
 
@@ -139,13 +139,13 @@ def test_two_opposed_soft_fingers():
 def test_two_opposed_hard_fingers_turn_about_their_line():
     grasp = two_soft(gamma=0.0)
     for result in (metrics.force_closure(grasp), metrics.force_closure_linear(grasp)):
-        assert (result.closed, result.status) == (False, Status.RANK_DEFICIENT)
+        assert (result.closed, result.status) == (False, MetricStatus.RANK_DEFICIENT)
     for measure in (metrics.epsilon(grasp), metrics.volume(grasp), metrics.isotropy(grasp)):
-        assert (measure.number, measure.status) == (0.0, Status.RANK_DEFICIENT)
+        assert (measure.number, measure.status) == (0.0, MetricStatus.RANK_DEFICIENT)
     spin = metrics.smallest_singular_value(grasp).worst
     assert spin is not None
     np.testing.assert_allclose(np.abs(spin), [0, 0, 0, 1, 0, 0], atol=1e-9)
-    assert metrics.task_margin(grasp, UP, ForceLimits(total=1.0)).status is Status.RANK_DEFICIENT
+    assert metrics.task_margin(grasp, UP, ForceLimits(total=1.0)).status is MetricStatus.RANK_DEFICIENT
 
 
 def test_three_fingers_on_a_disc():
@@ -172,22 +172,22 @@ def test_volume_of_a_simplex():
 def test_a_load_that_cannot_be_held_and_a_task_that_cannot_be_done():
     grasp = two_soft()
     heavy = metrics.task_margin(grasp, UP, ForceLimits(total=1.0), load=-2.0 * UP)
-    assert (heavy.number, heavy.status) == (None, Status.LOAD_NOT_HELD)
+    assert (heavy.number, heavy.status) == (None, MetricStatus.LOAD_NOT_HELD)
     palm = Contacts(
         positions=[[0.03, 0, 0], [-0.02, 0.03, 0], [-0.02, -0.03, 0]],
         normals_in=[[0, 0, 1]] * 3,
         friction=0.5,
         length=0.05,
     )
-    assert metrics.force_closure(palm).status is Status.NOT_CLOSED
+    assert metrics.force_closure(palm).status is MetricStatus.NOT_CLOSED
     limits = ForceLimits(total=10.0)
-    assert metrics.task_margin(palm, -UP, limits).status is Status.NO_MARGIN
+    assert metrics.task_margin(palm, -UP, limits).status is MetricStatus.NO_MARGIN
     # An open palm lifts without force closure, and a weight on it lets it push sideways.
-    assert metrics.task_margin(palm, UP, limits, half_angle=0.1).status is Status.OK
+    assert metrics.task_margin(palm, UP, limits, half_angle=0.1).status is MetricStatus.OK
     side = np.array([1.0, 0, 0, 0, 0, 0])
-    assert metrics.task_margin(palm, side, limits, half_angle=0.0).status is Status.NO_MARGIN
+    assert metrics.task_margin(palm, side, limits, half_angle=0.0).status is MetricStatus.NO_MARGIN
     loaded = metrics.task_margin(palm, side, limits, half_angle=0.0, load=-2.0 * UP)
-    assert loaded.status is Status.OK
+    assert loaded.status is MetricStatus.OK
 
 
 def test_nothing_touches():
@@ -203,7 +203,7 @@ def test_nothing_touches():
         metrics.push_residual(grasp),
         metrics.task_margin(grasp, UP, ForceLimits(total=1.0)),
     ]
-    assert {result.status for result in results} == {Status.NO_CONTACTS}
+    assert {result.status for result in results} == {MetricStatus.NO_CONTACTS}
 
 
 # --- laws ---

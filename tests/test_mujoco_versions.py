@@ -25,7 +25,7 @@ from preshape.hands.kinematics import HandKinematics
 from preshape.hands.load import hand_names
 from preshape.physics.hand import physics_hand
 from preshape.physics.pieces import ConvexPieces
-from preshape.physics.protocol import Protocol
+from preshape.physics.protocol import HoldProtocol
 from preshape.physics.scene import build_scene
 
 HERE, ROOT = Path(__file__).parent, Path(preshape.__file__).parent
@@ -72,7 +72,7 @@ def test_the_answers_of_both_versions_are_the_same() -> None:
 def test_the_models_of_the_built_in_hands_have_dense_jacobians(name: str) -> None:
     hand = load_hand(name)
     assert HandKinematics(hand).model.opt.jacobian == DENSE
-    for protocol in (Protocol(), Protocol(many_contacts=True)):
+    for protocol in (HoldProtocol(), HoldProtocol(many_contacts=True)):
         assert build_scene(physics_hand(hand), BOX, 1.0, protocol).model.opt.jacobian == DENSE
 
 
@@ -80,7 +80,7 @@ def test_a_hand_that_asks_for_sparse_jacobians_is_simulated_with_dense_ones() ->
     hand = load_hand("shadow")
     sparse = replace(hand, mjcf=hand.mjcf.replace('<option jacobian="dense"/>', SPARSE))
     assert SPARSE in sparse.mjcf
-    assert build_scene(physics_hand(sparse), BOX, 1.0, Protocol()).model.opt.jacobian == DENSE
+    assert build_scene(physics_hand(sparse), BOX, 1.0, HoldProtocol()).model.opt.jacobian == DENSE
     document = json.loads((HERE / "data" / "shadow_mug_lift.json").read_text())
     (grasp, *_), _ = planned_grasps(document, "shadow_mug_lift.json")
     mesh = load_object("mug")
@@ -90,7 +90,7 @@ def test_a_hand_that_asks_for_sparse_jacobians_is_simulated_with_dense_ones() ->
 
 
 def test_a_scene_without_a_hand_has_a_dense_jacobian() -> None:
-    assert build_scene(None, BOX, 1.0, Protocol()).model.opt.jacobian == DENSE
+    assert build_scene(None, BOX, 1.0, HoldProtocol()).model.opt.jacobian == DENSE
 
 
 def test_only_the_scenes_of_physics_are_stepped() -> None:

@@ -24,10 +24,10 @@ from preshape.physics.hand import PhysicsHand, hand_from_mjcf
 from preshape.physics.hold.perturb import perturbed
 from preshape.physics.hold.report import result_from_json, result_to_json
 from preshape.physics.hold.runner import run_holds
-from preshape.physics.hold.six_directions import Status
+from preshape.physics.hold.six_directions import HoldStatus
 from preshape.physics.measures import diversity
 from preshape.physics.pieces import ConvexPieces
-from preshape.physics.protocol import Protocol
+from preshape.physics.protocol import HoldProtocol
 from test_physics_scene import BOX, CORNERS, FAST, HAND, HERE, clamp
 
 QUICK = replace(FAST, checks=1)
@@ -133,7 +133,7 @@ class TestRun:
             replace(grasps, grasp=grasp, object_pose=pose), HAND, protocol=QUICK, pieces=PIECES, workers=1
         )
         assert [result.status for result in report.results] == [
-            Status.INVALID if row in (2, 5, 6) else Status.HELD for row in range(8)
+            HoldStatus.INVALID if row in (2, 5, 6) else HoldStatus.HELD for row in range(8)
         ]
         assert report.figures().tested == 5
         assert report.figures().rate == 1.0
@@ -257,7 +257,7 @@ def _group_lives(group: int) -> bool:
 class TestErrorsAndSets:
     def test_perturbed_by_exactly_what_was_asked(self) -> None:
         grasps = grasp_set([0.01] * 40)
-        protocol = Protocol(position_error=0.005, turn_error=0.0873, size_error=0.05, seed=1)
+        protocol = HoldProtocol(position_error=0.005, turn_error=0.0873, size_error=0.05, seed=1)
         moved = perturbed(grasps, {"box": BOX}, protocol)
         assert np.linalg.norm(moved.object_pose[:, :3], axis=1) == pytest.approx(np.full(40, 0.005))
         assert 2 * np.arccos(np.abs(moved.object_pose[:, 3])) == pytest.approx(np.full(40, 0.0873))
@@ -269,7 +269,7 @@ class TestErrorsAndSets:
             moved.object_pose, perturbed(grasps, {"box": BOX}, replace(protocol, seed=2)).object_pose
         )
         assert np.array_equal(moved.grasp, grasps.grasp)
-        assert perturbed(grasps, {"box": BOX}, Protocol()) is grasps
+        assert perturbed(grasps, {"box": BOX}, HoldProtocol()) is grasps
 
     def test_diversity(self) -> None:
         rng = np.random.default_rng(0)
@@ -332,7 +332,7 @@ class TestPublishedGrasps:
         report = run_holds(
             few,
             self.hand(reference),
-            protocol=Protocol(stop_early=True),
+            protocol=HoldProtocol(stop_early=True),
             objects=folder / "objects",
             workers=1,
         )

@@ -15,10 +15,10 @@ from preshape.objects.load import load_object
 from preshape.objects.mesh import TriangleMesh
 from preshape.physics import pieces as pieces_module
 from preshape.physics.hand import PhysicsHand, physics_hand
-from preshape.physics.hold.six_directions import HoldResult, Status, hold_test, slerp
+from preshape.physics.hold.six_directions import HoldResult, HoldStatus, hold_test, slerp
 from preshape.physics.measures import geometry, place
 from preshape.physics.pieces import ConvexPieces, decompose, load_pieces, pieces_from_folder, simplified
-from preshape.physics.protocol import Protocol, probes
+from preshape.physics.protocol import HoldProtocol, probes
 from preshape.physics.scene import OBJECT, PALM, build_scene
 
 CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=float)
@@ -26,7 +26,7 @@ SIDE = np.array([0.03, 0.02, 0.025])  # half extents of the box [m]
 BOX = ConvexPieces(name="box", pieces=(CORNERS * SIDE,))
 HERE = np.array([0.0, 0, 0, 1, 0, 0, 0])
 # Flat faces must touch at their corners, or the box turns about the one point that is left.
-FAST = Protocol(checks=4, many_contacts=True)
+FAST = HoldProtocol(checks=4, many_contacts=True)
 
 # Two plates that slide towards each other along x from both sides of the box; one actuator each. Geared
 # by 20, the protocol's gain of 5 is a stiffness of 2000 N/m.
@@ -68,7 +68,7 @@ def clamp(travel: float) -> np.ndarray:
     return np.array([*HERE, travel, travel])
 
 
-def trial(protocol: Protocol = FAST, grasp: float = 0.0052, squeeze: float = 0.01) -> HoldResult:
+def trial(protocol: HoldProtocol = FAST, grasp: float = 0.0052, squeeze: float = 0.01) -> HoldResult:
     scene = build_scene(HAND, BOX, 1.0, protocol)
     return hold_test(scene, clamp(0.0), clamp(grasp), clamp(squeeze), HERE, protocol)
 
@@ -79,7 +79,7 @@ class TestObjects:
         half = CORNERS * SIDE * [0.5, 1, 1]
         offset = np.array([SIDE[0] / 2, 0, 0])
         two = ConvexPieces(name="box", pieces=(half - offset, half + offset))
-        scene = build_scene(None, two, scale, Protocol(mass=0.25))
+        scene = build_scene(None, two, scale, HoldProtocol(mass=0.25))
         body = scene.object_body
         size = 2 * SIDE * scale
         expected = (
@@ -151,7 +151,7 @@ class TestObjects:
 
 class TestScene:
     def test_settings_are_the_fields(self) -> None:
-        scene = build_scene(HAND, BOX, 1.0, Protocol())
+        scene = build_scene(HAND, BOX, 1.0, HoldProtocol())
         option = scene.model.opt
         assert (option.timestep, option.impratio, option.noslip_iterations) == (0.004, 10, 2)
         assert option.cone == mujoco.mjtCone.mjCONE_ELLIPTIC
@@ -159,7 +159,7 @@ class TestScene:
         assert option.jacobian == mujoco.mjtJacobian.mjJAC_DENSE
         off = mujoco.mjtDisableBit.mjDSBL_GRAVITY, mujoco.mjtDisableBit.mjDSBL_MULTICCD
         assert option.disableflags == sum(int(flag) for flag in off)
-        many = build_scene(HAND, BOX, 1.0, Protocol(many_contacts=True)).model.opt
+        many = build_scene(HAND, BOX, 1.0, HoldProtocol(many_contacts=True)).model.opt
         assert many.disableflags == mujoco.mjtDisableBit.mjDSBL_GRAVITY
         assert (scene.model.geom_condim == 4).all()
         assert scene.model.geom_friction[:, :2] == pytest.approx(np.tile([0.6, 0.02], (scene.model.ngeom, 1)))
@@ -171,7 +171,7 @@ class TestScene:
         assert not scene.model.actuator_forcelimited.any()
 
     def test_only_the_root_s_tree_and_the_wanted_joints(self) -> None:
-        scene = build_scene(HAND, BOX, 1.0, Protocol(torque_limits=True))
+        scene = build_scene(HAND, BOX, 1.0, HoldProtocol(torque_limits=True))
         assert "other" not in scene.body_names
         assert scene.model.njnt == 4  # root, two plates, object
         assert scene.model.nu == 2
@@ -193,11 +193,11 @@ class TestScene:
             '<position name="unwanted" joint="unwanted"/>', ""
         )
         hand = replace(HAND, mjcf=mjcf, joints=("left", "right", "unwanted"))
-        controls = build_scene(hand, BOX, 1.0, Protocol()).controls
+        controls = build_scene(hand, BOX, 1.0, HoldProtocol()).controls
         assert controls.tolist() == [[20, 0, 0], [0, 1, 2]]
 
     def test_the_weld_holds_the_hand(self) -> None:
-        scene = build_scene(HAND, BOX, 1.0, Protocol())
+        scene = build_scene(HAND, BOX, 1.0, HoldProtocol())
         data = mujoco.MjData(scene.model)
         away = np.array([0.0, 0, 1, 1, 0, 0, 0])
         place(scene, data, clamp(0.0), away)
@@ -212,7 +212,7 @@ class TestScene:
         assert data.qpos[3:7] == pytest.approx([math.cos(0.2), 0, 0, math.sin(0.2)], abs=1e-3)
 
     def test_distances_at_a_pose(self) -> None:
-        scene = build_scene(HAND, BOX, 1.0, Protocol())
+        scene = build_scene(HAND, BOX, 1.0, HoldProtocol())
         data = mujoco.MjData(scene.model)
         place(scene, data, np.array([*HERE, 0.006, 0.002]), HERE)  # right 1 mm inside, left 3 mm away
         found = geometry(scene, data, 0.002)
@@ -235,13 +235,13 @@ class TestScene:
     )
     def test_bad_hands(self, change: dict[str, object], message: str) -> None:
         with pytest.raises(HandError, match=message):
-            build_scene(replace(HAND, **change), BOX, 1.0, Protocol())
+            build_scene(replace(HAND, **change), BOX, 1.0, HoldProtocol())
 
     def test_a_built_in_hand(self) -> None:
         from preshape.hands.load import load_hand
 
         hand = load_hand("utah_mit")
-        scene = build_scene(physics_hand(hand), BOX, 1.0, Protocol())
+        scene = build_scene(physics_hand(hand), BOX, 1.0, HoldProtocol())
         assert scene.joints == hand.joints
         assert scene.fingers == len(hand.fingers)
 
@@ -269,7 +269,7 @@ class TestProtocol:
     )
     def test_wrong_numbers(self, wrong: dict[str, object]) -> None:
         with pytest.raises(InputError, match=next(iter(wrong)).replace("probes", "probe")):
-            Protocol(**wrong)  # type: ignore[arg-type]
+            HoldProtocol(**wrong)  # type: ignore[arg-type]
 
     def test_slerp(self) -> None:
         a, b = np.array([1.0, 0, 0, 0]), np.array([math.cos(0.4), 0, math.sin(0.4), 0])
@@ -280,7 +280,7 @@ class TestProtocol:
 class TestHolding:
     def test_a_clamped_box_is_held(self) -> None:
         result = trial()
-        assert result.status is Status.HELD
+        assert result.status is HoldStatus.HELD
         assert [p.name for p in result.probes] == [p.name for p in probes("six", 1.0, 0.05)]
         assert max(p.displacement for p in result.probes) < 0.005
         assert (result.touching_at_grasp, result.touching_at_squeeze) == (2, 2)
@@ -288,21 +288,21 @@ class TestHolding:
 
     def test_without_friction_only_the_plates_hold(self) -> None:
         result = trial(replace(FAST, friction=0.0))
-        assert result.status is Status.LOST
+        assert result.status is HoldStatus.LOST
         assert [p.name for p in result.probes if p.held] == ["force +x", "force -x"]
         assert "under force +y, and 3 more of 6" in result.reason
 
     def test_weak_squeeze_slips(self) -> None:
         """Two plates press with 2000 (q* - q) N each at most: 0.6 * 2 * 0.6 N is less than the load, 1 N."""
-        assert trial(squeeze=0.0053).status is Status.LOST
-        assert trial(squeeze=0.0070).status is Status.HELD
+        assert trial(squeeze=0.0053).status is HoldStatus.LOST
+        assert trial(squeeze=0.0070).status is HoldStatus.HELD
 
     @pytest.mark.parametrize("early", [False, True])
     def test_a_box_alone_fails_all_six(self, early: bool) -> None:
         scene = build_scene(None, BOX, 1.0, FAST)
         nothing = HERE.copy()
         result = hold_test(scene, nothing, nothing, nothing, HERE, replace(FAST, stop_early=early))
-        assert result.status is Status.LOST
+        assert result.status is HoldStatus.LOST
         assert [p.held for p in result.probes] == [False] * (1 if early else 6)
         # s = a t² / 2, looked at after 50 steps of 4 ms: 0.2 m (implicit Euler: a (n + 1) n h² / 2).
         assert result.probes[0].displacement == pytest.approx(10 * 51 * 50 * 0.004**2 / 2, rel=1e-6)
@@ -316,7 +316,7 @@ class TestHolding:
     def test_pregrasp_in_the_object(self) -> None:
         scene = build_scene(HAND, BOX, 1.0, FAST)
         result = hold_test(scene, clamp(0.016), clamp(0.016), clamp(0.016), HERE, FAST)
-        assert result.status is Status.PENETRATES
+        assert result.status is HoldStatus.PENETRATES
         assert "11.0 mm into the object" in result.reason
         assert result.probes == ()
 
@@ -355,7 +355,7 @@ class TestHolding:
         assert [p.displacement for p in watched.probes] == [p.displacement for p in alone.probes]
 
 
-def plain(scene, poses, wrench, protocol: Protocol) -> tuple[float, float]:
+def plain(scene, poses, wrench, protocol: HoldProtocol) -> tuple[float, float]:
     """The specification: one probe from the pregrasp on."""
     data = mujoco.MjData(scene.model)
     place(scene, data, poses[0], HERE)

@@ -18,8 +18,8 @@ from preshape.cli.simulate_film import film_of
 from preshape.exceptions import InputError
 from preshape.physics.grasps import GraspSet, write_grasps
 from preshape.physics.hold.recording import APPROACH, PRESSES, Recording, record_hold
-from preshape.physics.hold.six_directions import Status, hold_test
-from preshape.physics.protocol import Protocol
+from preshape.physics.hold.six_directions import HoldStatus, hold_test
+from preshape.physics.protocol import HoldProtocol
 from preshape.physics.scene import Scene, build_scene
 from preshape.viewer.animation import animation, chosen_frames
 from preshape.viewer.film import Film
@@ -30,11 +30,11 @@ EXAMPLE = Path(__file__).parent.parent / "docs" / "plan.example.json"
 FINGERS = ("palm", "thumb", "index")
 
 
-def scene_of(protocol: Protocol = FAST) -> Scene:
+def scene_of(protocol: HoldProtocol = FAST) -> Scene:
     return build_scene(HAND, BOX, 1.0, protocol)
 
 
-def record(squeeze: float = 0.01, protocol: Protocol = FAST, **options) -> Recording:
+def record(squeeze: float = 0.01, protocol: HoldProtocol = FAST, **options) -> Recording:
     return record_hold(
         scene_of(protocol), clamp(0.0), clamp(0.0052), clamp(squeeze), HERE, protocol, **options
     )
@@ -53,13 +53,13 @@ def lost() -> Recording:
 
 @pytest.fixture(scope="module")
 def film(held: Recording) -> Film:
-    return film_of(held, scene_of(), Protocol())
+    return film_of(held, scene_of(), HoldProtocol())
 
 
 class TestRecording:
     def test_the_verdict_is_that_of_the_test_alone(self, held: Recording) -> None:
         alone = hold_test(scene_of(), clamp(0.0), clamp(0.0052), clamp(0.01), HERE, FAST)
-        assert held.result.status is alone.status is Status.HELD
+        assert held.result.status is alone.status is HoldStatus.HELD
         for seen, known in zip(held.result.probes, alone.probes, strict=True):
             assert (seen.name, seen.displacement, seen.rotation) == (
                 known.name,
@@ -129,7 +129,7 @@ class TestRecording:
         assert -0.001 < held.gap[held.span("squeeze").stop - 1] < 0.0
 
     def test_untouched_slips_nothing_and_is_pushed_away(self, lost: Recording) -> None:
-        assert lost.result.status is Status.LOST
+        assert lost.result.status is HoldStatus.LOST
         for stage in ("squeeze", "force +y", "force -y"):
             span = lost.span(stage)
             assert not lost.slip[span].any()
@@ -189,9 +189,9 @@ class TestRecording:
 
     def test_a_pregrasp_that_cuts_in_is_one_sample(self) -> None:
         recording = record_hold(scene_of(), clamp(0.02), clamp(0.02), clamp(0.02), HERE, FAST)
-        assert recording.result.status is Status.PENETRATES
+        assert recording.result.status is HoldStatus.PENETRATES
         assert recording.stages == ("pregrasp",)
-        picture = filmstrip_image(film_of(recording, scene_of(), Protocol()), width=600)
+        picture = filmstrip_image(film_of(recording, scene_of(), HoldProtocol()), width=600)
         assert picture.shape[1] == 600
 
 
@@ -205,7 +205,7 @@ class TestPictures:
 
     def test_of_many_probes_those_that_were_lost_are_shown(self) -> None:
         recording = record(0.0055, replace(FAST, probes="all", checks=1))
-        film = film_of(recording, scene_of(), Protocol())
+        film = film_of(recording, scene_of(), HoldProtocol())
         assert len(film.stages) == 3 + 28
         worse = replace(film, stages=(*film.stages[:30], replace(film.stages[30], good=False)))
         frames = key_frames(worse)

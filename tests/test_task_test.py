@@ -12,7 +12,7 @@ import pytest
 from preshape.exceptions import InputError
 from preshape.physics.hand import PhysicsHand
 from preshape.physics.pieces import ConvexPieces
-from preshape.physics.protocol import Protocol
+from preshape.physics.protocol import HoldProtocol
 from preshape.physics.scene import build_scene
 from preshape.physics.task.motion import TaskMotion, task_motion
 from preshape.physics.task.protocol import TaskProtocol, TaskResult, TaskStatus, task_test
@@ -21,8 +21,8 @@ from preshape.tasks import named_task
 from test_physics_scene import BOX, CORNERS, HAND, HERE, SIDE, clamp
 
 # Flat faces must touch at their corners, or the box turns about the one point that is left.
-SURE = TaskProtocol(hold=Protocol(many_contacts=True))
-SMOOTH = TaskProtocol(hold=Protocol(many_contacts=True, friction=0.0))
+SURE = TaskProtocol(hold=HoldProtocol(many_contacts=True))
+SMOOTH = TaskProtocol(hold=HoldProtocol(many_contacts=True, friction=0.0))
 NONE = np.zeros(3)
 HALF = float(SIDE.max())
 AWAY = np.array(
@@ -241,7 +241,7 @@ class TestProtocol:
 
     def test_errors_of_pose_are_not_for_this_test(self) -> None:
         with pytest.raises(InputError, match="no errors of pose"):
-            TaskProtocol(hold=Protocol(position_error=0.005))
+            TaskProtocol(hold=HoldProtocol(position_error=0.005))
 
     def test_schedule(self) -> None:
         share, way_ = SURE.schedule()

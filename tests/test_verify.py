@@ -15,7 +15,6 @@ from preshape.closure.settings import ClosureSettings
 from preshape.memory import Memory
 from preshape.physics.hold.six_directions import HoldResult, HoldStatus
 from preshape.physics.pieces import ConvexPieces
-from preshape.physics.protocol import HoldProtocol
 from preshape.planner import Plan, plan
 from preshape.planning import verify as verifying
 
@@ -126,7 +125,7 @@ def test_it_is_tested_with_the_load_that_was_planned_for(
     fresh, monkeypatch: pytest.MonkeyPatch, load: dict[str, float], held: bool, learnt: list[str]
 ) -> None:
     """And a grip that held something easier than usual, or lost something harder, is not thereby known."""
-    used: list[Protocol] = []
+    used: list[HoldProtocol] = []
 
     def hold_test(scene: object, *args: Any, **kwargs: Any) -> HoldResult:
         used.append(args[-1])

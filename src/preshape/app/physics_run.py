@@ -16,7 +16,7 @@ from ..physics.grasps import STAGES
 from ..physics.hand import physics_hand
 from ..physics.hold.recording import Recording, record_hold
 from ..physics.pieces import decompose
-from ..physics.protocol import Protocol
+from ..physics.protocol import HoldProtocol
 from ..physics.scene import Scene, build_scene
 from ..planning.grasp_sets import palm_grasps
 from ..types import Array
@@ -50,7 +50,7 @@ def hold_run(
     """
     if said.get("grasp") is None or list(said.get("joints", ())) != list(hand.joints):
         raise InputError("this answer has no grasp of the hand: there is nothing to simulate")
-    protocol = Protocol(friction=friction, mass=mass)
+    protocol = HoldProtocol(friction=friction, mass=mass)
     progress("cutting the object into convex pieces (once for an object)", 10)
     pieces = decompose(mesh)
     progress("building the scene", 40)

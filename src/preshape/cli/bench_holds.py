@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from ..physics.grasps import GraspSet
     from ..physics.hand import PhysicsHand
     from ..physics.hold.report import HoldReport
-    from ..physics.protocol import Protocol
+    from ..physics.protocol import HoldProtocol
 
 MODELS = (".xml", ".mjcf")
 KEPT = "unfinished.jsonl"  # the file of results in --out, while a run goes on
@@ -94,12 +94,12 @@ def holds(
     Exit code 0: all were tested, held or not. 2: some could not be; the others were, and are reported.
     """
     from ..physics.hold.runner import run_holds
-    from ..physics.protocol import Protocol
+    from ..physics.protocol import HoldProtocol
 
     check_folder(out)
     if workers is not None and workers < 1:
         raise InputError(f"--workers must be 1 or more, got {workers}")
-    protocol = Protocol(
+    protocol = HoldProtocol(
         mass=mass,
         friction=friction,
         probes=probes,
@@ -199,7 +199,7 @@ def _kept(hands: list[str], checkpoint: str | None, out: str | None) -> list[Pat
     return [base.with_name(f"{base.stem}-{name}{base.suffix}") for name in plain]
 
 
-def _document(reports: list[tuple[str, HoldReport]], protocol: Protocol) -> dict[str, Any]:
+def _document(reports: list[tuple[str, HoldReport]], protocol: HoldProtocol) -> dict[str, Any]:
     """Everything but the time it took: the same input gives the same document."""
     import mujoco
 
@@ -228,7 +228,7 @@ def _document(reports: list[tuple[str, HoldReport]], protocol: Protocol) -> dict
 
 
 def _write(
-    document: dict[str, Any], reports: list[tuple[str, HoldReport]], protocol: Protocol, out: str | None
+    document: dict[str, Any], reports: list[tuple[str, HoldReport]], protocol: HoldProtocol, out: str | None
 ) -> list[Path]:
     if out is None:
         return []
@@ -243,7 +243,7 @@ def _write(
 
 
 def _show(
-    reports: list[tuple[str, HoldReport]], protocol: Protocol, seconds: float, written: list[Path]
+    reports: list[tuple[str, HoldReport]], protocol: HoldProtocol, seconds: float, written: list[Path]
 ) -> None:
     from rich.text import Text
 

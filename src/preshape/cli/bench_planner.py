@@ -14,7 +14,7 @@ from .progress import steps
 
 if TYPE_CHECKING:
     from ..physics.grasps import GraspSet
-    from ..physics.protocol import Protocol
+    from ..physics.protocol import HoldProtocol
     from ..planning.planner_bench import Case, PlannerReport
 
 PICTURES = 12
@@ -64,7 +64,7 @@ def planner(
     """
     from ..hands.load import load_hand
     from ..physics.grasps import write_grasps
-    from ..physics.protocol import Protocol
+    from ..physics.protocol import HoldProtocol
     from ..planning.document import write_json
     from ..planning.planner_bench import bench_planner, grasps_of
 
@@ -74,7 +74,7 @@ def planner(
     if workers is not None and workers < 1:
         raise InputError(f"--workers must be 1 or more, got {workers}")
     cases = cases_of(objects, scales, pieces)
-    protocol = Protocol(friction=friction, mass=mass, probes=probes, ladder=ladder, stop_early=not ladder)
+    protocol = HoldProtocol(friction=friction, mass=mass, probes=probes, ladder=ladder, stop_early=not ladder)
     with steps("this bench keeps nothing before its end") as told:
         report = bench_planner(
             cases,
@@ -156,7 +156,7 @@ def _failures(report: PlannerReport) -> list[dict[str, Any]]:
     return lost
 
 
-def _pictures(report: PlannerReport, grasps: GraspSet, protocol: Protocol, folder: Path) -> list[str]:
+def _pictures(report: PlannerReport, grasps: GraspSet, protocol: HoldProtocol, folder: Path) -> list[str]:
     """Films of the answers that were lost, the first ``PICTURES`` of them, as pictures in the folder."""
     from ..files import write_whole
     from ..hands.load import load_hand

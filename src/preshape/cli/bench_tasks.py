@@ -80,7 +80,7 @@ def tasks(
 
     Exit code 0: every instance was tried, passed or not.
     """
-    from ..physics.protocol import Protocol
+    from ..physics.protocol import HoldProtocol
     from ..physics.task.instances import make_instances
     from ..physics.task.protocol import TaskProtocol
     from ..physics.task.runner import run_tasks
@@ -95,7 +95,7 @@ def tasks(
         raise InputError(f"--seed must be 0 or more, got {seed}")
     if grasps is not None and analyser is not None:
         raise InputError("--grasps brings its own answers; leave out --analyser")
-    protocol = TaskProtocol(hold=Protocol(mass=mass, friction=friction))
+    protocol = TaskProtocol(hold=HoldProtocol(mass=mass, friction=friction))
     instances = make_instances(
         _names(objects, "--objects"),
         _names(tasks, "--tasks"),

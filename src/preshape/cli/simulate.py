@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from ..physics.grasps import GraspSet
     from ..physics.hold.recording import Recording
     from ..physics.pieces import ConvexPieces
-    from ..physics.protocol import Protocol
+    from ..physics.protocol import HoldProtocol
     from ..physics.scene import Scene
 
 
@@ -58,11 +58,11 @@ def simulate(
     from ..physics.grasps import read_grasps
     from ..physics.hand import physics_hand
     from ..physics.locate import object_pieces
-    from ..physics.protocol import Protocol
+    from ..physics.protocol import HoldProtocol
     from .simulate_film import recorded
 
     check_folder(out)
-    protocol = Protocol(mass=mass, friction=friction, probes=probes)
+    protocol = HoldProtocol(mass=mass, friction=friction, probes=probes)
     grasps = read_grasps(file, objects=objects)
     chosen = _chosen(grasps, file, answer, row)
     name = hand or grasps.hand
@@ -127,7 +127,7 @@ def _look(name: str, folder: str | None, scale: float, pieces: ConvexPieces) -> 
 
 
 def _draw(
-    recording: Recording, scene: Scene, mesh: TriangleMesh | None, protocol: Protocol, folder: Path
+    recording: Recording, scene: Scene, mesh: TriangleMesh | None, protocol: HoldProtocol, folder: Path
 ) -> list[Path]:
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
@@ -203,7 +203,7 @@ def _document(recording: Recording, written: list[Path]) -> dict[str, Any]:
     }
 
 
-def _show(recording: Recording, protocol: Protocol, title: str, written: list[Path]) -> None:
+def _show(recording: Recording, protocol: HoldProtocol, title: str, written: list[Path]) -> None:
     from rich.console import Console
     from rich.table import Table
     from rich.text import Text
@@ -240,7 +240,7 @@ def _show(recording: Recording, protocol: Protocol, title: str, written: list[Pa
         console.print(f"wrote {path}", highlight=False, markup=False, soft_wrap=True)
 
 
-def _verdict(recording: Recording, protocol: Protocol) -> str:
+def _verdict(recording: Recording, protocol: HoldProtocol) -> str:
     """One sentence on how it went."""
     result = recording.result
     if not result.held:

@@ -16,7 +16,7 @@ from ..physics.grasps import GraspSet
 from ..physics.hand import physics_hand
 from ..physics.hold.recording import Recording, record_hold
 from ..physics.pieces import ConvexPieces
-from ..physics.protocol import Protocol
+from ..physics.protocol import HoldProtocol
 from ..physics.scene import OBJECT, PALM, Scene, build_scene
 from ..viewer.colours import HAND, Colour, finger_colour
 from ..viewer.colours import OBJECT as OBJECT_COLOUR
@@ -29,7 +29,7 @@ TINT = 0.25
 
 
 def recorded(
-    grasps: GraspSet, row: int, hand: Hand, pieces: ConvexPieces, protocol: Protocol, *, name: str = ""
+    grasps: GraspSet, row: int, hand: Hand, pieces: ConvexPieces, protocol: HoldProtocol, *, name: str = ""
 ) -> tuple[Recording, Scene]:
     """The holding test of one grasp, written down, and the scene in which it was made.
 
@@ -69,7 +69,7 @@ def part_names(scene: Scene, hand: Hand) -> tuple[str, ...]:
 
 
 def film_of(
-    recording: Recording, scene: Scene, protocol: Protocol, *, mesh: TriangleMesh | None = None
+    recording: Recording, scene: Scene, protocol: HoldProtocol, *, mesh: TriangleMesh | None = None
 ) -> Film:
     """The film of a recording.
 

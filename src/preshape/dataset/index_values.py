@@ -32,12 +32,12 @@ from ..metrics import (
     tdg_gap,
     volume,
 )
-from ..metrics.results import Status
+from ..metrics.results import MetricStatus
 from ..physics.task.motion import TaskMotion
 from ..tasks import named_task
 from ..types import GRAVITY, Array, ContactCoefficients, IntArray, value
 
-UNKNOWN = Status.NOT_CONVERGED.name
+UNKNOWN = MetricStatus.NOT_CONVERGED.name
 """The status of a number that could not be computed: the grasp is left out of that index' figures."""
 
 
@@ -165,9 +165,9 @@ def index_values(
     load = wanted / (mass * GRAVITY)  # in weights, as the planner counts
     demand = Demand(direction=load, base=-weight / press, load=float(np.linalg.norm(load)))
     found["hold_margin"] = _hold_margin(grasp, settings)
-    found["planner"] = (score(demand), Status.OK.name)
+    found["planner"] = (score(demand), MetricStatus.OK.name)
     found |= _of_the_paper(grasp, q)
-    found["contacts"] = (float(len(grasp.points)), Status.OK.name)
+    found["contacts"] = (float(len(grasp.points)), MetricStatus.OK.name)
     return found
 
 
@@ -197,7 +197,7 @@ def _hold_margin(grasp: Grasp, settings: ClosureSettings) -> Number:
         reference=grasp.centre,
         threads=1,
     )
-    return float(found.strength[0]), Status.OK.name
+    return float(found.strength[0]), MetricStatus.OK.name
 
 
 def packed(points: Array, normals_in: Array) -> tuple[Array, Array, IntArray]:
@@ -243,7 +243,7 @@ def _of_the_paper(grasp: Grasp, q: Array) -> dict[str, Number]:
     asked = np.array([q, *(named_task(name).q for name in SIX)])
     matches = approaching_degrees(asked, net, sets).sum(axis=-1)
     stability, manipulability = screw_measures(wrenches)
-    ok = Status.OK.name
+    ok = MetricStatus.OK.name
     return {
         "tfvadi": (float(matches[0]), ok),
         "tfvadi_six": (float(matches[1:].min()), ok),

@@ -12,8 +12,8 @@ from ..hands.hand import Hand
 from ..objects.mesh import TriangleMesh
 from ..physics.hand import physics_hand
 from ..physics.hold.runner import run_holds
-from ..physics.hold.six_directions import HoldResult, Status
-from ..physics.protocol import Protocol
+from ..physics.hold.six_directions import HoldResult, HoldStatus
+from ..physics.protocol import HoldProtocol
 from ..physics.task.grasps import GivenAnswers, HandPoses
 from ..physics.task.instances import TaskInstance, makes_sense
 from ..physics.task.protocol import TaskProtocol, TaskResult, TaskStatus
@@ -78,7 +78,7 @@ def tested(
     except InputError as error:
         return untested(len(answers), str(error))
     model = physics_hand(hand)
-    protocol = Protocol(friction=settings.friction, mass=settings.mass)
+    protocol = HoldProtocol(friction=settings.friction, mass=settings.mass)
     holds = run_holds(grasps, model, protocol=protocol, pieces=pieces, workers=1)
     rows = [_hold(result) for result in holds.results]
     if not makes_sense(task, mesh):
@@ -107,7 +107,7 @@ def tested(
 def _hold(result: HoldResult) -> Row:
     row: Row = dict.fromkeys(HOLD_COLUMNS)
     row |= {"hold_status": result.status.name.lower(), "hold_reason": result.reason}
-    if result.status is Status.INVALID:
+    if result.status is HoldStatus.INVALID:
         return row
     row |= {
         "held": result.held,

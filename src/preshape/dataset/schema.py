@@ -12,14 +12,14 @@ from collections.abc import Sequence
 from typing import Any
 
 from ..exceptions import EnvironmentFailure
-from ..physics.protocol import Protocol
+from ..physics.protocol import HoldProtocol
 from ..types import value
 from .index_values import INDICES
 
 FORMAT = "preshape dataset 1"
 META = b"preshape"
 """Key of the file's own facts, a JSON text, among the metadata of a shard."""
-DIRECTIONS = tuple(probe.name.removeprefix("force ") for probe in Protocol().loads())
+DIRECTIONS = tuple(probe.name.removeprefix("force ") for probe in HoldProtocol().loads())
 """Order of the lists of six."""
 
 

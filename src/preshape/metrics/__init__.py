@@ -7,17 +7,17 @@ from .gap import force_directions, tdg_gap
 from .hull import NORMS, epsilon, volume
 from .matrix import isotropy, smallest_singular_value
 from .pushes import push_residual, six_pushes
-from .results import Closure, Measure, Status
+from .results import ForceClosure, Measure, MetricStatus
 from .task_margin import HALF_ANGLE, task_margin
 
 __all__ = [
     "HALF_ANGLE",
     "NORMS",
-    "Closure",
     "Contacts",
+    "ForceClosure",
     "ForceLimits",
     "Measure",
-    "Status",
+    "MetricStatus",
     "cone_matrix",
     "epsilon",
     "force_closure",

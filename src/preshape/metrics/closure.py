@@ -13,7 +13,7 @@ import numpy as np
 from ..types import Array
 from .conic import solve
 from .contacts import Contacts, cone_matrix, generators
-from .results import Closure, Status
+from .results import ForceClosure, MetricStatus
 
 RANK_TOLERANCE = 1e-9
 """Singular values of G under this fraction of the largest count as zero."""
@@ -29,7 +29,7 @@ def reached(matrix: Array) -> int:
     return int((singular > RANK_TOLERANCE * singular[0]).sum())
 
 
-def force_closure(contacts: Contacts) -> Closure:
+def force_closure(contacts: Contacts) -> ForceClosure:
     """Force closure with the friction cones as they are.
 
     maximise t: G u + t G e = 0, u in the cones, Σ uₙ + n t ≤ 1, with e the axis of every cone: forces u + t e
@@ -50,11 +50,11 @@ def force_closure(contacts: Contacts) -> Closure:
     c[n * d] = -1.0
     solution = solve(c, A, b, ((n, d), (2, 1)))
     if not solution.converged[0]:
-        return Closure(closed=False, status=Status.NOT_CONVERGED, margin=None)
+        return ForceClosure(closed=False, status=MetricStatus.NOT_CONVERGED, margin=None)
     return _decided(-float(solution.objective[0]) - 1.0)
 
 
-def force_closure_linear(contacts: Contacts, edges: int = 8) -> Closure:
+def force_closure_linear(contacts: Contacts, edges: int = 8) -> ForceClosure:
     """Force closure with cones cut into ``edges`` edges, through a linear program (HiGHS).
 
     The edges lie inside the cones: closed here means closed; a grasp that is only just closed may be missed.
@@ -79,19 +79,19 @@ def force_closure_linear(contacts: Contacts, edges: int = 8) -> Closure:
         method="highs",
     )
     if result.status != 0:
-        return Closure(closed=False, status=Status.NOT_CONVERGED, margin=None)
+        return ForceClosure(closed=False, status=MetricStatus.NOT_CONVERGED, margin=None)
     return _decided(-float(result.fun or 0.0))
 
 
-def _early(contacts: Contacts, matrix: Array) -> Closure | None:
+def _early(contacts: Contacts, matrix: Array) -> ForceClosure | None:
     if contacts.count == 0:
-        return Closure(closed=False, status=Status.NO_CONTACTS, margin=None)
+        return ForceClosure(closed=False, status=MetricStatus.NO_CONTACTS, margin=None)
     if reached(matrix) < 6:
-        return Closure(closed=False, status=Status.RANK_DEFICIENT, margin=None)
+        return ForceClosure(closed=False, status=MetricStatus.RANK_DEFICIENT, margin=None)
     return None
 
 
-def _decided(margin: float) -> Closure:
+def _decided(margin: float) -> ForceClosure:
     closed = margin > CLOSED
-    status = Status.OK if closed else Status.NOT_CLOSED
-    return Closure(closed=closed, status=status, margin=max(margin, 0.0))
+    status = MetricStatus.OK if closed else MetricStatus.NOT_CLOSED
+    return ForceClosure(closed=closed, status=status, margin=max(margin, 0.0))

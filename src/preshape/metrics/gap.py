@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 from ..exceptions import InputError
 from ..types import Array, frozen_array
 from .contacts import Contacts, support
-from .results import Measure, Status
+from .results import Measure, MetricStatus
 
 
 def force_directions(count: int = 1000) -> Array:
@@ -48,11 +48,13 @@ def tdg_gap(contacts: Contacts, directions: ArrayLike | None = None) -> Measure:
     if not len(asked) or sizes.min() == 0.0:
         raise InputError("directions must be at least one and none of them six zeros")
     if contacts.count == 0:
-        return Measure(number=None, status=Status.NO_CONTACTS)
+        return Measure(number=None, status=MetricStatus.NO_CONTACTS)
     asked = asked / sizes[:, None]
     height, wrenches = support(contacts, asked)
     wrench = (wrenches * (height > 0.0)[..., None]).sum(axis=1)
     size = np.linalg.norm(wrench, axis=1)
     cosine = (wrench * asked).sum(axis=1) / np.where(size > 0.0, size, 1.0)
     gap = 1.0 - np.where(size > 0.0, cosine, 0.0)
-    return Measure(number=float(gap.mean()), status=Status.OK, per_wrench=gap, worst=asked[int(gap.argmax())])
+    return Measure(
+        number=float(gap.mean()), status=MetricStatus.OK, per_wrench=gap, worst=asked[int(gap.argmax())]
+    )

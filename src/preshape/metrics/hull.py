@@ -18,7 +18,7 @@ from .contacts import Contacts, generators
 from .face_descent import lower as lower_face
 from .force_program import ForceLimits, force_program
 from .inscribe import inscribe
-from .results import Measure, Status
+from .results import Measure, MetricStatus
 from .wrench_space import WrenchSpace
 
 if TYPE_CHECKING:
@@ -50,8 +50,8 @@ def epsilon(contacts: Contacts, norm: str = "L1", *, edges: int = 8) -> Measure:
     if norm not in NORMS:
         raise InputError(f"a norm is one of {', '.join(NORMS)}, got {norm!r}")
     status = force_closure(contacts).status
-    if status is not Status.OK:
-        zero = 0.0 if status in (Status.NOT_CLOSED, Status.RANK_DEFICIENT) else None
+    if status is not MetricStatus.OK:
+        zero = 0.0 if status in (MetricStatus.NOT_CLOSED, MetricStatus.RANK_DEFICIENT) else None
         return Measure(number=zero, status=status)
     lower = None
     if edges:
@@ -65,7 +65,7 @@ def epsilon(contacts: Contacts, norm: str = "L1", *, edges: int = 8) -> Measure:
         program = force_program(contacts, limits)
         one = np.array([k])
         k, worst = lower_face(program, np.zeros(6), worst, math.pi, one, worst[None], fit.normal[None])
-    return Measure(number=max(k, 0.0), status=Status.OK, lower=lower, worst=worst)
+    return Measure(number=max(k, 0.0), status=MetricStatus.OK, lower=lower, worst=worst)
 
 
 def volume(contacts: Contacts, *, edges: int = 8) -> Measure:
@@ -76,10 +76,10 @@ def volume(contacts: Contacts, *, edges: int = 8) -> Measure:
     A grasp that is not closed has a volume too: the origin is one of the hull's points.
     """
     if contacts.count == 0:
-        return Measure(number=None, status=Status.NO_CONTACTS)
+        return Measure(number=None, status=MetricStatus.NO_CONTACTS)
     inside = _volume(contacts, edges)
     if inside is None:
-        return Measure(number=0.0, status=Status.RANK_DEFICIENT)
+        return Measure(number=0.0, status=MetricStatus.RANK_DEFICIENT)
     upper = None
     if contacts.dimension == 3:
         wider = Contacts(
@@ -90,7 +90,7 @@ def volume(contacts: Contacts, *, edges: int = 8) -> Measure:
             length=contacts.length,
         )
         upper = _volume(wider, edges)
-    return Measure(number=inside, status=Status.OK, lower=inside, upper=upper)
+    return Measure(number=inside, status=MetricStatus.OK, lower=inside, upper=upper)
 
 
 def _volume(contacts: Contacts, edges: int) -> float | None:

@@ -6,7 +6,7 @@ import numpy as np
 
 from .closure import RANK_TOLERANCE
 from .contacts import Contacts, grasp_matrix
-from .results import Measure, Status
+from .results import Measure, MetricStatus
 
 
 def smallest_singular_value(contacts: Contacts) -> Measure:
@@ -21,13 +21,13 @@ def isotropy(contacts: Contacts) -> Measure:
 
 def _of(contacts: Contacts, *, isotropy: bool) -> Measure:
     if contacts.count == 0:
-        return Measure(number=None, status=Status.NO_CONTACTS)
+        return Measure(number=None, status=MetricStatus.NO_CONTACTS)
     G = grasp_matrix(contacts)
     # G Gᵀ is 6×6 whatever the number of contacts; the SVD of G keeps small values exact.
     left, singular, _ = np.linalg.svd(G)
     small = float(singular[5]) if len(singular) > 5 else 0.0
     if small <= RANK_TOLERANCE * singular[0]:
-        return Measure(number=0.0, status=Status.RANK_DEFICIENT, worst=left[:, 5])
+        return Measure(number=0.0, status=MetricStatus.RANK_DEFICIENT, worst=left[:, 5])
     return Measure(
-        number=small / float(singular[0]) if isotropy else small, status=Status.OK, worst=left[:, 5]
+        number=small / float(singular[0]) if isotropy else small, status=MetricStatus.OK, worst=left[:, 5]
     )

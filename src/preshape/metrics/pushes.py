@@ -8,7 +8,7 @@ from ..exceptions import InputError
 from ..types import Array, frozen_array
 from .contacts import Contacts, in_space
 from .distance import distance
-from .results import Measure, Status
+from .results import Measure, MetricStatus
 from .wrench_space import WrenchSpace
 
 FRICTION_SHARE = 0.6
@@ -47,7 +47,7 @@ def push_residual(
     if not 0.0 < friction_share <= 1.0:
         raise InputError(f"the share of friction must be in 0..1, got {friction_share:g}")
     if contacts.count == 0:
-        return Measure(number=None, status=Status.NO_CONTACTS)
+        return Measure(number=None, status=MetricStatus.NO_CONTACTS)
     weaker = Contacts(
         positions=contacts.positions,
         normals_in=contacts.normals_in,
@@ -61,13 +61,13 @@ def push_residual(
     for wrench in asked:
         size, exact, force = distance(space, wrench)
         if not exact:
-            return Measure(number=None, status=Status.NOT_CONVERGED)
+            return Measure(number=None, status=MetricStatus.NOT_CONVERGED)
         residuals.append(size)
         forces.append(force)
     worst = int(np.argmax(residuals))
     return Measure(
         number=residuals[worst],
-        status=Status.OK,
+        status=MetricStatus.OK,
         worst=asked[worst],
         per_wrench=np.array(residuals),
         forces=in_space(weaker, np.array(forces)),

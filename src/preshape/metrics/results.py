@@ -7,7 +7,7 @@ import enum
 from ..types import Array, freeze, frozen_array, value
 
 
-class Status(enum.Enum):
+class MetricStatus(enum.Enum):
     """How a metric came out; the values are sentences for the user."""
 
     OK = "The number is what its metric says."
@@ -34,7 +34,7 @@ class Measure:
     """
 
     number: float | None
-    status: Status
+    status: MetricStatus
     lower: float | None = None
     upper: float | None = None
     worst: Array | None = None
@@ -50,11 +50,11 @@ class Measure:
     @property
     def ok(self) -> bool:
         """Whether the number is what its metric says."""
-        return self.status is Status.OK
+        return self.status is MetricStatus.OK
 
 
 @value
-class Closure:
+class ForceClosure:
     """Whether a grasp is force closed.
 
     Attributes:
@@ -65,5 +65,5 @@ class Closure:
     """
 
     closed: bool
-    status: Status
+    status: MetricStatus
     margin: float | None

@@ -21,7 +21,7 @@ from .distance import distance
 from .face_descent import lower
 from .force_program import PENALTY, ForceLimits, force_program, reach
 from .inscribe import NOTHING, inscribe
-from .results import Measure, Status
+from .results import Measure, MetricStatus
 from .wrench_space import WrenchSpace
 
 HALF_ANGLE = math.radians(15.0)
@@ -69,7 +69,7 @@ def task_margin(
     axis = axis / size
     base = -frozen_array(load, (6,), "load")
     if contacts.count == 0:
-        return Measure(number=None, status=Status.NO_CONTACTS)
+        return Measure(number=None, status=MetricStatus.NO_CONTACTS)
     if limits.jacobian is None and (limits.total is None) != (limits.each is None):
         return _in_closed_form(contacts, axis, limits, base, half_angle)
     return _by_programs(contacts, axis, limits, base, half_angle)
@@ -83,10 +83,10 @@ def _in_closed_form(
     if base.any():
         missing, exact, _ = distance(space, base / unit)
         if missing > _HELD:
-            status = Status.LOAD_NOT_HELD if exact else Status.NOT_CONVERGED
+            status = MetricStatus.LOAD_NOT_HELD if exact else MetricStatus.NOT_CONVERGED
             return Measure(number=None, status=status)
     if reached(cone_matrix(contacts)) < 6:
-        return Measure(number=0.0, status=Status.RANK_DEFICIENT)
+        return Measure(number=0.0, status=MetricStatus.RANK_DEFICIENT)
     fit = inscribe(space, base / unit, axis, half_angle, starts=_STARTS)
     if fit.settled:
         return _measure(fit.k * unit, unit, fit.wrench)
@@ -105,21 +105,21 @@ def _by_programs(
     wrenches = _starts(contacts, axis, half_angle)
     k, y, solution = reach(program, np.concatenate([np.zeros((1, 6)), wrenches]), base)
     if not solution.converged.all():
-        return Measure(number=None, status=Status.NOT_CONVERGED)
+        return Measure(number=None, status=MetricStatus.NOT_CONVERGED)
     if -k[0] > PENALTY * _HELD * program.unit:
-        return Measure(number=None, status=Status.LOAD_NOT_HELD)
+        return Measure(number=None, status=MetricStatus.LOAD_NOT_HELD)
     if reached(cone_matrix(contacts)) < 6:
-        return Measure(number=0.0, status=Status.RANK_DEFICIENT)
+        return Measure(number=0.0, status=MetricStatus.RANK_DEFICIENT)
     number, worst = lower(program, base, axis, half_angle, k[1:], wrenches, y[1:])
     return _measure(number, program.unit, worst)
 
 
 def _measure(k: float, unit: float, worst: Array) -> Measure:
     if not math.isfinite(k):
-        return Measure(number=None, status=Status.NOT_CONVERGED)
+        return Measure(number=None, status=MetricStatus.NOT_CONVERGED)
     if k <= NOTHING * unit:
-        return Measure(number=0.0, status=Status.NO_MARGIN, worst=worst)
-    return Measure(number=k, status=Status.OK, worst=worst)
+        return Measure(number=0.0, status=MetricStatus.NO_MARGIN, worst=worst)
+    return Measure(number=k, status=MetricStatus.OK, worst=worst)
 
 
 def _starts(contacts: Contacts, axis: Array, half_angle: float) -> Array:

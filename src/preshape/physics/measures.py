@@ -13,7 +13,6 @@ Definitions, after the field's benches (DexGraspBench, BODex, Dexonomy):
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable
 
 import numpy as np
@@ -149,12 +148,12 @@ def wilson(part: int, whole: int) -> tuple[float, float] | None:
     >>> [round(x, 3) for x in wilson(15, 100)]
     [0.093, 0.233]
     """
+    from scipy.stats import binomtest
+
     if whole == 0:
         return None
-    z, p = 1.959964, part / whole
-    middle = (p + z * z / (2 * whole)) / (1 + z * z / whole)
-    half = z * math.sqrt(p * (1 - p) / whole + z * z / (4 * whole * whole)) / (1 + z * z / whole)
-    return max(0.0, middle - half), min(1.0, middle + half)
+    low, high = binomtest(part, whole).proportion_ci(method="wilson")
+    return float(low), float(high)
 
 
 def _contacts(scene: Scene, data: object) -> tuple[Array, IntArray]:

@@ -16,7 +16,7 @@ from ..exceptions import EnvironmentFailure, InputError
 from ..hands.compiled import no_mujoco_log
 from .hand import PhysicsHand
 from .pieces import ConvexPieces
-from .protocol import Protocol as HoldProtocol
+from .protocol import HoldProtocol
 from .scene import Scene, build_scene
 
 KEPT = 3  # compiled scenes that a process keeps

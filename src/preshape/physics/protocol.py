@@ -34,7 +34,7 @@ class Probe:
 
 
 @value
-class Protocol:
+class HoldProtocol:
     """Everything that decides a holding test, lengths in metres.
 
     Attributes:

@@ -15,7 +15,7 @@ from ..exceptions import HandError, InputError, ObjectError
 from ..types import Array, IntArray, value
 from .hand import PhysicsHand
 from .pieces import ConvexPieces
-from .protocol import Protocol
+from .protocol import HoldProtocol
 
 PREFIX = "hand/"
 WORLD, OBJECT, PALM = -2, -1, 0
@@ -60,7 +60,9 @@ class Scene:
         return max(0, int(self.part_of_body.max()))
 
 
-def build_scene(hand: PhysicsHand | None, pieces: ConvexPieces, scale: float, protocol: Protocol) -> Scene:
+def build_scene(
+    hand: PhysicsHand | None, pieces: ConvexPieces, scale: float, protocol: HoldProtocol
+) -> Scene:
     """Compile the scene for one hand and one object at one size.
 
     Args:
@@ -95,7 +97,7 @@ def build_scene(hand: PhysicsHand | None, pieces: ConvexPieces, scale: float, pr
     return _describe(model, hand, protocol)
 
 
-def _set_options(option: Any, protocol: Protocol) -> None:
+def _set_options(option: Any, protocol: HoldProtocol) -> None:
     import mujoco
 
     option.timestep = protocol.timestep
@@ -110,7 +112,7 @@ def _set_options(option: Any, protocol: Protocol) -> None:
     option.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
 
 
-def _add_hand(spec: Any, hand: PhysicsHand, protocol: Protocol) -> None:
+def _add_hand(spec: Any, hand: PhysicsHand, protocol: HoldProtocol) -> None:
     import mujoco
 
     child = hand.spec()
@@ -137,7 +139,7 @@ def _add_hand(spec: Any, hand: PhysicsHand, protocol: Protocol) -> None:
     weld.data[:11] = 0, 0, 0, 0, 0, 0, 1, 0, 0, 0, 1  # anchor, relative pose, torque scale
 
 
-def _add_object(spec: Any, pieces: ConvexPieces, scale: float, protocol: Protocol) -> None:
+def _add_object(spec: Any, pieces: ConvexPieces, scale: float, protocol: HoldProtocol) -> None:
     import mujoco
 
     body = spec.worldbody.add_body(name="object")
@@ -149,7 +151,7 @@ def _add_object(spec: Any, pieces: ConvexPieces, scale: float, protocol: Protoco
         body.add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname=mesh.name, density=density)
 
 
-def _describe(model: Any, hand: PhysicsHand | None, protocol: Protocol) -> Scene:
+def _describe(model: Any, hand: PhysicsHand | None, protocol: HoldProtocol) -> Scene:
     import mujoco
 
     names = tuple(model.body(index).name.removeprefix(PREFIX) for index in range(model.nbody))

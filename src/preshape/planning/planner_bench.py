@@ -23,7 +23,7 @@ from ..physics.hold.report import HoldReport
 from ..physics.hold.runner import run_holds
 from ..physics.measures import wilson
 from ..physics.pieces import ConvexPieces, load_pieces
-from ..physics.protocol import Protocol
+from ..physics.protocol import HoldProtocol
 from ..planner import Answer, Plan, plan
 from ..types import FIELD_MASS, value
 from .grasp_sets import palm_grasps, poses_of
@@ -214,7 +214,7 @@ def bench_planner(
     cases: Sequence[Case],
     hand: str,
     *,
-    protocol: Protocol | None = None,
+    protocol: HoldProtocol | None = None,
     task: str = "lift",
     analyser: str = "closure",
     count: int = 1,
@@ -244,7 +244,7 @@ def bench_planner(
         InputError: a bad argument.
         EnvironmentFailure: a file or a process failed.
     """
-    model, rules = load_hand(hand), protocol or Protocol(stop_early=True)
+    model, rules = load_hand(hand), protocol or HoldProtocol(stop_early=True)
     if planned is None:
         planned = plan_cases(
             cases,

@@ -7,9 +7,9 @@ from collections.abc import Callable, Sequence
 from ..hands.hand import Hand
 from ..objects.mesh import TriangleMesh
 from ..physics.hand import physics_hand
-from ..physics.hold.six_directions import HoldResult, Status, hold_test
+from ..physics.hold.six_directions import HoldResult, HoldStatus, hold_test
 from ..physics.pieces import decompose
-from ..physics.protocol import Protocol
+from ..physics.protocol import HoldProtocol
 from ..physics.scene import build_scene
 from ..types import value
 from .grasp_sets import palm_grasps, poses_of
@@ -34,7 +34,7 @@ def verify(
     mesh: TriangleMesh,
     answers: Sequence[HandResult],
     *,
-    protocol: Protocol | None = None,
+    protocol: HoldProtocol | None = None,
     progress: Callable[[int], None] | None = None,
 ) -> Verification:
     """Test answers in their order until one holds.
@@ -52,7 +52,7 @@ def verify(
         ObjectError: the object encloses no volume.
         EnvironmentFailure: it cannot be cut.
     """
-    rules = protocol or Protocol(stop_early=True)
+    rules = protocol or HoldProtocol(stop_early=True)
     reached = [(k, answer) for k, answer in enumerate(answers) if answer.grasp is not None]
     if not reached:
         return Verification(held=None, results=())
@@ -82,7 +82,7 @@ def verify(
     return Verification(held=None, results=tuple(results))
 
 
-def telling(result: HoldResult, rules: Protocol) -> bool:
+def telling(result: HoldResult, rules: HoldProtocol) -> bool:
     """Whether a result is worth remembering of a grasp.
 
     What held something lighter or rougher than usual tells nothing, nor does what lost something heavier or
@@ -92,8 +92,8 @@ def telling(result: HoldResult, rules: Protocol) -> bool:
         result: of one grasp.
         rules: of the test.
     """
-    usual = Protocol()
-    if result.status is Status.HELD:
+    usual = HoldProtocol()
+    if result.status is HoldStatus.HELD:
         return rules.mass >= usual.mass and rules.friction <= usual.friction
-    lost = result.status is Status.LOST
+    lost = result.status is HoldStatus.LOST
     return lost and rules.mass <= usual.mass and rules.friction >= usual.friction

@@ -36,7 +36,7 @@ from ..objects.scans.symmetry import outline_width
 from ..physics.hand import PhysicsHand, physics_hand
 from ..physics.hold.runner import run_holds
 from ..physics.pieces import ConvexPieces
-from ..physics.protocol import Protocol
+from ..physics.protocol import HoldProtocol
 from ..planner import ON_CLOUDS, Answer, Plan, plan, scan_trust
 from ..planning.planner_bench import Case, Planned, grasps_of
 from ..types import Array, value
@@ -299,6 +299,6 @@ def _held(
     grasps = grasps_of([one], hand)
     if grasps is None:
         return [False] * len(answers)
-    report = run_holds(grasps, model, protocol=Protocol(stop_early=True), pieces=pieces, workers=workers)
+    report = run_holds(grasps, model, protocol=HoldProtocol(stop_early=True), pieces=pieces, workers=workers)
     results = iter(report.results)
     return [bool(next(results).held) if answer is not None else False for answer in answers]

@@ -10,10 +10,10 @@ import numpy as np
 from ... import spatial
 from ..grasps import GraspSet
 from ..pieces import ConvexPieces
-from ..protocol import Protocol
+from ..protocol import HoldProtocol
 
 
-def perturbed(grasps: GraspSet, pieces: Mapping[str, ConvexPieces], protocol: Protocol) -> GraspSet:
+def perturbed(grasps: GraspSet, pieces: Mapping[str, ConvexPieces], protocol: HoldProtocol) -> GraspSet:
     """The grasps with the object moved, turned and resized by the protocol's errors, unknown to the hand.
 
     Each grasp's error depends on the seed and its row only, so any share of a set gets the same ones. Size

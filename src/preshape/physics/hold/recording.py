@@ -18,7 +18,7 @@ import numpy as np
 from ...exceptions import InputError
 from ...types import Array, IntArray, freeze, frozen_array, value
 from ..measures import place
-from ..protocol import Protocol
+from ..protocol import HoldProtocol
 from ..scene import OBJECT, PALM, PREFIX, Scene
 from .six_directions import HoldResult, hold_test
 
@@ -122,7 +122,7 @@ def record_hold(
     grasp: Array,
     squeeze: Array,
     object_pose: Array,
-    protocol: Protocol,
+    protocol: HoldProtocol,
     *,
     probes: Sequence[str] | None = None,
     parts: Sequence[str] = (),

@@ -9,7 +9,7 @@ from ...exceptions import InputError
 from ...types import value
 from ..grasps import GraspSet
 from ..measures import GraspGeometry, diversity, mean, wilson
-from .six_directions import HoldResult, ProbeResult, Status
+from .six_directions import HoldResult, HoldStatus, ProbeResult
 
 
 @value
@@ -72,12 +72,12 @@ class HoldReport:
     @property
     def faults(self) -> tuple[HoldResult, ...]:
         """The grasps that could not be tested."""
-        return tuple(result for result in self.results if result.status is Status.INVALID)
+        return tuple(result for result in self.results if result.status is HoldStatus.INVALID)
 
     def figures(self, object_name: str | None = None) -> HoldFigures:
         """Figures over all grasps, or over those of one object."""
         rows = [r for r in self.results if object_name in (None, r.object_name)]
-        tested = [r for r in rows if r.status is not Status.INVALID]
+        tested = [r for r in rows if r.status is not HoldStatus.INVALID]
         shapes = [r.at_grasp for r in tested if r.at_grasp is not None]
         at = [r.row for r in tested]
         held = sum(r.held for r in tested)
@@ -87,8 +87,8 @@ class HoldReport:
             held=held,
             rate=held / len(tested) if tested else None,
             interval=wilson(held, len(tested)),
-            penetrating=sum(r.status is Status.PENETRATES for r in tested),
-            unstable=sum(r.status is Status.UNSTABLE for r in tested),
+            penetrating=sum(r.status is HoldStatus.PENETRATES for r in tested),
+            unstable=sum(r.status is HoldStatus.UNSTABLE for r in tested),
             touching=sum(g.parts >= 2 for g in shapes),
             clean=sum(r.clean for r in tested),
             only_by_squeeze=sum(r.only_by_squeeze for r in tested),
@@ -182,7 +182,7 @@ def result_from_json(document: dict[str, Any]) -> HoldResult:
     return HoldResult(
         **{
             **document,
-            "status": Status[document["status"].upper()],
+            "status": HoldStatus[document["status"].upper()],
             "probes": tuple(ProbeResult(**probe) for probe in document["probes"]),
             "at_grasp": None if shape is None else GraspGeometry(**shape),
         }

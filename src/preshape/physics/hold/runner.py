@@ -20,11 +20,11 @@ from ..hand import PhysicsHand
 from ..locate import object_pieces
 from ..pieces import ConvexPieces
 from ..pool import Scenes, process_count, run_jobs
-from ..protocol import Protocol
+from ..protocol import HoldProtocol
 from .checkpoint import Checkpoint
 from .perturb import perturbed
 from .report import HoldReport
-from .six_directions import HoldResult, Status, hold_test
+from .six_directions import HoldResult, HoldStatus, hold_test
 
 Progress = Callable[[int, int], None]
 """Called with how many grasps are done, and of how many."""
@@ -46,7 +46,7 @@ class _Job:
 class _Tester:
     """Tests any grasp of the run."""
 
-    def __init__(self, hand: PhysicsHand, pieces: Mapping[str, ConvexPieces], protocol: Protocol) -> None:
+    def __init__(self, hand: PhysicsHand, pieces: Mapping[str, ConvexPieces], protocol: HoldProtocol) -> None:
         self.protocol, self.scenes = protocol, Scenes(hand, pieces, protocol)
 
     def test(self, job: _Job) -> HoldResult:
@@ -76,7 +76,7 @@ def run_holds(
     grasps: GraspSet,
     hand: PhysicsHand,
     *,
-    protocol: Protocol | None = None,
+    protocol: HoldProtocol | None = None,
     objects: str | Path | None = None,
     pieces: Mapping[str, ConvexPieces] | None = None,
     workers: int | None = None,
@@ -104,7 +104,7 @@ def run_holds(
         EnvironmentFailure: a file cannot be read or written, or a process was killed.
     """
     start = time.perf_counter()
-    protocol = protocol or Protocol()
+    protocol = protocol or HoldProtocol()
     count = process_count(workers)
     given = grasps.for_hand(hand)
     with ExitStack() as stack:
@@ -171,10 +171,12 @@ def _chunks(given: GraspSet, actual: GraspSet, done: set[int]) -> list[list[_Job
 
 
 def _invalid(row: int, name: str, scale: float, reason: str) -> HoldResult:
-    return HoldResult(row=row, object_name=name, scale=scale, status=Status.INVALID, reason=reason)
+    return HoldResult(row=row, object_name=name, scale=scale, status=HoldStatus.INVALID, reason=reason)
 
 
-def _key(grasps: GraspSet, hand: PhysicsHand, pieces: Mapping[str, ConvexPieces], protocol: Protocol) -> str:
+def _key(
+    grasps: GraspSet, hand: PhysicsHand, pieces: Mapping[str, ConvexPieces], protocol: HoldProtocol
+) -> str:
     """Hash of everything that decides the results."""
     import mujoco
 

@@ -18,14 +18,14 @@ import numpy as np
 
 from ...types import Array, value
 from ..measures import GraspGeometry, depths, geometry, place, touching
-from ..protocol import Probe, Protocol
+from ..protocol import HoldProtocol, Probe
 from ..scene import Scene
 
 Observer = Callable[[str, Any], None]
 """Called with ``grasp``, ``squeeze`` or a probe's name, and the ``mujoco.MjData``, while a test runs."""
 
 
-class Status(enum.Enum):
+class HoldStatus(enum.Enum):
     """How a holding test ended; the value is what people read."""
 
     HELD = "held against every probe"
@@ -75,7 +75,7 @@ class HoldResult:
     row: int
     object_name: str
     scale: float
-    status: Status
+    status: HoldStatus
     reason: str
     probes: tuple[ProbeResult, ...] = ()
     strength: float | None = None
@@ -88,7 +88,7 @@ class HoldResult:
     @property
     def held(self) -> bool:
         """Whether the grasp passes."""
-        return self.status is Status.HELD
+        return self.status is HoldStatus.HELD
 
 
 @value
@@ -104,7 +104,7 @@ class Hold:
     """
 
     at_grasp: GraspGeometry
-    failure: Status | None = None
+    failure: HoldStatus | None = None
     reason: str = ""
     touching_at_grasp: int = 0
     touching_at_squeeze: int = 0
@@ -116,7 +116,7 @@ def hold_test(
     grasp: Array,
     squeeze: Array,
     object_pose: Array,
-    protocol: Protocol,
+    protocol: HoldProtocol,
     *,
     row: int = 0,
     object_name: str = "",
@@ -164,7 +164,7 @@ def hold_test(
         strength = 0.0 if lost else _climb(probe, protocol)
     shaken = unstable(data)
     held = not lost and not shaken
-    status = Status.HELD if held else (Status.UNSTABLE if shaken else Status.LOST)
+    status = HoldStatus.HELD if held else (HoldStatus.UNSTABLE if shaken else HoldStatus.LOST)
     touches = at_grasp.parts >= 2
     return HoldResult(
         status=status,
@@ -187,7 +187,7 @@ def take_hold(
     grasp: Array,
     squeeze: Array,
     object_pose: Array,
-    protocol: Protocol,
+    protocol: HoldProtocol,
     *,
     observer: Observer | None = None,
 ) -> Hold:
@@ -206,28 +206,23 @@ def take_hold(
             f"the pregrasp cuts {depth * 1e3:.1f} mm into the {what}; "
             f"at most {protocol.penetration_limit * 1e3:g} mm are allowed"
         )
-        return Hold(at_grasp=at_grasp, failure=Status.PENETRATES, reason=reason)
+        return Hold(at_grasp=at_grasp, failure=HoldStatus.PENETRATES, reason=reason)
     _move(scene, data, pregrasp, grasp, protocol, "grasp", observer)
     at = touching(scene, data)
     _move(scene, data, grasp, squeeze, protocol, "squeeze", observer)
     squeezed = touching(scene, data)
     if unstable(data):
         reason = "the simulation became unstable in the squeeze"
-        return Hold(at_grasp=at_grasp, failure=Status.UNSTABLE, reason=reason)
+        return Hold(at_grasp=at_grasp, failure=HoldStatus.UNSTABLE, reason=reason)
     return Hold(at_grasp=at_grasp, touching_at_grasp=at, touching_at_squeeze=squeezed)
 
 
 def slerp(first: Array, second: Array, share: float) -> Array:
-    """Unit quaternion ``share`` of the short way from one to the other, at a constant turning rate."""
-    dot = float(first @ second)
-    if dot < 0.0:
-        second, dot = -second, -dot
-    angle = math.acos(min(dot, 1.0))
-    if angle < 1e-9:
-        return second
-    return np.asarray(
-        (math.sin((1 - share) * angle) * first + math.sin(share * angle) * second) / math.sin(angle)
-    )
+    """(4,) quaternion wxyz a fraction ``share`` of the short way from one rotation to another."""
+    from scipy.spatial.transform import Rotation, Slerp
+
+    ends = Rotation.from_quat(np.array([first, second]), scalar_first=True)
+    return np.asarray(Slerp([0.0, 1.0], ends)(share).as_quat(scalar_first=True))
 
 
 def unstable(data: Any) -> bool:
@@ -247,7 +242,7 @@ def _move(
     data: Any,
     start: Array,
     end: Array,
-    protocol: Protocol,
+    protocol: HoldProtocol,
     name: str,
     observer: Observer | None,
 ) -> None:
@@ -272,7 +267,7 @@ def _load(
     load: Probe,
     factor: float,
     object_pose: Array,
-    protocol: Protocol,
+    protocol: HoldProtocol,
     observer: Observer | None,
 ) -> ProbeResult:
     import mujoco
@@ -296,7 +291,7 @@ def _load(
     return ProbeResult(name=load.name, held=True, displacement=farthest, rotation=widest)
 
 
-def _climb(probe: Callable[[Probe, float], ProbeResult], protocol: Protocol) -> float:
+def _climb(probe: Callable[[Probe, float], ProbeResult], protocol: HoldProtocol) -> float:
     """The last factor on the ladder at which every probe was held."""
     held = 1.0
     for _ in range(protocol.ladder_rungs):
@@ -307,8 +302,8 @@ def _climb(probe: Callable[[Probe, float], ProbeResult], protocol: Protocol) -> 
     return held
 
 
-def _sentence(status: Status, lost: list[ProbeResult], tried: int, protocol: Protocol) -> str:
-    if status is not Status.LOST:
+def _sentence(status: HoldStatus, lost: list[ProbeResult], tried: int, protocol: HoldProtocol) -> str:
+    if status is not HoldStatus.LOST:
         return status.value
     first = lost[0]
     far = first.displacement >= protocol.displacement_limit

@@ -7,9 +7,9 @@ from pathlib import Path
 
 from ...objects.load import SUFFIXES
 from ...types import value
-from ..protocol import Protocol
+from ..protocol import HoldProtocol
 from .report import HoldFigures, HoldReport
-from .six_directions import Status
+from .six_directions import HoldStatus
 
 ALL = "all"
 """Name of the last line of a table."""
@@ -62,7 +62,7 @@ def tables(report: HoldReport, *, full_names: bool = False) -> tuple[TextTable, 
     return score, measures
 
 
-def warnings(report: HoldReport, protocol: Protocol) -> tuple[str, ...]:
+def warnings(report: HoldReport, protocol: HoldProtocol) -> tuple[str, ...]:
     """What a score alone would hide, one sentence each."""
     f = report.figures()
     deep = sum(
@@ -81,10 +81,10 @@ def warnings(report: HoldReport, protocol: Protocol) -> tuple[str, ...]:
     return tuple(sentence for count, sentence in found if count)
 
 
-def settings_line(protocol: Protocol) -> str:
+def settings_line(protocol: HoldProtocol) -> str:
     """The test in one line.
 
-    >>> settings_line(Protocol())
+    >>> settings_line(HoldProtocol())
     'six directions, 1 N on 0.1 kg, friction 0.6'
     """
     kind = "six directions" if protocol.probes == "six" else f"{len(protocol.loads())} probes"
@@ -102,7 +102,7 @@ def settings_line(protocol: Protocol) -> str:
     return ", ".join(parts)
 
 
-def markdown(reports: list[tuple[str, HoldReport]], protocol: Protocol, preface: str) -> str:
+def markdown(reports: list[tuple[str, HoldReport]], protocol: HoldProtocol, preface: str) -> str:
     """The page: tables of each hand, warnings, and every grasp that did not hold.
 
     Args:
@@ -148,7 +148,7 @@ def short_name(name: str) -> str:
 
 
 def _failures(report: HoldReport) -> TextTable:
-    failed = [r for r in report.results if not r.held and r.status is not Status.INVALID]
+    failed = [r for r in report.results if not r.held and r.status is not HoldStatus.INVALID]
     rows = []
     for r in failed:
         file, row = report.grasps.origin[r.row] if report.grasps.origin else ("", r.row)

@@ -22,9 +22,8 @@ import numpy as np
 from ... import spatial
 from ...exceptions import InputError
 from ...types import Array, value
-from ..hold.six_directions import Observer, take_hold, unstable
-from ..hold.six_directions import Status as HoldStatus
-from ..protocol import Protocol
+from ..hold.six_directions import HoldStatus, Observer, take_hold, unstable
+from ..protocol import HoldProtocol
 from ..scene import Scene
 from .motion import ACCELERATION, TaskMotion, ease
 
@@ -62,7 +61,7 @@ class TaskProtocol:
         InputError: a number out of range, or a ``hold`` with errors of pose or size, which this test lacks.
     """
 
-    hold: Protocol = Protocol()
+    hold: HoldProtocol = HoldProtocol()
     acceleration: float = ACCELERATION
     strength: float = 1.0
     rise: float = 0.4
