@@ -97,7 +97,7 @@ def test_an_answer_is_where_it_was_aimed_at(met) -> None:
     aim = Aim(planes=[taught.plane.index], values=[far], fingers=[2], flips=[not taught.flip])
     found = element.explore(TASK.q, aim)
     assert isinstance(found, GripExploration)
-    assert all(start(g) != start(taught) for g in found.grasps)
+    assert all(start(g) != start(taught) for g in found.grips)
 
 
 def test_what_held_in_place_of_it_is_the_answer_from_now_on(met) -> None:
