@@ -15,8 +15,8 @@ from typing import Any
 from preshape.physics.grasps import STAGES, GraspSet, read_grasps
 from preshape.physics.hand import hand_from_mjcf
 from preshape.physics.hold.runner import run_holds
-from preshape.physics.pool import usable_cores
 from preshape.physics.protocol import HoldProtocol
+from preshape.processes import usable_cores
 
 from .common import row
 

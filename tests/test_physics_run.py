@@ -355,7 +355,7 @@ def test_a_process_of_the_pool_has_mujoco_write_no_log_and_stops_after_its_job(
     monkeypatch.setattr(pool, "_tester", Asking())
     monkeypatch.setattr(pool, "_stop", stop)
     before = mujoco.get_mju_user_warning()
-    found = pool._work([1, 2, 3])
+    found = pool._run_chunk([1, 2, 3])
     assert len(found) == 2
     assert all(callable(handler) for handler in found)  # without one MuJoCo writes MUJOCO_LOG.TXT
     assert mujoco.get_mju_user_warning() is before

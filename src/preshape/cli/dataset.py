@@ -133,7 +133,7 @@ def _listed(text: str, option: str) -> list[str]:
 
 def _engine(name: str, workers: int | None, address: str | None) -> Engine:
     from ..dataset.engines import LocalEngine, RayEngine
-    from ..physics.pool import usable_cores
+    from ..processes import usable_cores
 
     if name not in ENGINES:
         raise InputError(f"no engine {name!r}; known: {', '.join(ENGINES)}")

@@ -1,25 +1,24 @@
-"""Many tests on all cores: processes that prepare once, keep what they finish, and end with their parent."""
+"""Tests on several cores: worker processes that keep compiled scenes and return every finished result."""
 
 from __future__ import annotations
 
-import os
-import signal
-import threading
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor, as_completed
+from concurrent.futures import Future, as_completed
 from concurrent.futures.process import BrokenProcessPool
-from multiprocessing import get_context, parent_process
+from multiprocessing import get_context
 from multiprocessing.synchronize import Event
 from typing import Any, Protocol, TypeVar
 
-from ..exceptions import EnvironmentFailure, InputError
+from ..exceptions import EnvironmentFailure
 from ..hands.compiled import no_mujoco_log
+from ..processes import submit_all, worker_pool
 from .hand import PhysicsHand
 from .pieces import ConvexPieces
 from .protocol import HoldProtocol
 from .scene import Scene, build_scene
 
-KEPT = 3  # compiled scenes that a process keeps
+CACHED_SCENES = 3
+"""Number of compiled scenes that a process keeps."""
 
 J = TypeVar("J")
 J_contra = TypeVar("J_contra", contravariant=True)
@@ -28,125 +27,96 @@ R_co = TypeVar("R_co", covariant=True)
 
 
 class Tester(Protocol[J_contra, R_co]):
-    """Does one job after the other; each process gets a copy from before the first."""
+    """An object that runs one job after another. Each worker process works on its own copy of it."""
 
     def test(self, job: J_contra) -> R_co:
-        """Do a job."""
+        """Run one job."""
 
 
 class Scenes:
-    """Scenes of one hand, of which those used last are kept compiled.
+    """Compiled scenes of one hand; the most recently used ones are cached.
 
     Args:
-        hand: the hand.
-        pieces: of each object, by name.
-        protocol: of the scenes.
+        hand: The hand.
+        pieces: Convex pieces of each object, by its name.
+        protocol: Settings of the scenes.
     """
 
     def __init__(self, hand: PhysicsHand, pieces: Mapping[str, ConvexPieces], protocol: HoldProtocol) -> None:
-        # A mapping that is no plain dict does not survive the way to a process.
+        # Worker processes get this by pickling, which not every mapping survives.
         self._hand, self._pieces, self._protocol = hand, dict(pieces), protocol
-        self._kept: dict[tuple[str, float], Scene] = {}
+        self._cache: dict[tuple[str, float], Scene] = {}
 
     def scene(self, name: str, scale: float) -> Scene:
         """The scene of an object at a scale."""
         key = name, scale
-        found = self._kept.pop(key, None) or build_scene(
+        scene = self._cache.pop(key, None) or build_scene(
             self._hand, self._pieces[name], scale, self._protocol
         )
-        self._kept[key] = found
-        while len(self._kept) > KEPT:
-            del self._kept[next(iter(self._kept))]
-        return found
+        self._cache[key] = scene
+        while len(self._cache) > CACHED_SCENES:
+            del self._cache[next(iter(self._cache))]
+        return scene
 
     def clear(self) -> None:
-        """Keep none: as MuJoCo leaves them when it gives up, they are not used again."""
-        self._kept.clear()
-
-
-def process_count(workers: int | None) -> int:
-    """How many processes are meant; by default one for each core.
-
-    Raises:
-        InputError: fewer than one.
-    """
-    if workers is not None and workers < 1:
-        raise InputError(f"workers must be 1 or more, got {workers!r}")
-    return workers or usable_cores()
-
-
-def usable_cores() -> int:
-    """Cores that this process may use."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
+        """Empty the cache, because a fatal error of MuJoCo leaves its scene in an unknown state."""
+        self._cache.clear()
 
 
 def run_jobs(
     chunks: Sequence[list[J]], tester: Tester[J, R], workers: int, take: Callable[[list[R]], None]
 ) -> None:
-    """Do all jobs, in any order. At Ctrl-C what is being done is finished and taken, what waits is dropped.
+    """Run all jobs, in any order.
+
+    At Ctrl-C each worker finishes its present job. Those results are taken; the other jobs are dropped.
 
     Args:
-        chunks: jobs that one process does in a row.
-        tester: who does them.
-        workers: processes, at most; one does the jobs in this process.
-        take: called with results as they come.
+        chunks: Jobs that one process runs in a row.
+        tester: Runs the jobs.
+        workers: Largest number of processes; with 1 the jobs run in the calling process.
+        take: Called with each list of results when it is ready.
 
     Raises:
-        EnvironmentFailure: a process was killed.
+        EnvironmentFailure: A worker process was killed.
     """
     workers = min(workers, max(1, len(chunks)))
     if workers == 1:
         for job in (job for chunk in chunks for job in chunk):
             take([tester.test(job)])
         return
-    # Spawned, not forked: the same on every system, and safe beside threads of the caller.
-    context = get_context("spawn")
-    stop = context.Event()
-    pool = ProcessPoolExecutor(workers, mp_context=context, initializer=_begin, initargs=(tester, stop))
-    futures: list[Future[list[R]]] = []
+    stop = get_context("spawn").Event()
     taken: set[Future[list[R]]] = set()
     try:
-        futures += [pool.submit(_work, chunk) for chunk in chunks]
-        for future in as_completed(futures):
-            taken.add(future)
-            take(future.result())
-    except KeyboardInterrupt:
-        stop.set()
-        pool.shutdown(wait=True, cancel_futures=True)
-        for future in futures:
-            if future not in taken and not future.cancelled() and future.exception() is None:
-                take(future.result())
-        raise
+        with worker_pool(workers, _prepare, (tester, stop)) as pool:
+            futures: list[Future[list[R]]] = submit_all(pool, _run_chunk, chunks)
+            try:
+                for future in as_completed(futures):
+                    taken.add(future)
+                    take(future.result())
+            except KeyboardInterrupt:
+                stop.set()
+                pool.shutdown(wait=True, cancel_futures=True)
+                for future in futures:
+                    if future not in taken and not future.cancelled() and future.exception() is None:
+                        take(future.result())
+                raise
     except BrokenProcessPool as error:
         raise EnvironmentFailure(
-            "a process of the test was killed, perhaps for memory; run it again with fewer workers "
-            "(with a checkpoint it goes on where it was)"
+            "a worker process of the test was killed, perhaps because memory ran out; run the test again "
+            "with fewer workers (with a checkpoint it continues where it stopped)"
         ) from error
-    finally:
-        pool.shutdown(wait=True, cancel_futures=True)
 
 
 _tester: Tester[Any, Any] | None = None  # of this worker process
 _stop: Event | None = None  # set when the run is interrupted
 
 
-def _begin(tester: Tester[Any, Any], stop: Event) -> None:
-    global _tester, _stop  # a pool's processes have no other place for what every chunk needs
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent decides
-    threading.Thread(target=_end_with_parent, daemon=True).start()
+def _prepare(tester: Tester[Any, Any], stop: Event) -> None:
+    global _tester, _stop  # a worker process has no other place for what all its chunks share
     _tester, _stop = tester, stop
 
 
-def _end_with_parent() -> None:
-    parent = parent_process()
-    if parent is not None:
-        parent.join()
-        os._exit(1)
-
-
-def _work(chunk: list[Any]) -> list[Any]:
+def _run_chunk(chunk: list[Any]) -> list[Any]:
     assert _tester is not None
     assert _stop is not None
     results: list[Any] = []

@@ -14,12 +14,13 @@ from pathlib import Path
 
 from ...exceptions import InputError
 from ...hands.compiled import no_mujoco_log
+from ...processes import process_count
 from ...types import Array, value
 from ..grasps import STAGES, GraspSet
 from ..hand import PhysicsHand
 from ..locate import object_pieces
 from ..pieces import ConvexPieces
-from ..pool import Scenes, process_count, run_jobs
+from ..pool import Scenes, run_jobs
 from ..protocol import HoldProtocol
 from .checkpoint import Checkpoint
 from .perturb import perturbed

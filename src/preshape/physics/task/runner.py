@@ -16,10 +16,11 @@ from typing import Any
 
 from ...exceptions import InputError
 from ...hands.compiled import no_mujoco_log
+from ...processes import process_count
 from ..hand import PhysicsHand
 from ..hold.runner import Progress
 from ..pieces import ConvexPieces, load_pieces
-from ..pool import Scenes, process_count, run_jobs
+from ..pool import Scenes, run_jobs
 from .checkpoint import TaskCheckpoint
 from .grasps import Answers
 from .instances import TaskInstance, instance_to_json
