@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 import re
 import sys
+from copy import copy
+from dataclasses import replace
 from pathlib import Path
 
 import click
@@ -12,10 +14,13 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from preshape.closure.hand_cache import digest
 from preshape.exceptions import EnvironmentFailure, HandError, PreshapeError, UnknownHand
 from preshape.hands import load_hand
 from preshape.hands.check import check_hand, inspect_hand
 from preshape.hands.kinematics import HandKinematics
+from preshape.hands.load import recorded_hand
+from preshape.hands.mirror import mirrored
 
 EXAMPLE = Path(__file__).parents[1] / "examples" / "hands" / "trident.toml"
 TOML, URDF = EXAMPLE.read_text(encoding="utf-8"), EXAMPLE.with_suffix(".urdf").read_text(encoding="utf-8")
@@ -82,6 +87,30 @@ def test_a_left_example_is_the_mirror_image():
         b.set_posture(q)
         assert np.allclose(a.tips(right.fingers)[0] * [-1, 1, 1], b.tips(left.fingers)[0], atol=1e-9)
     assert np.allclose(a.model.body_inertia, b.model.body_inertia, rtol=1e-5)
+
+
+@pytest.mark.parametrize(
+    "name", ["shadow", "shadow:left", "shadow:right", "{file}", "{file}:left", "{file}:right"]
+)
+def test_the_source_of_a_hand_loads_it_again(name, monkeypatch, tmp_path):
+    monkeypatch.chdir(EXAMPLE.parent)
+    hand = load_hand(name.format(file=EXAMPLE.name))
+    monkeypatch.chdir(tmp_path)  # an absolute path means the same file everywhere
+    again = load_hand(copy(hand).source)
+    assert (again.name, again.source, again.mjcf) == (hand.name, hand.source, hand.mjcf)
+    assert mirrored(hand).side == load_hand(mirrored(hand).source).side
+    assert digest(replace(hand, source="elsewhere.toml"), "tables") == digest(hand, "tables")
+
+
+def test_the_hand_of_a_plan_is_found_by_its_source_and_in_older_files_by_its_name():
+    assert recorded_hand({"name": "trident", "source": str(EXAMPLE)}).name == "trident"
+    assert recorded_hand({"name": "leap"}) is load_hand("leap")
+    with pytest.raises(UnknownHand):
+        recorded_hand({"name": "trident"})
+
+
+def test_a_side_of_a_hand_that_is_not_built_in_can_be_checked():
+    assert check_hand(f"{EXAMPLE}:left") == []
 
 
 def test_an_mjcf_with_meshes_degrees_fixed_joints_and_a_root(tmp_path):
@@ -207,7 +236,11 @@ DESCRIPTION_FAULTS = [
         [('tip_body = "ring_pad"', 'tip_body = "ring_pat"')],
         "no body 'ring_pat', .* for the ring's tip",
     ),
-    ("unknown_body", [('body = "palm"', 'body = "plam"')], "no body 'plam', which is named for the palm"),
+    (
+        "unknown_body",
+        [('body = "palm"', 'body = "plam"')],
+        "no body 'plam', which the description names for the palm",
+    ),
     ("unknown_site", [("tip_pos = [0.0, 0.0, 0.0]", 'tip_site = "end"')], "no site 'end'"),
     ("frame", [("tip_pos = [0.0, 0.0, 0.0]", "")], "thumb needs a tip_site, or tip_pos"),
     ("frame", [('points = "+z" ', 'points = "up" ')], "must be an axis"),
@@ -236,7 +269,7 @@ DESCRIPTION_FAULTS = [
     (
         "preshape",
         [(OPEN_CLOSED, OPEN_CLOSED + "\npreshape = { thumb_knuckle = [-0.4, 0.0] }")],
-        "moved by the closing path",
+        "but the closing path of",
     ),
 ]
 
@@ -269,7 +302,7 @@ MODEL_FAULTS = [
     (
         "limits_reversed",
         [(LIMITS, LIMITS.replace("-0.5", "2.5"))],
-        "'thumb_knuckle' are the wrong way round: 2.5 to 1.4",
+        "'thumb_knuckle' are in the wrong order: 2.5 to 1.4",
     ),
     (
         "limits_missing",
@@ -277,7 +310,7 @@ MODEL_FAULTS = [
         "'thumb_spread' has no limits",
     ),
     ("not_a_hinge", [('type="revolute"', 'type="prismatic"')], "'thumb_spread' is no hinge"),
-    ("mass_zero", [('<mass value="0.06"/>', '<mass value="0"/>')], "'thumb_proximal' has a mass of zero"),
+    ("mass_zero", [('<mass value="0.06"/>', '<mass value="0"/>')], "'thumb_proximal' has no mass"),
 ]
 
 
@@ -332,7 +365,7 @@ def test_mjcf_faults_that_mujoco_would_refuse_are_named(what, tmp_path):
     path.write_text(head, encoding="utf-8")
     found = check_hand(path)
     assert [f.code for f in found] == [{"limits": "limits_reversed", "mass": "mass_zero"}[what]]
-    assert {"limits": "'ia' are the wrong way round: 1.4 to -0.5", "mass": "'i1' has a mass"}[what] in found[
+    assert {"limits": "'ia' are in the wrong order: 1.4 to -0.5", "mass": "'i1' has no mass"}[what] in found[
         0
     ].text
 
@@ -345,7 +378,7 @@ def test_a_closing_path_that_collides_with_itself(tmp_path):
     urdf = swap(urdf, ('<origin xyz="0.025 0.05 0.005"/>', '<origin xyz="0.025 0.05 0.005" rpy="0 0 -0.9"/>'))
     found = check_hand(write(tmp_path, urdf=urdf))
     assert [finding.code for finding in found] == ["closing_collides"]
-    assert "the closing path of the fingers collides with the hand itself at" in found[0].text
+    assert "on the closing path of the fingers the hand collides with itself at" in found[0].text
     assert "mm inside" in found[0].text
 
 
@@ -357,7 +390,7 @@ def test_an_open_hand_in_itself(tmp_path):
     urdf = swap(urdf, ('<origin xyz="0.025 0.05 0.005"/>', '<origin xyz="0.012 0.05 0.005" rpy="0 0 0.6"/>'))
     found = check_hand(write(tmp_path, urdf=urdf))
     assert {finding.code for finding in found} == {"open_collides"}, found
-    assert "the open hand is in itself" in found[0].text
+    assert "two links of the open hand overlap" in found[0].text
 
 
 def test_a_thumb_that_does_not_oppose(tmp_path):
@@ -461,7 +494,9 @@ def test_menagerie_without_a_network_is_one_clear_sentence(monkeypatch):
 
     Package.MenagerieError = MenagerieError
     monkeypatch.setitem(sys.modules, "mujoco_menagerie", Package)
-    with pytest.raises(EnvironmentFailure, match=r"could not be fetched \(timed out\): a network is needed"):
+    with pytest.raises(
+        EnvironmentFailure, match=r"could not be fetched \(timed out\): the first use needs a network"
+    ):
         load_hand("menagerie:leap_hand")
 
 

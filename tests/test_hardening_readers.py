@@ -277,7 +277,7 @@ def test_a_part_repeated_without_measure_is_refused_at_once(part: str, tmp_path:
     (tmp_path / "hand.toml").write_text(pincer.TOML)
     (tmp_path / "more.xml").write_text(f"<mujoco><worldbody>{_ENDLESS[0]}</worldbody></mujoco>")
     (tmp_path / "pincer.xml").write_text(f"<mujoco><worldbody>{part}</worldbody></mujoco>")
-    with pytest.raises(HandError, match="a hand has 1000 at most"):
+    with pytest.raises(HandError, match="at most 1000 are allowed"):
         load_hand(tmp_path / "hand.toml")
 
 

@@ -17,7 +17,8 @@ from ._version import __version__
 
 if TYPE_CHECKING:
     from .exceptions import EnvironmentFailure, InputError, PreshapeError
-    from .hands.load import Hand, load_hand
+    from .hands.hand import Hand
+    from .hands.load import load_hand
     from .hiis.analyser import Grip, VirtualGrasp
     from .hiis.controller import Controller
     from .hiis.critic import Thresholds
@@ -44,7 +45,7 @@ _HOME = {
     "PreshapeError": "exceptions",
     "FuzzySets": "hiis.fuzzy",
     "tfvadi": "hiis.fuzzy",
-    "Hand": "hands.load",
+    "Hand": "hands.hand",
     "load_hand": "hands.load",
     "plan_to_json": "planning.document",
     "Memory": "memory",

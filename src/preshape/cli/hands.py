@@ -139,7 +139,7 @@ def _row(hand: Hand, picture: Path | None) -> dict[str, Any]:
         "fingertip_radius": hand.fingers[1].tip_radius,
         "palm_frame": {"body": hand.palm_body, "T_root_palm": hand.T_root_palm.tolist()},
         "licence": hand.licence,
-        "source": hand.source,
+        "source": hand.credit,
     }
     if picture is not None:
         row["picture"] = str(picture)

@@ -79,7 +79,7 @@ def scene_mjcf(grasp: PlannedGrasp, mesh: TriangleMesh, pieces: ConvexPieces) ->
             ctrl=_text(hand.controls(told)),
         )
     ElementTree.indent(tree)
-    credit = f"hand: {hand.source}; {hand.licence}".replace("--", "-")
+    credit = f"hand: {hand.credit}; {hand.licence}".replace("--", "-")
     text = f"<!-- {credit} -->\n{ElementTree.tostring(tree, encoding='unicode')}\n"
     _check(text, grasp, mesh)
     return text

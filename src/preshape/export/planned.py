@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 
 from ..exceptions import EnvironmentFailure, InputError
-from ..hands.load import Hand, load_hand
+from ..hands.hand import Hand
+from ..hands.load import load_hand
 from ..tasks import Task, parse_task
 from ..types import Array, freeze, frozen_array, value
 

@@ -1,4 +1,4 @@
-"""Hands: what the planner knows of each, their kinematics and their collisions."""
+"""Hands: their descriptions, their kinematics and their collisions."""
 
 from .hand import Finger, Hand
 from .load import hand_names, load_hand, parse_hand

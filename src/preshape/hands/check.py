@@ -1,7 +1,8 @@
-"""Whether a hand is fit for use: everything that is wrong with it, in plain words.
+"""Whether a hand is fit for use: every fault, each in one sentence.
 
-First what description and model show as they are (:mod:`preshape.hands.findings`); when nothing is, the hand
-is moved: open, along its closing path, thumb against fingers.
+First come the faults of description and model (:mod:`preshape.hands.findings`). If there are none, the hand
+is
+ moved: open, along its closing path, thumb against fingers.
 """
 
 from __future__ import annotations
@@ -12,43 +13,45 @@ import numpy as np
 
 from ..exceptions import HandError
 from ..types import Array
-from .compiled import model_file, read_model, rebuilt
+from .compiled import read_model
+from .description import hand_from
 from .findings import Finding, description_findings, model_findings
 from .hand import Hand
 from .kinematics import HandKinematics
-from .load import MENAGERIE, built_in_text, hand_from, hand_names, load_hand, read_description
+from .load import built_in_text, hand_names, load_hand, model_file, read_description
+from .rewrite import rebuilt
 
 DEPTH = 4e-3
-"""How deep links may be in each other on the closing path [m]; the analyser refuses more."""
+"""Largest overlap of two links on the closing path [m]; the closure analyser refuses more."""
 
 STEPS = 25
-"""Steps in which a closing path is walked."""
+"""Steps along a closing path."""
 
 OPPOSED = 0.2
-"""Least cosine between the way a fingertip moves at half closed and the way to the tip it shall meet [C]."""
+"""Least cosine between a fingertip's motion at half closed and the direction to the opposing tip [C]."""
 
 
 def check_hand(source: str | Path) -> list[Finding]:
-    """All that is wrong with a hand; nothing, if it is fit for use.
+    """All faults of a hand; empty if it is fit for use.
 
     Args:
-        source: a TOML file, or the name of a hand.
+        source: A TOML file, or the name of a hand.
 
     Raises:
-        UnknownHand: no hand of that name.
-        HandError: the description or the model cannot be read at all.
-        EnvironmentFailure: a file cannot be read, or a model not be fetched.
+        UnknownHand: There is no hand of that name.
+        HandError: The description or the model cannot be read at all.
+        EnvironmentFailure: A file cannot be read, or a model cannot be fetched.
     """
     return inspect_hand(source)[0]
 
 
 def inspect_hand(source: str | Path) -> tuple[list[Finding], Hand | None]:
-    """As :func:`check_hand`, and the hand, if there is one to draw."""
+    """As :func:`check_hand`, and the hand itself, if it can be built."""
     text = str(source)
     if not text.lower().endswith(".toml"):
         hand = load_hand(text)
-        base = text.rpartition(":")[0] if hand.name.endswith(("left", "right")) else text
-        found = [] if base.startswith(MENAGERIE) else _built_in_findings(base)
+        name = hand.source.removesuffix(":left").removesuffix(":right")
+        found = _built_in_findings(name) if name in hand_names() else []
         return found + motion_findings(hand), hand
     path = Path(text)
     data = read_description(path)
@@ -78,7 +81,7 @@ def _built_in_findings(name: str) -> list[Finding]:
 
 
 def shape_findings(hand: Hand) -> list[Finding]:
-    """Links that nothing can touch."""
+    """Palm or fingers without a shape that collides."""
     kinematics = HandKinematics(hand)
     model, found = kinematics.model, []
     solid = {shape.body for shape in kinematics.shapes()}
@@ -93,12 +96,12 @@ def shape_findings(hand: Hand) -> list[Finding]:
 
 
 def motion_findings(hand: Hand) -> list[Finding]:
-    """What shows when the hand moves."""
+    """Faults that show when the hand moves."""
     kinematics = HandKinematics(hand)
     found = _open_collision(hand, kinematics)
     if not found:
         found = _closing_collisions(hand, kinematics)
-    return found + _directions(hand, kinematics) + _preshape(hand)
+    return found + _direction_findings(hand, kinematics) + _preshape_findings(hand)
 
 
 def _open_collision(hand: Hand, kinematics: HandKinematics) -> list[Finding]:
@@ -106,14 +109,17 @@ def _open_collision(hand: Hand, kinematics: HandKinematics) -> list[Finding]:
     return [
         Finding(
             code="open_collides",
-            text=f"the open hand is in itself: {one} is {1000 * depth:.1f} mm inside {other}",
+            text=f"two links of the open hand overlap: {one} is {1000 * depth:.1f} mm inside {other}",
         )
         for one, other, depth in kinematics.self_collisions(DEPTH)[:3]
     ]
 
 
 def _closing_collisions(hand: Hand, kinematics: HandKinematics) -> list[Finding]:
-    """The thumb alone, then all the others together; that thumb and fingers meet is what closing is for."""
+    """Collisions while the thumb closes alone, and while the other fingers close together.
+
+    Contact between thumb and fingers is no fault: it is the purpose of closing.
+    """
     found = []
     model, owner = kinematics.model, {}
     for finger in hand.fingers:
@@ -137,7 +143,7 @@ def _closing_collisions(hand: Hand, kinematics: HandKinematics) -> list[Finding]
                 one, other, depth = hits[0]
                 who = f"the {first}" if thumb else "the fingers"
                 text = (
-                    f"the closing path of {who} collides with the hand itself at {c:.2f} of the way: "
+                    f"on the closing path of {who} the hand collides with itself at {c:.2f} of the way: "
                     f"{one} is {1000 * depth:.1f} mm inside {other}"
                 )
                 found.append(Finding(code="closing_collides", text=text))
@@ -146,7 +152,7 @@ def _closing_collisions(hand: Hand, kinematics: HandKinematics) -> list[Finding]
 
 
 def half_closed(hand: Hand, kinematics: HandKinematics) -> tuple[Array, Array]:
-    """(k, 3), (k, 3) places [m] of the fingertips at half closed and the unit directions they move in."""
+    """(k, 3) positions of the fingertips at half closed [m] and (k, 3) unit directions of their motion."""
     h = 1e-4
     tips = []
     for c in (0.5 - h, 0.5, 0.5 + h):
@@ -158,18 +164,19 @@ def half_closed(hand: Hand, kinematics: HandKinematics) -> tuple[Array, Array]:
 
 
 def opposition(hand: Hand, kinematics: HandKinematics) -> Array:
-    """(k - 1,) how well the thumb opposes each finger at half closed, -1 … 1.
+    """(k - 1,) how well the thumb opposes each of the other fingers at half closed, -1 … 1.
 
-    The lesser of two cosines: between the thumb tip's motion and the way to the finger's tip, and between
-    that tip's motion and the way back.
+    It is the lesser of two cosines: between the motion of the thumb's tip and the direction to the finger's
+        tip,
+    and between the motion of the finger's tip and the opposite direction.
     """
     tips, moves = half_closed(hand, kinematics)
-    way = tips[1:] - tips[0]
-    way /= np.maximum(np.linalg.norm(way, axis=1, keepdims=True), 1e-9)
-    return np.asarray(np.minimum(way @ moves[0], -np.einsum("ki,ki->k", way, moves[1:])))
+    across = tips[1:] - tips[0]
+    across /= np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-9)
+    return np.asarray(np.minimum(across @ moves[0], -np.einsum("ki,ki->k", across, moves[1:])))
 
 
-def _directions(hand: Hand, kinematics: HandKinematics) -> list[Finding]:
+def _direction_findings(hand: Hand, kinematics: HandKinematics) -> list[Finding]:
     found = []
     _, moves = half_closed(hand, kinematics)
     for finger, move in zip(hand.fingers, moves, strict=True):
@@ -177,25 +184,25 @@ def _directions(hand: Hand, kinematics: HandKinematics) -> list[Finding]:
             text = f"the closing path does not move the {finger.name}'s tip at half closed"
             found.append(Finding(code="does_not_close", text=text))
     for finger, move in zip(hand.fingers[1:], moves[1:], strict=True):
-        # -y of the palm frame is where the palm faces, and the thumb stands.
+        # The palm faces -y of its frame, where the thumb is.
         if move[1] > OPPOSED:
             text = (
-                f"the {finger.name} closes away from the side that the palm faces: turn its closing path "
-                "round, or the palm frame"
+                f"the {finger.name} closes away from the side that the palm faces: reverse its closing path "
+                "or correct the palm frame"
             )
             found.append(Finding(code="closes_outward", text=text))
     best = float(opposition(hand, kinematics).max())
     if not found and best < OPPOSED:
         text = (
             f"the thumb does not oppose: at half closed no fingertip and the {hand.fingers[0].name}'s tip "
-            f"move towards each other (cosine {best:.2f}, at least {OPPOSED:g} wanted): turn the thumb's "
-            "first joints, or name another finger first"
+            f"move towards each other (cosine {best:.2f}, needed {OPPOSED:g}): change the thumb's first "
+            "joint angles, or list another finger first"
         )
         found.append(Finding(code="thumb_not_opposed", text=text))
     return found
 
 
-def _preshape(hand: Hand) -> list[Finding]:
+def _preshape_findings(hand: Hand) -> list[Finding]:
     found = []
     for finger in hand.fingers:
         limits = hand.limits[hand.columns(finger.name)]
@@ -203,7 +210,8 @@ def _preshape(hand: Hand) -> list[Finding]:
             low, high = finger.preshape[k]
             if low < high and np.ptp(finger.closing[:, k]) > 0:
                 text = (
-                    f"{joint} is set by the preshape and moved by the closing path of the {finger.name} too"
+                    f"{joint} has a preshape range, but the closing path of the {finger.name} moves it too; "
+                    "only one of them may"
                 )
                 found.append(Finding(code="preshape", text=text))
             if low < limits[k, 0] - 1e-9 or high > limits[k, 1] + 1e-9:
@@ -213,9 +221,9 @@ def _preshape(hand: Hand) -> list[Finding]:
 
 
 def close_empty(hand: Hand) -> Array:
-    """(fingers,) how far each finger closes, 0 … 1, until it meets another part of the hand.
+    """(fingers,) closing, 0 … 1, at which each finger of an empty hand meets another part of the hand.
 
-    What a hand does that closes on nothing; for pictures.
+    For pictures.
     """
     kinematics = HandKinematics(hand)
     reached = np.zeros(len(hand.fingers))

@@ -1,4 +1,4 @@
-"""From a hand's TOML, as read, and the text of its MJCF to a :class:`Hand`. Nothing heavy is imported."""
+"""From a hand's description (TOML) and MJCF to a :class:`Hand`, without MuJoCo or SciPy."""
 
 from __future__ import annotations
 
@@ -8,41 +8,57 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from ..exceptions import HandError
+from ..exceptions import HandError, InputError
+from ..objects.read_text import shown
 from ..spatial import pose, rotation_from_quaternion
 from ..types import Array
 from .hand import POSTURES, Finger, Hand
 
 Table = dict[str, Any]
 
+LONGEST_MESSAGE = 1200
+"""Characters of a message; names in a file can be of any length."""
 
-def build_hand(data: Table, root: ElementTree.Element, mjcf: str, *, name: str | None = None) -> Hand:
-    """The hand that description and MJCF agree on.
+
+def hand_from(data: Table, mjcf: str) -> Hand:
+    """The hand that a description and an MJCF agree on.
 
     Args:
-        data: the TOML.
-        root: the MJCF; every joint has its own ``range``, every body and site ``pos`` and ``quat``.
-        mjcf: its text.
-        name: replaces the description's.
+        data: The description, as read from TOML.
+        mjcf: Text of the MJCF. Every joint has its own ``range``; frames are given by ``pos`` and ``quat``.
 
     Raises:
-        HandError: they contradict each other, or a number is out of the question.
-        KeyError, TypeError, ValueError: a field is missing or of the wrong kind.
+        HandError: A field is missing or of the wrong kind, a number is out of range, or description and MJCF
+            contradict each other.
     """
-    name = name or str(data["name"])
+    name = data.get("name", "?")
+    try:
+        return _hand(data, ElementTree.fromstring(mjcf), mjcf)
+    except ElementTree.ParseError as error:
+        raise HandError(f"the hand's MJCF cannot be read: {error}") from error
+    except KeyError as error:
+        raise HandError(shown(f"hand {name!r}: the description lacks {error}", LONGEST_MESSAGE)) from error
+    except (TypeError, ValueError, AttributeError, OverflowError) as error:
+        raise HandError(shown(f"hand {name!r}: {error}", LONGEST_MESSAGE)) from error
+    except InputError as error:
+        raise HandError(shown(error, LONGEST_MESSAGE)) from error
+
+
+def _hand(data: Table, root: ElementTree.Element, mjcf: str) -> Hand:
+    name = str(data["name"])
     ranges = {joint.get("name", ""): joint.get("range") for joint in root.iter("joint") if joint.get("name")}
     fingers = tuple(finger_from(entry) for entry in data["finger"])
     named = [joint for finger in fingers for joint in finger.joints]
     palm = data["palm"]
-    _same(name, "joints", set(named), set(ranges))
+    _require_same_joints(name, set(named), set(ranges))
     bodies = {body.get("name") for body in root.iter("body")}
     sites = {site.get("name") for site in root.iter("site")}
-    _named(name, "body", [palm["body"], *(finger.tip_body for finger in fingers)], bodies)
-    _named(name, "site", [palm["site"], *(finger.tip_site for finger in fingers)], sites)
+    _require(name, "body", [palm["body"], *(finger.tip_body for finger in fingers)], bodies)
+    _require(name, "site", [palm["site"], *(finger.tip_site for finger in fingers)], sites)
     if len(set(named)) != len(named) or len({finger.name for finger in fingers}) != len(fingers):
         raise HandError(f"hand {name!r}: a finger or a joint is named twice")
     if len(fingers) < 2:
-        raise HandError(f"hand {name!r}: two fingers at least, the thumb first; got {len(fingers)}")
+        raise HandError(f"hand {name!r}: it needs at least two fingers, the thumb first; got {len(fingers)}")
     joints = tuple(ranges)
     for finger in fingers:
         start = joints.index(finger.joints[0])
@@ -57,11 +73,11 @@ def build_hand(data: Table, root: ElementTree.Element, mjcf: str, *, name: str |
         title=str(data.get("title", name)),
         description=str(data.get("description", "")),
         licence=str(data.get("licence", "not stated")),
-        source=str(data.get("source", "not stated")),
+        credit=str(data.get("source", "not stated")),
         side=side_of(data, name),
         u=positive(data, "u"),
         finger_pitch=positive(data, "finger_pitch"),
-        fingertip_width=_tip_width(data, fingers),
+        fingertip_width=_fingertip_width(data, fingers),
         palm_body=str(palm["body"]),
         palm_site=str(palm["site"]),
         T_root_palm=_palm_pose(root, str(palm["site"]), name),
@@ -77,7 +93,7 @@ def build_hand(data: Table, root: ElementTree.Element, mjcf: str, *, name: str |
         actuators=_actuators(root, name),
         mjcf=mjcf,
     )
-    for label, q in (*((kind, hand.posture(kind)) for kind in POSTURES), *_path(hand)):
+    for label, q in (*((kind, hand.posture(kind)) for kind in POSTURES), *_path_postures(hand)):
         outside = (q < hand.limits[:, 0] - 1e-9) | (q > hand.limits[:, 1] + 1e-9)
         if outside.any():
             raise HandError(
@@ -87,17 +103,20 @@ def build_hand(data: Table, root: ElementTree.Element, mjcf: str, *, name: str |
 
 
 def finger_from(entry: Table) -> Finger:
-    """A finger from its table; what is not given follows from the closing path, or the path from it.
+    """A finger from its table.
+
+    The closing path defaults to the straight line between the postures ``open`` and ``closed``, and these
+    default to the ends of the path.
 
     Raises:
-        HandError: neither a closing path nor the postures open and closed.
-        KeyError, InputError: a field is missing, or arrays of the wrong length.
+        HandError: Neither a closing path nor both postures are given, or a value is out of range.
+        KeyError, InputError: A field is missing, or an array has the wrong length.
     """
     name, joints = str(entry["name"]), tuple(str(joint) for joint in entry["joints"])
     if "closing" not in entry and not {"open", "closed"} <= entry.keys():
         raise HandError(f"finger {name}: give closing, or open and closed")
     if not joints:
-        raise HandError(f"finger {name}: a finger has one joint at least")
+        raise HandError(f"finger {name}: a finger needs at least one joint")
     path = _numbers(entry.get("closing") or [entry["open"], entry["closed"]])
     if path.ndim != 2 or len(path) < 2 or path.shape[1] != len(joints):
         raise HandError(
@@ -110,7 +129,7 @@ def finger_from(entry: Table) -> Finger:
             raise HandError(f"finger {name}: preshape names {joint}, which is not one of its joints")
         low, high = (float(bound) for bound in bounds)
         if not low <= high:
-            raise HandError(f"finger {name}: the preshape range of {joint} is the wrong way round")
+            raise HandError(f"finger {name}: the preshape range of {joint} has its bounds in the wrong order")
         ranges[joints.index(joint)] = low, high
     return Finger(
         name=name,
@@ -119,7 +138,7 @@ def finger_from(entry: Table) -> Finger:
         tip_site=str(entry.get("tip_site", f"{name}_tip")),
         tip_radius=positive(entry, "tip_radius"),
         open=entry.get("open", path[0]),
-        rest=entry.get("rest", _half(path)),
+        rest=entry.get("rest", _middle(path)),
         closed=entry.get("closed", path[-1]),
         closing=path,
         preshape=ranges,
@@ -130,8 +149,8 @@ def positive(data: Table, key: str) -> float:
     """The number of that name, which must be above zero.
 
     Raises:
-        HandError: it is not.
-        KeyError, TypeError, ValueError: there is none.
+        HandError: It is not.
+        KeyError, TypeError, ValueError: There is no number of that name.
     """
     number = float(data[key])
     if not (np.isfinite(number) and number > 0):
@@ -140,7 +159,7 @@ def positive(data: Table, key: str) -> float:
 
 
 def side_of(data: Table, name: str) -> str:
-    """``right`` or ``left``, as the description says; right where it does not."""
+    """``right`` or ``left`` as the description says; ``right`` by default."""
     side = str(data.get("side", "right"))
     if side not in ("right", "left"):
         raise HandError(f"hand {name!r}: side must be right or left, got {side!r}")
@@ -148,7 +167,7 @@ def side_of(data: Table, name: str) -> str:
 
 
 def per_joint(drives: Table, key: str, table: str, joints: tuple[str, ...], name: str) -> Array:
-    """(n,) a number for every joint: the one for all, and what the table of exceptions says."""
+    """(n,) a number for every joint: the common one of ``key``, and the exceptions in ``table``."""
     values = np.full(len(joints), positive(drives, key))
     for joint in dict(drives.get(table, {})):
         if joint not in joints:
@@ -164,27 +183,50 @@ def couplings_of(data: Table, joints: Iterable[str], name: str) -> tuple[tuple[s
     wrong = [joint for joint in flat if joint not in set(joints)]
     if wrong or len(set(flat)) != len(flat) or any(len(pair) != 2 for pair in pairs):
         raise HandError(
-            f"hand {name!r}: couplings must be pairs of the hand's joints, each in one pair at most"
+            f"hand {name!r}: couplings must be pairs of the hand's joints, each joint in at most one pair"
             + (f"; there is no joint {wrong[0]}" if wrong else "")
         )
     return tuple((pair[0], pair[1]) for pair in pairs)
 
 
+def direction(axis: Any, label: str) -> Array:
+    """(3,) unit vector of ``+x`` … ``-z``, or of three numbers.
+
+    >>> direction("-y", "palm.faces").tolist()
+    [0.0, -1.0, 0.0]
+
+    Raises:
+        HandError: It is neither.
+    """
+    if isinstance(axis, str) and len(axis) == 2 and axis[0] in "+-" and axis[1] in "xyz":
+        vector = np.zeros(3)
+        vector["xyz".index(axis[1])] = 1.0 if axis[0] == "+" else -1.0
+        return vector
+    if isinstance(axis, (list, tuple)) and len(axis) == 3:
+        try:
+            vector = np.array([float(x) for x in axis])
+        except (TypeError, ValueError):
+            vector = np.zeros(3)
+        if np.isfinite(vector).all() and np.linalg.norm(vector) > 0:
+            return np.asarray(vector / np.linalg.norm(vector))
+    raise HandError(f"{label} must be an axis (+x -x +y -y +z -z) or three numbers, got {axis!r}")
+
+
 def _numbers(rows: Any) -> Array:
-    """The rows as an array; an empty one if they are not numbers in rows of one length."""
+    """The rows as an array; an empty array if they are not numbers in rows of equal length."""
     try:
         return np.array(rows, dtype=np.float64)
     except (TypeError, ValueError):
         return np.zeros(0)
 
 
-def _half(path: Array) -> Array:
+def _middle(path: Array) -> Array:
     middle = (len(path) - 1) / 2
     return np.asarray((path[int(np.floor(middle))] + path[int(np.ceil(middle))]) / 2)
 
 
-def _path(hand: Hand) -> Iterable[tuple[str, Array]]:
-    """Every knot of every closing path, the other fingers open."""
+def _path_postures(hand: Hand) -> Iterable[tuple[str, Array]]:
+    """Every point of every closing path, the other fingers open; each with a label."""
     for finger in hand.fingers:
         for k, knot in enumerate(finger.closing):
             q = hand.posture("open")
@@ -192,7 +234,7 @@ def _path(hand: Hand) -> Iterable[tuple[str, Array]]:
             yield f"{k} of the closing path of {finger.name}", q
 
 
-def _tip_width(data: Table, fingers: tuple[Finger, ...]) -> float:
+def _fingertip_width(data: Table, fingers: tuple[Finger, ...]) -> float:
     if "fingertip_width" in data:
         return positive(data, "fingertip_width")
     return 2 * max(finger.tip_radius for finger in fingers) + 1e-3
@@ -219,7 +261,7 @@ def _palm_pose(root: ElementTree.Element, site: str, name: str) -> Array:
 
     found = search(tops[0], np.eye(4))
     if found is None:
-        raise HandError(f"hand {name!r}: the palm frame {site} must stand in the root body's tree")
+        raise HandError(f"hand {name!r}: the site of the palm frame, {site}, must be below the root body")
     return found
 
 
@@ -246,13 +288,13 @@ def _actuators(root: ElementTree.Element, name: str) -> tuple[tuple[str, ...], .
     return tuple(found)
 
 
-def _same(hand: str, noun: str, described: set[str], modelled: set[str]) -> None:
+def _require_same_joints(hand: str, described: set[str], modelled: set[str]) -> None:
     if described != modelled:
         odd = ", ".join(sorted(described ^ modelled))
-        raise HandError(f"hand {hand!r}: description and MJCF do not name the same {noun}: {odd}")
+        raise HandError(f"hand {hand!r}: description and MJCF do not name the same joints: {odd}")
 
 
-def _named(hand: str, noun: str, wanted: list[str], there: set[str | None]) -> None:
+def _require(hand: str, noun: str, wanted: list[str], there: set[str | None]) -> None:
     missing = [name for name in wanted if name not in there]
     if missing:
         raise HandError(f"hand {hand!r}: the MJCF has no {noun} {', '.join(missing)}")

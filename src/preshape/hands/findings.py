@@ -1,78 +1,82 @@
-"""What can be wrong with a hand's description, found without moving the hand. Each finding is one sentence.
+"""Faults of a hand's description and model that show without moving the hand; each is one sentence.
 
-:mod:`preshape.hands.check` adds what shows only in motion; loading a hand refuses it at the first finding.
+:mod:`preshape.hands.check` adds the faults that show only in motion. Loading a hand raises the first finding.
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from ..exceptions import HandError, InputError
 from ..objects.read_text import shown
 from ..types import value
-from .description import Table, couplings_of, finger_from, per_joint, side_of
-
-if TYPE_CHECKING:
-    from .compiled import ForeignModel
+from .compiled import CompiledModel
+from .description import (
+    LONGEST_MESSAGE,
+    Table,
+    couplings_of,
+    direction,
+    finger_from,
+    per_joint,
+    side_of,
+)
 
 SMALLEST_TIP, LARGEST_TIP = 1e-3, 30e-3
-"""Fingertip radii that are believed [m] [C]: a needle, a plum."""
+"""Plausible radii of a fingertip [m] [C]."""
 
 LARGEST_ANGLE = 1000.0
-"""[rad] [C]; no joint's limit is further out."""
+"""Largest plausible joint limit [rad] [C]."""
 
 LARGEST_U = 0.2
-"""[m] [C]; a larger U is a file in another unit."""
-
-LONGEST = 1200
-"""Characters of a finding; names in a file can be of any length."""
+"""Largest plausible U [m] [C]; a larger one means that the file uses another unit."""
 
 
 @value
 class Finding:
-    """One thing that is wrong.
+    """One fault.
 
     Attributes:
-        code: what kind, one word for programs.
-        text: one sentence for people, with what to do where that is not plain; always one printable line.
+        code: Its kind, one word for programs.
+        text: One sentence for people, with the remedy where it is not obvious; always one printable line.
     """
 
     code: str
     text: str
 
     def __post_init__(self) -> None:
-        # Names come from files: no escape code of theirs may reach a terminal.
-        object.__setattr__(self, "text", shown(self.text, LONGEST))
+        # Names come from files; their escape codes must not reach a terminal.
+        object.__setattr__(self, "text", shown(self.text, LONGEST_MESSAGE))
 
     def __str__(self) -> str:
         return self.text
 
 
 def fingers_of(data: Table) -> list[Table]:
-    """The fingers' tables, those that are tables."""
+    """The fingers' tables; entries that are no tables are skipped."""
     found = data.get("finger", [])
     return [entry for entry in found if isinstance(entry, dict)] if isinstance(found, list) else []
 
 
 def joints_of(entry: Table) -> list[str]:
-    """A finger's joints, as far as they are given."""
+    """Names of a finger's joints; empty where the entry has no list of them."""
     joints = entry.get("joints", [])
     return [str(joint) for joint in joints] if isinstance(joints, list) else []
 
 
 def description_findings(data: Table) -> list[Finding]:
-    """What the TOML alone shows."""
+    """Faults that the description alone shows."""
     found = [*_fields(data), *_numbers(data)]
     for entry in fingers_of(data):
         found += _finger(entry, str(entry.get("name", "?")))
-    found += _twice("finger", [str(entry.get("name", "?")) for entry in fingers_of(data)])
+    found += _duplicates("finger", [str(entry.get("name", "?")) for entry in fingers_of(data)])
     joints = [joint for entry in fingers_of(data) for joint in joints_of(entry)]
-    found += _twice("joint", joints)
+    found += _duplicates("joint", joints)
     if len(fingers_of(data)) < 2:
         found.append(
             Finding(
                 code="fingers",
-                text=f"two fingers at least, the thumb first: there are {len(fingers_of(data))} [[finger]]",
+                text="a hand needs at least two [[finger]] tables, the thumb first; "
+                f"there are {len(fingers_of(data))}",
             )
         )
     drives = data.get("actuators")
@@ -84,10 +88,10 @@ def description_findings(data: Table) -> list[Finding]:
     return found
 
 
-def _attempt(code: str, rule: Any, *arguments: Any) -> list[Finding]:
-    """The rule's own complaint as a finding, without the name of the hand before it."""
+def _attempt(code: str, check: Any, *arguments: Any) -> list[Finding]:
+    """The error of a check as a finding, without the placeholder ``it`` for the hand's name."""
     try:
-        rule(*arguments)
+        check(*arguments)
     except (InputError, TypeError, ValueError, KeyError, AttributeError, OverflowError) as error:
         return [Finding(code=code, text=str(error).removeprefix("hand 'it': "))]
     return []
@@ -163,9 +167,9 @@ def _finger(entry: Table, name: str) -> list[Finding]:
     return _attempt("closing", finger_from, entry)
 
 
-def _twice(noun: str, names: list[str]) -> list[Finding]:
-    doubles = sorted({name for name in names if names.count(name) > 1})
-    return [Finding(code=f"{noun}_twice", text=f"the {noun} {name} is listed twice") for name in doubles]
+def _duplicates(noun: str, names: list[str]) -> list[Finding]:
+    twice = sorted({name for name in names if names.count(name) > 1})
+    return [Finding(code=f"{noun}_twice", text=f"the {noun} {name} is listed twice") for name in twice]
 
 
 def _is_positive(number: Any) -> bool:
@@ -173,12 +177,12 @@ def _is_positive(number: Any) -> bool:
         return False
     try:
         return 0.0 < float(number) < float("inf")
-    except OverflowError:  # a whole number beyond any float
+    except OverflowError:  # an integer beyond the range of a float
         return False
 
 
-def model_findings(data: Table, model: ForeignModel) -> list[Finding]:
-    """What description and model together show."""
+def model_findings(data: Table, model: CompiledModel) -> list[Finding]:
+    """Faults that description and model together show."""
     found: list[Finding] = []
     palm = data.get("palm") if isinstance(data.get("palm"), dict) else {}
     assert isinstance(palm, dict)
@@ -191,25 +195,25 @@ def model_findings(data: Table, model: ForeignModel) -> list[Finding]:
     for noun, wanted, there in (("body", bodies, model.bodies), ("site", sites, model.sites)):
         for whose, name in wanted:
             if name is not None and name not in there:
-                text = f"the model has no {noun} {name!r}, which is named for {whose}; it has {_few(there)}"
+                text = f"the model has no {noun} {name!r}, which the description names for {whose}; "
+                text += f"it has {_listed(there)}"
                 found.append(Finding(code=f"unknown_{noun}", text=text))
-    found += _frames(data, palm)
+    found += _frame_findings(data, palm)
     if "root" not in data and len(model.roots) != 1:
-        text = f"the model has {len(model.roots)} root bodies ({_few(model.roots)}): name one as root"
+        text = f"the model has {len(model.roots)} root bodies ({_listed(model.roots)}): name one as root"
         found.append(Finding(code="roots", text=text))
-    return found + _joints(data, model) + _masses(model)
+    return found + _joint_findings(data, model) + _mass_findings(model)
 
 
-def _frames(data: Table, palm: Table) -> list[Finding]:
-    """Frames that neither a site nor numbers say."""
-    from .compiled import direction
-
+def _frame_findings(data: Table, palm: Table) -> list[Finding]:
+    """Frames that are given neither by a site nor by numbers."""
     found = []
     if "body" in palm and "site" not in palm:
         for key in ("points", "faces"):
             if key not in palm:
                 text = (
-                    f"[palm] needs a site, or points and faces as axes of its body ('+z', '-y'); {key} lacks"
+                    "[palm] needs a site, or points and faces as axes of its body ('+z', '-y'); "
+                    f"{key} is missing"
                 )
                 found.append(Finding(code="frame", text=text))
             else:
@@ -219,39 +223,39 @@ def _frames(data: Table, palm: Table) -> list[Finding]:
             if abs(float(z @ y)) > 1e-6:
                 found.append(Finding(code="frame", text="palm.points and palm.faces must be perpendicular"))
     if "pos" in palm:
-        found += _attempt("frame", _place, palm["pos"], "palm.pos")
+        found += _attempt("frame", _require_position, palm["pos"], "palm.pos")
     for entry in fingers_of(data):
         if "tip_site" not in entry and "tip_pos" not in entry:
             text = f"the {entry.get('name', '?')} needs a tip_site, or tip_pos in its tip_body's frame"
             found.append(Finding(code="frame", text=text))
         if "tip_pos" in entry:
-            found += _attempt("frame", _place, entry["tip_pos"], "tip_pos")
+            found += _attempt("frame", _require_position, entry["tip_pos"], "tip_pos")
         if "tip_points" in entry:
             found += _attempt("frame", direction, entry["tip_points"], "tip_points")
     return found
 
 
-def _place(numbers: Any, label: str) -> None:
-    """Refuse what is not three finite numbers."""
-    if not (isinstance(numbers, list) and len(numbers) == 3 and all(x == 0 or _is_size(x) for x in numbers)):
+def _require_position(numbers: Any, label: str) -> None:
+    """Raise unless the value is a list of three finite numbers."""
+
+    def finite(x: Any) -> bool:
+        return isinstance(x, (int, float)) and (x == 0 or _is_positive(abs(x)))
+
+    if not (isinstance(numbers, list) and len(numbers) == 3 and all(finite(x) for x in numbers)):
         raise HandError(f"{label} must be three numbers in m, got {numbers!r:.60}")
 
 
-def _is_size(number: Any) -> bool:
-    return isinstance(number, (int, float)) and _is_positive(abs(number))
-
-
-def _joints(data: Table, model: ForeignModel) -> list[Finding]:
+def _joint_findings(data: Table, model: CompiledModel) -> list[Finding]:
     found = []
     listed = {joint for entry in fingers_of(data) for joint in joints_of(entry)}
     named = data.get("fixed", [])
     if not isinstance(named, (list, dict)):
-        text = f"fixed must be a list of joints, or a table of their angles, got {named!r:.60}"
+        text = f"fixed must be a list of joints, or a table of joints and angles, got {named!r:.60}"
         return [Finding(code="unknown_joint", text=text)]
     fixed = {str(joint) for joint in named}
     inside = model.joints_under(data.get("root"))
     for joint in sorted((listed | fixed) - set(model.joints)):
-        text = f"the model has no joint {joint!r}; it has {_few(model.joints)}"
+        text = f"the model has no joint {joint!r}; it has {_listed(model.joints)}"
         found.append(Finding(code="unknown_joint", text=text))
     for joint in inside:
         if joint not in listed | fixed:
@@ -259,32 +263,32 @@ def _joints(data: Table, model: ForeignModel) -> list[Finding]:
             found.append(Finding(code="joint_left_out", text=text))
     for joint in (joint for joint in inside if joint in listed):
         if joint not in model.hinges:
-            text = f"the joint {joint!r} is no hinge; fingers have hinges only"
+            text = f"the joint {joint!r} is no hinge; the joints of a finger must be hinges"
             found.append(Finding(code="not_a_hinge", text=text))
             continue
         low, high = model.ranges[joint]
         if not max(abs(low), abs(high)) <= LARGEST_ANGLE:
-            text = f"the limits of {joint!r} are no angles in rad: {low:g} to {high:g}"
+            text = f"the limits of {joint!r} are no plausible angles in rad: {low:g} to {high:g}"
             found.append(Finding(code="limits_missing", text=text))
         elif low > high:
-            text = f"the limits of {joint!r} are the wrong way round: {low:g} to {high:g}"
+            text = f"the limits of {joint!r} are in the wrong order: {low:g} to {high:g}"
             found.append(Finding(code="limits_reversed", text=text))
         elif low == high:
             found.append(Finding(code="limits_missing", text=f"the joint {joint!r} has no limits"))
     return found
 
 
-def _masses(model: ForeignModel) -> list[Finding]:
+def _mass_findings(model: CompiledModel) -> list[Finding]:
     return [
         Finding(
             code="mass_zero",
-            text=f"the moving body {body!r} has a mass of zero: give it a mass, or a shape with a density",
+            text=f"the moving body {body!r} has no mass: give it a mass, or a shape with a density",
         )
         for body in model.massless
     ]
 
 
-def _few(names: Any, count: int = 12) -> str:
+def _listed(names: Any, count: int = 12) -> str:
     names = list(names) or ["none"]
     return ", ".join(shown(name, 60) for name in names[:count]) + (
         f" and {len(names) - count} more" if len(names) > count else ""
@@ -292,10 +296,10 @@ def _few(names: Any, count: int = 12) -> str:
 
 
 def refuse(found: list[Finding], label: str) -> None:
-    """Raise the first finding as an error, if there is one.
+    """Raise the first finding, if there is any.
 
     Raises:
-        HandError: there is one.
+        HandError: There is a finding.
     """
     if found:
         more = f" (and {len(found) - 1} more: preshape hands check {label})" if len(found) > 1 else ""

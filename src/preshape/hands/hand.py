@@ -1,4 +1,4 @@
-"""A hand as a value: fingers, frames, limits and drives. No file and no MuJoCo here."""
+"""A hand as a value: fingers, frames, limits and drives. This module reads no file and imports no MuJoCo."""
 
 from __future__ import annotations
 
@@ -13,21 +13,22 @@ POSTURES = ("open", "rest", "closed")
 
 @value
 class Finger:
-    """One finger of a hand; the joints in order from the palm outwards.
+    """One finger of a hand; its n joints are in order from the palm outwards.
 
     Attributes:
         name: ``thumb``, ``index`` …
-        joints: joint names of the MJCF, palm outwards.
-        tip_body: body of the last phalanx.
-        tip_site: site at the centre of the spherical fingertip; its z points on along the last phalanx.
-        tip_radius: radius of the fingertip [m].
-        open: (n,) joint angles [rad], as far from the opposite finger as it goes.
+        joints: Joint names of the MJCF.
+        tip_body: Body of the last phalanx.
+        tip_site: Site at the centre of the spherical fingertip; its +z points along the last phalanx,
+            outwards.
+        tip_radius: Radius of the fingertip [m].
+        open: (n,) joint angles [rad], as far from the opposite finger as possible.
         rest: (n,) joint angles [rad] in the middle of the working space.
-        closed: (n,) joint angles [rad] into the palm.
+        closed: (n,) joint angles [rad], bent into the palm.
         closing: (k, n) joint angles [rad] at k ≥ 2 evenly spaced points of the closing path, from open (0) to
-            closed (1); straight in between.
-        preshape: (n, 2) range [rad] in which a preshape may set a joint beforehand; the two are the same,
-            the closing path's first value, for a joint that only the path moves.
+            closed (1); linear in between.
+        preshape: (n, 2) range [rad] in which a preshape may set a joint before the finger closes. For a joint
+            that only the closing path moves, both bounds are the path's first angle.
     """
 
     name: str
@@ -50,20 +51,20 @@ class Finger:
         freeze(self, closing=frozen_array(self.closing, (None, count), label))
         freeze(self, preshape=frozen_array(self.preshape, (count, 2), f"finger {self.name}: preshape"))
         if len(self.closing) < 2:
-            raise HandError(f"{label} must have two points at least, open and closed")
+            raise HandError(f"{label} must have at least two points, open and closed")
 
     def at(self, c: ArrayLike, preshape: ArrayLike | None = None) -> Array:
-        """(..., n) joint angles [rad] at ``c`` (...) of the closing path, 0 open to 1 closed (clipped).
+        """(..., n) joint angles [rad] at ``c`` (...) of the closing path.
 
         Args:
-            c: how far closed.
-            preshape: (n,) joint angles [rad] that replace the path's first ones; the path is moved by the
-                difference. Default: the path as it is.
+            c: Place on the path, 0 open to 1 closed; clipped to this range.
+            preshape: (n,) joint angles [rad] at which the path begins; the whole path is shifted by their
+                difference from its first point. Default: the path as it is.
         """
         share = np.clip(np.asarray(c, dtype=np.float64), 0.0, 1.0) * (len(self.closing) - 1)
         low = np.minimum(share.astype(np.int64), len(self.closing) - 2)
         part = (share - low)[..., None]
-        # Weighed, not start + part * difference: exact at both ends.
+        # A weighted sum is exact at both ends; start + part * difference is not.
         q = (1 - part) * self.closing[low] + part * self.closing[low + 1]
         if preshape is not None:
             q = q + (np.asarray(preshape, dtype=np.float64) - self.closing[0])
@@ -74,40 +75,43 @@ class Finger:
 class Hand:
     """A hand: palm frame, fingers, sizes and limits. The thumb is the first finger.
 
-    The palm frame has +z the way the fingers point, the thumb on the -y side (the palm faces -y) and +x
-    towards the index finger of a right hand; of a left hand, away from it.
+    In the palm frame the fingers point along +z, the palm faces -y and the thumb is on the -y side; +x points
+    to the index side of a right hand, and away from it for a left hand.
 
     Attributes:
-        name: short name, unique; a left hand's ends in ``:left``.
-        title: name for people.
-        description: one sentence.
-        licence: of the model.
-        source: where the model and its sizes come from.
+        name: Short name, unique; that of a left hand ends in ``:left``.
+        title: Name for people.
+        description: One sentence.
+        licence: Licence of the model.
+        credit: Where the model and its sizes come from (``source`` in the TOML).
         side: ``right`` or ``left``.
-        u: length of the middle finger's proximal phalanx [m]; the unit of length in wrenches.
-        finger_pitch: distance between neighbouring fingers' abduction axes [m].
-        fingertip_width: least distance of two neighbouring fingertips' centres [m].
-        palm_body: body of the palm in the MJCF; no joint stands between it and the root.
-        palm_site: site of the palm frame.
-        T_root_palm: (4, 4) the palm frame in the frame of the MJCF's root body (the hand's mount).
-        fingers: the thumb, then the others from the index side.
-        joints: names of all joints in the order of the MJCF; the order of every posture ``q``.
-        limits: (n, 2) lower and upper joint limit [rad], in the order of ``joints``.
-        actuator_gain: of the position servos [N m/rad].
-        actuator_damping: [N m s/rad].
-        torque_limit: [N m], where ``torque_limits`` says nothing else.
+        u: Length of the middle finger's proximal phalanx, U [m]; the unit of length in wrenches.
+        finger_pitch: Distance between the abduction axes of neighbouring fingers [m].
+        fingertip_width: Least distance between the centres of two neighbouring fingertips [m].
+        palm_body: Body of the palm in the MJCF; no joint moves it against the root body.
+        palm_site: Site of the palm frame.
+        T_root_palm: (4, 4) the palm frame in the frame of the MJCF's root body, the hand's mount.
+        fingers: The thumb, then the other fingers from the index side.
+        joints: Names of all joints in the order of the MJCF, which is the order of every posture ``q``.
+        limits: (n, 2) lower and upper joint limit [rad].
+        actuator_gain: Gain of the position servos [N m/rad].
+        actuator_damping: Damping of the position servos [N m s/rad].
+        torque_limit: Torque limit [N m] of joints without an entry of their own.
         gains: (n,) servo gain of every joint [N m/rad].
         torque_limits: (n,) torque limit of every joint [N m].
-        couplings: pairs of joints that one actuator drives; it sets the sum of their angles.
-        actuators: joints of each actuator, in the MJCF's order: one, or the two of a coupling.
-        mjcf: text of the MJCF: primitives only, nothing beside it is needed.
+        couplings: Pairs of joints that one actuator drives; it controls the sum of their angles.
+        actuators: Joints of each actuator in the MJCF's order: one, or the two of a coupling.
+        mjcf: Text of the MJCF. It has primitive shapes only and needs no other file.
+        source: What :func:`~preshape.hands.load.load_hand` takes to load this hand again: a name, or the
+            absolute path of its TOML file, with ``:left`` or ``:right`` for a mirror image. Empty for a hand
+            made from text.
     """
 
     name: str
     title: str
     description: str
     licence: str
-    source: str
+    credit: str
     side: str
     u: float
     finger_pitch: float
@@ -126,6 +130,7 @@ class Hand:
     couplings: tuple[tuple[str, str], ...]
     actuators: tuple[tuple[str, ...], ...]
     mjcf: str
+    source: str = ""
 
     def __post_init__(self) -> None:
         count = len(self.joints)
@@ -141,7 +146,7 @@ class Hand:
         """The finger of that name.
 
         Raises:
-            HandError: the hand has none; lists those it has.
+            HandError: The hand has no such finger; the message lists those it has.
         """
         for finger in self.fingers:
             if finger.name == name:
@@ -150,24 +155,24 @@ class Hand:
         raise HandError(f"{self.name} has no finger {name!r}; it has {known}")
 
     def columns(self, name: str) -> slice:
-        """Where a finger's joints stand in ``joints`` and in every posture ``q``."""
+        """Columns of a finger's joints in ``joints`` and in every posture ``q``."""
         finger = self.finger(name)
         start = self.joints.index(finger.joints[0])
         return slice(start, start + len(finger.joints))
 
     def posture(self, kind: str) -> Array:
-        """(n,) joint angles [rad] of the whole hand: ``open``, ``rest`` or ``closed``."""
+        """(n,) joint angles [rad] of the whole hand in the posture ``open``, ``rest`` or ``closed``."""
         if kind not in POSTURES:
-            raise HandError(f"no posture {kind!r}; known: open, rest, closed")
+            raise HandError(f"no posture {kind!r}; known: {', '.join(POSTURES)}")
         return self._whole({finger.name: getattr(finger, kind) for finger in self.fingers})
 
     def at(self, c: float | ArrayLike) -> Array:
-        """(n,) joint angles [rad] at ``c`` of the closing path; one number, or (fingers,) one for each."""
+        """(n,) joint angles [rad] at ``c`` of the closing path, one number or (fingers,) numbers."""
         shares = np.broadcast_to(np.asarray(c, dtype=np.float64), (len(self.fingers),))
         return self._whole({f.name: f.at(share) for f, share in zip(self.fingers, shares, strict=True)})
 
     def controls(self, q: ArrayLike) -> Array:
-        """(..., actuators) what the MJCF's actuators are told so that joints go to ``q`` (..., n)."""
+        """(..., actuators) controls of the MJCF's actuators that drive the joints to ``q`` (..., n) [rad]."""
         angles = frozen_array(np.atleast_2d(q), (None, len(self.joints)), "joint angles")
         at = {joint: k for k, joint in enumerate(self.joints)}
         drives = np.stack([sum(angles[:, at[j]] for j in group) for group in self.actuators], axis=-1)

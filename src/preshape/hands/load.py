@@ -1,7 +1,7 @@
-"""Hands by name or file: what the planner needs to know of each, beside its MJCF.
+"""Hands by name or file: :func:`load_hand` is the one way to get a hand.
 
-A hand of the package is two files in ``preshape/hands/data``: ``NAME.toml`` (fingers, U, pitch, postures) and
-the MJCF it names. Reading them imports neither MuJoCo nor any other heavy library:
+A built-in hand is two files in ``preshape/hands/data``: ``NAME.toml`` (fingers, U, pitch, postures) and the
+MJCF that it names. Reading them imports neither MuJoCo nor any other heavy library:
 
 >>> hand = load_hand("utah_mit")
 >>> hand.u, len(hand.joints), [finger.name for finger in hand.fingers]
@@ -9,102 +9,96 @@ the MJCF it names. Reading them imports neither MuJoCo nor any other heavy libra
 >>> load_hand("shadow:left").side
 'left'
 
-Any other hand is a TOML of its own that names an MJCF or a URDF (:mod:`preshape.hands.compiled`).
+Any other hand is a TOML file that names an MJCF or a URDF, which is rebuilt from simple shapes
+(:mod:`preshape.hands.rewrite`). ``menagerie:NAME`` is a hand of MuJoCo Menagerie.
 """
 
 from __future__ import annotations
 
 import tomllib
+from collections.abc import Mapping
+from dataclasses import replace
 from functools import cache
 from importlib import resources
 from pathlib import Path
 from typing import Any
-from xml.etree import ElementTree
 
-from ..exceptions import EnvironmentFailure, HandError, InputError, UnknownHand
+from ..exceptions import EnvironmentFailure, HandError, UnknownHand
 from ..objects.read_text import shown
-from .description import build_hand
-from .hand import Finger, Hand
+from . import menagerie
+from .compiled import read_model
+from .description import LONGEST_MESSAGE, Table, hand_from
+from .hand import Hand
 from .mirror import mirrored
-
-__all__ = ["Finger", "Hand", "hand_names", "load_hand", "parse_hand", "read_description"]
+from .rewrite import rebuilt
 
 SIDES = ("right", "left")
-MENAGERIE = "menagerie:"
-_LONGEST = 1200  # characters of a message; names in a file can be of any length
 
 
 def hand_names() -> tuple[str, ...]:
-    """Names of the hands that come with the package, sorted."""
+    """Names of the built-in hands, sorted."""
     folder = resources.files("preshape.hands") / "data"
     return tuple(sorted(file.name[:-5] for file in folder.iterdir() if file.name.endswith(".toml")))
 
 
 def load_hand(name: str | Path, *, side: str | None = None) -> Hand:
-    """The hand of a name or a file; of a name the same value at every call.
+    """The hand of a name or a file. Its ``source`` loads the same hand again.
+
+    A name gives the same value at every call; a file is read at every call.
 
     Args:
-        name: a built-in hand (:func:`hand_names`); a path that ends in ``.toml``; or ``menagerie:NAME``, by
-            the package ``mujoco-menagerie``. ``:left`` or ``:right`` at the end asks for a side.
-        side: the side wanted, ``right`` or ``left``; default the hand's own. The other is its mirror image.
+        name: A built-in hand (:func:`hand_names`), the path of a description that ends in ``.toml``, or
+            ``menagerie:NAME``. ``:left`` or ``:right`` at the end selects a side.
+        side: ``right`` or ``left``; default the hand's own side. The other side is the mirror image.
 
     Raises:
-        UnknownHand: no hand of that name.
-        HandError: its files contradict each other, or ask for what there is not.
-        EnvironmentFailure: its files cannot be read, or a model cannot be fetched.
+        UnknownHand: There is no hand of that name.
+        HandError: A file is missing or has a fault, or the side is none.
+        EnvironmentFailure: A file cannot be read, or a model cannot be fetched.
     """
-    text, asked = _split_side(str(name), side)
-    if text.startswith(MENAGERIE):
-        return _sided(_menagerie(text), asked, _rename(text))
+    text, wanted = _split_side(str(name), side)
     if text.lower().endswith(".toml"):
-        from .compiled import load_foreign
-
-        path = Path(text)
-        return _sided(load_foreign(path), asked, _rename_in(read_description(path)))
-    if text not in hand_names():
+        return _from_file(Path(text), wanted)
+    if text not in hand_names() and not text.startswith(menagerie.PREFIX):
         if Path(text).suffix.lower() in (".urdf", ".xml", ".mjcf"):
             raise HandError(
                 f"{text} is a model; a hand is a TOML file that names its model, fingers and palm: "
                 "see docs/your-own-hand.md"
             )
         raise UnknownHand(text, hand_names())
-    return _built_in(text, asked)
+    return _by_name(text, wanted)
+
+
+def recorded_hand(record: Mapping[str, Any]) -> Hand:
+    """The hand that the ``hand`` object of a plan.json names, by its ``source`` or, in older files, its
+    ``name``.
+
+    Raises:
+        KeyError: It has neither.
+        InputError: As :func:`load_hand`.
+    """
+    return load_hand(str(record.get("source") or record["name"]))
 
 
 def parse_hand(description: str, mjcf: str) -> Hand:
-    """A hand from the text of its TOML description and of its MJCF.
+    """A hand from the texts of its TOML description and of its MJCF; its ``source`` is empty.
 
     Raises:
-        HandError: a field is missing or of the wrong kind, or description and MJCF contradict each other.
+        HandError: A field is missing or of the wrong kind, or description and MJCF contradict each other.
     """
     try:
         data = tomllib.loads(description)
     except (ValueError, RecursionError) as error:  # ValueError: also a number of thousands of digits
-        raise HandError(f"the hand's description cannot be read: {shown(error, _LONGEST)}") from error
+        raise HandError(f"the hand's description cannot be read: {shown(error, LONGEST_MESSAGE)}") from error
     return hand_from(data, mjcf)
 
 
-def hand_from(data: dict[str, Any], mjcf: str, *, name: str | None = None) -> Hand:
-    """As :func:`parse_hand`, from a description that was read; ``name`` replaces the description's."""
-    called = name or data.get("name", "?")
-    try:
-        return build_hand(data, ElementTree.fromstring(mjcf), mjcf, name=name)
-    except ElementTree.ParseError as error:
-        raise HandError(f"the hand's MJCF cannot be read: {error}") from error
-    except KeyError as error:
-        raise HandError(shown(f"hand {called!r}: the description lacks {error}", _LONGEST)) from error
-    except (TypeError, ValueError, AttributeError, OverflowError) as error:
-        raise HandError(shown(f"hand {called!r}: {error}", _LONGEST)) from error
-    except InputError as error:
-        raise HandError(shown(error, _LONGEST)) from error
-
-
-def read_description(path: Path) -> dict[str, Any]:
+def read_description(path: Path) -> Table:
     """The TOML file of a hand.
 
     Raises:
-        HandError: there is no such file, or it is not TOML.
-        EnvironmentFailure: it cannot be read.
+        HandError: There is no such file, or it is not TOML.
+        EnvironmentFailure: It cannot be read.
     """
     try:
         return tomllib.loads(path.read_bytes().decode("utf-8"))
@@ -115,15 +109,34 @@ def read_description(path: Path) -> dict[str, Any]:
     except OSError as error:
         raise EnvironmentFailure(f"{path} cannot be read: {error.strerror or error}") from error
     except (ValueError, RecursionError) as error:  # ValueError: also a number of thousands of digits
-        raise HandError(f"{path} is not valid TOML: {shown(error, _LONGEST)}") from error
+        raise HandError(f"{path} is not valid TOML: {shown(error, LONGEST_MESSAGE)}") from error
 
 
-def built_in_text(name: str) -> tuple[dict[str, Any], str]:
-    """Description and MJCF of a hand of the package.
+def model_file(data: Table, path: Path) -> Path:
+    """The model that a description names, beside the description's own file.
 
     Raises:
-        UnknownHand: no hand of that name.
-        EnvironmentFailure: its files cannot be read.
+        HandError: The description names none, or there is no such file.
+    """
+    named = data.get("model", data.get("mjcf"))
+    if not isinstance(named, str):
+        raise HandError(f"{path}: the description lacks 'model', the MJCF or URDF of the hand")
+    file = path.parent / named
+    try:
+        found = file.is_file()
+    except OSError:  # the text cannot be a file name
+        found = False
+    if not found:
+        raise HandError(f"{path}: there is no model {shown(file, 400)}")
+    return file
+
+
+def built_in_text(name: str) -> tuple[Table, str]:
+    """Description and MJCF of a built-in hand.
+
+    Raises:
+        UnknownHand: There is no built-in hand of that name.
+        EnvironmentFailure: Its files cannot be read.
     """
     if name not in hand_names():
         raise UnknownHand(name, hand_names())
@@ -137,20 +150,42 @@ def built_in_text(name: str) -> tuple[dict[str, Any], str]:
         raise HandError(f"hand {name!r}: the description is not valid TOML: {error}") from error
 
 
+def _from_file(path: Path, side: str | None) -> Hand:
+    data = read_description(path)
+    if data.get("name") in hand_names():
+        raise HandError(f"{path}: a built-in hand is called {data['name']}; choose another name")
+    hand = rebuilt(data, read_model(model_file(data, path)), str(path))
+    return _on_side(replace(hand, source=str(path.absolute())), side, data)
+
+
 @cache
-def _built_in(name: str, side: str | None) -> Hand:
-    data, mjcf = built_in_text(name)
-    hand = hand_from(data, mjcf)
+def _by_name(name: str, side: str | None) -> Hand:
+    if side is not None:
+        hand = _by_name(name, None)
+        return hand if side == hand.side else _on_side(hand, side, _description(name)[0])
+    data, mjcf = _description(name)
+    if name.startswith(menagerie.PREFIX):
+        model = read_model(menagerie.fetch(name.removeprefix(menagerie.PREFIX)))
+        return replace(rebuilt(data, model, name), source=name)
+    return replace(hand_from(data, mjcf), source=name)
+
+
+def _description(name: str) -> tuple[Table, str]:
+    """Description of a hand that has a name, and the MJCF of the built-in hand."""
+    if not name.startswith(menagerie.PREFIX):
+        return built_in_text(name)
+    model = name.removeprefix(menagerie.PREFIX)
+    data, mjcf = built_in_text(menagerie.built_in_of(model))
+    return menagerie.adapted(data, model), mjcf
+
+
+def _on_side(hand: Hand, side: str | None, data: Table) -> Hand:
+    """The hand or its mirror image, whose joints are renamed as ``left_names`` of the description says."""
     if side in (None, hand.side):
-        return hand if side is None else _built_in(name, None)
-    return mirrored(hand, rename=_rename_in(data))
-
-
-@cache
-def _menagerie(name: str) -> Hand:
-    from .menagerie import load_menagerie
-
-    return load_menagerie(name.removeprefix(MENAGERIE))
+        return hand
+    pair = data.get("left_names")
+    rename = (str(pair[0]), str(pair[1])) if isinstance(pair, list) and len(pair) == 2 else None
+    return mirrored(hand, rename=rename)
 
 
 def _split_side(name: str, side: str | None) -> tuple[str, str | None]:
@@ -163,18 +198,3 @@ def _split_side(name: str, side: str | None) -> tuple[str, str | None]:
     if side not in (None, *SIDES):
         raise HandError(f"side must be right or left, got {side!r}")
     return name, side
-
-
-def _sided(hand: Hand, side: str | None, rename: tuple[str, str] | None) -> Hand:
-    return hand if side in (None, hand.side) else mirrored(hand, rename=rename)
-
-
-def _rename(name: str) -> tuple[str, str] | None:
-    from .menagerie import description_of
-
-    return _rename_in(description_of(name.removeprefix(MENAGERIE)))
-
-
-def _rename_in(data: dict[str, Any]) -> tuple[str, str] | None:
-    pair = data.get("left_names")
-    return (str(pair[0]), str(pair[1])) if isinstance(pair, list) and len(pair) == 2 else None

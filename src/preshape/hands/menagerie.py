@@ -1,7 +1,8 @@
-"""Hands of MuJoCo Menagerie, through the package ``mujoco-menagerie`` where it is installed.
+"""Hands of MuJoCo Menagerie, for which the package ``mujoco-menagerie`` must be installed.
 
-The package is an index that downloads a model when it is used, and keeps it. Menagerie says nothing about
-fingers and closing paths: those come from the descriptions of the package's own hands of the same kind.
+That package is an index: it downloads a model when it is first used and caches it. A Menagerie model has
+    neither
+fingers nor closing paths; they come from the description of the built-in hand of the same kind.
 """
 
 from __future__ import annotations
@@ -10,12 +11,12 @@ from pathlib import Path
 from typing import Any
 
 from ..exceptions import EnvironmentFailure, UnknownHand
-from .compiled import read_model, rebuilt
 from .description import Table
-from .hand import Hand
-from .load import MENAGERIE, built_in_text
 
-_HANDS: dict[str, tuple[str, Table]] = {
+PREFIX = "menagerie:"
+"""Begins the name of a Menagerie hand."""
+
+_MODELS: dict[str, tuple[str, Table]] = {
     "shadow_hand": (
         "shadow",
         {
@@ -31,55 +32,48 @@ _HANDS: dict[str, tuple[str, Table]] = {
     ),
     "leap_hand": ("leap", {"licence": "MIT", "palm": {"body": "palm", "points": "+x", "faces": "-z"}}),
 }
-"""For each model: the description that fits it, and what stands in its place."""
+"""For each model the built-in hand whose description fits, and the entries that are replaced."""
 
 
-def description_of(name: str) -> Table:
-    """The description for a Menagerie hand, its frames as numbers.
+def built_in_of(model: str) -> str:
+    """Name of the built-in hand whose description fits a Menagerie model.
 
     Raises:
-        UnknownHand: there is none for a model of that name.
+        UnknownHand: No built-in hand fits.
     """
-    if name not in _HANDS:
-        raise UnknownHand(MENAGERIE + name, [MENAGERIE + known for known in _HANDS])
-    own, changes = _HANDS[name]
-    data, _ = built_in_text(own)
-    fingers = []
-    for entry in data["finger"]:
-        places = {"tip_pos": entry["tip_pos"], "tip_points": entry["tip_points"]}
-        fingers.append({key: x for key, x in entry.items() if key != "tip_site"} | places)
-    own_words = {
-        "name": MENAGERIE + name,
-        "title": f"{data['title']}, as in MuJoCo Menagerie",
-        "source": f"MuJoCo Menagerie, {name}; its shapes as capsules, boxes and spheres",
+    if model not in _MODELS:
+        raise UnknownHand(PREFIX + model, [PREFIX + known for known in _MODELS])
+    return _MODELS[model][0]
+
+
+def adapted(description: Table, model: str) -> Table:
+    """The description of a built-in hand, adapted to a Menagerie model; frames are given by numbers."""
+    fingers = [
+        {key: x for key, x in entry.items() if key != "tip_site"}
+        | {"tip_pos": entry["tip_pos"], "tip_points": entry["tip_points"]}
+        for entry in description["finger"]
+    ]
+    texts = {
+        "name": PREFIX + model,
+        "title": f"{description['title']}, as in MuJoCo Menagerie",
+        "source": f"MuJoCo Menagerie, {model}; its shapes as capsules, boxes and spheres",
     }
-    return {**data, **own_words, "finger": fingers, **changes}
+    return {**description, **texts, "finger": fingers, **_MODELS[model][1]}
 
 
-def load_menagerie(name: str) -> Hand:
-    """The hand, its model fetched by ``mujoco-menagerie``.
+def fetch(model: str) -> Path:
+    """The file of a model on this machine; downloaded at its first use.
 
     Raises:
-        UnknownHand: no such hand, or none that a description is known for.
-        EnvironmentFailure: the package is not installed, or the model cannot be fetched.
+        EnvironmentFailure: The package is not installed, or the model cannot be downloaded.
     """
-    data = description_of(name)
-    return rebuilt(data, read_model(_fetch(name)), MENAGERIE + name)
-
-
-def _fetch(name: str) -> Path:
-    """The model's file on this machine."""
     package = _package()
     try:
-        return Path(package.get(name).xml("right_hand"))
-    except package.MenagerieError as error:
+        return Path(package.get(model).xml("right_hand"))
+    except (package.MenagerieError, OSError) as error:
         raise EnvironmentFailure(
-            f"the model {name} could not be fetched ({error}): a network is needed the first time, or set "
+            f"the model {model} could not be fetched ({error}): the first use needs a network; or set "
             "MENAGERIE_ROOT to a folder that holds the models"
-        ) from error
-    except OSError as error:
-        raise EnvironmentFailure(
-            f"the model {name} could not be fetched ({error}); a network is needed the first time"
         ) from error
 
 

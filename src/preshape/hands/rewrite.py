@@ -1,4 +1,9 @@
-"""Writing a compiled model as an MJCF of our own form: primitives, explicit frames, nothing beside it."""
+"""A compiled model rewritten as a self-contained MJCF of one form, and the hand that it gives.
+
+The MJCF has one root body and fingers as chains of hinges. Static bodies are merged into the body that
+carries them; every colliding shape becomes a capsule, a sphere or a box; the palm and every fingertip get a
+site. All code that reads a hand then meets one form, and the text needs no other file.
+"""
 
 from __future__ import annotations
 
@@ -7,16 +12,19 @@ from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
-from ..spatial import pose, quaternion_from_rotation, rotation_from_quaternion
+from ..exceptions import HandError
+from ..spatial import inverse, pose, quaternion_from_rotation, rotation_from_quaternion
 from ..types import Array, value
-from .compiled import ForeignModel, direction, rewritten_bodies
-from .description import Table, per_joint
+from .compiled import CompiledModel, quiet_mujoco, reason
+from .description import Table, direction, hand_from, per_joint
+from .findings import description_findings, model_findings, refuse
+from .hand import Hand
 
 _DAMPING, _ARMATURE = 0.05, 2e-4
-"""Of joints for which the model says nothing [N m s/rad], [kg m²] [C]."""
+"""Damping [N m s/rad] and armature [kg m²] of a joint for which the model gives none [C]."""
 
 _SAMPLES, _ALWAYS = 200, 0.9
-"""Postures tried, and the share of them in which links must collide to count as built into each other [C]."""
+"""Random postures, and the share of them in which two links collide if they overlap by design [C]."""
 
 
 @value
@@ -26,23 +34,68 @@ class _Primitive:
     T: Array  # in the frame of the body that is written
 
 
-def rewritten(data: Table, source: ForeignModel) -> str:
-    """The model's hand as MJCF text; description and model have passed the findings."""
-    writer = _Writer(data, source)
-    text = writer.document(())
-    return writer.document(_built_in(text, data, source))
+def rebuilt(data: Table, model: CompiledModel, label: str) -> Hand:
+    """The hand of a description and a compiled model.
+
+    Args:
+        data: The description, as read from TOML.
+        model: The model that it names.
+        label: File or name, which begins every message.
+
+    Raises:
+        HandError: Description or model has a fault; the first one is reported.
+    """
+    refuse([*description_findings(data), *model_findings(data, model)], label)
+    try:
+        with quiet_mujoco():
+            mjcf = _mjcf(data, model)
+    except (ValueError, TypeError, OverflowError, FloatingPointError) as error:
+        raise HandError(
+            f"{label}: the model cannot be rebuilt from simple shapes: {reason(error)}"
+        ) from error
+    bodies = _written_bodies(data, model)
+    fingers = [
+        {**entry, "tip_site": f"{entry['name']}_tip", "tip_body": bodies[str(entry["tip_body"])]}
+        for entry in data["finger"]
+    ]
+    palm = {"body": bodies[str(data["palm"]["body"])], "site": "palm_frame"}
+    return hand_from({**data, "finger": fingers, "palm": palm}, mjcf)
+
+
+def _mjcf(data: Table, model: CompiledModel) -> str:
+    """The hand as MJCF text; description and model have no findings.
+
+    The text is written twice: the first version shows which pairs of bodies overlap by design, and the second
+    one excludes these pairs from collision.
+    """
+    writer = _Writer(data, model)
+    return writer.document(_overlapping_pairs(writer.document(()), model, writer.bodies))
+
+
+def _written_bodies(data: Table, model: CompiledModel) -> dict[str, str]:
+    """For every body of the hand, the body that it is written as: itself, or the one that carries it."""
+    listed = {str(joint) for entry in data["finger"] for joint in entry["joints"]}
+    m = model.model
+    root = m.body(data.get("root") or model.roots[0]).id
+    written = {int(m.joint(joint).bodyid[0]) for joint in listed} | {root}
+    names = {}
+    for body in range(1, m.nbody):
+        chain = model.chain(body)
+        if root in chain:
+            names[m.body(body).name] = m.body(next(b for b in chain if b in written)).name
+    return names
 
 
 class _Writer:
-    """One model on its way into text."""
+    """Writes one model as MJCF text."""
 
-    def __init__(self, data: Table, source: ForeignModel) -> None:
+    def __init__(self, data: Table, source: CompiledModel) -> None:
         import mujoco
 
         self.data, self.source, self.m = data, source, source.model
         listed = [str(joint) for entry in data["finger"] for joint in entry["joints"]]
         self.joints = sorted(listed, key=lambda joint: int(self.m.joint(joint).id))
-        self.bodies = rewritten_bodies(data, source)
+        self.bodies = _written_bodies(data, source)
         self.state = mujoco.MjData(self.m)
         self.state.qpos[:] = 0.0
         for joint in range(self.m.njnt):
@@ -57,8 +110,8 @@ class _Writer:
             self.m.body(b).name: pose(self.state.xmat[b].reshape(3, 3), self.state.xpos[b])
             for b in range(1, self.m.nbody)
         }
-        self.kept = [name for name in self.frames if self.bodies.get(name) == name]
-        self.root = self.kept[0]
+        self.written = [name for name in self.frames if self.bodies.get(name) == name]
+        self.root = self.written[0]
         self.finger_of = {
             self.m.body(int(self.m.joint(joint).bodyid[0])).name: str(entry["name"])
             for entry in data["finger"]
@@ -66,7 +119,7 @@ class _Writer:
         }
 
     def document(self, excluded: tuple[tuple[str, str], ...]) -> str:
-        """The whole MJCF; these pairs of bodies do not collide."""
+        """The MJCF, with pairs of bodies that are excluded from collision."""
         lines = [
             f"<mujoco model={quoteattr(str(self.data['name']))}>",
             '  <compiler angle="radian" autolimits="true" balanceinertia="true"/>',
@@ -90,15 +143,15 @@ class _Writer:
         pad = "  " * depth
         lines = [f"{pad}<body name={quoteattr(name)} {_frame(T_parent_body)}>"]
         lines += [f"{pad}  {text}" for text in self._inside(name)]
-        for child in self.kept:
+        for child in self.written:
             if child != name and self._parent(child) == name:
-                lines += self._body(child, _inverse(self.frames[name]) @ self.frames[child], depth + 1)
+                lines += self._body(child, inverse(self.frames[name]) @ self.frames[child], depth + 1)
         return [*lines, f"{pad}</body>"]
 
     def _inside(self, name: str) -> list[str]:
-        """Inertia, joints, shapes and sites of one body that is written."""
+        """Inertia, joints, shapes and sites of one written body."""
         members = [self.m.body(body).id for body, owner in self.bodies.items() if owner == name]
-        T_body_world = _inverse(self.frames[name])
+        T_body_world = inverse(self.frames[name])
         lines = [self._inertia(members, T_body_world)]
         body = self.m.body(name).id
         if name != self.root:
@@ -237,7 +290,7 @@ class _Writer:
 
 
 def _primitive(m: Any, g: int, T: Array) -> _Primitive | None:
-    """The capsule, sphere or box that stands for a shape; ``None`` for what a hand cannot have."""
+    """The capsule, sphere or box that replaces a shape; ``None`` for a plane or a height field."""
     import mujoco
 
     kinds, size = mujoco.mjtGeom, m.geom_size[g]
@@ -249,20 +302,20 @@ def _primitive(m: Any, g: int, T: Array) -> _Primitive | None:
     if kind == kinds.mjGEOM_BOX:
         return _Primitive(kind="box", size=tuple(float(x) for x in size), T=T)
     if kind == kinds.mjGEOM_CYLINDER:
-        return _rounded(np.array([size[0], size[0], size[1]]), T)
+        return _capsule_or_box(np.array([size[0], size[0], size[1]]), T)
     if kind == kinds.mjGEOM_ELLIPSOID:
-        return _rounded(0.9 * size, T)
+        return _capsule_or_box(0.9 * size, T)
     if kind == kinds.mjGEOM_MESH:
         mesh = int(m.geom_dataid[g])
         start, count = int(m.mesh_vertadr[mesh]), int(m.mesh_vertnum[mesh])
         points = m.mesh_vert[start : start + count].astype(np.float64)
         low, high = points.min(axis=0), points.max(axis=0)
-        return _rounded((high - low) / 2, T @ pose(np.eye(3), (low + high) / 2))
+        return _capsule_or_box((high - low) / 2, T @ pose(np.eye(3), (low + high) / 2))
     return None
 
 
-def _rounded(half: Array, T: Array) -> _Primitive:
-    """A capsule for what is long and about round, a box for the rest [C]; ``half`` (3,) sizes [m]."""
+def _capsule_or_box(half: Array, T: Array) -> _Primitive:
+    """A capsule for a long and about round shape, a box for any other [C]; ``half`` (3,) half sizes [m]."""
     half = np.maximum(half, 5e-4)
     long = int(half.argmax())
     others = np.delete(half, long)
@@ -276,8 +329,14 @@ def _rounded(half: Array, T: Array) -> _Primitive:
     return _Primitive(kind="box", size=tuple(float(x) for x in half), T=T)
 
 
-def _built_in(text: str, data: Table, source: ForeignModel) -> tuple[tuple[str, str], ...]:
-    """Pairs of bodies that shall not collide: neighbours in a chain, and those that nearly always do."""
+def _overlapping_pairs(
+    text: str, source: CompiledModel, bodies: dict[str, str]
+) -> tuple[tuple[str, str], ...]:
+    """Pairs of bodies that are excluded from collision.
+
+    These are neighbours in a chain, bodies that collide in nearly all random postures, and the pairs that the
+    model itself excludes.
+    """
     import mujoco
 
     m = mujoco.MjModel.from_xml_string(text)
@@ -298,7 +357,6 @@ def _built_in(text: str, data: Table, source: ForeignModel) -> tuple[tuple[str, 
             count[hit] = count.get(hit, 0) + 1
     pairs |= {pair for pair, times in count.items() if times >= _ALWAYS * _SAMPLES}
     own = {tuple(sorted((int(s) >> 16, int(s) & 0xFFFF))) for s in np.ravel(source.model.exclude_signature)}
-    bodies = rewritten_bodies(data, source)
     back = {label: b for b, label in name.items()}
     for a, b in own:
         one, other = (bodies.get(source.model.body(x).name) for x in (a, b))
@@ -321,7 +379,3 @@ def _frame(T: Array) -> str:
 
 def _text(numbers: Any) -> str:
     return " ".join(f"{float(x) + 0.0:.9g}" for x in numbers)
-
-
-def _inverse(T: Array) -> Array:
-    return pose(T[:3, :3].T, -T[:3, :3].T @ T[:3, 3])

@@ -10,7 +10,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from ..exceptions import EnvironmentFailure, HandError
-from ..hands.load import Hand
+from ..hands.hand import Hand
 from ..types import Array, freeze, frozen_array, value
 
 
