@@ -8,8 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from preshape.closure.hand_cache import digest, kept
-from preshape.closure.hand_tables import COARSE, _tables
+from preshape.closure.hand_tables import COARSE, _tables, cached, digest
 from preshape.hands import load_hand
 from preshape.kernels.tables import HandTables
 
@@ -30,13 +29,13 @@ def test_a_value_of_an_empty_cache_is_made_once_and_read_back_bit_for_bit(
         made.append(_tables(hand, COARSE))
         return made[-1]
 
-    first, second = (kept(HandTables, hand, "tables", make) for _ in range(2))
+    first, second = (cached(HandTables, hand, "tables", make) for _ in range(2))
     assert len(made) == 1
     for field in fields(HandTables):
         assert _same(getattr(first, field.name), getattr(second, field.name)), field.name
     (file,) = (tmp_path / "hands").glob("*.npz")
     file.write_bytes(file.read_bytes()[:100])
-    kept(HandTables, hand, "tables", make)
+    cached(HandTables, hand, "tables", make)
     assert len(made) == 2, "a file cut short is made anew"
 
 
@@ -47,7 +46,7 @@ def test_a_folder_that_cannot_be_written_is_done_without(
     blocked.write_text("no folder")
     monkeypatch.setenv("PRESHAPE_CACHE", str(blocked))
     hand = load_hand("allegro")
-    assert isinstance(kept(HandTables, hand, "tables", lambda: _tables(hand, COARSE)), HandTables)
+    assert isinstance(cached(HandTables, hand, "tables", lambda: _tables(hand, COARSE)), HandTables)
 
 
 def test_another_hand_is_another_file() -> None:

@@ -1,30 +1,82 @@
 """A hand as arrays for the closing kernel: joint chains, spheres that fill its links, closing paths.
 
-Everything is in the palm frame. The spheres are those of :mod:`preshape.kernels.hand_spheres`: inside the
-true shapes, which stand out of them by at most 3 mm (``COARSE``; capsules by 1 mm) or 0.5 mm (``FINE``;
-capsules by 0.15 mm), edges and corners of boxes included. Neighbours among them are grouped under a sphere
-around them all, so that most need no look.
+Everything is in the palm frame. The spheres come from :mod:`preshape.kernels.hand_spheres` and lie inside the
+true shapes. The shapes protrude from them by at most 3 mm (``COARSE``; capsules by 1 mm) or 0.5 mm (``FINE``;
+capsules by 0.15 mm), edges and corners of boxes included. Neighbouring spheres share a bounding sphere, so
+that most distance queries stop at the bound.
+
+What takes a second to compute for a hand is cached on disk, keyed by the hand's content. A file that cannot
+be read is computed again; a folder that cannot be written is not used.
 """
 
 from __future__ import annotations
 
+import contextlib
+import hashlib
 import itertools
+import json
+from collections.abc import Callable
+from dataclasses import fields
 from functools import lru_cache
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
+from ..files import cache_folder, keep_arrays, read_arrays
 from ..hands.hand import Hand
 from ..hands.kinematics import compile_hand
 from ..kernels.hand_spheres import COARSE, FINE, Shape, bound, grouped, link_spheres
 from ..kernels.tables import HandTables
 from ..types import Array, IntArray
-from .hand_cache import kept
 
+CACHE_VERSION = 4
+"""Increased whenever cached tables, preshapes or pinches are computed differently."""
 _GROUP = {COARSE: 12, FINE: 16}
-"""Most spheres under one bounding sphere [C]."""
+"""Largest number of spheres under one bounding sphere [C]."""
 _STILL = 1e-6
-"""Speed of what no closing moves [m]: not zero, so that it may be divided by."""
+"""Speed bound of a sphere that no closing moves [m]; positive, because it is a divisor."""
+_T = TypeVar("_T")
+
+
+def cached(kind: type[_T], hand: Hand, label: str, compute: Callable[[], _T]) -> _T:
+    """A value that depends on a hand, from the disk cache where it was computed before.
+
+    Args:
+        kind: Class of the value: a dataclass of arrays, numbers and tuples of text.
+        hand: The hand.
+        label: What the value is, with every setting that it depends on.
+        compute: Computes it.
+    """
+    file = cache_folder() / "hands" / f"{digest(hand, label)}.npz"
+    with contextlib.suppress(OSError, ValueError, KeyError, TypeError):
+        arrays = read_arrays(file)
+        plain = json.loads(str(arrays.pop("plain")))
+        plain = {name: tuple(item) if isinstance(item, list) else item for name, item in plain.items()}
+        return kind(**plain, **arrays)
+    computed = compute()
+    values = {field.name: getattr(computed, field.name) for field in fields(computed)}  # type: ignore[arg-type]
+    arrays = {name: item for name, item in values.items() if isinstance(item, np.ndarray)}
+    plain = {name: item for name, item in values.items() if name not in arrays}
+    keep_arrays(file, **arrays, plain=np.array(json.dumps(plain)))
+    return computed
+
+
+def digest(hand: Hand, label: str) -> str:
+    """Hash of a hand's content and a label."""
+    state = hashlib.sha256(f"{CACHE_VERSION} {label}".encode())
+
+    def add(name: str, item: object) -> None:
+        state.update(name.encode())
+        state.update(item.tobytes() if isinstance(item, np.ndarray) else repr(item).encode())
+
+    for field in fields(hand):
+        if field.name == "fingers":
+            for finger in hand.fingers:
+                for part in fields(finger):
+                    add(part.name, getattr(finger, part.name))
+        elif field.name != "source":  # the same hand in another folder is the same hand
+            add(field.name, getattr(hand, field.name))
+    return state.hexdigest()
 
 
 @lru_cache(maxsize=16)
@@ -32,35 +84,44 @@ def hand_tables(hand: Hand, detail: float = COARSE) -> HandTables:
     """The tables of a hand.
 
     Args:
-        hand: which hand.
-        detail: ``COARSE`` or ``FINE``, how far the links may stand out of their spheres.
+        hand: The hand.
+        detail: ``COARSE`` or ``FINE``: how far the links may protrude from their spheres [m].
 
     Raises:
         HandError: MuJoCo refuses the model.
     """
-    return kept(HandTables, hand, f"tables {detail:g}", lambda: _tables(hand, detail))
+    return cached(HandTables, hand, f"tables {detail:g}", lambda: _tables(hand, detail))
 
 
 def _tables(hand: Hand, detail: float) -> HandTables:
+    """Compute the tables.
+
+    1. Each joint's frame relative to the joint before it in its chain, all joints at zero.
+    2. Spheres that fill the shapes of each link and of the palm, in groups.
+    3. The closing path at evenly spaced points, and a bound on each sphere's speed along it.
+    """
     model = compile_hand(hand)
-    joint_of_body = _carriers(model)
-    frames = _frames(model)
-    anchors = _anchors(model, frames)
-    before = _joint_before(model, joint_of_body)
+    # 1. Joint chains.
+    joint_of_body = _carrying_joints(model)
+    frames = _body_frames(model)
+    anchors = _joint_frames(model, frames)
+    before = _previous_joints(model, joint_of_body)
     offset, turn = np.zeros((model.njnt, 3)), np.zeros((model.njnt, 4))
     for j, (place, rotation) in enumerate(anchors):
         base_p, base_q = anchors[before[j]] if before[j] >= 0 else (np.zeros(3), np.array([1.0, 0, 0, 0]))
         inverse = base_q * [1, -1, -1, -1]
         offset[j] = _quat_rotate(inverse, place - base_p)
         turn[j] = _quat_multiply(inverse, rotation)
+    # 2. Spheres.
     shapes = link_shapes(hand)
     groups = [grouped(link_spheres(link, detail), _GROUP[detail]) for link in shapes]
     palm_groups, joint_groups = groups[-1], groups[:-1]
     links = [np.concatenate([np.zeros((0, 4)), *own]) for own in joint_groups]
-    path = np.stack([hand.at(share) for share in np.linspace(0.0, 1.0, _knots(hand))])
+    # 3. Closing path and speeds.
+    path = np.stack([hand.at(share) for share in np.linspace(0.0, 1.0, _path_points(hand))])
     speed = np.concatenate(_speeds(hand, offset, links, path))
     flat = [group for own in joint_groups for group in own]
-    group_sphere = _starts([len(group) for group in flat])
+    group_sphere = _run_starts([len(group) for group in flat])
     ordered = sorted(hand.fingers, key=lambda finger: hand.columns(finger.name).start)
     firsts = [hand.columns(finger.name).start for finger in ordered]
     return HandTables(
@@ -74,15 +135,15 @@ def _tables(hand: Hand, detail: float) -> HandTables:
         moving=np.array(
             [_first_moving(path, f, e) for f, e in itertools.pairwise([*firsts, model.njnt])], dtype=np.int64
         ),
-        sphere_start=_starts([len(link) for link in links]),
+        sphere_start=_run_starts([len(link) for link in links]),
         sphere=np.concatenate(links),
         speed=speed,
-        group_start=_starts([len(own) for own in joint_groups]),
+        group_start=_run_starts([len(own) for own in joint_groups]),
         group_sphere=group_sphere,
         bound=np.array([bound(group) for group in flat]).reshape(-1, 4),
         bound_speed=np.array([speed[a:b].max() for a, b in itertools.pairwise(group_sphere)]),
         palm=np.concatenate([np.zeros((0, 4)), *palm_groups]),
-        palm_group=_starts([len(group) for group in palm_groups]),
+        palm_group=_run_starts([len(group) for group in palm_groups]),
         palm_bound=np.array([bound(group) for group in palm_groups]).reshape(-1, 4),
         path=path,
         limits=np.array(hand.limits),
@@ -99,13 +160,13 @@ def _tip(model: Any, site: str, frames: list[Any], anchors: list[Any], carrier: 
     return np.asarray((centre - at) @ _matrix(around))
 
 
-def _knots(hand: Hand) -> int:
-    """Points that hold every finger's path: all of two unless a finger's has more."""
+def _path_points(hand: Hand) -> int:
+    """Number of evenly spaced path points that contains every point of every finger's path."""
     return int(np.lcm.reduce([len(finger.closing) - 1 for finger in hand.fingers])) + 1
 
 
-def _carriers(model: Any) -> IntArray:
-    """(bodies,) the joint that carries each body, -1 for the palm."""
+def _carrying_joints(model: Any) -> IntArray:
+    """(bodies,) index of the joint that carries each body, -1 for the palm."""
     carrier = np.full(model.nbody, -1, dtype=np.int64)
     for body in range(1, model.nbody):
         own = np.flatnonzero(model.jnt_bodyid == body)
@@ -113,7 +174,8 @@ def _carriers(model: Any) -> IntArray:
     return carrier
 
 
-def _joint_before(model: Any, carrier: IntArray) -> list[int]:
+def _previous_joints(model: Any, carrier: IntArray) -> list[int]:
+    """For each joint the index of the one before it in its chain, -1 for the first."""
     before = []
     for joint in range(model.njnt):
         body = int(model.jnt_bodyid[joint])
@@ -122,8 +184,8 @@ def _joint_before(model: Any, carrier: IntArray) -> list[int]:
     return before
 
 
-def _frames(model: Any) -> list[tuple[Array, Array]]:
-    """Place and orientation of each body in the palm frame, all joints at zero."""
+def _body_frames(model: Any) -> list[tuple[Array, Array]]:
+    """Position [m] and quaternion wxyz of each body in the palm frame, all joints at zero."""
     frames = [(np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]))]
     for body in range(1, model.nbody):
         place, rotation = frames[model.body_parentid[body]]
@@ -136,23 +198,23 @@ def _frames(model: Any) -> list[tuple[Array, Array]]:
     return frames
 
 
-def _starts(counts: list[int]) -> IntArray:
-    """Where each of several runs starts, and where the last ends."""
+def _run_starts(counts: list[int]) -> IntArray:
+    """(n + 1,) first index of each of n consecutive runs, and the end of the last."""
     return np.concatenate([[0], np.cumsum(counts, dtype=np.int64)]).astype(np.int64)
 
 
 def _first_moving(path: Array, first: int, end: int) -> int:
-    """The first of a finger's joints that the path turns; ``end`` for none."""
+    """Index of a finger's first joint that the path moves; ``end`` where it moves none."""
     return next((j for j in range(first, end) if np.ptp(path[:, j]) > 0), end)
 
 
 def link_shapes(hand: Hand) -> list[list[Shape]]:
-    """The shapes that each joint carries, in its frame, and last those of the palm, in the palm frame."""
+    """The shapes that each joint carries, in the joint's frame; the palm's, in the palm frame, come last."""
     import mujoco
 
     model = compile_hand(hand)
-    carrier, frames = _carriers(model), _frames(model)
-    anchors = _anchors(model, frames)
+    carrier, frames = _carrying_joints(model), _body_frames(model)
+    anchors = _joint_frames(model, frames)
     links: list[list[Shape]] = [[] for _ in range(model.njnt + 1)]
     for geom in range(model.ngeom):
         body = int(model.geom_bodyid[geom])
@@ -177,8 +239,8 @@ def link_shapes(hand: Hand) -> list[list[Shape]]:
     return links
 
 
-def _anchors(model: Any, frames: list[tuple[Array, Array]]) -> list[tuple[Array, Array]]:
-    """Place and orientation of each joint in the palm frame, all joints at zero."""
+def _joint_frames(model: Any, frames: list[tuple[Array, Array]]) -> list[tuple[Array, Array]]:
+    """Anchor [m] and quaternion wxyz of each joint in the palm frame, all joints at zero."""
     return [
         (_quat_rotate(frames[b][1], model.jnt_pos[j]) + frames[b][0], frames[b][1])
         for j, b in enumerate(model.jnt_bodyid)
@@ -186,7 +248,7 @@ def _anchors(model: Any, frames: list[tuple[Array, Array]]) -> list[tuple[Array,
 
 
 def _speeds(hand: Hand, offset: Array, links: list[Array], path: Array) -> list[Array]:
-    """A bound on the path length of every sphere's centre for a unit of closing, by joint."""
+    """For each joint (s,) upper bounds on the path of its spheres' centres over the whole closing [m]."""
     rate = np.abs(np.diff(path, axis=0)).max(axis=0) * (len(path) - 1)
     out = []
     for joint, spheres in enumerate(links):

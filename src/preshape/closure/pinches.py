@@ -19,8 +19,7 @@ from ..kernels.chains import fingertips, joint_frames
 from ..kernels.fitting.host import PinchRows
 from ..kernels.tables import HandTables
 from ..types import Array, IntArray, value
-from .hand_cache import kept
-from .hand_tables import hand_tables
+from .hand_tables import cached, hand_tables
 from .preshapes import SELF_DEPTH, joint_ranges, posture_at
 
 WIDTHS = np.array([0.0, 3, 6, 10, 15, 20, 27, 35, 45, 60, 80, 100]) * 1e-3
@@ -116,7 +115,7 @@ def hand_pinches(hand: Hand, seed: int = 0) -> Pinches:
         hand: which hand.
         seed: of the draws.
     """
-    return kept(Pinches, hand, f"pinches 1 {_DRAWS} {EACH} {seed}", lambda: _pinches(hand, seed))
+    return cached(Pinches, hand, f"pinches 1 {_DRAWS} {EACH} {seed}", lambda: _pinches(hand, seed))
 
 
 def finger_sets(fingers: int, thumb: int) -> list[int]:

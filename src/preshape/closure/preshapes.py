@@ -11,8 +11,7 @@ from ..hands.kinematics import HandKinematics
 from ..kernels.chains import fingertips
 from ..kernels.tables import HandTables
 from ..types import Array, IntArray, value
-from .hand_cache import kept
-from .hand_tables import hand_tables
+from .hand_tables import cached, hand_tables
 
 POOL = 512
 """Preshapes that the search draws from [C]."""
@@ -70,7 +69,7 @@ def preshapes(hand: Hand, count: int = POOL, seed: int = 0) -> Preshapes:
         count: how many.
         seed: of the draws.
     """
-    return kept(Preshapes, hand, f"preshapes {count} {seed}", lambda: _preshapes(hand, count, seed))
+    return cached(Preshapes, hand, f"preshapes {count} {seed}", lambda: _preshapes(hand, count, seed))
 
 
 def _preshapes(hand: Hand, count: int, seed: int) -> Preshapes:

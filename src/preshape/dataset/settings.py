@@ -11,7 +11,7 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
-from ..closure.hand_cache import digest
+from ..closure.hand_tables import digest
 from ..closure.settings import ClosureSettings
 from ..exceptions import InputError, ObjectError
 from ..hands.load import load_hand
