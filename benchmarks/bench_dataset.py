@@ -16,8 +16,8 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from preshape.dataset.engines import LocalEngine
-from preshape.dataset.folder import Folder, manifest
-from preshape.dataset.making import Made
+from preshape.dataset.folder import DatasetFolder, manifest
+from preshape.dataset.making import MadeShard
 from preshape.dataset.run import DatasetReport, run_dataset
 from preshape.dataset.settings import DatasetSettings, list_shards
 from preshape.planning.planner_bench import Case
@@ -92,15 +92,15 @@ def _keeping(out: Path, report: DatasetReport) -> float:
     shards = list_shards(CASES, [HAND], [TASK], SETTINGS)
     facts = {f["shard"]: f for f in report.facts}
     stored = _shards(report)
-    with Folder(out, manifest(shards, SETTINGS)) as folder:
+    with DatasetFolder(out, manifest(shards, SETTINGS)) as folder:
         start = time.perf_counter()
         for shard in shards:
             content = stored[f"{shard.name}.parquet"]
-            made = Made(
+            made = MadeShard(
                 name=shard.name, content=content, facts=facts[shard.name], seconds={}, process=0, host=""
             )
             folder.facts(shard.name)
-            folder.keep(made)
+            folder.store(made)
         return (time.perf_counter() - start) / len(shards)
 
 

@@ -24,7 +24,7 @@ from preshape.dataset.index_values import (
     planner_score,
     task_wrench,
 )
-from preshape.dataset.random_grasps import PRESS, draw_random_grasps, random_generator
+from preshape.dataset.random_grasps import PRESS, draw_random_grasps, random_generator, random_grasp_settings
 from preshape.exceptions import InputError
 from preshape.hands.load import load_hand
 from preshape.hiis.analyser import Aim
@@ -300,8 +300,8 @@ def test_paper_indices_are_the_analysers_own() -> None:
     analyser = ClosureAnalyser(mesh, hand, layout_of(hand), settings=small, gravity=task.gravity)
     aim = Aim(planes=tuple(range(1, 13)), values=tuple(np.linspace(-1, 1, 9)), fingers=(2, 3, 4))
     found = analyser.explore(task.q, aim)
-    assert len(found.grasps) >= 2
-    for grasp in found.grasps:
+    assert len(found.grips) >= 2
+    for grasp in found.grips:
         one = GraspContacts(
             points=grasp.contacts.points,
             normals_in=grasp.contacts.normals_in,
@@ -342,10 +342,12 @@ def found(parts: Path) -> IndexRows:
 
 def test_random_grasps_are_not_ranked() -> None:
     hand, mesh = load_hand("leap"), load_object("cylinder")
-    drawn, again = (
-        draw_random_grasps(hand, mesh, 24, random_generator(0, "leap", "cylinder")) for _ in range(2)
+    drawn, again, other = (
+        draw_random_grasps(
+            hand, mesh, count, random_generator(seed, "leap", "cylinder"), random_grasp_settings()
+        )
+        for count, seed in ((24, 0), (24, 0), (3, 1))
     )
-    other = draw_random_grasps(hand, mesh, 3, random_generator(1, "leap", "cylinder"))
     grips = drawn.grasps
     assert len(grips) == 24
     assert drawn.drawn >= drawn.closed >= 24

@@ -24,7 +24,7 @@ from preshape.closure.hand_tables import hand_tables
 from preshape.dataset import engines, making
 from preshape.dataset.engines import LocalEngine, RayEngine
 from preshape.dataset.folder import differences
-from preshape.dataset.making import Made, make_shard, versions
+from preshape.dataset.making import MadeShard, make_shard, versions
 from preshape.dataset.run import DatasetReport, run_dataset
 from preshape.dataset.schema import COLUMNS, DIRECTIONS, META, arrow_schema, facts_of, markdown, parquet_bytes
 from preshape.dataset.settings import DatasetSettings, Shard, list_shards
@@ -223,6 +223,28 @@ def test_a_task_that_does_not_suit_the_object_is_planned_but_not_tested(tmp_path
     assert row["task_q"] == named_task("pour").q.tolist()
 
 
+def test_files_state_mass_friction_and_scene(tmp_path: Path) -> None:
+    settings = replace(SMALL, per=1, mass=0.25, friction=0.4)
+    report = make(tmp_path, settings=settings, cases=THINGS[:1])
+    conditions = {"mass": 0.25, "friction": 0.4, "table": None, "avoid": []}
+    assert conditions.items() <= report.facts[0].items()
+    (file,) = (tmp_path / "shards").glob("*.parquet")
+    assert conditions.items() <= json.loads(pq.read_schema(file).metadata[META]).items()
+    assert conditions.items() <= json.loads((tmp_path / "dataset.json").read_text())["settings"].items()
+
+
+def test_unranked_grasps_are_planned_with_the_friction_of_the_dataset(tmp_path: Path) -> None:
+    settings = replace(SMALL, per=3, per_shard=3, ranked=False, friction=0.2)
+    make(tmp_path, settings=settings, cases=THINGS[:1])
+    rows = pq.read_table(next((tmp_path / "shards").glob("*.parquet"))).to_pylist()
+    assert len(rows) == 3
+    for row in rows:
+        forces, normals = np.array(row["forces"]), np.array(row["contact_normals"])
+        pressed = np.einsum("ni,ni->n", forces, normals)
+        sliding = np.linalg.norm(forces - pressed[:, None] * normals, axis=1)
+        assert (sliding <= 0.2 * pressed + 1e-6).all()
+
+
 def test_unranked_grasps_are_of_all_qualities(tmp_path: Path) -> None:
     settings = replace(SMALL, per=6, per_shard=6, ranked=False)
     report = make(tmp_path, settings=settings, cases=THINGS[:1])
@@ -295,7 +317,7 @@ def test_a_shard_is_known_by_its_content_and_not_by_how_much_else_is_asked() -> 
 
 
 def test_a_damaged_file_is_no_shard() -> None:
-    facts = {"format": "preshape dataset 1", "shard": "a", "rows": 0}
+    facts = {"format": "preshape dataset 2", "shard": "a", "rows": 0}
     whole = parquet_bytes([], facts)
     assert whole == parquet_bytes([], dict(reversed(facts.items())))
     assert facts_of(whole) == facts
@@ -391,7 +413,7 @@ def test_two_runs_do_not_write_the_same_folder(plain: Path) -> None:
 # -- killed --------------------------------------------------------------------------------------------
 
 
-def killed_once(shard: Shard, settings: DatasetSettings, wanted: dict[str, str]) -> Made:
+def killed_once(shard: Shard, settings: DatasetSettings, wanted: dict[str, str]) -> MadeShard:
     """Makes a shard, but the first process that makes part 1 of the box dies before it hands it over."""
     folder = Path(os.environ[ATTEMPTS])
     made = make_shard(shard, settings, wanted)
@@ -446,7 +468,7 @@ def test_a_fault_in_one_shard_leaves_the_others_and_is_tried_again(
     assert content(tmp_path) == content(plain)
 
 
-def always_killed(shard: Shard, settings: DatasetSettings, wanted: dict[str, str]) -> Made:
+def always_killed(shard: Shard, settings: DatasetSettings, wanted: dict[str, str]) -> MadeShard:
     os.kill(os.getpid(), signal.SIGKILL)
     raise AssertionError
 
@@ -456,8 +478,8 @@ def test_workers_that_are_always_killed_end_the_run_with_a_sentence(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(engines, "make_shard", always_killed)
-    monkeypatch.setattr(engines, "TRIES", 1)
-    with pytest.raises(EnvironmentFailure, match=r"killed 1 times .* what is finished stands"):
+    monkeypatch.setattr(engines, "MAX_KILLS", 1)
+    with pytest.raises(EnvironmentFailure, match=r"killed 1 times .* finished shards are kept"):
         make(tmp_path, engine=LocalEngine(workers=2))
 
 
@@ -605,7 +627,7 @@ def test_a_cluster_that_is_not_there_is_a_sentence_at_once(tmp_path: Path) -> No
             make(tmp_path, engine=RayEngine(address=address))
 
 
-def unknown(shard: Shard, settings: DatasetSettings, wanted: dict[str, str]) -> Made:
+def unknown(shard: Shard, settings: DatasetSettings, wanted: dict[str, str]) -> MadeShard:
     raise InputError("no bocks here")
 
 

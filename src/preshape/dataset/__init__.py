@@ -1,10 +1,11 @@
-"""Many grasps as Parquet: shards that depend on nothing but their own name, made by one core or a thousand.
+"""Datasets of grasps as Parquet files, for machine learning.
 
 A dataset is a folder::
 
     DIR/dataset.json          settings, versions, hands, and the list of all shards; written first
-    DIR/shards/NAME.parquet   one for each object, scale, hand, task and part; whole or not at all
-    DIR/log.jsonl             who made which shard in what time; the only file in which times stand
+    DIR/shards/NAME.parquet   one file for each object, scale, hand, task and part
+    DIR/log.jsonl             which process made which shard, and its times; no other file holds times
 
-:mod:`.schema` says what stands in a shard, ``docs/dataset.md`` how to use it.
+A shard depends only on its name and the settings, so one process or a thousand make the same files. A file is
+written completely or not at all. :mod:`.schema` lists the columns; ``docs/dataset.md`` explains the use.
 """

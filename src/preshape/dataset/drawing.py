@@ -21,7 +21,7 @@ from ..objects.mesh import TriangleMesh
 from ..planner import layout_of
 from ..tasks import Task
 from ..types import value
-from .random_grasps import draw_random_grasps
+from .random_grasps import draw_random_grasps, random_grasp_settings
 from .settings import THRESHOLD, DatasetSettings
 
 MAX_SEARCHES = 4
@@ -72,7 +72,7 @@ def shard_grasps(
 
     if settings.ranked:
         return _ranked(analyser, task, count)
-    return _unranked(analyser(0), task, count, seed)
+    return _unranked(analyser(0), task, count, seed, settings.friction)
 
 
 def _ranked(analyser: Callable[[int], ClosureAnalyser], task: Task, count: int) -> ShardGrasps:
@@ -107,9 +107,11 @@ def _ranked(analyser: Callable[[int], ClosureAnalyser], task: Task, count: int) 
     return ShardGrasps(grasps=tuple(chosen[:count]), analyser=element, reason=reason)
 
 
-def _unranked(analyser: ClosureAnalyser, task: Task, count: int, seed: int) -> ShardGrasps:
+def _unranked(analyser: ClosureAnalyser, task: Task, count: int, seed: int, friction: float) -> ShardGrasps:
     """Random grasps that the hand can execute, however well they hold."""
-    found = draw_random_grasps(analyser.hand, analyser.mesh, count, np.random.default_rng(seed))
+    found = draw_random_grasps(
+        analyser.hand, analyser.mesh, count, np.random.default_rng(seed), random_grasp_settings(friction)
+    )
     finished = []
     for one in found.grasps:
         number, flip = counted_to(one.approach, one.points, one.plane, (one.plane,))

@@ -1,4 +1,4 @@
-"""A dataset's folder: what was asked for, which shards stand, and one run at a time."""
+"""The folder of a dataset: its list of shards, the finished ones, and a lock against a second run."""
 
 from __future__ import annotations
 
@@ -13,20 +13,20 @@ from ..exceptions import EnvironmentFailure, InputError
 from ..files import locked, write_bytes, write_json
 from ..hands.load import load_hand
 from ..tasks import parse_task
-from .making import Made, versions
+from .making import MadeShard, versions
 from .schema import FORMAT, facts_of
 from .settings import DatasetSettings, Shard, hand_digest, task_label
 
-_SHOWN = 4
-"""Differences named in an error."""
+_MAX_DIFFERENCES = 4
+"""Number of differences named in an error message."""
 
 
 def manifest(shards: Sequence[Shard], settings: DatasetSettings) -> dict[str, Any]:
-    """The content of ``dataset.json``: plain JSON values.
+    """The content of ``dataset.json`` as plain JSON values.
 
     Args:
-        shards: all of the dataset.
-        settings: its.
+        shards: All shards of the dataset.
+        settings: Settings of the dataset.
     """
     hands = {shard.hand: load_hand(shard.hand) for shard in shards}
     tasks = {shard.task: parse_task(shard.task) for shard in shards}
@@ -56,16 +56,16 @@ def manifest(shards: Sequence[Shard], settings: DatasetSettings) -> dict[str, An
     }
 
 
-class Folder:
-    """The folder of one dataset, held by this process until it is left.
+class DatasetFolder:
+    """The folder of one dataset, locked for this process while the context is open.
 
     Args:
-        path: the folder; made where it is missing.
-        document: of :func:`manifest`.
+        path: The folder; created where it is missing.
+        document: The content of ``dataset.json``, from :func:`manifest`.
 
     Raises:
-        InputError: another run is at work in it, or it holds another dataset.
-        EnvironmentFailure: it cannot be read or written.
+        InputError: Another run uses the folder, or it holds another dataset.
+        EnvironmentFailure: The folder cannot be read or written.
     """
 
     def __init__(self, path: Path, document: dict[str, Any]) -> None:
@@ -81,10 +81,10 @@ class Folder:
                 f"cannot write {path}: {error.strerror}; choose another folder"
             ) from error
         try:
-            # The lock comes first: what looks like a leftover may be another run's work.
+            # Lock first: a temporary file may belong to a run that is still active.
             if not locked(self._log):
                 raise InputError(f"another run is writing {path}; wait for it, or choose another folder")
-            self._begin(document)
+            self._prepare(document)
         except OSError as error:
             self._log.close()
             raise EnvironmentFailure(f"cannot use {path}: {error.strerror or error}") from error
@@ -101,14 +101,14 @@ class Folder:
         self._log.close()
 
     def file(self, name: str) -> Path:
-        """Where a shard stands."""
+        """Path of a shard's file."""
         return self.shards / f"{name}.parquet"
 
     def facts(self, name: str) -> dict[str, Any] | None:
-        """The facts of a shard that stands and is whole; ``None`` of any other.
+        """The facts of a finished shard; ``None`` where its file is missing or damaged.
 
         Raises:
-            EnvironmentFailure: the file cannot be read.
+            EnvironmentFailure: The file cannot be read.
         """
         try:
             content = self.file(name).read_bytes()
@@ -119,11 +119,11 @@ class Folder:
         facts = facts_of(content)
         return facts if facts is not None and facts["shard"] == name else None
 
-    def keep(self, made: Made) -> None:
-        """Write a shard; it is on the disk, whole, when this returns.
+    def store(self, made: MadeShard) -> None:
+        """Write a shard; its complete file is on the disk when this returns.
 
         Raises:
-            EnvironmentFailure: it cannot be written.
+            EnvironmentFailure: The file cannot be written.
         """
         write_bytes(self.file(made.name), made.content)
         line = {"shard": made.name, "rows": made.facts["rows"], "host": made.host, "process": made.process}
@@ -134,32 +134,33 @@ class Folder:
         except OSError as error:
             raise EnvironmentFailure(f"cannot write {self._log.name}: {error.strerror}") from error
 
-    def _begin(self, document: dict[str, Any]) -> None:
-        there = {p.stem for p in self.shards.glob("*.parquet") if not p.name.startswith(".")}
-        strange = sorted(there - set(self.names))
+    def _prepare(self, document: dict[str, Any]) -> None:
+        """Compare the stored list or write a new one; refuse foreign files, remove temporary ones."""
+        stems = {p.stem for p in self.shards.glob("*.parquet") if not p.name.startswith(".")}
+        foreign = sorted(stems - set(self.names))
         file = self.path / "dataset.json"
         if file.exists():
             self._compare(_read(file), document)
-        elif strange:
-            raise InputError(f"{self.shards} holds Parquet of something else; choose another folder")
+        elif foreign:
+            raise InputError(f"{self.shards} holds Parquet files of something else; choose another folder")
         else:
             write_json(file, document)
-        if strange:
+        if foreign:
             raise InputError(
-                f"{self.shards}/{strange[0]}.parquet is no shard of this dataset; move it elsewhere"
+                f"{self.shards}/{foreign[0]}.parquet is not a shard of this dataset; move it elsewhere"
             )
-        for name in self.names:  # of a run that was killed while it wrote
+        for name in self.names:  # temporary files of a run that was killed while it wrote
             for leftover in self.shards.glob(f".{glob.escape(name)}-*.parquet"):
                 leftover.unlink()
 
-    def _compare(self, there: dict[str, Any], here: dict[str, Any]) -> None:
-        found = differences(there, here)
+    def _compare(self, stored: dict[str, Any], wanted: dict[str, Any]) -> None:
+        found = differences(stored, wanted)
         if not found:
             return
-        more = f", and {len(found) - _SHOWN} more" if len(found) > _SHOWN else ""
+        more = f", and {len(found) - _MAX_DIFFERENCES} more" if len(found) > _MAX_DIFFERENCES else ""
         raise InputError(
-            f"{self.path} holds a dataset made otherwise: {'; '.join(found[:_SHOWN])}{more}; "
-            "go on with what it was begun with, or choose another folder"
+            f"{self.path} holds a different dataset: {'; '.join(found[:_MAX_DIFFERENCES])}{more}; "
+            "use the settings and versions that it was started with, or choose another folder"
         )
 
 
@@ -172,22 +173,22 @@ def _read(file: Path) -> dict[str, Any]:
                 return dict(document)
     except (ValueError, KeyError, TypeError):
         pass
-    raise InputError(f"{file} is not the list of a dataset of this version; choose another folder")
+    raise InputError(f"{file} is not the list of a dataset in the format {FORMAT!r}; choose another folder")
 
 
-def differences(there: dict[str, Any], here: dict[str, Any]) -> list[str]:
-    """What two manifests differ in, one phrase each; empty where they are the same dataset."""
+def differences(stored: dict[str, Any], wanted: dict[str, Any]) -> list[str]:
+    """One phrase for each difference of two manifests; empty where both describe the same dataset."""
     found = []
-    for part, of in (("settings", ""), ("versions", "version of ")):
-        for name in {**there[part], **here[part]}:
-            a, b = there[part].get(name), here[part].get(name)
+    for part, prefix in (("settings", ""), ("versions", "version of ")):
+        for name in {**stored[part], **wanted[part]}:
+            a, b = stored[part].get(name), wanted[part].get(name)
             if a != b:
-                found.append(f"{of}{name} was {json.dumps(a)}, now {json.dumps(b)}")
+                found.append(f"{prefix}{name} was {json.dumps(a)}, now {json.dumps(b)}")
     for part, noun in (("objects", "object"), ("hands", "hand"), ("tasks", "task")):
-        a, b = there[part], here[part]
+        a, b = stored[part], wanted[part]
         found += [f"{noun} {name} is new" for name in b if name not in a]
         found += [f"{noun} {name} is missing" for name in a if name not in b]
-        found += [f"{noun} {name} is not what it was" for name in a if name in b and a[name] != b[name]]
-    if not found and there["shards"] != here["shards"]:
-        found.append("its shards are listed otherwise")
+        found += [f"{noun} {name} has changed" for name in a if name in b and a[name] != b[name]]
+    if not found and stored["shards"] != wanted["shards"]:
+        found.append("the list of shards differs")
     return found

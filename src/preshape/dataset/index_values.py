@@ -1,7 +1,7 @@
-"""What each index says of one grasp, from its planned contacts; the list of all indices compared.
+"""The grasp indices that are compared, and their values for one grasp.
 
-Every index is computed from the contacts as planned, at the friction of the test; what the hand touches when
-it squeezes is for physics to say.
+Every index is computed from the planned contacts, with the friction of the physics test. What the hand
+touches when it squeezes is not part of an index; the physics tests show it.
 """
 
 from __future__ import annotations
@@ -37,8 +37,8 @@ from ..physics.task.motion import TaskMotion
 from ..tasks import named_task
 from ..types import GRAVITY, Array, ContactCoefficients, IntArray, value
 
-UNKNOWN = MetricStatus.NOT_CONVERGED.name
-"""The status of a number that could not be computed: the grasp is left out of that index' figures."""
+NOT_COMPUTED = MetricStatus.NOT_CONVERGED.name
+"""MetricStatus of an index that could not be computed; the grasp is left out of the figures of that index."""
 
 
 @value
@@ -46,11 +46,11 @@ class Index:
     """One index.
 
     Attributes:
-        name: as in the files.
-        title: for people.
-        sign: 1 where more is better, -1 where less is.
-        of_task: whether it looks at the task.
-        paper: whether it is one of the paper's.
+        name: Name in the files.
+        title: Name in reports.
+        sign: 1 where a larger number is better, -1 where a smaller one is.
+        of_task: Whether the index depends on the task.
+        paper: Whether the index is one of the paper's.
     """
 
     name: str
@@ -79,43 +79,37 @@ INDICES = (
     Index(name="manipulability", title="manipulability", paper=True),
     Index(name="contacts", title="number of contacts"),
 )
-"""All indices, in the order of the tables."""
+"""All indices, in the order of the report tables."""
 
 Number = tuple[float | None, str]
-"""A number and the name of its status; ``None`` where the status leaves it undefined."""
+"""Value of an index and the name of its status; the value is ``None`` where it is undefined."""
 
 
-class Grasp:
-    """One grasp as the indices see it.
+@value
+class GraspContacts:
+    """What the indices need to know of one grasp; everything is in the mesh frame.
 
-    Args:
+    Attributes:
         points: (n, 3) contacts, the thumb's first [m].
         normals_in: (n, 3) inward unit normals.
-        centre: (3,) centre of mass, the reference of the metrics' torques [m].
-        cog: (3,) centre of the bounding box, the reference of the paper's [m].
-        length: ℓ [m].
-        u: U of the hand [m].
-        plane: approach plane, 1..12.
+        centre: (3,) centre of mass, the reference point of the torques in the metrics [m].
+        cog: (3,) centre of the bounding box, the reference point of the paper's wrenches [m].
+        length: Length ℓ that torques are divided by [m].
+        u: The hand's unit of length U [m].
+        plane: Approach plane, 1..12.
     """
 
-    def __init__(
-        self,
-        points: Array,
-        normals_in: Array,
-        *,
-        centre: Array,
-        cog: Array,
-        length: float,
-        u: float,
-        plane: int,
-    ) -> None:
-        self.points, self.normals_in = points, normals_in
-        self.centre, self.cog, self.length = centre, cog, length
-        self.u, self.plane = u, plane
+    points: Array
+    normals_in: Array
+    centre: Array
+    cog: Array
+    length: float
+    u: float
+    plane: int
 
 
 def index_values(
-    grasp: Grasp,
+    grasp: GraspContacts,
     q: Array,
     motion: TaskMotion,
     *,
@@ -124,16 +118,16 @@ def index_values(
     settings: ClosureSettings,
     score: Callable[[Demand], float],
 ) -> dict[str, Number]:
-    """Every index of one grasp in one task.
+    """Compute every index of one grasp for one task.
 
     Args:
-        grasp: the grasp.
-        q: (6,) the task's Q.
-        motion: its way and load.
-        mass: of the object [kg].
-        press: sum of the normal forces [N].
-        settings: friction of the test.
-        score: what the planner gives the grasp for a demand, see :func:`planner_score`.
+        grasp: The contacts.
+        q: (6,) Q of the task.
+        motion: Motion and load of the task.
+        mass: Mass of the object [kg].
+        press: Sum of the normal forces [N].
+        settings: Sliding and torsional friction.
+        score: The planner's score of the grasp for a demand, see :func:`planner_score`.
     """
     contacts = Contacts(
         positions=grasp.points,
@@ -160,22 +154,22 @@ def index_values(
         ("task_margin", lambda: task_margin(contacts, wanted, ForceLimits(total=press), load=weight)),
     )
     for name, measure in measures:
-        made = measure()
-        found[name] = (made.number, made.status.name)
-    load = wanted / (mass * GRAVITY)  # in weights, as the planner counts
+        measured = measure()
+        found[name] = (measured.number, measured.status.name)
+    load = wanted / (mass * GRAVITY)  # the planner counts loads in weights of the object
     demand = Demand(direction=load, base=-weight / press, load=float(np.linalg.norm(load)))
     found["hold_margin"] = _hold_margin(grasp, settings)
     found["planner"] = (score(demand), MetricStatus.OK.name)
-    found |= _of_the_paper(grasp, q)
+    found |= _paper_indices(grasp, q)
     found["contacts"] = (float(len(grasp.points)), MetricStatus.OK.name)
     return found
 
 
-def task_wrench(grasp: Grasp, motion: TaskMotion, mass: float) -> tuple[Array, Array]:
-    """The wrench that the task asks of the hand, and the weight on the object, at the start.
+def task_wrench(grasp: GraspContacts, motion: TaskMotion, mass: float) -> tuple[Array, Array]:
+    """The wrench that the hand must apply at the start of the task, and the weight of the object.
 
     Returns:
-        (6,) and (6,), force [N] and torque over ℓ [N] about the centre of mass.
+        (6,) and (6,): force [N] and torque divided by ℓ [N], about the centre of mass, mesh frame.
     """
     load = motion.load(0.0, mass)
     torque = load[3:] + np.cross(motion.cog - grasp.centre, load[:3])
@@ -183,9 +177,9 @@ def task_wrench(grasp: Grasp, motion: TaskMotion, mass: float) -> tuple[Array, A
     return wanted, np.concatenate([motion.weight(mass), np.zeros(3)])
 
 
-def _hold_margin(grasp: Grasp, settings: ClosureSettings) -> Number:
-    """Strength against pushes and turns in the axes' directions, torques over ℓ, per unit of grip."""
-    points, normals, counts = packed(grasp.points, grasp.normals_in)
+def _hold_margin(grasp: GraspContacts, settings: ClosureSettings) -> Number:
+    """Smallest load along any axis, force or torque over ℓ, that one newton of squeeze balances."""
+    points, normals, counts = packed_contacts(grasp.points, grasp.normals_in)
     found = margins(
         points,
         normals,
@@ -200,17 +194,21 @@ def _hold_margin(grasp: Grasp, settings: ClosureSettings) -> Number:
     return float(found.strength[0]), MetricStatus.OK.name
 
 
-def packed(points: Array, normals_in: Array) -> tuple[Array, Array, IntArray]:
-    """The contacts of one grasp as the kernels want them: (1, 8, 3), (1, 8, 3) and (1,)."""
+def packed_contacts(points: Array, normals_in: Array) -> tuple[Array, Array, IntArray]:
+    """The contacts of one grasp in the layout of the kernels.
+
+    Returns:
+        Points (1, 8, 3) [m], inward normals (1, 8, 3) and number of contacts (1,).
+    """
     n = len(points)
     out = np.zeros((2, 1, CONTACTS, 3))
     out[0, 0, :n], out[1, 0, :n] = points, normals_in
     return out[0], out[1], np.array([n])
 
 
-def planner_score(search: ClosureSearch, grasp: Grasp, demand: Demand) -> float:
-    """What the planner ranks a candidate by: the smaller of its margins for task and holding."""
-    points, normals, counts = packed(grasp.points, grasp.normals_in)
+def planner_score(search: ClosureSearch, grasp: GraspContacts, demand: Demand) -> float:
+    """The number by which the planner ranks a candidate: the smaller of its task and holding margins."""
+    points, normals, counts = packed_contacts(grasp.points, grasp.normals_in)
     fingers = np.zeros((1, CONTACTS))
     closings = Closings(
         fate=np.array([int(Fate.CLOSED)]),
@@ -221,16 +219,16 @@ def planner_score(search: ClosureSearch, grasp: Grasp, demand: Demand) -> float:
         counts=counts,
     )
     task, hold = search.strengths(closings, demand)
-    # The class' own: a search that judges nothing may be asked too.
+    # The method of the class: the search of random grasps replaces `score` and ranks nothing.
     return float(ClosureSearch.score(search, task, hold, demand)[0])
 
 
-SIX = tuple(f"lift:{sign}{axis}" for axis in "xyz" for sign in "+-")
-"""Plain motions along the axes: what the holding test asks for, in the paper's terms."""
+SIX_LIFTS = tuple(f"lift:{sign}{axis}" for axis in "xyz" for sign in "+-")
+"""Tasks that correspond to the six pushes of the holding test: a translation along each axis."""
 
 
-def _of_the_paper(grasp: Grasp, q: Array) -> dict[str, Number]:
-    """TFVADI, stability and manipulability as the analyser computes them."""
+def _paper_indices(grasp: GraspContacts, q: Array) -> dict[str, Number]:
+    """TFVADI, stability and manipulability, computed as the analyser does."""
     p = plane(grasp.plane)
     arms = (grasp.points - grasp.cog) / grasp.u
     signs = -np.sign(np.round(arms @ p.transverse_axis, 9))
@@ -240,7 +238,7 @@ def _of_the_paper(grasp: Grasp, q: Array) -> dict[str, Number]:
     )
     net = net_wrench(wrenches)
     sets = FuzzySets()
-    asked = np.array([q, *(named_task(name).q for name in SIX)])
+    asked = np.array([q, *(named_task(name).q for name in SIX_LIFTS)])
     matches = approaching_degrees(asked, net, sets).sum(axis=-1)
     stability, manipulability = screw_measures(wrenches)
     ok = MetricStatus.OK.name
@@ -253,14 +251,14 @@ def _of_the_paper(grasp: Grasp, q: Array) -> dict[str, Number]:
 
 
 def column(rows: Sequence[dict[str, Any]], index: Index) -> Array:
-    """One index over grasps, more always better: nan where it could not be computed.
+    """Values of one index over many grasps, with the sign turned where less is better.
 
-    A number that its status leaves undefined, as the margin of a grasp that does not even hold the weight, is
-    worse than any number: minus infinity.
+    A value is nan where it could not be computed. It is minus infinity where it is undefined, such as the
+    margin of a grasp that cannot balance the weight: such a grasp is worse than any other.
     """
     out = np.empty(len(rows))
     for k, row in enumerate(rows):
         number, status = row["indices"][index.name]
-        undefined = np.nan if status == UNKNOWN else -np.inf
+        undefined = np.nan if status == NOT_COMPUTED else -np.inf
         out[k] = undefined if number is None else index.sign * number
     return out

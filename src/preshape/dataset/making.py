@@ -1,4 +1,4 @@
-"""One shard, from its name to the bytes of its file: a pure function that any process can call."""
+"""Making one shard: from its description to the bytes of its file, in any process."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ import time
 from functools import partial
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any
-
 
 from .._version import __version__
 from ..exceptions import EnvironmentFailure, InputError, ObjectError, PreshapeError
@@ -29,21 +28,22 @@ from .schema import FORMAT, METRICS, parquet_bytes
 from .settings import DatasetSettings, Shard, mesh_digest, task_label, usable_object
 
 LIBRARIES = ("numpy", "scipy", "warp-lang", "mujoco-core", "coacd", "pyarrow")
-"""Libraries on which the numbers, or the bytes of a file, depend."""
+"""Libraries whose version can change the numbers or the bytes of a file."""
 
 
 @value
-class Made:
-    """A shard's file, not yet on the disk.
+class MadeShard:
+    """The file of a shard, not yet written.
 
     Attributes:
-        name: of the shard.
-        content: the file.
-        facts: what its metadata says.
-        seconds: ``plan``, ``metrics``, ``physics``, ``total``; and ``processor``, the core's own time.
-        process: of the process that made it.
-        host: where that runs.
-        fault: what went wrong inside, where there is no file for it; else empty.
+        name: Name of the shard.
+        content: Bytes of the file.
+        facts: The shard's metadata, see :func:`make_shard`.
+        seconds: Times of ``plan``, ``metrics``, ``physics`` and ``total``, and ``processor``, the CPU time
+            [s].
+        process: Process id of the worker.
+        host: Name of the worker's machine.
+        fault: The internal error that prevented the shard; empty otherwise.
     """
 
     name: str
@@ -56,7 +56,7 @@ class Made:
 
 
 def versions() -> dict[str, str]:
-    """Versions of this program and of what the numbers depend on."""
+    """Versions of preshape and of :data:`LIBRARIES`."""
     found = {"preshape": __version__}
     for name in LIBRARIES:
         try:
@@ -66,43 +66,47 @@ def versions() -> dict[str, str]:
     return found
 
 
-def make_shard(shard: Shard, settings: DatasetSettings, wanted: dict[str, str]) -> Made:
-    """Plan, measure and test one shard's grasps.
+def make_shard(shard: Shard, settings: DatasetSettings, expected: dict[str, str]) -> MadeShard:
+    """Plan the grasps of one shard, compute their indices and test them in physics.
 
-    The same arguments give the same bytes, whoever calls. A fault inside is told in the answer, not raised.
+    The same arguments give the same bytes in every process. An internal error is returned as ``fault``
+    instead of being raised, so that it does not stop the other shards.
 
     Args:
-        shard: which.
-        settings: the dataset's.
-        wanted: versions that this process must have, of :func:`versions`.
+        shard: The shard.
+        settings: Settings of the dataset.
+        expected: Versions that this process must have, from :func:`versions`.
 
     Raises:
-        InputError: the object is another one here.
-        EnvironmentFailure: other versions, or something is missing.
+        InputError: The object's mesh differs from the one that the shard was listed with.
+        EnvironmentFailure: This process has other versions, or a file or package is missing.
     """
     from threadpoolctl import threadpool_limits
 
-    here = versions()
-    if here != wanted:
-        other = [f"{k} {here.get(k)} instead of {wanted.get(k)}" for k in {**here, **wanted}
-                 if here.get(k) != wanted.get(k)]  # fmt: skip
+    present = versions()
+    if present != expected:
+        differing = [
+            f"{name} {present.get(name)} instead of {expected.get(name)}"
+            for name in {**present, **expected}
+            if present.get(name) != expected.get(name)
+        ]
         raise EnvironmentFailure(
-            f"{socket.gethostname()} has {', '.join(other)}; install the same versions everywhere"
+            f"{socket.gethostname()} has {', '.join(differing)}; install the same versions on every machine"
         )
     clock = _Clock()
     facts, content, fault = {}, b"", ""
     try:
-        with threadpool_limits(1):  # one shard, one core
+        with threadpool_limits(1):  # one core for each shard
             rows, reason, suits = _rows(shard, settings, clock)
-        facts = _facts(shard, rows, reason, suits)
+        facts = _facts(shard, settings, rows, reason, suits)
         content = parquet_bytes(rows, facts)
     except PreshapeError:
         raise
-    except Exception as error:  # one shard is no reason to lose a night's run
+    except Exception as error:  # a long run must not stop because of one shard
         if os.environ.get("PRESHAPE_DEBUG"):
             raise
         fault = f"{type(error).__name__}: {error}"
-    return Made(
+    return MadeShard(
         name=shard.name,
         content=content,
         facts=facts,
@@ -132,12 +136,12 @@ class _Clock:
 
 
 def _rows(shard: Shard, settings: DatasetSettings, clock: _Clock) -> tuple[list[Row], str, bool | None]:
-    """The rows, why they are fewer than asked for, and whether the task makes sense."""
+    """The rows, why there are fewer than asked for, and whether the task suits the object's shape."""
     hand, task = load_hand(shard.hand), parse_task(shard.task)
     mesh, why = usable_object(shard.source, shard.scale)
     if mesh_digest(mesh) != shard.mesh:
         raise InputError(
-            f"{shard.source} is another object on {socket.gethostname()}; "
+            f"{shard.source} holds another object on {socket.gethostname()}; "
             "every machine needs the same file at the same path"
         )
     try:
@@ -175,7 +179,7 @@ def _rows(shard: Shard, settings: DatasetSettings, clock: _Clock) -> tuple[list[
 
 
 def _of_grasp(answer: Answer) -> Row:
-    """The columns that the planner fills."""
+    """The columns that come from the planner."""
     g, result = answer.grasp, answer.hand_result
     assert isinstance(g, Grip)
     poses: Row = {}
@@ -243,11 +247,14 @@ def _metrics(
     }
 
 
-def _facts(shard: Shard, rows: list[Row], reason: str, suits: bool | None) -> dict[str, Any]:
-    """The facts of a shard, for its metadata."""
+def _facts(
+    shard: Shard, settings: DatasetSettings, rows: list[Row], reason: str, suits: bool | None
+) -> dict[str, Any]:
+    """The facts of a shard, which its file holds as metadata."""
     return {
         "format": FORMAT,
         "shard": shard.name,
+        **settings.conditions(),
         "asked": shard.count,
         "rows": len(rows),
         "reason": reason,

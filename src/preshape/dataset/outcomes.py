@@ -1,4 +1,4 @@
-"""What simulated physics says of a shard's grasps: holding test, and the task test where it makes sense."""
+"""Physics tests of a shard's grasps: the holding test, and the task test where the task suits the object."""
 
 from __future__ import annotations
 
@@ -36,7 +36,12 @@ TASK_COLUMNS = (
 
 
 def untested(count: int, reason: str | None = None) -> list[Row]:
-    """The columns of both tests for grasps that were not tested; with a reason, that could not be."""
+    """The columns of both tests for grasps without a test.
+
+    Args:
+        count: Number of grasps.
+        reason: Why the test was impossible; ``None`` where no test was asked for.
+    """
     row: Row = dict.fromkeys((*HOLD_COLUMNS, *TASK_COLUMNS))
     if reason is not None:
         row |= {"hold_status": "invalid", "hold_reason": reason}
@@ -52,18 +57,18 @@ def tested(
     answers: tuple[Answer, ...],
     settings: DatasetSettings,
 ) -> list[Row]:
-    """The columns of both tests.
+    """Test the grasps of a shard and return the columns of both tests.
 
     Args:
-        shard: the shard.
-        hand: its hand.
-        mesh: its object at its scale.
-        task: its task.
-        answers: its grasps.
-        settings: the dataset's.
+        shard: The shard.
+        hand: The hand.
+        mesh: The object at its scale [m].
+        task: The task.
+        answers: The grasps.
+        settings: Settings of the dataset.
 
     Raises:
-        EnvironmentFailure: the object cannot be cut into pieces here.
+        EnvironmentFailure: The object cannot be cut into convex pieces on this machine.
     """
     folder = Path(shard.pieces) if shard.pieces else None
     case = Case(

@@ -27,7 +27,7 @@ from ..closure.settings import ClosureSettings
 from ..hands.hand import Hand
 from ..kernels.field.host import SurfaceQuery, prepare_field
 from ..objects.mesh import TriangleMesh
-from ..types import Array, value
+from ..types import FIELD_MASS, FRICTION, Array, value
 
 PRESS = 10.0
 """Sum of the normal forces of every squeeze [N]; less where the joint torques do not allow it."""
@@ -63,9 +63,13 @@ class _UnrankedSearch(ClosureSearch):
         return np.ones(len(hold))
 
 
-def random_grasp_settings() -> ClosureSettings:
-    """Closure settings in which every grasp presses with :data:`PRESS`."""
-    return ClosureSettings(press_least=PRESS, press_most=PRESS, threads=1)
+def random_grasp_settings(friction: float = FRICTION) -> ClosureSettings:
+    """Closure settings in which every grasp presses with :data:`PRESS`.
+
+    Args:
+        friction: Sliding friction between hand and object.
+    """
+    return ClosureSettings(friction=friction, mass=FIELD_MASS, press_least=PRESS, press_most=PRESS, threads=1)
 
 
 def random_generator(seed: int, hand: str, object_name: str) -> np.random.Generator:
@@ -73,7 +77,9 @@ def random_generator(seed: int, hand: str, object_name: str) -> np.random.Genera
     return np.random.default_rng([seed, zlib.crc32(hand.encode()), zlib.crc32(object_name.encode())])
 
 
-def draw_random_grasps(hand: Hand, mesh: TriangleMesh, count: int, rng: np.random.Generator) -> RandomGrasps:
+def draw_random_grasps(
+    hand: Hand, mesh: TriangleMesh, count: int, rng: np.random.Generator, settings: ClosureSettings
+) -> RandomGrasps:
     """Draw ``count`` grasps, or fewer where the hand rarely closes on the object.
 
     Args:
@@ -81,10 +87,11 @@ def draw_random_grasps(hand: Hand, mesh: TriangleMesh, count: int, rng: np.rando
         mesh: The object at its size [m].
         count: Number of grasps asked for.
         rng: Random generator of the candidates and of their order.
+        settings: Friction and press, from :func:`random_grasp_settings`.
     """
     field = prepare_field(mesh)
     centre = inner_centre(field, mesh)
-    search = _UnrankedSearch(hand, field, centre, float(mesh.extents.max()) / 2, random_grasp_settings())
+    search = _UnrankedSearch(hand, field, centre, float(mesh.extents.max()) / 2, settings)
     finisher = Finisher(search, SurfaceQuery(mesh))
     finisher.unbalanced = math.inf  # the planner refuses unbalanced grips; the sample must contain them
     finished: list[Finished] = []

@@ -1,4 +1,4 @@
-"""A whole dataset: list the shards, make those that are missing, keep each as it comes."""
+"""Making a dataset: list its shards, make the missing ones, and write each as soon as it is finished."""
 
 from __future__ import annotations
 
@@ -12,21 +12,21 @@ from ..exceptions import EnvironmentFailure
 from ..planning.planner_bench import Case, Progress
 from ..types import value
 from .engines import Engine
-from .folder import Folder, manifest
+from .folder import DatasetFolder, manifest
 from .schema import arrow
 from .settings import DatasetSettings, list_shards
 
 
 @value
 class DatasetReport:
-    """What a folder holds after a run.
+    """Content of a dataset's folder after a run.
 
     Attributes:
-        folder: the dataset.
-        facts: of each shard, in the order of the list.
-        made: shards that this run made.
-        damaged: of these, how many stood there but could not be read.
-        seconds: of this run.
+        folder: The folder.
+        facts: Facts of each shard, in the order of the list.
+        made: Number of shards that this run made.
+        damaged: Number of these whose file existed but was damaged.
+        seconds: Time of this run [s].
     """
 
     folder: Path
@@ -36,16 +36,16 @@ class DatasetReport:
     seconds: float
 
     def total(self, name: str) -> int:
-        """Sum of one fact over all shards, such as ``asked``, ``rows`` or ``held``."""
+        """Sum over all shards of one fact, such as ``asked``, ``rows`` or ``held``."""
         return sum(int(facts[name]) for facts in self.facts)
 
     def short(self) -> list[dict[str, Any]]:
-        """Shards with fewer grasps than asked for: name, asked, rows, reason."""
-        kept = ("shard", "asked", "rows", "reason")
-        return [{name: f[name] for name in kept} for f in self.facts if f["rows"] < f["asked"]]
+        """``shard``, ``asked``, ``rows`` and ``reason`` of each shard with fewer grasps than asked for."""
+        shown = ("shard", "asked", "rows", "reason")
+        return [{name: f[name] for name in shown} for f in self.facts if f["rows"] < f["asked"]]
 
     def to_json(self) -> dict[str, Any]:
-        """As plain JSON values."""
+        """The report as plain JSON values."""
         names = ("asked", "rows", "hold_tested", "held", "task_tested", "task_done")
         return {
             "status": "answer" if self.total("rows") else "no_answer",
@@ -69,26 +69,26 @@ def run_dataset(
     settings: DatasetSettings | None = None,
     progress: Progress | None = None,
 ) -> DatasetReport:
-    """Make a dataset, or what is missing of one.
+    """Make a dataset, or the missing shards of one that was started before.
 
     Args:
-        cases: objects at their scales.
-        hands: names or TOML files.
-        tasks: names, or six numbers with blanks between.
-        out: the folder.
-        engine: who makes the shards.
-        settings: what decides their content.
-        progress: called as work is done.
+        cases: Objects at their scales.
+        hands: Hand names or TOML files.
+        tasks: Task names, or six numbers separated by blanks.
+        out: The folder.
+        engine: The engine that makes the shards.
+        settings: Settings of the dataset.
+        progress: Called after each object that was read and each shard that was made.
 
     Raises:
-        InputError: a bad argument, or the folder holds another dataset.
-        EnvironmentFailure: a file cannot be read or written, something is missing, or processes were killed.
+        InputError: A bad argument, or the folder holds another dataset.
+        EnvironmentFailure: A file cannot be read or written, a package is missing, or workers were killed.
     """
     start = time.perf_counter()
     arrow()
     settings = settings or DatasetSettings()
     shards = list_shards(cases, hands, tasks, settings, progress)
-    with Folder(Path(out), manifest(shards, settings)) as folder:
+    with DatasetFolder(Path(out), manifest(shards, settings)) as folder:
         done: dict[str, dict[str, Any]] = {}
         damaged = 0
         for shard in shards:
@@ -106,15 +106,16 @@ def run_dataset(
                 if made.fault:
                     faults[made.name] = made.fault
                     continue
-                folder.keep(made)
+                folder.store(made)
                 done[made.name] = made.facts
                 if progress is not None:
                     progress("shards made", len(done), len(shards))
     if faults:
         name, fault = min(faults.items())
         raise EnvironmentFailure(
-            f"internal fault in {len(faults)} of {len(shards)} shards, as in {name} ({fault}); the others "
-            "stand, the same command tries these again; PRESHAPE_DEBUG=1 shows where, please report it"
+            f"internal error in {len(faults)} of {len(shards)} shards, for example in {name} ({fault}); the "
+            "other shards are kept and the same command tries these again; PRESHAPE_DEBUG=1 shows the "
+            "traceback, please report it"
         )
     return DatasetReport(
         folder=Path(out),

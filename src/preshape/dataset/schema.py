@@ -1,8 +1,8 @@
-"""The columns of a shard: name, kind, unit, frame and meaning, in one list; Parquet is made from it.
+"""The columns of a shard in one list, from which the Parquet schema and the documentation are made.
 
-Frames: ``object`` is the mesh's own after scale, ``object, COG`` its axes about the centre of the bounding
-box, ``object, COM`` about the centre of mass. A *contact list* has the thumb's contact first, and the same
-order in every column.
+Frames: ``object`` is the frame of the mesh after scaling. ``object, COG`` has the same axes with the centre
+of the bounding box as reference point, ``object, COM`` with the centre of mass. A *contact list* has one
+entry for each contact, the thumb's first, in the same order in every column.
 """
 
 from __future__ import annotations
@@ -16,11 +16,11 @@ from ..physics.protocol import HoldProtocol
 from ..types import value
 from .index_values import INDICES
 
-FORMAT = "preshape dataset 1"
+FORMAT = "preshape dataset 2"
 META = b"preshape"
-"""Key of the file's own facts, a JSON text, among the metadata of a shard."""
+"""Key in the Parquet metadata under which a shard's facts stand as JSON text."""
 DIRECTIONS = tuple(probe.name.removeprefix("force ") for probe in HoldProtocol().loads())
-"""Order of the lists of six."""
+"""Push directions of the holding test, in the order of the lists with six entries."""
 
 
 @value
@@ -28,12 +28,12 @@ class Column:
     """One column.
 
     Attributes:
-        name: its name.
-        kind: a key of :func:`_types`.
-        unit: of its numbers, ``1`` without one, empty for what is no number.
-        frame: of its coordinates, or empty.
-        text: what it means.
-        nullable: whether it may be null.
+        name: Name of the column.
+        kind: Type, a key of :func:`_types`.
+        unit: Unit of the numbers; ``1`` for numbers without a unit, empty where the values are not numbers.
+        frame: Frame of the coordinates; empty where there is none.
+        text: Meaning of the column.
+        nullable: Whether values may be null.
     """
 
     name: str
@@ -51,7 +51,7 @@ def _column(name: str, kind: str, unit: str, frame: str, text: str) -> Column:
 
 
 METRICS = tuple(index for index in INDICES if index.name not in ("closed", "contacts"))
-"""Indices that have a column ``metric_…``."""
+"""Indices with a column ``metric_…``."""
 _METRIC_UNITS = {
     "task_margin": "N",
     "stability": "1 (rank)",
@@ -62,43 +62,51 @@ _METRIC_UNITS = {
 
 COLUMNS = (
     _column("shard", "text", "", "", "name of the shard"),
-    _column("row", "int", "1", "", "number within the shard, from 0; of ranked grasps the best first"),
+    _column("row", "int", "1", "", "number within the shard, from 0; ranked grasps: best first"),
     _column("object", "text", "", "", "name of the object"),
-    _column("scale", "float", "1", "", "factor on its size"),
+    _column("scale", "float", "1", "", "factor on the object's size"),
     _column("hand", "text", "", "", "name of the hand"),
     _column("task", "text", "", "", "label of the task"),
     _column("part", "int", "1", "", "number of the part, from 0"),
-    _column("seed", "int", "", "", "of everything random in the shard"),
-    _column("ranked", "bool", "", "", "the planner's answer; false: closed at random, whatever it is worth"),
-    _column("task_q", "six", "1", "object, COG", "Q = [T; R], what the task asks for"),
+    _column("seed", "int", "", "", "seed of every random draw in the shard"),
+    _column("ranked", "bool", "", "", "true: an answer of the planner; false: a random grasp"),
+    _column("task_q", "six", "1", "object, COG", "Q = [T; R], the net wrench that the task asks for"),
     _column("plane", "int", "1..12", "", "approach plane"),
     _column("approach_axis", "three", "1", "object", "a, the plane's direction of approach"),
-    _column("opposition_axis", "three", "1", "object", "o, along which thumb and fingers oppose"),
-    _column("flip", "bool", "", "", "the thumb stands on the -o side"),
-    _column("approach_value", "float", "-1..1", "", "v: 0 the object's middle along a, 1 its far face"),
-    _column("approach_set", "text", "", "", "fuzzy set that v belongs to most, RWD-H to FWD-H"),
-    _column("virtual_fingers", "int", "2..4", "", "virtual fingers, the thumb included"),
+    _column("opposition_axis", "three", "1", "object", "o, the axis along which thumb and fingers oppose"),
+    _column("flip", "bool", "", "", "whether the thumb stands on the -o side"),
+    _column("approach_value", "float", "-1..1", "", "v: 0 at the object's middle along a, 1 at its far face"),
+    _column("approach_set", "text", "", "", "fuzzy set with the largest membership of v, RWD-H to FWD-H"),
+    _column("virtual_fingers", "int", "2..4", "", "number of virtual fingers, thumb included"),
     _column("fingers", "texts", "", "", "contact list: name of the finger"),
-    _column("approach", "three", "1", "object", "direction in which the opened hand moves straight in"),
-    _column("pregrasp_palm", "seven", "m, 1", "object", "palm pose x y z, w x y z: opened, clear"),
-    _column("pregrasp_q", "list", "rad", "", "joint angles of it, in the order of `joints` in dataset.json"),
-    _column("grasp_palm", "seven", "m, 1", "object", "palm pose where the fingers touch"),
-    _column("grasp_q", "list", "rad", "", "joint angles of it"),
-    _column("squeeze_palm", "seven", "m, 1", "object", "palm pose where the hand presses"),
-    _column("squeeze_q", "list", "rad", "", "targets of the joints' servos that press with `forces`"),
-    _column("torques", "list", "N m", "", "joint torques of the squeeze"),
-    _column("contact_points", "points", "m", "object", "contact list: where the finger touches"),
-    _column("contact_normals", "points", "1", "object", "contact list: unit normals into the object"),
+    _column("approach", "three", "1", "object", "direction in which the open hand moves straight in"),
     _column(
-        "forces", "points", "N", "object", "contact list: what the contact does to the object, squeezing"
+        "pregrasp_palm", "seven", "m, 1", "object", "pregrasp: palm pose x y z, w x y z; nothing touches"
     ),
-    _column("press", "float", "N", "", "sum of the normal parts of `forces`"),
+    _column(
+        "pregrasp_q", "list", "rad", "", "pregrasp: joint angles, in the order of `joints` in dataset.json"
+    ),
+    _column("grasp_palm", "seven", "m, 1", "object", "grasp: palm pose; the fingers touch"),
+    _column("grasp_q", "list", "rad", "", "grasp: joint angles"),
+    _column("squeeze_palm", "seven", "m, 1", "object", "squeeze: palm pose; the fingers press"),
+    _column(
+        "squeeze_q", "list", "rad", "", "squeeze: joint targets with which the servos press with `forces`"
+    ),
+    _column("torques", "list", "N m", "", "squeeze: joint torques"),
+    _column("contact_points", "points", "m", "object", "contact list: position"),
+    _column("contact_normals", "points", "1", "object", "contact list: unit normal into the object"),
+    _column("forces", "points", "N", "object", "contact list: force on the object in the squeeze"),
+    _column("press", "float", "N", "", "sum of the normal components of `forces`"),
     _column("net_wrench", "six", "1, U", "object, COG", "the paper's net wrench of unit contacts (eq. 14)"),
     _column("adi", "six", "0..1", "", "approaching degree index of each component with the task (eq. 19)"),
-    _column("clearance", "float", "m", "", "least distance to the object, opened and on the way in"),
-    _column("quality", "float", "0..6", "", "what the critic judges; 3 is just enough"),
-    _column("task_margin", "float", "1", "", "load along the task's cone that is balanced, in weights"),
-    _column("hold_margin", "float", "1", "", "pushes and turns in any direction, over 0.7 weights"),
+    _column("clearance", "float", "m", "", "least distance of the open hand to the object on its way in"),
+    _column("quality", "float", "0..6", "", "the critic's measure; 3 is just enough for the load"),
+    _column(
+        "task_margin", "float", "1", "", "balanced load in the task's direction, in weights of the object"
+    ),
+    _column(
+        "hold_margin", "float", "1", "", "balanced push or turn in any direction, in units of 0.7 weights"
+    ),
     _column("metric_closed", "bool?", "", "", "force closure"),
     *(
         _column(
@@ -110,36 +118,42 @@ COLUMNS = (
         )
         for index in METRICS
     ),
-    _column("metric_status", "statuses", "", "", "of each metric; where it is not OK the metric may be null"),
-    _column("hold_status", "text?", "", "", "of the holding test: held lost penetrates unstable invalid"),
-    _column("hold_reason", "text?", "", "", "one sentence on it"),
-    _column("held", "bool?", "", "", "held against all six pushes; null: not tested, or it could not be"),
-    _column("held_directions", "six_bools?", "", "object", f"held a push along {' '.join(DIRECTIONS)}"),
-    _column("hold_displacement", "six?", "m", "object", "how far the object moved under each push"),
-    _column("hold_rotation", "six?", "rad", "object", "how far it turned under each push"),
-    _column("touching_at_grasp", "int?", "1", "", "parts (fingers, palm) pressing, come to the grasp"),
-    _column("touching_at_squeeze", "int?", "1", "", "parts pressing, come to the squeeze"),
+    _column(
+        "metric_status", "statuses", "", "", "status of each metric; the metric may be null if it is not OK"
+    ),
+    _column("hold_status", "text?", "", "", "holding test: held lost penetrates unstable invalid"),
+    _column("hold_reason", "text?", "", "", "holding test: its result in one sentence"),
+    _column("held", "bool?", "", "", "whether the grasp held against all six pushes; null: no test"),
+    _column(
+        "held_directions", "six_bools?", "", "object", f"whether it held a push along {' '.join(DIRECTIONS)}"
+    ),
+    _column("hold_displacement", "six?", "m", "object", "displacement of the object under each push"),
+    _column("hold_rotation", "six?", "rad", "object", "rotation of the object under each push"),
+    _column(
+        "touching_at_grasp", "int?", "1", "", "parts (fingers, palm) that press after closing to the grasp"
+    ),
+    _column("touching_at_squeeze", "int?", "1", "", "parts that press after the squeeze"),
     _column("parts_at_grasp", "int?", "1", "", "parts nearer than 2 mm at the grasp pose, before any motion"),
     _column("only_by_squeeze", "bool?", "", "", "held, but fewer than two parts are near at the grasp pose"),
-    _column("clean", "bool?", "", "", "held, two parts near, cuts into the object less than 1 mm"),
-    _column("penetration", "float?", "m", "", "hand into object at the grasp pose"),
-    _column("self_penetration", "float?", "m", "", "hand into itself at the grasp pose"),
+    _column("clean", "bool?", "", "", "held, two parts near, penetration of the object below 1 mm"),
+    _column("penetration", "float?", "m", "", "penetration of hand and object at the grasp pose"),
+    _column("self_penetration", "float?", "m", "", "penetration of hand links at the grasp pose"),
     _column("contact_distance", "float?", "m", "", "mean distance of the fingers at the grasp pose, ≤ 10 mm"),
-    _column("task_suits", "bool", "", "", "whether the task makes sense for the object's shape"),
-    _column("task_status", "text?", "", "", "of the task test: done lost penetrates unstable invalid"),
-    _column("task_reason", "text?", "", "", "one sentence on it"),
+    _column("task_suits", "bool", "", "", "whether the task suits the object's shape"),
+    _column("task_status", "text?", "", "", "task test: done lost penetrates unstable invalid"),
+    _column("task_reason", "text?", "", "", "task test: its result in one sentence"),
     _column(
-        "task_done", "bool?", "", "", "took the object along the task; null: not tested, or could not be"
+        "task_done", "bool?", "", "", "whether the grasp kept the object through the task; null: no test"
     ),
-    _column("task_progress", "float?", "0..1", "", "share of the way when the test ended"),
+    _column("task_progress", "float?", "0..1", "", "share of the motion completed when the test ended"),
     _column("task_displacement", "float?", "m", "", "largest distance of the COG from its path"),
     _column("task_rotation", "float?", "rad", "", "largest angle from the path"),
 )
-"""All columns, in their order."""
+"""All columns, in the order of the file."""
 
 
 def markdown() -> str:
-    """The columns as a table of ``docs/dataset.md``."""
+    """The columns as the table in ``docs/dataset.md``."""
     lines = ["| column | type | unit | frame | meaning |", "|---|---|---|---|---|"]
     for c in COLUMNS:
         kind = _WORDS[c.kind] + (", null" if c.nullable else "")
@@ -167,7 +181,7 @@ def arrow() -> Any:
     """The module ``pyarrow``.
 
     Raises:
-        EnvironmentFailure: it is not installed.
+        EnvironmentFailure: The package is not installed.
     """
     try:
         import pyarrow
@@ -204,11 +218,11 @@ def arrow_schema() -> Any:
 
 
 def parquet_bytes(rows: Sequence[dict[str, Any]], facts: dict[str, Any]) -> bytes:
-    """A shard's file; the same rows and facts give the same bytes.
+    """The bytes of a shard's file; the same rows and facts give the same bytes.
 
     Args:
-        rows: a dictionary of plain values for each grasp, with all columns.
-        facts: of the shard, for its metadata: plain JSON values.
+        rows: For each grasp a dictionary of plain values with all columns.
+        facts: Facts of the shard for its metadata, plain JSON values.
     """
     pa = arrow()
     import pyarrow.parquet as pq
@@ -221,16 +235,16 @@ def parquet_bytes(rows: Sequence[dict[str, Any]], facts: dict[str, Any]) -> byte
 
 
 def facts_of(content: bytes) -> dict[str, Any] | None:
-    """The facts in a shard's file; ``None`` where it is no whole shard."""
+    """The facts in a shard's file; ``None`` where the content is not a complete, undamaged shard."""
     pa = arrow()
     import pyarrow.parquet as pq
 
     try:
         table = pq.read_table(pa.BufferReader(content), page_checksum_verification=True)
         facts: dict[str, Any] = json.loads((table.schema.metadata or {})[META])
-        # The checksums leave out the headers: what is read must give this very file again.
-        whole = facts["format"] == FORMAT and facts["rows"] == table.num_rows
-        whole = whole and parquet_bytes(table.to_pylist(), facts) == content
+        complete = facts["format"] == FORMAT and facts["rows"] == table.num_rows
+        # The page checksums do not cover the headers, so the content must also write back to the same bytes.
+        complete = complete and parquet_bytes(table.to_pylist(), facts) == content
     except (OSError, ValueError, KeyError, TypeError, pa.ArrowException):
         return None
-    return facts if whole else None
+    return facts if complete else None

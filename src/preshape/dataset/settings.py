@@ -1,4 +1,4 @@
-"""What a dataset is made with, and the list of its shards."""
+"""Settings of a dataset, and the list of its shards."""
 
 from __future__ import annotations
 
@@ -20,28 +20,33 @@ from ..objects.mesh import TriangleMesh
 from ..physics.task.motion import task_motion
 from ..planning.planner_bench import Case, Progress
 from ..tasks import Task, parse_task
-from ..types import value
+from ..types import FIELD_MASS, FRICTION, value
 
 THRESHOLD = 3.0
-"""Quality (0 to 6) that a ranked grasp has at least: the critic's default, just enough for the load."""
+"""Least quality (0 to 6) of a ranked grasp: the default of the critic, just enough for the load."""
+MAX_SHARDS = 1_000_000
+"""Largest number of shards of one dataset."""
 
 
 @value
 class DatasetSettings:
-    """Everything that decides the content of a shard, beside its name.
+    """Everything that decides the content of the shards, apart from object, scale, hand and task.
+
+    The scene is always free space: no table, no boxes to avoid.
 
     Attributes:
-        per: grasps wanted of each object, scale, hand and task.
-        per_shard: of these in one shard, at most.
-        ranked: the planner's answers, best first; else hands closed at random, whatever they are worth.
-        candidates: hands closed at first for a shard of ranked grasps.
-        physics: whether every grasp is put to the holding test and, where it makes sense, the task test.
-        friction: of planning, metrics and tests.
-        mass: of every object [kg].
-        seed: of everything random.
+        per: Number of grasps asked for of each object, scale, hand and task.
+        per_shard: Largest number of grasps in one shard.
+        ranked: Whether the grasps are the planner's answers, best first; otherwise random grasps.
+        candidates: Number of candidates of the first search for a shard of ranked grasps.
+        physics: Whether the grasps go through the holding test and, where the task suits the object, the
+            task test.
+        friction: Sliding friction in planning, metrics and tests.
+        mass: Mass of every object in planning, metrics and tests [kg].
+        seed: Seed of every random draw; the same seed gives the same files.
 
     Raises:
-        InputError: a number out of range.
+        InputError: A number is out of range.
     """
 
     per: int = 25
@@ -49,8 +54,8 @@ class DatasetSettings:
     ranked: bool = True
     candidates: int = 2000
     physics: bool = True
-    friction: float = 0.6
-    mass: float = 0.1
+    friction: float = FRICTION
+    mass: float = FIELD_MASS
     seed: int = 0
 
     def __post_init__(self) -> None:
@@ -63,8 +68,12 @@ class DatasetSettings:
                 raise InputError(f"{name} must be a number above 0, got {number!r}")
 
     def to_json(self) -> dict[str, Any]:
-        """As plain JSON values."""
-        return {field.name: getattr(self, field.name) for field in fields(self)}
+        """The settings and the scene as plain JSON values."""
+        return {**{field.name: getattr(self, field.name) for field in fields(self)}, **self.conditions()}
+
+    def conditions(self) -> dict[str, Any]:
+        """Mass [kg], friction and scene that the grasps are made for, as plain JSON values."""
+        return {"mass": self.mass, "friction": self.friction, "table": None, "avoid": []}
 
     def closure(self, count: int) -> ClosureSettings:
         """The planner's settings for a shard of ``count`` grasps."""
@@ -77,26 +86,22 @@ class DatasetSettings:
         )
 
 
-MOST_SHARDS = 1_000_000
-"""Of one dataset."""
-
-
 @value
 class Shard:
-    """One part of a dataset; all that a process anywhere needs to make it.
+    """One file of a dataset; with the settings it is all that a process needs to make the file.
 
     Attributes:
-        name: of its file, without the suffix.
-        object_name: the object's.
-        source: its file or library name.
-        mesh: hash of its mesh at this scale, or empty where it cannot be used.
-        scale: factor on its size.
-        pieces: folder of objects that are cut already, or ``None``.
-        hand: name or TOML, as :func:`~preshape.hands.load.load_hand` takes it.
-        task: as :func:`~preshape.tasks.parse_task` takes it.
-        part: number of the part, from 0.
-        count: grasps wanted.
-        seed: of everything random in it.
+        name: Name of the file without its suffix.
+        object_name: Name of the object.
+        source: Mesh file or library name of the object.
+        mesh: Hash of the mesh at this scale; empty where the mesh cannot be used.
+        scale: Factor on the object's size.
+        pieces: Folder with the convex pieces of the objects; ``None`` to cut the object.
+        hand: Name or TOML file, as :func:`~preshape.hands.load.load_hand` takes it.
+        task: The task, as :func:`~preshape.tasks.parse_task` takes it.
+        part: Number of the part, from 0.
+        count: Number of grasps asked for.
+        seed: Seed of every random draw in this shard.
     """
 
     name: str
@@ -113,17 +118,17 @@ class Shard:
 
 
 def task_label(task: Task) -> str:
-    """What a task is called in a dataset: its label, or the six numbers of one that has no name."""
+    """Name of a task in a dataset: its label, or its six numbers where it has no name."""
     return task.label if task.name != "custom" else " ".join(f"{x:g}" for x in task.q)
 
 
 def usable_object(source: str, scale: float) -> tuple[TriangleMesh | None, str]:
-    """The mesh that a source gives at a scale; or ``None``, and why a file holds none that can be used.
+    """The mesh of a source at a scale, or ``None`` and the reason why its file cannot be used.
 
     Raises:
-        UnknownObject: no such library object.
-        ObjectError: no such file.
-        EnvironmentFailure: it cannot be read.
+        UnknownObject: There is no such library object.
+        ObjectError: There is no such file.
+        EnvironmentFailure: The file cannot be read.
     """
     try:
         return load_object(source, scale=scale), ""
@@ -134,7 +139,7 @@ def usable_object(source: str, scale: float) -> tuple[TriangleMesh | None, str]:
 
 
 def mesh_digest(mesh: TriangleMesh | None) -> str:
-    """Hash of a mesh; empty where there is none."""
+    """Hash of a mesh; empty for ``None``."""
     if mesh is None:
         return ""
     return hashlib.sha256(mesh.vertices.tobytes() + mesh.triangles.tobytes()).hexdigest()
@@ -147,42 +152,43 @@ def list_shards(
     settings: DatasetSettings,
     progress: Progress | None = None,
 ) -> list[Shard]:
-    """All shards of a dataset, those of different objects in turn.
+    """List all shards of a dataset; consecutive shards are of different objects.
 
-    In turn, because the first shard of an object also has to prepare it (distance field, convex pieces),
-    which many processes then do for many objects, and not for the same one.
+    The first shard of an object also prepares the object (distance field, convex pieces). In this order the
+    processes prepare different objects at the same time.
 
     Args:
-        cases: objects and scales.
-        hands: names or TOML files.
-        tasks: names, or six numbers with blanks between.
-        settings: the dataset's.
-        progress: called after each object.
+        cases: Objects at their scales.
+        hands: Hand names or TOML files.
+        tasks: Task names, or six numbers separated by blanks.
+        settings: Settings of the dataset.
+        progress: Called after each object.
 
     Raises:
-        InputError: something is not known, given twice, or a task without a motion.
+        InputError: A name is unknown or given twice, or a task has no motion.
     """
-    own = {text: load_hand(text).name for text in hands}
-    asked = {text: parse_task(text) for text in tasks}
-    for task in asked.values():
-        task_motion(task, [0.0, 0.0, 0.0], 1.0)  # refuses one without a motion
-    _refuse_twice([case.name for case in cases], "object")
-    _refuse_twice(list(hands), "hand")
-    _refuse_twice(list(tasks), "task")
-    _refuse_twice(list(own.values()), "hand")
-    _refuse_twice([task_label(task) for task in asked.values()], "task")
+    hand_names = {text: load_hand(text).name for text in hands}
+    parsed = {text: parse_task(text) for text in tasks}
+    for task in parsed.values():
+        task_motion(task, [0.0, 0.0, 0.0], 1.0)  # raises for a task without a motion
+    _refuse_duplicates([case.name for case in cases], "object")
+    _refuse_duplicates(list(hands), "hand")
+    _refuse_duplicates(list(tasks), "task")
+    _refuse_duplicates(list(hand_names.values()), "hand")
+    _refuse_duplicates([task_label(task) for task in parsed.values()], "task")
     parts = math.ceil(settings.per / settings.per_shard)
     total = parts * len(cases) * len(hands) * len(tasks)
-    if total > MOST_SHARDS:
+    if total > MAX_SHARDS:
         raise InputError(
-            f"this would be {total} shards, {MOST_SHARDS} are the most; ask for larger ones or fewer"
+            f"a dataset has at most {MAX_SHARDS} shards, this one would have {total}; raise --per-shard or "
+            "ask for fewer grasps"
         )
     rows: list[list[Shard]] = []
     for number, case in enumerate(cases, start=1):
         mesh = mesh_digest(usable_object(case.source, case.scale)[0])
         rows.append(
             [
-                _shard(case, mesh, hand, own[hand], task, asked[task], part, settings)
+                _shard(case, mesh, hand, hand_names[hand], task, parsed[task], part, settings)
                 for hand in hands
                 for task in tasks
                 for part in range(parts)
@@ -193,10 +199,12 @@ def list_shards(
     return [row[k] for k in range(len(rows[0]) if rows else 0) for row in rows]
 
 
-def _refuse_twice(names: list[str], noun: str) -> None:
-    twice = sorted({name for name in names if names.count(name) > 1})
-    if twice:
-        raise InputError(f"every {noun} must be named once and have a name of its own, got {twice[0]} twice")
+def _refuse_duplicates(names: list[str], noun: str) -> None:
+    duplicates = sorted({name for name in names if names.count(name) > 1})
+    if duplicates:
+        raise InputError(
+            f"every {noun} must be given once and have a name of its own, got {duplicates[0]} twice"
+        )
 
 
 def _shard(
@@ -205,15 +213,15 @@ def _shard(
     hand: str,
     hand_name: str,
     task: str,
-    asked: Task,
+    parsed: Task,
     part: int,
     settings: DatasetSettings,
 ) -> Shard:
     key = json.dumps(
-        [settings.seed, case.thing, mesh, case.scale, hand_name, asked.q.tolist(), task_label(asked), part]
+        [settings.seed, case.thing, mesh, case.scale, hand_name, parsed.q.tolist(), task_label(parsed), part]
     )
     state = hashlib.sha256(key.encode()).hexdigest()
-    plain = "-".join((case.thing, f"{case.scale:g}", hand_name, task_label(asked), f"{part:04d}"))
+    plain = "-".join((case.thing, f"{case.scale:g}", hand_name, task_label(parsed), f"{part:04d}"))
     return Shard(
         name=f"{re.sub('[^A-Za-z0-9.+-]+', '_', plain)}-{state[:8]}",
         object_name=case.thing,
@@ -230,5 +238,5 @@ def _shard(
 
 
 def hand_digest(name: str) -> str:
-    """Hash of all that a hand is."""
+    """Hash of everything that defines a hand."""
     return digest(load_hand(name), "dataset")

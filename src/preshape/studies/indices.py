@@ -184,9 +184,10 @@ def _made(
         return kept
     rng = random_generator(run.seed, hand, thing)
     own = load_hand(hand)
-    found = draw_random_grasps(own, mesh, count, rng)
+    closure = random_grasp_settings()
+    found = draw_random_grasps(own, mesh, count, rng, closure)
     chosen = [instances[k] for k in rng.integers(len(instances), size=len(found.grasps))]
-    closure, length, u = random_grasp_settings(), float(mesh.extents.max()) / 2, layout_of(own).u
+    length, u = float(mesh.extents.max()) / 2, layout_of(own).u
     rows: list[Row] = []
     for made, instance in zip(found.grasps, chosen, strict=True):
         grasp = GraspContacts(
