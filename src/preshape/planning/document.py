@@ -153,6 +153,7 @@ def _hand(plan: Plan, answer: Answer | None) -> dict[str, Any]:
     result = answer.hand_result if answer else None
     return {
         "name": plan.hand.name,
+        "source": plan.hand.source or plan.hand.name,
         "joints": list(plan.hand.joints),
         "status": result.status.name.lower() if result else None,
         "reason": result.reason if result else None,
