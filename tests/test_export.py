@@ -29,10 +29,9 @@ from preshape.exceptions import EnvironmentFailure, InputError, ObjectError
 from preshape.export import ros_bag
 from preshape.export.forces import contact_forces
 from preshape.export.mjcf import scene_mjcf
-from preshape.export.moveit import MoveItOptions, moveit_grasps
+from preshape.export.moveit import MoveItOptions, messages_yaml, moveit_grasps
 from preshape.export.planned import planned_grasps, read_plan
 from preshape.export.scene_object import find_object, grasp_set
-from preshape.export.yaml_text import yaml_documents, yaml_text
 from preshape.hands.kinematics import HandKinematics
 from preshape.hands.load import load_hand
 from preshape.objects.library import load_library_object
@@ -211,7 +210,7 @@ def yaml_read(text: str) -> list:
 @both
 def test_yaml_holds_the_same_messages(document: dict) -> None:
     messages = messages_of(document)
-    assert yaml_read(yaml_documents(messages, "one line\nanother")) == messages
+    assert yaml_read(messages_yaml(messages, "one line\nanother")) == messages
 
 
 @pytest.mark.parametrize(
@@ -227,7 +226,7 @@ def test_yaml_keeps_every_scalar(content: object) -> None:
         "b": {"c": [content, content]},
         "d": [{"e": content, "f": []}, {"e": 1, "f": [2]}],
     }
-    (read,) = yaml_read(yaml_text(message))
+    (read,) = yaml_read(messages_yaml([message]))
     assert read == message
     assert type(read["a"]) is type(content)
 

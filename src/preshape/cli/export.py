@@ -147,14 +147,13 @@ def _moveit(
     grasps: tuple[PlannedGrasp, ...], options: MoveItOptions, paths: list[Path], file: str
 ) -> tuple[str, dict[str, Any]]:
     from .._version import __version__
-    from ..export.moveit import moveit_grasps, parent_link
+    from ..export.moveit import messages_yaml, moveit_grasps, parent_link
     from ..export.ros_bag import write_bag, write_mcap
-    from ..export.yaml_text import yaml_documents
     from ..files import write_text
 
     messages = moveit_grasps(grasps, options)
     link, _ = parent_link(grasps[0], options)
-    text = yaml_documents(
+    text = messages_yaml(
         messages,
         f"moveit_msgs/msg/Grasp, {_count(len(messages))}, best first\n"
         f"from {Path(file).name} by preshape {__version__}\n"

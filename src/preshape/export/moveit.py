@@ -6,6 +6,8 @@ the object's frame; approach and retreat are unit vectors in the frame that thei
 
 from __future__ import annotations
 
+import math
+import re
 from typing import Any
 
 import numpy as np
@@ -117,6 +119,33 @@ def parent_link(grasp: PlannedGrasp, options: MoveItOptions) -> tuple[str, Array
             'robot, say where the root of the hand stands in it, as --mount "0 0 0 1 0 0 0" (x y z w x y z)'
         )
     return name, inverse(hand.T_root_palm) @ inverse(pose_from_seven(options.mount))
+
+
+def messages_yaml(messages: list[Message], heading: str = "") -> str:
+    """Messages as one YAML stream with one document for each, as ``ros2 topic pub --yaml-file`` reads it.
+
+    Args:
+        messages: Messages as nested dictionaries and lists.
+        heading: Lines of comment at the beginning.
+
+    >>> print(messages_yaml([{"id": "a", "p": {"x": 1e-7, "y": 2.0}, "points": [{"t": [1]}]}]), end="")
+    id: a
+    p: {x: 1.0e-07, 'y': 2.0}
+    points:
+    - t: [1]
+    """
+    import yaml
+
+    class Dumper(yaml.SafeDumper):
+        """PyYAML's dumper, but it also quotes text that other YAML 1.1 readers read as bool or float."""
+
+    for kind, pattern, first in (
+        ("bool", "[yYnN]", "yYnN"),
+        ("float", r"[-+]?\d+[eE][-+]?\d+", "-+0123456789"),
+    ):
+        Dumper.add_implicit_resolver(f"tag:yaml.org,2002:{kind}", re.compile(f"^{pattern}$"), list(first))
+    text = yaml.dump_all(messages, Dumper=Dumper, sort_keys=False, default_flow_style=None, width=math.inf)
+    return "".join(f"# {line}\n" for line in heading.splitlines()) + text
 
 
 def _message(grasp: PlannedGrasp, options: MoveItOptions) -> Message:
