@@ -98,7 +98,7 @@ def grasp_set(grasps: tuple[PlannedGrasp, ...], found: FoundObject) -> GraspSet:
         )
 
     return GraspSet(
-        hand=hand.name,
+        hand=hand.source,
         joints=hand.joints,
         objects=(found.name,) * len(grasps),
         scale=np.full(len(grasps), found.scale),

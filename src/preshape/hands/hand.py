@@ -103,8 +103,7 @@ class Hand:
         actuators: Joints of each actuator in the MJCF's order: one, or the two of a coupling.
         mjcf: Text of the MJCF. It has primitive shapes only and needs no other file.
         source: What :func:`~preshape.hands.load.load_hand` takes to load this hand again: a name, or the
-            absolute path of its TOML file, with ``:left`` or ``:right`` for a mirror image. Empty for a hand
-            made from text.
+            absolute path of its TOML file, with ``:left`` or ``:right`` for a mirror image. Default the name.
     """
 
     name: str
@@ -140,6 +139,7 @@ class Hand:
             gains=frozen_array(self.gains, (count,), f"{self.name}: gains"),
             torque_limits=frozen_array(self.torque_limits, (count,), f"{self.name}: torque limits"),
             T_root_palm=frozen_array(self.T_root_palm, (4, 4), f"{self.name}: palm frame"),
+            source=self.source or self.name,
         )
 
     def finger(self, name: str) -> Finger:

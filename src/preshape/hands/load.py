@@ -81,7 +81,7 @@ def recorded_hand(record: Mapping[str, Any]) -> Hand:
 
 
 def parse_hand(description: str, mjcf: str) -> Hand:
-    """A hand from the texts of its TOML description and of its MJCF; its ``source`` is empty.
+    """A hand from the texts of its TOML description and of its MJCF.
 
     Raises:
         HandError: A field is missing or of the wrong kind, or description and MJCF contradict each other.
@@ -166,8 +166,8 @@ def _by_name(name: str, side: str | None) -> Hand:
     data, mjcf = _description(name)
     if name.startswith(menagerie.PREFIX):
         model = read_model(menagerie.fetch(name.removeprefix(menagerie.PREFIX)))
-        return replace(rebuilt(data, model, name), source=name)
-    return replace(hand_from(data, mjcf), source=name)
+        return rebuilt(data, model, name)
+    return hand_from(data, mjcf)
 
 
 def _description(name: str) -> tuple[Table, str]:

@@ -81,7 +81,7 @@ def mirrored(hand: Hand, *, rename: tuple[str, str] | None = None) -> Hand:
         couplings=tuple((renamed(a), renamed(b)) for a, b in hand.couplings),
         actuators=tuple(tuple(renamed(joint) for joint in group) for group in hand.actuators),
         mjcf=ElementTree.tostring(root, encoding="unicode"),
-        source=on_side(hand.source) if hand.source else "",
+        source=on_side(hand.source),
     )
 
 

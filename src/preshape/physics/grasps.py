@@ -63,7 +63,7 @@ class GraspSet:
     """Grasps of one hand on any objects.
 
     Attributes:
-        hand: name of the hand, empty where it is not known.
+        hand: What loads the hand: its name or its file; empty where it is not known.
         joints: names in the order of the angles; empty for the hand's own order.
         objects: (n,) names.
         scale: (n,) factor on each object's size.
@@ -152,7 +152,7 @@ class GraspSet:
                 seven[sound] = spatial.seven_from_pose(T)
             stages[stage] = np.concatenate([seven, angles], axis=1)
         return GraspSet(
-            hand=hand.name,
+            hand=hand.source,
             joints=hand.joints,
             objects=self.objects,
             scale=self.scale,
@@ -185,7 +185,7 @@ def joined(sets: Sequence[tuple[str, GraspSet]], hand: PhysicsHand) -> GraspSet:
         stage: np.concatenate([getattr(grasps, stage) for grasps in own]) for stage in STAGES
     }
     return GraspSet(
-        hand=hand.name,
+        hand=hand.source,
         joints=hand.joints,
         objects=tuple(name for grasps in own for name in grasps.objects),
         scale=np.concatenate([grasps.scale for grasps in own]),
@@ -279,7 +279,7 @@ def grasps_from_plans(
             scale = float(max(thing["extents"])) / extents[source]
             for answer in answers:
                 hand = answer["hand"]
-                hands.append((str(hand["name"]), tuple(map(str, hand["joints"]))))
+                hands.append((str(hand.get("source") or hand["name"]), tuple(map(str, hand["joints"]))))
                 row = {"object": source, "scale": scale}
                 for stage in STAGES:
                     pose = hand[stage]

@@ -28,6 +28,7 @@ class PhysicsHand:
         root: the body whose pose is given; its subtree is the hand, what stands before it is left out.
         joints: joint names in the order of the angles; other joints below ``root`` are fixed at zero.
         T_root_palm: (4, 4) palm frame in the frame of ``root``, for poses given as palm poses.
+        source: What loads the hand again, a name or a file; default the name.
     """
 
     name: str
@@ -36,9 +37,11 @@ class PhysicsHand:
     root: str
     joints: tuple[str, ...]
     T_root_palm: Array
+    source: str = ""
 
     def __post_init__(self) -> None:
         freeze(self, T_root_palm=frozen_array(self.T_root_palm, (4, 4), f"{self.name}: palm frame"))
+        freeze(self, source=self.source or self.name)
 
     @property
     def digest(self) -> str:
@@ -94,6 +97,7 @@ def physics_hand(hand: Hand) -> PhysicsHand:
         root=str(root.get("name")),
         joints=hand.joints,
         T_root_palm=hand.T_root_palm,
+        source=hand.source,
     )
 
 

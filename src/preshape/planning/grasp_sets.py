@@ -28,7 +28,7 @@ def palm_grasps(
         InputError: an array of the wrong shape.
     """
     return GraspSet(
-        hand=hand.name,
+        hand=hand.source,
         joints=hand.joints,
         objects=tuple(objects),
         scale=np.array(scale),

@@ -120,7 +120,7 @@ class TaskReport:
         )
         stages: dict[str, Any] = {stage: poses[:, k] for k, stage in enumerate(STAGES)}
         grasps = GraspSet(
-            hand=self.hand.name,
+            hand=self.hand.source,
             joints=self.hand.joints,
             objects=tuple(result.object_name for result in rows),
             scale=np.array([result.scale for result in rows]),
