@@ -16,13 +16,41 @@ import preshape
 from preshape.app.panel import SIX
 from preshape.cli.view import start_of
 from preshape.exceptions import EnvironmentFailure
-from preshape.viewer import readings
-from preshape.viewer.report_page import markdown_page, report_page, stylesheet
+from preshape.report import Bullets, Chapter, Figure, Heading, Report, Table, write_report
+from preshape.report.markdown import markdown
+from preshape.report.page import base_style, html_page
+from preshape.report.terminal import print_table, report_console
+from preshape.viewer import page, readings
 
-PAGE = """# Holding test & more
 
-A line with **strong**, *emphasised*, `code <b>` and <script>alert(1)</script>.
-It goes on; 2*3*4 and a_b stay.
+def draw(path: Path) -> None:
+    Image.fromarray(np.zeros((2, 3, 3), dtype=np.uint8)).save(path)
+
+
+PAGE = Report(
+    title="Holding test & more",
+    preface=(
+        "A **strong**, *emphasised*, `code <b>` and <script>alert(1)</script>. "
+        "It goes on; 2*3*4 and a_b stay.",
+        Figure(file="areas.png", caption="areas", draw=draw),
+    ),
+    chapters=(
+        Chapter(
+            title="Shadow: 3 of 4 held",
+            blocks=(
+                Table(
+                    caption="",
+                    columns=("object", "held", "%"),
+                    rows=(("mug <i>", 3, "75.0"), ("can", 1, None)),
+                ),
+                Bullets(items=("first item", "second **item** goes on")),
+            ),
+        ),
+    ),
+)
+MARKDOWN = """# Holding test & more
+
+A **strong**, *emphasised*, `code <b>` and <script>alert(1)</script>. It goes on; 2*3*4 and a_b stay.
 
 ![areas](areas.png)
 
@@ -36,8 +64,7 @@ It goes on; 2*3*4 and a_b stay.
 | can | 1 | – |
 
 - first item
-- second **item**
-  goes on
+- second **item** goes on
 """
 
 
@@ -68,9 +95,11 @@ class Reader(HTMLParser):
             self.words.setdefault(self.open[-1], []).append(data)
 
 
-def test_a_report_in_markdown_becomes_one_page_that_asks_for_nothing(tmp_path: Path) -> None:
-    Image.fromarray(np.zeros((2, 3, 3), dtype=np.uint8)).save(tmp_path / "areas.png")
-    html = markdown_page(PAGE, tmp_path)
+def test_a_report_becomes_markdown_and_one_page_that_asks_for_nothing(tmp_path: Path) -> None:
+    files = write_report(tmp_path, PAGE)
+    assert [file.name for file in files] == ["report.md", "report.html"]
+    assert files[0].read_text(encoding="utf-8") == MARKDOWN
+    html = files[1].read_text(encoding="utf-8")
     read = Reader(html)
     names = [tag for tag, _ in read.tags]
     assert "script" not in names
@@ -99,14 +128,43 @@ def test_a_report_in_markdown_becomes_one_page_that_asks_for_nothing(tmp_path: P
 
 def test_a_report_s_missing_picture_is_one_sentence(tmp_path: Path) -> None:
     with pytest.raises(EnvironmentFailure, match=r"areas\.png cannot be read"):
-        markdown_page(PAGE, tmp_path)
+        html_page(PAGE, tmp_path)
 
 
-def test_reports_and_plans_share_one_style() -> None:
-    base = stylesheet("report.css").partition("@media")[0]
-    assert "--ink" in base
-    assert stylesheet("page.css").startswith(base)
-    assert base in report_page("title", "<p>body</p>")
+def test_a_chapter_with_a_headline_is_listed_and_a_cell_may_have_lines(tmp_path: Path) -> None:
+    table = Table(caption="Two *lines*", columns=("a\nb", "c"), rows=(("x\ny", 1.5), ("z|", 2)))
+    chapter = Chapter(title="First", name="one", headline="It works.", blocks=(Heading(text="Part"), table))
+    empty = Chapter(title="Second", blocks=(Table(caption="", columns=("a",), rows=()),))
+    report = Report(title="Two", chapters=(chapter, empty))
+    text = markdown(report)
+    assert "- **First.** It works.\n\n## First\n\n### Part\n\nTwo *lines*\n\n| a b | c |" in text
+    assert "| x · y | 1.50 |\n| z/ | 2 |" in text
+    assert "Second.**" not in text
+    assert text.endswith("## Second\n\nNone.\n")
+    html = html_page(report, tmp_path)
+    read = Reader(html)
+    assert '<li><a href="#one">First</a>. It works.</li>' in html
+    assert '<section id="one">' in html
+    assert "<td class=lines>x<br>y</td><td class=number>1.50</td>" in html
+    assert read.words["em"] == ["lines"]
+    assert "None." in read.words["p"]
+
+
+def test_a_table_on_a_terminal(capsys: pytest.CaptureFixture[str]) -> None:
+    table = Table(caption="[red]", columns=("object", "held"), rows=(("mug", None), ("all", 7)))
+    print_table(report_console(40), table, bold=lambda row: row[0] == "all")
+    lines = [line.split() for line in capsys.readouterr().out.splitlines() if line.strip()]
+    assert lines[0] == ["[red]"]
+    assert lines[1] == ["object", "held"]
+    assert lines[-2:] == [["mug", "–"], ["all", "7"]]
+
+
+def test_reports_and_plans_share_one_style(tmp_path: Path, document: dict, monkeypatch) -> None:
+    assert "--ink" in base_style()
+    assert base_style() in html_page(Report(title="title", preface=("body",)), tmp_path)
+    monkeypatch.setattr(page, "_view", lambda *_: {})
+    view = page.PageView(scene=None)
+    assert f"<style>{base_style()}" in page.plan_page([view], document)
 
 
 @pytest.fixture(scope="module")

@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ..exceptions import InputError
+from ..report.terminal import print_table, report_console
 from .options import check_folder, json_option
 from .progress import GOES_ON, duration, steps
-from .tables import draw_table, report_console
 
 if TYPE_CHECKING:
     from ..physics.grasps import GraspSet
@@ -232,14 +232,13 @@ def _write(
 ) -> list[Path]:
     if out is None:
         return []
-    from ..physics.hold.tables import markdown
-    from ..planning.document import write_json
-    from ..studies.report import write_pages
+    from ..files import write_json
+    from ..physics.hold.tables import hold_report
+    from ..report import write_report
 
-    preface = f"MuJoCo {document['mujoco']}, preshape {document['version']}."
-    page = markdown(reports, protocol, preface)
+    versions = f"MuJoCo {document['mujoco']}, preshape {document['version']}."
     write_json(Path(out) / "report.json", document)
-    return [Path(out) / "report.json", *write_pages(Path(out), page)]
+    return [Path(out) / "report.json", *write_report(Path(out), hold_report(reports, protocol, versions))]
 
 
 def _show(
@@ -254,7 +253,7 @@ def _show(
         console.print(Text.assemble((f"{hand}: ", "bold"), settings_line(protocol)))
         for content in tables(report):
             several = len(content.rows) > 1
-            draw_table(
+            print_table(
                 console,
                 content,
                 unbroken=content.columns[1:],

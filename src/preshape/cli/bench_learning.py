@@ -7,9 +7,9 @@ from pathlib import Path
 import click
 
 from ..exceptions import InputError
+from ..report.terminal import print_table, report_console
 from .options import check_folder, json_option
 from .progress import steps
-from .tables import draw_table, report_console
 
 
 @click.command(epilog="Example: preshape bench learning --hand shadow --length 100 --out out/learning")
@@ -50,7 +50,7 @@ def learning(hand: str, length: int, held_out: int, seed: int, out: str | None, 
         emit({"status": "answer", **found.figures(), "files": [str(path) for path in written]})
         return 0
     console = report_console(100)
-    draw_table(console, table(found))
+    print_table(console, table(found))
     for path in written:
         console.print(f"wrote {path}", markup=False, soft_wrap=True)
     return 0

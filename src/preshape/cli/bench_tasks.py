@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ..exceptions import InputError
+from ..report.terminal import print_table, report_console
 from .options import json_option
 from .progress import GOES_ON, steps
-from .tables import draw_table, report_console
 
 if TYPE_CHECKING:
     from ..physics.hand import PhysicsHand
@@ -210,16 +210,14 @@ def _write(
     if out is None:
         return []
     from ..physics.task.grasps import write_task_grasps
-    from ..physics.task.tables import task_markdown
+    from ..physics.task.tables import task_report
     from ..planning.document import write_json
-    from ..studies.report import write_pages
+    from ..report import write_report
 
     folder = Path(out)
-    page = task_markdown(
-        report, protocol, who, f"MuJoCo {document['mujoco']}, preshape {document['version']}."
-    )
+    versions = f"MuJoCo {document['mujoco']}, preshape {document['version']}."
     write_json(folder / "report.json", document)
-    written = [folder / "report.json", *write_pages(folder, page)]
+    written = [folder / "report.json", *write_report(folder, task_report(report, protocol, who, versions))]
     grasps, labels = report.planned_grasps()
     if len(grasps):
         written.append(folder / "grasps.npz")
@@ -276,11 +274,11 @@ def _show(
     for content in (*task_tables(report), failure_table(failures[:SHOWN])):
         if not content.rows:
             continue
-        words = [heading for heading in content.columns if heading != "why"]
-        draw_table(
+        words = [heading for heading in content.columns if heading != "reason"]
+        print_table(
             console,
             content,
-            left=content.columns[-1] == "why",
+            left=content.columns[-1] == "reason",
             unbroken=words,
             bold=lambda row: row[0] == ALL,
         )

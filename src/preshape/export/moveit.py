@@ -136,7 +136,7 @@ def messages_yaml(messages: list[Message], heading: str = "") -> str:
     """
     import yaml
 
-    class Dumper(yaml.SafeDumper):
+    class Dumper(yaml.SafeDumper):  # type: ignore[misc]
         """PyYAML's dumper, but it also quotes text that other YAML 1.1 readers read as bool or float."""
 
     for kind, pattern, first in (

@@ -143,7 +143,7 @@ def mean(numbers: Iterable[float]) -> float | None:
 
 
 def wilson(part: int, whole: int) -> tuple[float, float] | None:
-    """95 % confidence interval of a share (Wilson's score interval); ``None`` of nothing.
+    """95 % confidence interval of the share ``part / whole`` (Wilson's score interval); ``None`` for 0 of 0.
 
     >>> [round(x, 3) for x in wilson(15, 100)]
     [0.093, 0.233]
@@ -154,6 +154,18 @@ def wilson(part: int, whole: int) -> tuple[float, float] | None:
         return None
     low, high = binomtest(part, whole).proportion_ci(method="wilson")
     return float(low), float(high)
+
+
+def rate_text(rate: float | None, interval: tuple[float, float] | None) -> str:
+    """A rate and its 95 % interval in words; empty where nothing was tested.
+
+    >>> rate_text(0.25, (0.1119, 0.4687))
+    '25.0 % (95 %: 11.2 to 46.9 %)'
+    """
+    if rate is None or interval is None:
+        return ""
+    low, high = interval
+    return f"{100 * rate:.1f} % (95 %: {100 * low:.1f} to {100 * high:.1f} %)"
 
 
 def _contacts(scene: Scene, data: object) -> tuple[Array, IntArray]:

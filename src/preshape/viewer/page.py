@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from ..exceptions import InputError
+from ..report.page import base_style
 from ..types import value
 from . import readings
 from .camera import Camera
@@ -27,7 +28,6 @@ from .framing import framing
 from .hand_motion import HandMotion
 from .plan_scene import PlanScene
 from .raycast import Shape
-from .report_page import stylesheet
 
 ASPECT = 1.2
 LARGEST = 5_000_000
@@ -84,7 +84,7 @@ def _page(views: Sequence[PageView], answers: Sequence[Document], document: Docu
     web = resources.files("preshape.viewer") / "web"
     parts = {
         "title": escape(f"{thing['name']}: {task['name']} · preshape"),
-        "style": stylesheet("page.css") + readings.STYLE,
+        "style": base_style() + (web / "page.css").read_text(encoding="utf-8") + readings.STYLE,
         "heading": escape(f"{thing['name']}: {task['name']}"),
         "means": escape(str(task.get("means", ""))),
         "subtitle": escape(f"{size} mm · hand {document['hand']['name']} · preshape {document['version']}"),

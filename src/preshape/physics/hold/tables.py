@@ -1,4 +1,4 @@
-"""A run of holding tests as tables, warnings and a page of Markdown for people."""
+"""A run of holding tests as tables, warnings and a report."""
 
 from __future__ import annotations
 
@@ -6,71 +6,58 @@ import math
 from pathlib import Path
 
 from ...objects.load import SUFFIXES
-from ...types import value
+from ...report import Block, Bullets, Chapter, Heading, Report, Table
+from ..measures import rate_text
 from ..protocol import HoldProtocol
 from .report import HoldFigures, HoldReport
 from .six_directions import HoldStatus
 
 ALL = "all"
-"""Name of the last line of a table."""
+"""First cell of the row with the figures over all objects."""
 
-LONGEST = 24  # characters of an object's name in a table
-
-
-@value
-class TextTable:
-    """A table of words.
-
-    Attributes:
-        caption: what it shows.
-        columns: headings; may have two lines.
-        rows: as many cells each.
-    """
-
-    caption: str
-    columns: tuple[str, ...]
-    rows: tuple[tuple[str, ...], ...]
+LONGEST_NAME = 24
+"""Longest name of an object in a table, in characters."""
 
 
-def tables(report: HoldReport, *, full_names: bool = False) -> tuple[TextTable, TextTable]:
-    """Score, and measures at the grasp pose: a line for each object and one for all.
+def tables(report: HoldReport, *, full_names: bool = False) -> tuple[Table, Table]:
+    """Score and measures at the grasp pose, with a row for each object and one for all.
 
     Args:
-        report: of one hand.
-        full_names: objects as they were given, however long.
+        report: Results of one hand.
+        full_names: Whether objects keep their names, however long.
     """
     names = report.object_names
-    lines = [(name if full_names else short_name(name), report.figures(name)) for name in names]
+    rows = [(name if full_names else short_name(name), report.figures(name)) for name in names]
     if len(names) > 1:
-        lines.append((ALL, report.figures()))
-    ladder = any(figures.strength is not None for _, figures in lines)
-    score = TextTable(
+        rows.append((ALL, report.figures()))
+    ladder = any(figures.strength is not None for _, figures in rows)
+    score = Table(
         caption="Score",
         columns=(
             "object", "held", "%", "95 %", "contact\nat grasp", "clean", "by squeeze\nonly",
             *(("strength",) if ladder else ()),
         ),
-        rows=tuple((name, *_score(figures, ladder)) for name, figures in lines),
+        rows=tuple((name, *_score(figures, ladder)) for name, figures in rows),
     )  # fmt: skip
-    measures = TextTable(
-        caption="At the grasp pose, means; lengths in mm, depth is penetration",
+    measures = Table(
+        caption="Means at the grasp pose; lengths in mm, depth is penetration",
         columns=(
             "object", "depth in\nobject", "depth in\nhand", "links", "distance", "consistency", "diversity",
         ),
-        rows=tuple((name, *_measures(figures)) for name, figures in lines),
+        rows=tuple((name, *_measures(figures)) for name, figures in rows),
     )  # fmt: skip
     return score, measures
 
 
 def warnings(report: HoldReport, protocol: HoldProtocol) -> tuple[str, ...]:
-    """What a score alone would hide, one sentence each."""
+    """One sentence for each problem that the score alone would hide."""
     f = report.figures()
     deep = sum(
         r.held and r.at_grasp is not None and r.at_grasp.penetration >= protocol.clean_penetration
         for r in report.results
     )
     limit, clean = 1e3 * protocol.penetration_limit, 1e3 * protocol.clean_penetration
-    found = (
+    sentences = (
         (f.only_by_squeeze, f"{_grasps(f.only_by_squeeze)} held only through the squeeze: at the grasp pose "
          "fewer than two parts of the hand touch the object"),
         (deep, f"{_grasps(deep)} held but cut {clean:g} mm or more into the object at the grasp pose"),
@@ -78,11 +65,11 @@ def warnings(report: HoldReport, protocol: HoldProtocol) -> tuple[str, ...]:
          f"{limit:g} mm into the object or the hand"),
         (f.unstable, f"{_grasps(f.unstable)} failed because the simulation became unstable"),
     )  # fmt: skip
-    return tuple(sentence for count, sentence in found if count)
+    return tuple(sentence for count, sentence in sentences if count)
 
 
 def settings_line(protocol: HoldProtocol) -> str:
-    """The test in one line.
+    """The settings of the test in one line.
 
     >>> settings_line(HoldProtocol())
     'six directions, 1 N on 0.1 kg, friction 0.6'
@@ -102,41 +89,39 @@ def settings_line(protocol: HoldProtocol) -> str:
     return ", ".join(parts)
 
 
-def markdown(reports: list[tuple[str, HoldReport]], protocol: HoldProtocol, preface: str) -> str:
-    """The page: tables of each hand, warnings, and every grasp that did not hold.
+def hold_report(reports: list[tuple[str, HoldReport]], protocol: HoldProtocol, versions: str) -> Report:
+    """The report: for each hand its tables, its warnings, and every grasp that did not hold.
 
     Args:
-        reports: name of the hand, and its report.
-        protocol: of all of them.
-        preface: a line under the title.
+        reports: Name and results of each hand.
+        protocol: Settings of all tests.
+        versions: Sentence that names the versions of the programs.
     """
-    page = ["# Holding test", "", f"{settings_line(protocol)}. {preface}", ""]
-    page += ["Every measure and option is explained in `docs/grasp-file.md`.", ""]
-    for hand, report in reports:
-        figures = report.figures()
-        page += [f"## {hand}: {figures.held} of {figures.tested} held{_interval(figures)}", ""]
-        for table in tables(report, full_names=True):
-            page += [table.caption, "", *markdown_table(table), ""]
-        page += [f"- {sentence}." for sentence in warnings(report, protocol)]
-        page += ["", f"### Failures of {hand}", "", *markdown_table(_failures(report)), ""]
-        if report.faults:
-            page += [f"### Not tested of {hand}", "", *(f"- {line}" for line in report.fault_lines()), ""]
-    return "\n".join(page)
+    return Report(
+        title="Holding test",
+        preface=(
+            f"{settings_line(protocol)}. {versions}",
+            "Every measure and option is explained in `docs/grasp-file.md`.",
+        ),
+        chapters=tuple(_chapter(hand, report, protocol) for hand, report in reports),
+    )
 
 
-def markdown_table(table: TextTable) -> list[str]:
-    """The lines of a table in Markdown, without its caption."""
-    if not table.rows:
-        return ["None."]
-
-    def line(cells: tuple[str, ...]) -> str:
-        return f"| {' | '.join(cell.replace('|', '/').replace(chr(10), ' ') for cell in cells)} |"
-
-    return [line(table.columns), f"|{'---|' * len(table.columns)}", *map(line, table.rows)]
+def _chapter(hand: str, report: HoldReport, protocol: HoldProtocol) -> Chapter:
+    figures = report.figures()
+    blocks: list[Block] = [*tables(report, full_names=True)]
+    if found := warnings(report, protocol):
+        blocks.append(Bullets(items=tuple(f"{sentence}." for sentence in found)))
+    blocks += [Heading(text=f"Failures of {hand}"), _failures(report)]
+    if report.faults:
+        blocks += [Heading(text=f"Not tested of {hand}"), Bullets(items=report.fault_lines())]
+    rate = rate_text(figures.rate, figures.interval)
+    title = f"{hand}: {figures.held} of {figures.tested} held{rate and f', {rate}'}"
+    return Chapter(title=title, blocks=tuple(blocks))
 
 
 def short_name(name: str) -> str:
-    """An object's name for a narrow column: a file's without folder and suffix, and not too long.
+    """Name of an object for a narrow column: a file's without folder and suffix, at most 24 characters.
 
     >>> short_name("scans/mug.obj"), short_name("core_bottle_523cddb320608c09a37f3fc191551700")
     ('mug', 'core_bottle_523cddb3206…')
@@ -144,24 +129,34 @@ def short_name(name: str) -> str:
     path = Path(name)
     if path.suffix.lower() in SUFFIXES:
         name = path.stem
-    return name if len(name) <= LONGEST else name[: LONGEST - 1] + "…"
+    return name if len(name) <= LONGEST_NAME else name[: LONGEST_NAME - 1] + "…"
 
 
-def _failures(report: HoldReport) -> TextTable:
+def rate_cells(rate: float | None, interval: tuple[float, float] | None) -> tuple[str, str]:
+    """Two cells: a rate and its 95 % interval, both in per cent.
+
+    >>> rate_cells(0.25, (0.112, 0.469)), rate_cells(None, None)
+    (('25.0', '11-47'), ('–', '–'))
+    """
+    if rate is None or interval is None:
+        return "–", "–"
+    low, high = interval
+    return f"{100 * rate:.1f}", f"{100 * low:.0f}-{100 * high:.0f}"
+
+
+def _failures(report: HoldReport) -> Table:
     failed = [r for r in report.results if not r.held and r.status is not HoldStatus.INVALID]
     rows = []
     for r in failed:
         file, row = report.grasps.origin[r.row] if report.grasps.origin else ("", r.row)
-        rows.append((file, str(row), r.object_name, f"{r.scale:g}", r.reason))
-    return TextTable(caption="", columns=("file", "row", "object", "scale", "why"), rows=tuple(rows))
+        rows.append((file, row, r.object_name, f"{r.scale:g}", r.reason))
+    return Table(caption="", columns=("file", "row", "object", "scale", "reason"), rows=tuple(rows))
 
 
 def _score(f: HoldFigures, ladder: bool) -> tuple[str, ...]:
-    percent = "–" if f.rate is None else f"{100 * f.rate:.1f}"
-    interval = "–" if f.interval is None else f"{100 * f.interval[0]:.0f}-{100 * f.interval[1]:.0f}"
     counts = (str(f.touching), str(f.clean), str(f.only_by_squeeze))
     strength = (_number(f.strength, 1.0, 2),) if ladder else ()
-    return (f"{f.held}/{f.tested}", percent, interval, *counts, *strength)
+    return (f"{f.held}/{f.tested}", *rate_cells(f.rate, f.interval), *counts, *strength)
 
 
 def _measures(f: HoldFigures) -> tuple[str, ...]:
@@ -177,13 +172,6 @@ def _measures(f: HoldFigures) -> tuple[str, ...]:
 
 def _number(number: float | None, factor: float, digits: int) -> str:
     return "–" if number is None else f"{factor * number:.{digits}f}"
-
-
-def _interval(f: HoldFigures) -> str:
-    if f.rate is None or f.interval is None:
-        return ""
-    low, high = (100 * x for x in f.interval)
-    return f", {100 * f.rate:.1f} % (95 %: {low:.1f} to {high:.1f} %)"
 
 
 def _grasps(count: int) -> str:

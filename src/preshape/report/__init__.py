@@ -1,0 +1,17 @@
+"""Reports as values, and their text as Markdown, HTML and on a terminal."""
+
+from .page import write_report
+from .values import Block, Bullets, Cell, Chapter, Figure, Heading, Report, Table, cell_text
+
+__all__ = [
+    "Block",
+    "Bullets",
+    "Cell",
+    "Chapter",
+    "Figure",
+    "Heading",
+    "Report",
+    "Table",
+    "cell_text",
+    "write_report",
+]
