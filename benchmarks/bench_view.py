@@ -17,7 +17,7 @@ import numpy as np
 from preshape.app.scenes import light_mesh
 from preshape.app.worker import Order, Worker, order_fields
 from preshape.objects.mesh import TriangleMesh
-from preshape.viewer.reduce import MOST
+from preshape.viewer.reduce import MAX_TRIANGLES
 
 from .common import median_of, row
 
@@ -89,7 +89,7 @@ def reduction() -> dict[str, Any]:
     mesh = large_object()
     seconds = median_of(lambda: light_mesh(mesh), 3)
     light = light_mesh(mesh)
-    ok = len(light.triangles) <= MOST and bool(np.allclose(light.extents, mesh.extents, rtol=0.03))
+    ok = len(light.triangles) <= MAX_TRIANGLES and bool(np.allclose(light.extents, mesh.extents, rtol=0.03))
     name = f"reduce {len(mesh.triangles)} triangles to {len(light.triangles)} for the browser"
     return row(name, seconds, "s", None, None, ok)
 
@@ -142,6 +142,6 @@ def frames() -> dict[str, Any] | None:
                     browser.close()
             finally:
                 process.terminate()
-    ok = drawn is not None and int(drawn[1]) > 90_000 and int(drawn[2]) <= MOST
+    ok = drawn is not None and int(drawn[1]) > 90_000 and int(drawn[2]) <= MAX_TRIANGLES
     name = "frames/s turning 100 k triangles, 1280 × 800, software rendering"
     return row(name, rate, "fps", None, f"{os.cpu_count()} cores", ok)

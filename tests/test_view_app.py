@@ -26,7 +26,7 @@ from preshape.viewer.canvas import NullCanvas, RecordingCanvas
 from preshape.viewer.draw import GROUPS, draw_hand, draw_object, draw_plan
 from preshape.viewer.hand_motion import STEPS
 from preshape.viewer.readings import answers_of
-from preshape.viewer.reduce import MOST
+from preshape.viewer.reduce import MAX_TRIANGLES
 from view_app_page import SMALL, Watched, answer_buttons, choose, keep, press, saw, set_number, tab
 
 pytest_plugins = ("view_app_fixtures",)
@@ -242,7 +242,7 @@ def test_a_large_mesh_is_reduced_for_the_eye_only() -> None:
     )
     light = light_mesh(ball)
     assert len(ball.triangles) > 130_000
-    assert MOST // 2 < len(light.triangles) <= MOST
+    assert MAX_TRIANGLES // 2 < len(light.triangles) <= MAX_TRIANGLES
     assert np.allclose(light.extents, ball.extents, rtol=0.02)
     assert np.allclose(np.linalg.norm(light.vertices, axis=1), 0.05, rtol=0.02)
     small = load_object("cube")

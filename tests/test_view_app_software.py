@@ -13,7 +13,7 @@ from websockets.http11 import Response
 from preshape.app.page_script import with_script
 from preshape.objects.library import load_library_object
 from preshape.viewer.colours import OBJECT
-from preshape.viewer.corners import indexed, outside
+from preshape.viewer.corners import indexed, visible_side
 from preshape.viewer.raycast import Shape
 from preshape.viewer.reduce import reduced
 from preshape.viewer.shapes import card, object_shape, sphere
@@ -48,27 +48,27 @@ def test_what_is_no_page_stays_as_it_is() -> None:
 
 def test_only_what_closes_a_volume_shows_one_side() -> None:
     ball = sphere([1.0, 2.0, 3.0], 0.1, OBJECT)
-    assert outside(ball) == "front"
-    assert outside(replace(ball, triangles=ball.triangles[:, ::-1])) == "back"
-    assert outside(replace(ball, triangles=ball.triangles[1:])) == "double"
+    assert visible_side(ball) == "front"
+    assert visible_side(replace(ball, triangles=ball.triangles[:, ::-1])) == "back"
+    assert visible_side(replace(ball, triangles=ball.triangles[1:])) == "double"
     one_turned = np.array(ball.triangles)
     one_turned[7] = one_turned[7, ::-1]
-    assert outside(replace(ball, triangles=one_turned)) == "double"
-    assert outside(card(np.zeros(3), [1, 0, 0], [0, 1, 0], OBJECT)) == "double"
+    assert visible_side(replace(ball, triangles=one_turned)) == "double"
+    assert visible_side(card(np.zeros(3), [1, 0, 0], [0, 1, 0], OBJECT)) == "double"
     # a file that gives every triangle corners of its own is closed all the same
     own = Shape(
         vertices=ball.vertices[ball.triangles].reshape(-1, 3),
         triangles=np.arange(3 * len(ball.triangles)).reshape(-1, 3),
         colour=OBJECT,
     )
-    assert outside(own) == "front"
+    assert visible_side(own) == "front"
 
 
 @pytest.mark.parametrize("name", ["bowl", "plate", "wine_glass", "scissors"])
 @pytest.mark.parametrize("most", [300, 2000])
 def test_what_is_closed_stays_closed_when_it_is_reduced(name, most) -> None:
     mesh = load_library_object(name)
-    assert outside(object_shape(mesh)) == "front"
+    assert visible_side(object_shape(mesh)) == "front"
     vertices, triangles = reduced(mesh.vertices, mesh.triangles, most)
     assert len(triangles) <= most
     # thin walls that fell together show a face to either side

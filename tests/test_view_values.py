@@ -21,9 +21,9 @@ from preshape.spatial import pose, rotation_from_vector
 from preshape.types import ContactCoefficients
 from preshape.viewer import colours
 from preshape.viewer.camera import Camera, project
-from preshape.viewer.declutter import LINE, crowded_out
+from preshape.viewer.labels import LINE_HEIGHT, overlapping_labels
 from preshape.viewer.framing import above
-from preshape.viewer.reduce import MOST
+from preshape.viewer.reduce import MAX_TRIANGLES
 
 CAMERA = Camera(eye=[0.0, -1.0, 0.0], target=[0.0, 0.0, 0.0], up=[0.0, 0.0, 1.0], fov=40.0)
 
@@ -44,20 +44,20 @@ def test_labels_that_overlap_give_way_to_more_important_ones() -> None:
         "axes/a-name": ("approach", np.array([0.002, 0, 0.001])),
         "task/name": ("task", np.array([0.2, 0, 0.2])),
     }
-    assert crowded_out(labels, CAMERA, (800, 600)) == {"planes/3/number", "axes/a-name"}
-    assert crowded_out({}, CAMERA, (800, 600)) == set()
+    assert overlapping_labels(labels, CAMERA, (800, 600)) == {"planes/3/number", "axes/a-name"}
+    assert overlapping_labels({}, CAMERA, (800, 600)) == set()
 
 
 def test_labels_that_stay_never_overlap_and_none_goes_for_nothing() -> None:
     random = np.random.default_rng(3)
     labels = {f"planes/{i}/number": (f"word {i}", random.uniform(-0.25, 0.25, 3)) for i in range(60)}
-    gone = crowded_out(labels, CAMERA, (800, 600))
+    gone = overlapping_labels(labels, CAMERA, (800, 600))
     assert 0 < len(gone) < 60
     boxes = {}
     for name, (text, at) in labels.items():
         x, y = project(CAMERA, at[None], (800, 600))[0]
         half = len(text) * 3.3 + 4
-        boxes[name] = (x - half, x + half, y - LINE / 2, y + LINE / 2)
+        boxes[name] = (x - half, x + half, y - LINE_HEIGHT / 2, y + LINE_HEIGHT / 2)
 
     def overlap(a: str, b: str) -> bool:
         p, q = boxes[a], boxes[b]
@@ -195,7 +195,7 @@ def test_at_most_so_many_triangles_are_sent_and_planning_keeps_them_all() -> Non
     whole = load_object("dolphin")
     assert mesh["whole"] == len(whole.triangles)
     sent = decoded(mesh["triangles"], "<i8", 3)
-    assert len(sent) == len(light_mesh(whole).triangles) <= MOST
+    assert len(sent) == len(light_mesh(whole).triangles) <= MAX_TRIANGLES
     assert worker._mesh[1].triangles.shape == whole.triangles.shape
 
 

@@ -324,12 +324,6 @@ def test_a_friction_cone_opens_by_the_coefficient() -> None:
     np.testing.assert_allclose(np.hypot(rim[:, 0], rim[:, 1]) / -rim[:, 2], 0.7)
 
 
-def test_frame_axes_point_along_the_columns() -> None:
-    turn = np.array([[0, 0, 1], [1, 0, 0], [0, 1, 0]], dtype=float)
-    for shape, axis in zip(shapes.axes([1, 1, 1], turn, 0.5), turn.T, strict=True):
-        assert np.linalg.norm(shape.vertices - (1 + 0.5 * axis), axis=1).min() < 1e-12
-
-
 def test_a_hand_of_unknown_parts_is_refused() -> None:
     with pytest.raises(InputError, match="'torus'"):
         shapes.hand_shape([replace(hand()[0], kind="torus", link="torus")])
@@ -451,12 +445,10 @@ def test_a_failed_write_leaves_the_old_file(tmp_path: Path, monkeypatch: pytest.
 
 
 def test_galleries(tmp_path: Path) -> None:
-    gallery.object_picture(brick(), tmp_path / "object.png", (80, 60))
     gallery.hand_picture(hand(), tmp_path / "hand.png", (80, 60))
     gallery.contact_sheet([(brick(), "a brick")] * 3, tmp_path / "sheet.png", 2, cell=80)
-    for name in ("object", "hand"):
-        with PIL.Image.open(tmp_path / f"{name}.png") as image:
-            assert image.size == (80, 60)
+    with PIL.Image.open(tmp_path / "hand.png") as image:
+        assert image.size == (80, 60)
     with PIL.Image.open(tmp_path / "sheet.png") as image:
         assert image.size[0] == 160
         first, second = (np.asarray(image.crop((x, 0, x + 80, 80))) for x in (0, 80))

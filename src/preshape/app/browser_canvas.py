@@ -9,8 +9,8 @@ from ..spatial import seven_from_pose
 from ..types import Array
 from ..viewer.camera import Camera
 from ..viewer.canvas import within
-from ..viewer.corners import indexed, outside
-from ..viewer.declutter import crowded_out
+from ..viewer.corners import indexed, visible_side
+from ..viewer.labels import overlapping_labels
 from ..viewer.raycast import Shape
 
 if TYPE_CHECKING:
@@ -56,7 +56,7 @@ class BrowserCanvas:
             color=tuple(round(255 * c) for c in shape.colour),
             opacity=None if alpha >= 1 else alpha,
             # Backs that nobody sees need not be drawn: half the work for a browser that draws in software.
-            side="front" if within(name, "hand") else outside(shape),
+            side="front" if within(name, "hand") else visible_side(shape),
             material="standard",
             # Software renderers take seconds to prepare a shadow, and a scene of arrows needs none.
             cast_shadow=False,
@@ -108,7 +108,7 @@ class BrowserCanvas:
     def declutter(self, camera: Camera, size: tuple[int, int]) -> None:
         """Hide the labels that have no room in a camera's picture of that size [pixels]."""
         shown = {n: said for n, said in self._words.items() if not self._behind(n)}
-        self._crowded = crowded_out(shown, camera, size)
+        self._crowded = overlapping_labels(shown, camera, size)
         for name in shown:
             visible = name not in self._crowded
             if self._nodes[name].visible != visible:

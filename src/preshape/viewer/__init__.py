@@ -1,1 +1,1 @@
-"""Pictures without a display: a ray caster on the CPU, and the figures made with it."""
+"""Pictures and web pages from plain values: a CPU ray caster, figures, and one drawing for every canvas."""

@@ -1,4 +1,4 @@
-"""A pinhole camera: where points appear, and which way each pixel looks."""
+"""A pinhole camera: projection of points to pixels, and of pixels to viewing directions."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ class Camera:
     """A pinhole camera.
 
     Attributes:
-        eye: where it is [m].
-        target: the point in the middle of the picture [m].
-        up: a direction that points upwards in the picture; also the floor's normal.
-        fov: vertical angle of view [degrees].
+        eye: (3,) Position of the camera [m].
+        target: (3,) Point in the middle of the picture [m].
+        up: (3,) Direction that points upwards in the picture; also the normal of the floor.
+        fov: Vertical angle of view [degrees].
     """
 
     eye: Array
@@ -35,7 +35,7 @@ class Camera:
 
     @property
     def frame(self) -> Array:
-        """(3, 3) rows: right, up and forward of the picture."""
+        """(3, 3) Unit vectors as rows: right, up and forward of the picture."""
         forward = (self.target - self.eye) / np.linalg.norm(self.target - self.eye)
         right = np.cross(forward, self.up)
         right /= np.linalg.norm(right)
@@ -52,15 +52,15 @@ class Camera:
         aspect: float = 1.0,
         margin: float = 1.08,
     ) -> Camera:
-        """The nearest camera that has all points in the picture.
+        """The nearest camera whose picture contains all points.
 
         Args:
-            points: (n, 3) what must be seen, e.g. the corners of a bounding box [m].
-            direction: (3,) from the points towards the eye.
-            up: (3,) upwards in the picture.
-            fov: vertical angle of view [degrees].
-            aspect: width of the picture divided by its height.
-            margin: how much larger than the points the picture is; 1 touches its border.
+            points: (n, 3) Points that must be in the picture [m].
+            direction: (3,) Direction from the points towards the eye.
+            up: (3,) Direction that points upwards in the picture.
+            fov: Vertical angle of view [degrees].
+            aspect: Width of the picture divided by its height.
+            margin: Size of the picture divided by the extent of the points; 1 leaves no border.
         """
         points = frozen_array(points, (None, 3), "points to frame")
         target = (points.min(axis=0) + points.max(axis=0)) / 2
@@ -68,7 +68,9 @@ class Camera:
         offset = np.asarray(direction, dtype=np.float64) / np.linalg.norm(direction)
         frame = cls(eye=target + offset, target=target, up=np.asarray(up), fov=fov).frame
         local = (points - target) @ frame.T
-        for _ in range(8):  # perspective: the middle depends on the distance, the distance on the middle
+        for _ in range(
+            8
+        ):  # a fixed-point iteration: with perspective, centre and distance depend on each other
             reach = np.abs(local[:, :2]) / slope - local[:, 2:]
             distance = max(float(reach.max()), 1e-6)
             seen = local[:, :2] / (local[:, 2:] + distance)
@@ -80,15 +82,15 @@ class Camera:
 
 
 def project(camera: Camera, points: Array, size: tuple[int, int]) -> Array:
-    """Where points appear.
+    """Project points into a picture.
 
     Args:
-        camera: the camera of the picture.
-        points: (n, 3) [m]; points behind the camera have no meaning here.
-        size: width and height of the picture [pixels].
+        camera: The camera.
+        points: (n, 3) Points in front of the camera [m].
+        size: Width and height of the picture [pixels].
 
     Returns:
-        (n, 2) pixels from the left and from the top; the middle of the first pixel is (0.5, 0.5).
+        (n, 2) Pixels from the left and from the top; the centre of the first pixel is (0.5, 0.5).
     """
     local = (np.asarray(points, dtype=np.float64) - camera.eye) @ camera.frame.T
     scale = size[1] / 2 / np.tan(np.radians(camera.fov) / 2)
@@ -97,7 +99,7 @@ def project(camera: Camera, points: Array, size: tuple[int, int]) -> Array:
 
 
 def directions(camera: Camera, pixels: Array, size: tuple[int, int]) -> Array:
-    """(n, 3) unit directions from the eye through ``pixels``; the inverse of :func:`project`."""
+    """(n, 3) Unit directions from the eye through ``pixels`` (n, 2); the inverse of :func:`project`."""
     slope = np.tan(np.radians(camera.fov) / 2) / (size[1] / 2)
     flat = (np.asarray(pixels, dtype=np.float64) - np.array(size) / 2) * [slope, -slope]
     rays = np.column_stack([flat, np.ones(len(flat))]) @ camera.frame

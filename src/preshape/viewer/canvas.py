@@ -1,7 +1,7 @@
-"""What drawing goes through: one protocol, with a version that draws nothing and one that records.
+"""The protocol that drawing goes through, with an implementation that draws nothing and one that records.
 
-A browser's scene and a page on disk implement it too (:mod:`preshape.app`, :mod:`preshape.viewer.page`), so
-that a plan is drawn by the same code everywhere, and tests see what was drawn without any display.
+The browser's scene (:mod:`preshape.app`) implements it too, and the page and the picture of a plan replay a
+recording. A plan is therefore drawn by the same code everywhere, and tests need no display.
 """
 
 from __future__ import annotations
@@ -13,44 +13,44 @@ from .raycast import Shape
 
 
 class Canvas(Protocol):
-    """Where named solids and labels are drawn; names are paths, as ``contacts/thumb/cone``."""
+    """A scene of named solids and labels. Names are paths, for example ``contacts/thumb/cone``."""
 
     def solid(self, name: str, shape: Shape) -> None:
-        """Draw triangles, in place of what had that name."""
+        """Draw triangles; they replace an earlier solid of that name."""
 
     def label(self, name: str, text: str, at: Array) -> None:
-        """Write a few words at a point (3,) [m]."""
+        """Write a short text at a point (3,) [m]."""
 
     def place(self, name: str, pose: Array) -> None:
         """Move a solid: ``pose`` (4, 4) takes its vertices to the scene."""
 
     def remove(self, prefix: str) -> None:
-        """Take away what has that name or lies under it; nothing, where there is nothing."""
+        """Remove whatever has that name or lies under it, if anything."""
 
 
 class NullCanvas:
-    """Draws nothing."""
+    """A canvas that draws nothing."""
 
     def solid(self, name: str, shape: Shape) -> None:
-        """Nothing."""
+        """Do nothing."""
 
     def label(self, name: str, text: str, at: Array) -> None:
-        """Nothing."""
+        """Do nothing."""
 
     def place(self, name: str, pose: Array) -> None:
-        """Nothing."""
+        """Do nothing."""
 
     def remove(self, prefix: str) -> None:
-        """Nothing."""
+        """Do nothing."""
 
 
 class RecordingCanvas:
-    """Keeps what was drawn.
+    """A canvas that records what is drawn.
 
     Attributes:
-        solids: name and shape, in the order in which they were drawn first.
-        labels: name, words and point.
-        poses: name and the last pose (4, 4), where one was set.
+        solids: Shape of each solid by name, in the order in which the names were first drawn.
+        labels: Text and point of each label by name.
+        poses: Last pose (4, 4) of each solid that was moved, by name.
     """
 
     def __init__(self) -> None:
@@ -59,22 +59,22 @@ class RecordingCanvas:
         self.poses: dict[str, Array] = {}
 
     def solid(self, name: str, shape: Shape) -> None:
-        """Keep a solid."""
+        """Record a solid."""
         self.solids[name] = shape
 
     def label(self, name: str, text: str, at: Array) -> None:
-        """Keep a label."""
+        """Record a label."""
         self.labels[name] = (text, at)
 
     def place(self, name: str, pose: Array) -> None:
-        """Keep a pose."""
+        """Record a pose."""
         self.poses[name] = pose
 
     def remove(self, prefix: str) -> None:
-        """Forget what has that name or lies under it."""
-        for kept in (self.solids, self.labels, self.poses):
-            for name in [n for n in kept if within(n, prefix)]:
-                del kept[name]
+        """Forget whatever has that name or lies under it."""
+        for recorded in (self.solids, self.labels, self.poses):
+            for name in [n for n in recorded if within(n, prefix)]:
+                del recorded[name]
 
 
 def within(name: str, prefix: str) -> bool:
@@ -84,3 +84,12 @@ def within(name: str, prefix: str) -> bool:
     (True, False)
     """
     return name == prefix or name.startswith(prefix.rstrip("/") + "/")
+
+
+def group_of(name: str) -> str:
+    """The first part of a name, by which solids and labels are shown or hidden together.
+
+    >>> group_of("contacts/thumb/cone")
+    'contacts'
+    """
+    return name.partition("/")[0]

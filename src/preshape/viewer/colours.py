@@ -1,20 +1,30 @@
-"""One palette for every picture: Okabe and Ito's eight colours, told apart by colour-blind readers too."""
+"""One palette for all pictures: the eight colours of Okabe and Ito, which colour-blind readers tell apart."""
 
 from __future__ import annotations
 
 from typing import Final, TypeAlias
 
 Colour: TypeAlias = tuple[float, float, float]
-"""Red, green, blue, each 0..1, as a display shows them (sRGB)."""
+"""Red, green and blue, each 0..1, sRGB."""
 
 
 def from_hex(text: str) -> Colour:
-    """The colour of a six-digit code.
+    """The colour of a six-digit hexadecimal code.
 
     >>> from_hex("#ff0033")
     (1.0, 0.0, 0.2)
     """
     red, green, blue = (int(text.lstrip("#")[i : i + 2], 16) / 255 for i in (0, 2, 4))
+    return red, green, blue
+
+
+def to_bytes(colour: Colour) -> tuple[int, int, int]:
+    """Red, green and blue, each 0..255.
+
+    >>> to_bytes((1.0, 0.0, 0.2))
+    (255, 0, 51)
+    """
+    red, green, blue = (round(255 * channel) for channel in colour)
     return red, green, blue
 
 
@@ -30,13 +40,13 @@ BLACK: Final = from_hex("#000000")
 INK: Final = from_hex("#22262B")
 """Text and lines."""
 QUIET: Final = from_hex("#6B7480")
-"""Text of second rank."""
+"""Secondary text."""
 FAINT: Final = from_hex("#C9CFD6")
-"""Rules and the outlines of what was not chosen."""
+"""Rules, and outlines of planes that were not chosen."""
 PAPER: Final = from_hex("#FFFFFF")
 SKY_TOP: Final = from_hex("#E3E8EE")
 SKY_BOTTOM: Final = from_hex("#FAFBFC")
-"""The studio's background, from the picture's top to its bottom."""
+"""Background of a rendered picture, from its top to its bottom."""
 
 OBJECT: Final = from_hex("#D9D2C5")
 HAND: Final = from_hex("#8FA3B8")
@@ -53,11 +63,15 @@ FINGERS: Final[dict[str, Colour]] = {
     "ring": YELLOW,
     "little": from_hex("#6A4FA3"),
 }
-"""One colour for each finger, so that the fingers of a picture are told apart."""
+"""One colour for each finger."""
 
 
 def finger_colour(name: str, order: int) -> Colour:
-    """The colour of a finger: by name where it is known, otherwise by its place in the hand.
+    """The colour of a finger: by its name where that is in ``FINGERS``, otherwise by its place in the hand.
+
+    Args:
+        name: Name of the finger.
+        order: Place of the finger in the hand, from 0.
 
     >>> finger_colour("Thumb", 3) == ORANGE
     True

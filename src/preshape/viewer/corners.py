@@ -1,4 +1,4 @@
-"""Shapes as a graphics card takes them: one vertex for each corner normal, sharp edges kept."""
+"""Triangles in the form that graphics cards take: one vertex for each corner normal, with sharp edges."""
 
 from __future__ import annotations
 
@@ -11,26 +11,35 @@ from ..types import Array, IntArray
 from .raycast import Shape
 from .shading import corner_normals
 
+Side = Literal["front", "back", "double"]
+
 
 def indexed(shape: Shape) -> tuple[Array, Array, IntArray]:
-    """Vertices (n, 3), their unit normals (n, 3), and triangles (m, 3); sharp corners stand apart.
+    """Split the vertices of a shape where its normals differ.
 
-    Triangles that touch follow each other, so that a corner they share is still at hand for the next one.
+    Triangles that touch stand near each other in the result, so that the vertices which they share are still
+    in the graphics card's cache.
+
+    Args:
+        shape: The shape.
+
+    Returns:
+        Vertices (n, 3) [m], their unit normals (n, 3), and triangles (m, 3) as indices.
     """
     vertices = np.asarray(shape.vertices, dtype=np.float32)
     triangles = np.asarray(shape.triangles, dtype=np.int32)
     normals = corner_normals(vertices, triangles, smooth=shape.smooth).reshape(-1, 3)
-    # A corner is its place and its normal's direction, to two degrees: finer than anyone sees.
+    # Corners of one vertex become one where their normals agree to two degrees, which no eye can see.
     key = np.column_stack([triangles.reshape(-1), np.round(normals * 30).astype(np.int64)])
-    _, first, to = np.unique(key, axis=0, return_index=True, return_inverse=True)
+    _, first, new_index = np.unique(key, axis=0, return_index=True, return_inverse=True)
     corners = vertices[triangles.reshape(-1)[first]]
-    order = _near_together(vertices[triangles].mean(axis=1))
-    faces = to.reshape(-1, 3).astype(np.int64)[order]
+    order = _spatial_order(vertices[triangles].mean(axis=1))
+    faces = new_index.reshape(-1, 3).astype(np.int64)[order]
     return corners.astype(np.float64), normals[first].astype(np.float64), faces
 
 
-def _near_together(points: NDArray[np.float32]) -> IntArray:
-    """An order of points (n, 3) in which neighbours follow each other: Morton's curve, 64 cells a side."""
+def _spatial_order(points: NDArray[np.float32]) -> IntArray:
+    """An order of points (n, 3) in which neighbours follow each other: a Morton curve of 64 cells a side."""
     low, side = points.min(axis=0), max(float(np.ptp(points, axis=0).max()), 1e-30)
     cells = (63 * (points - low) / side).astype(np.int64)
     key = np.zeros(len(points), dtype=np.int64)
@@ -40,23 +49,21 @@ def _near_together(points: NDArray[np.float32]) -> IntArray:
     return np.argsort(key, kind="stable")
 
 
-Side = Literal["front", "back", "double"]
+def visible_side(shape: Shape) -> Side:
+    """The side of the triangles that can be seen: one side where they enclose a volume, else both.
 
-
-def outside(shape: Shape) -> Side:
-    """Which side of the triangles can be seen from outside: only one, where they close a volume.
-
-    Points at the same place count as one, as files often give each triangle corners of its own.
+    Vertices at the same place count as one, because files often give each triangle vertices of its own.
     """
     vertices, triangles = shape.vertices, shape.triangles
-    _, to = np.unique(np.round(vertices, 9), axis=0, return_inverse=True)
-    a, b, c = to[triangles].T
-    kept = (a != b) & (b != c) & (c != a)
-    a, b, c = a[kept], b[kept], c[kept]
-    begin, end = np.concatenate([a, b, c]), np.concatenate([b, c, a])
+    _, merged = np.unique(np.round(vertices, 9), axis=0, return_inverse=True)
+    a, b, c = merged[triangles].T
+    proper = (a != b) & (b != c) & (c != a)
+    a, b, c = a[proper], b[proper], c[proper]
+    start, end = np.concatenate([a, b, c]), np.concatenate([b, c, a])
     n = len(vertices)
-    # Closed: every edge is walked as often one way as the other.
-    if not np.array_equal(np.sort(begin * n + end), np.sort(end * n + begin)):
+    # The surface is closed if every edge is used equally often in both directions.
+    if not np.array_equal(np.sort(start * n + end), np.sort(end * n + start)):
         return "double"
     p, q, r = (vertices[triangles[:, i]] - vertices[0] for i in range(3))
-    return "front" if float(np.einsum("ij,ij->", p, np.cross(q, r))) > 0 else "back"
+    volume = float(np.einsum("ij,ij->", p, np.cross(q, r)))  # six times the signed volume
+    return "front" if volume > 0 else "back"

@@ -1,4 +1,4 @@
-"""A hand from open and far to the squeeze, as poses of its links: what the slider of a scene shows."""
+"""The motion of a hand from open and away to the squeeze, as poses of its links."""
 
 from __future__ import annotations
 
@@ -10,9 +10,8 @@ from ..exceptions import InputError
 from ..hands.hand import Hand
 from ..hands.kinematics import HandKinematics, LinkShape, pose_matrix
 from ..types import Array, freeze, frozen_array, value
-from .colours import HAND
 from .raycast import Shape
-from .shapes import box, capsule
+from .shapes import link_shape
 
 STEPS = 12
 """Frames from one stage to the next."""
@@ -20,13 +19,16 @@ STEPS = 12
 
 @value
 class HandMotion:
-    """A hand's links and where they are, frame by frame.
+    """The links of a hand and their poses in each frame.
 
     Attributes:
         links: m names.
-        shapes: (m) the shape of each link, in the link's own frame [m].
-        stages: k names, as ``open``; frame ``STEPS`` · i is the stage i.
-        poses: (n, m, 4, 4) where each link is in the scene, n = STEPS · (k - 1) + 1.
+        shapes: (m) Shape of each link in the link's own frame [m].
+        stages: k names, for example ``open``; stage i is frame ``STEPS`` · i.
+        poses: (n, m, 4, 4) Pose of each link in the scene; n = ``STEPS`` · (k - 1) + 1.
+
+    Raises:
+        InputError: The numbers of links, shapes, stages and poses do not agree.
     """
 
     links: tuple[str, ...]
@@ -43,75 +45,72 @@ class HandMotion:
     def __len__(self) -> int:
         return len(self.poses)
 
-    def at(self, share: float) -> Array:
-        """(m, 4, 4) poses at a share 0..1 of the motion."""
-        return np.asarray(self.poses[round(min(1.0, max(0.0, share)) * (len(self.poses) - 1))])
+    def at(self, fraction: float) -> Array:
+        """(m, 4, 4) Poses of the links at a fraction 0..1 of the motion."""
+        return np.asarray(self.poses[round(min(1.0, max(0.0, fraction)) * (len(self.poses) - 1))])
 
-    def stage_at(self, share: float) -> str:
-        """Name of the stage that is nearest to a share 0..1."""
-        return self.stages[round(min(1.0, max(0.0, share)) * (len(self.stages) - 1))]
+    def stage_at(self, fraction: float) -> str:
+        """Name of the stage nearest to a fraction 0..1 of the motion."""
+        return self.stages[round(min(1.0, max(0.0, fraction)) * (len(self.stages) - 1))]
 
 
 def hand_motion(hand: Hand, stages: Sequence[tuple[str, Array, Array]]) -> HandMotion:
-    """The hand led through stages.
+    """Move a hand through stages; it starts and stops smoothly at each.
 
     Args:
-        hand: which hand.
-        stages: each a name, the palm's pose (7,) xyz [m] + wxyz, and the joint angles (j,) [rad].
+        hand: The hand.
+        stages: For each stage its name, the palm pose (7,) as xyz [m] and quaternion wxyz, and the joint
+            angles (j,) [rad].
 
     Raises:
-        InputError: no stages.
+        InputError: There are no stages, or a pose or an angle is not finite, or a quaternion is zero.
     """
     if not stages:
         raise InputError("a hand's motion needs at least one stage")
     kinematics = HandKinematics(hand)
-    palms = [np.asarray(stages[0][1], dtype=np.float64)]
-    joints = [np.asarray(stages[0][2], dtype=np.float64)]
-    for _, palm, q in stages[1:]:
-        start, begin = palms[-1], joints[-1]
-        for share in np.arange(1, STEPS + 1) / STEPS:
-            eased = share * share * (3 - 2 * share)
-            palms.append(_between(start, np.asarray(palm, dtype=np.float64), eased))
-            joints.append(begin + eased * (np.asarray(q, dtype=np.float64) - begin))
+    palms = [frozen_array(palm, (7,), f"palm pose {name!r}") for name, palm, _ in stages]
+    joints = [
+        frozen_array(angles, (len(hand.joints),), f"joint angles {name!r}") for name, _, angles in stages
+    ]
+    for (name, _, _), palm in zip(stages, palms, strict=True):
+        if not palm[3:].any():
+            raise InputError(f"the quaternion of palm pose {name!r} must not be zero")
+    kinematics.set_posture(joints[0])
+    links = kinematics.shapes()
+    frames = [(palms[0], joints[0])]
+    time = np.arange(1, STEPS + 1) / STEPS
+    eased = time * time * (3 - 2 * time)
+    for k in range(1, len(stages)):
+        between = _interpolated(palms[k - 1], palms[k], eased)
+        frames += [
+            (palm, joints[k - 1] + fraction * (joints[k] - joints[k - 1]))
+            for palm, fraction in zip(between, eased, strict=True)
+        ]
     poses: list[list[Array]] = []
-    own: list[Shape] = []
-    for palm, q in zip(palms, joints, strict=True):
-        kinematics.set_posture(q)
+    for palm, angles in frames:
+        kinematics.set_posture(angles)
         rotation, shift = pose_matrix(palm)
-        parts = kinematics.shapes()
-        own = own or [_own(part) for part in parts]
-        poses.append([_pose(part, rotation, shift) for part in parts])
+        poses.append([_link_pose(part, rotation, shift) for part in kinematics.shapes()])
     return HandMotion(
-        links=tuple(f"{i}-{part.link}" for i, part in enumerate(parts)),
-        shapes=tuple(own),
+        links=tuple(f"{i}-{part.link}" for i, part in enumerate(links)),
+        shapes=tuple(link_shape(part, own_frame=True) for part in links),
         stages=tuple(name for name, _, _ in stages),
         poses=np.array(poses),
     )
 
 
-def _own(part: LinkShape) -> Shape:
-    """A link's shape in its own frame: the middle at the origin, a capsule along z."""
-    if part.kind == "box":
-        return box(np.zeros(3), part.half, None, HAND)
-    half = np.array([0.0, 0.0, float(np.linalg.norm(part.p1 - part.p0)) / 2])
-    return capsule(-half, half, part.radius, HAND)
-
-
-def _pose(part: LinkShape, rotation: Array, shift: Array) -> Array:
+def _link_pose(part: LinkShape, rotation: Array, shift: Array) -> Array:
+    """(4, 4) Pose of a link in the scene; ``rotation`` and ``shift`` are those of the palm."""
     pose = np.eye(4)
     pose[:3, :3] = rotation @ part.rotation
     pose[:3, 3] = rotation @ ((part.p0 + part.p1) / 2) + shift
     return pose
 
 
-def _between(a: Array, b: Array, share: float) -> Array:
-    """(7,) a pose between two: positions on a line, quaternions on the shorter arc."""
-    p, q = a[3:] / np.linalg.norm(a[3:]), b[3:] / np.linalg.norm(b[3:])
-    cosine = float(p @ q)
-    q, cosine = (-q, -cosine) if cosine < 0 else (q, cosine)
-    angle = float(np.arccos(min(1.0, cosine)))
-    if angle < 1e-6:
-        turn = p + share * (q - p)
-    else:
-        turn = (np.sin((1 - share) * angle) * p + np.sin(share * angle) * q) / np.sin(angle)
-    return np.concatenate([a[:3] + share * (b[:3] - a[:3]), turn / np.linalg.norm(turn)])
+def _interpolated(start: Array, end: Array, fractions: Array) -> Array:
+    """(n, 7) Poses between two: positions on a line, rotations on the shorter arc."""
+    from scipy.spatial.transform import Rotation, Slerp
+
+    turn = Slerp([0.0, 1.0], Rotation.from_quat([start[3:], end[3:]], scalar_first=True))
+    positions = start[:3] + fractions[:, None] * (end[:3] - start[:3])
+    return np.column_stack([positions, turn(fractions).as_quat(scalar_first=True)])

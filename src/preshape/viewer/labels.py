@@ -1,31 +1,40 @@
-"""Text that fits: measured, wrapped, free of missing characters, and placed where nothing else is."""
+"""Text in pictures: measured, wrapped, without missing characters, and placed clear of everything else."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import cache
 from typing import Any
 
 import numpy as np
 
 from ..types import Array, freeze, frozen_array, value
+from .camera import Camera, project
+from .canvas import group_of
 from .colours import INK, Colour
 
 FONT = "DejaVu Sans"
-"""Comes with Matplotlib, so that a picture looks the same everywhere."""
+"""The font comes with Matplotlib, so that a picture looks the same everywhere."""
+_GAP = 5.0
+"""Free space between labels [pixels at 100 dpi]."""
 
-_GAP = 5.0  # [pixels at 100 dpi] kept free between labels
+LETTER_WIDTH, LINE_HEIGHT = 6.6, 17.0
+"""Mean width of a letter and height of a label in the browser's scene [pixels]."""
+_PADDING = 8.0
+"""Width of a label in the browser beyond that of its letters [pixels]."""
+_PRIORITY = ("contacts", "axes", "task", "net", "planes", "frame")
+"""Groups of labels, the most important first."""
 
 
 @value
 class Label:
-    """A text that points at something.
+    """A text with a pointer to a place in a picture.
 
     Attributes:
-        text: one or more lines.
-        anchor: (2,) what it points at, pixels from the left and from the top.
-        colour: of its frame and pointer.
-        hidden: what it points at is behind something: the pointer is dotted.
+        text: One or more lines.
+        anchor: (2,) Place that the label points at [pixels from the left and from the top].
+        colour: Colour of frame and pointer.
+        hidden: Whether the place lies behind something; the pointer is then dotted.
     """
 
     text: str
@@ -53,7 +62,7 @@ def _characters() -> frozenset[int]:
 
 
 def plain(text: str) -> str:
-    """The text on one line, with ``?`` for what the font lacks.
+    """The text on one line, with ``?`` for characters that the font lacks.
 
     >>> plain("  two   words ")
     'two words'
@@ -62,19 +71,19 @@ def plain(text: str) -> str:
 
 
 def text_width(text: str, points: float, *, bold: bool = False) -> float:
-    """Width of one line [pixels at 100 dpi]."""
+    """Width of one line of text [pixels at 100 dpi]."""
     return float(_font(bold).getlength(text)) * points / 72
 
 
 def wrap(text: str, width: float, points: float, *, lines: int, bold: bool = False) -> list[str]:
-    """Break text into lines that fit; a word longer than a line is broken too.
+    """Break text into lines of limited width; a word that is wider than a line is broken too.
 
     Args:
-        text: any text; see :func:`plain`.
-        width: of a line [pixels at 100 dpi].
-        points: font size.
-        lines: at most so many; what is left over ends in an ellipsis.
-        bold: whether it is bold.
+        text: Any text; it is made :func:`plain` first.
+        width: Width of a line [pixels at 100 dpi].
+        points: Font size.
+        lines: Most lines; text that does not fit is replaced by an ellipsis.
+        bold: Whether the text is bold.
     """
     result, line = [], ""
     words = plain(text).split(" ")
@@ -105,30 +114,33 @@ def wrap(text: str, width: float, points: float, *, lines: int, bold: bool = Fal
 def place(
     anchors: Array, boxes: Array, size: tuple[float, float], *, keep_clear: Array | None = None
 ) -> Array:
-    """Find a place for each label near its anchor, clear of the other labels, all anchors and the border.
+    """Place each label near its anchor, clear of the other labels, of all anchors and of the border.
+
+    Labels are placed one after the other. For each, candidates at 24 angles and growing distances are
+    compared: a candidate that covers less is better, then one that is nearer and points away from the middle
+    of the picture.
 
     Args:
-        anchors: (n, 2) pixels from the left and from the top.
-        boxes: (n, 2) width and height of each label [pixels].
-        size: width and height of the picture [pixels].
-        keep_clear: (k, 4) further rectangles: left, top, right, bottom [pixels].
+        anchors: (n, 2) Anchors [pixels from the left and from the top].
+        boxes: (n, 2) Width and height of each label [pixels].
+        size: Width and height of the picture [pixels].
+        keep_clear: (k, 4) Further rectangles to keep clear: left, top, right, bottom [pixels].
 
     Returns:
-        (n, 2) left and top of each label. Labels are placed in the order given; one that fits nowhere is
-        put where it covers least.
+        (n, 2) Left and top of each label [pixels]. A label that fits nowhere is put where it covers least.
     """
     radius = 9.0
     taken = np.concatenate([anchors - radius, anchors + radius], axis=1)
     if keep_clear is not None:
         taken = np.concatenate([taken, keep_clear])
     angle = np.radians(np.arange(0, 360, 15))
-    ways = np.column_stack([np.cos(angle), np.sin(angle)])
+    directions = np.column_stack([np.cos(angle), np.sin(angle)])
     reaches = np.arange(18, 420, 14.0)
     middle = np.asarray(size) / 2
     result = np.zeros((len(anchors), 2))
     for i, (anchor, box) in enumerate(zip(anchors, boxes, strict=True)):
-        # the label's nearest side stands `reach` from the anchor, whatever the label's proportions
-        centre = anchor + ways[None] * (reaches[:, None, None] + np.abs(ways[None]) * box / 2)
+        # The nearest side of the label is `reach` away from the anchor, whatever the label's proportions.
+        centre = anchor + directions[None] * (reaches[:, None, None] + np.abs(directions[None]) * box / 2)
         low = centre.reshape(-1, 2) - box / 2
         low = np.clip(low, _GAP, np.maximum(np.asarray(size) - box - _GAP, _GAP))
         overlap = _overlap(np.concatenate([low - _GAP / 2, low + box + _GAP / 2], axis=1), taken)
@@ -142,7 +154,7 @@ def place(
 
 
 def _overlap(candidates: Array, taken: Array) -> Array:
-    """(n,) area [pixels²] that each candidate shares with all the rectangles taken."""
+    """(n,) Area that each candidate rectangle shares with all taken rectangles [pixels²]."""
     low = np.maximum(candidates[:, None, :2], taken[None, :, :2])
     high = np.minimum(candidates[:, None, 2:], taken[None, :, 2:])
     return np.asarray(np.prod(np.clip(high - low, 0, None), axis=2).sum(axis=1))
@@ -156,17 +168,17 @@ def draw_labels(
     points: float,
     keep_clear: Array | None = None,
 ) -> Array:
-    """Draw labels on axes that show pixels (left, top) of a picture of ``size``.
+    """Draw labels onto a picture.
 
     Args:
-        axes: Matplotlib axes.
-        labels: what to write.
-        size: width and height [pixels at 100 dpi].
-        points: font size.
-        keep_clear: (k, 4) rectangles that labels should leave free: left, top, right, bottom.
+        axes: Matplotlib axes whose coordinates are pixels from the left and from the top.
+        labels: Labels.
+        size: Width and height of the picture [pixels at 100 dpi].
+        points: Font size.
+        keep_clear: (k, 4) Rectangles to keep clear: left, top, right, bottom [pixels].
 
     Returns:
-        (n, 4) left, top, right, bottom of each label as drawn [pixels].
+        (n, 4) Left, top, right and bottom of each label as drawn [pixels].
     """
     from matplotlib.patches import FancyBboxPatch
 
@@ -188,3 +200,33 @@ def draw_labels(
         style = {"ha": "center", "va": "center", "fontsize": points, "color": INK, "linespacing": 1.25}
         axes.text(*(low + box / 2 + [0, 1]), label.text, zorder=7, parse_math=False, **style)
     return np.concatenate([corners, corners + boxes], axis=1)
+
+
+def overlapping_labels(
+    labels: Mapping[str, tuple[str, Array]], camera: Camera, size: tuple[int, int]
+) -> set[str]:
+    """Names of the labels to hide in a browser's scene, because more important ones need their place.
+
+    Args:
+        labels: Text and point (3,) [m] of each label by name, for example ``axes/a-name``.
+        camera: Camera of the picture.
+        size: Width and height of the picture [pixels].
+    """
+    if not labels:
+        return set()
+    names = sorted(labels, key=_priority)
+    places = project(camera, np.array([labels[name][1] for name in names]), size)
+    shown: list[tuple[float, float, float]] = []
+    hidden = set()
+    for name, (x, y) in zip(names, places, strict=True):
+        half = (LETTER_WIDTH * len(labels[name][0]) + _PADDING) / 2
+        if any(abs(x - a) < half + other and abs(y - b) < LINE_HEIGHT for a, b, other in shown):
+            hidden.add(name)
+        else:
+            shown.append((float(x), float(y), half))
+    return hidden
+
+
+def _priority(name: str) -> tuple[int, str]:
+    group = group_of(name)
+    return (_PRIORITY.index(group) if group in _PRIORITY else len(_PRIORITY), name)

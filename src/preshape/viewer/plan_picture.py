@@ -9,6 +9,7 @@ import numpy as np
 
 from ..exceptions import InputError
 from ..types import Array
+from .canvas import RecordingCanvas, group_of
 from .colours import (
     APPROACH,
     BLACK,
@@ -23,28 +24,33 @@ from .colours import (
     Colour,
     finger_colour,
 )
-from .labels import FONT, Label, draw_labels, text_width, wrap
+from .draw import draw_object, draw_plan
+from .labels import Label, draw_labels, text_width, wrap
 from .picture_file import Target, check_target, write_png
 from .plan_scene import (
     PlaneCard,
     PlanScene,
     approach_arrow,
+    arrow_segments,
     axis_tips,
-    plan_camera,
-    plan_shapes,
     plane_cards,
-    strokes,
+    view_direction,
 )
-from .raycast import Image, project, render, visible
+from .raycast import Camera, Image, Shape, project, render, visible
+from .shapes import hand_shape
+from .sheet import Sheet, new_sheet
 
 __all__ = ["PlanScene", "PlaneCard", "plan_image", "plan_picture"]
 
 WIDTH, HEIGHT = 1400.0, 900.0
-"""The layout below is in these units; the picture is scaled to the size wanted."""
-
-LEFT = 870.0  # width of the large picture
-COLUMN = (905.0, 1365.0)  # left and right of the text beside it
+"""Size of the sheet [layout units]; the picture is scaled to the wanted size."""
+SPACE_WIDTH = 870.0
+"""Width of the large picture."""
+COLUMN = (905.0, 1365.0)
+"""Left and right of the text beside the large picture."""
 DIMENSIONS = ("Tx", "Ty", "Tz", "Rx", "Ry", "Rz"), ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
+SHOWN = ("object", "axes", "rays", "contacts", "forces")
+"""Groups of the scene's solids that the picture shows."""
 
 
 def plan_picture(
@@ -53,14 +59,14 @@ def plan_picture(
     """Draw a plan and write it as PNG, whole or not at all.
 
     Args:
-        scene: what to show.
-        target: a path that ends in ``.png``, or a binary file open for writing.
-        title: the heading; the object's name unless given.
-        size: width and height [pixels], at least 700 × 450.
+        scene: The plan.
+        target: A path that ends in ``.png``, or a binary file open for writing.
+        title: The heading; by default the object's name.
+        size: Width and height [pixels], at least 700 × 450.
 
     Raises:
-        InputError: a smaller size, or a name that does not end in ``.png``.
-        EnvironmentFailure: the file cannot be written.
+        InputError: The size is too small, or the name does not end in ``.png``.
+        EnvironmentFailure: The file cannot be written.
     """
     check_target(target)
     write_png(plan_image(scene, title=title, size=size), target)
@@ -70,26 +76,16 @@ def plan_image(scene: PlanScene, *, title: str | None = None, size: tuple[int, i
     """The picture of :func:`plan_picture` as an image (h, w, 3).
 
     Raises:
-        InputError: a size under 700 × 450.
+        InputError: The size is under 700 × 450.
     """
     if size[0] < 700 or size[1] < 450:
         raise InputError(f"the picture of a plan must be 700×450 pixels or more, got {size[0]}×{size[1]}")
-    import matplotlib.style
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    style = {"font.family": FONT, "text.hinting": "none"}
-    with matplotlib.style.context("default"), matplotlib.rc_context(style):
-        scale = min(size[0] / WIDTH, size[1] / HEIGHT)
-        figure = Figure(figsize=(WIDTH / 100, HEIGHT / 100), dpi=100 * scale, facecolor=PAPER)
-        canvas = FigureCanvasAgg(figure)
-        page = _Page(figure, scale)
-        _space(page, scene)
-        y = _heading(page, scene, title or scene.mesh.name)
-        _comparison(page, scene, y)
-        _planes(page, scene)
-        canvas.draw()
-        drawn = np.asarray(canvas.buffer_rgba())[:, :, :3]
+    with new_sheet(WIDTH, HEIGHT, min(size[0] / WIDTH, size[1] / HEIGHT)) as sheet:
+        _space(sheet, scene)
+        _heading(sheet, scene, title or scene.mesh.name)
+        _comparison(sheet, scene)
+        _planes(sheet, scene)
+        drawn = sheet.image()
     image = np.full((size[1], size[0], 3), 255, dtype=np.uint8)
     height, width = (min(a, b) for a, b in zip(drawn.shape[:2], image.shape[:2], strict=True))
     top, left = (size[1] - height) // 2, (size[0] - width) // 2
@@ -97,46 +93,17 @@ def plan_image(scene: PlanScene, *, title: str | None = None, size: tuple[int, i
     return image
 
 
-class _Page:
-    """A figure whose places are given in layout units from the left and from the top."""
-
-    def __init__(self, figure: Any, scale: float) -> None:
-        self.figure, self.scale = figure, scale
-        self.sheet = self.axes(0, 0, WIDTH, HEIGHT)
-
-    def axes(self, left: float, top: float, width: float, height: float) -> Any:
-        """Axes without frame that count layout units from their left and top."""
-        low = 1 - (top + height) / HEIGHT
-        axes = self.figure.add_axes((left / WIDTH, low, width / WIDTH, height / HEIGHT))
-        axes.set_axis_off()
-        axes.set(xlim=(0, width), ylim=(height, 0))
-        return axes
-
-    def picture(self, left: float, top: float, width: float, height: float) -> tuple[Any, tuple[int, int]]:
-        """Axes for a rendered picture, and the picture's size in true pixels."""
-        true = round(width * self.scale), round(height * self.scale)
-        return self.axes(left, top, width, height), true
-
-    def text(self, x: float, y: float, text: str, points: float, colour: Colour = INK, **style: Any) -> None:
-        """One line; y is its middle."""
-        style = {"ha": "left", "va": "center_baseline"} | style
-        self.sheet.text(x, y, text, fontsize=points, color=colour, parse_math=False, **style)
-
-    def rule(self, y: float) -> None:
-        """A horizontal line across the column."""
-        self.sheet.plot(COLUMN, (y, y), color=FAINT, lw=0.8, solid_capstyle="butt")
-
-
-def _space(page: _Page, scene: PlanScene) -> None:
-    axes, true = page.picture(0, 0, LEFT, HEIGHT)
-    shapes = plan_shapes(scene)
-    camera = plan_camera(scene, shapes, LEFT / HEIGHT)
+def _space(sheet: Sheet, scene: PlanScene) -> None:
+    """The large picture: the grasp in space, with labels."""
+    size = sheet.pixels(SPACE_WIDTH, HEIGHT)
+    shapes = _shapes(scene)
+    points = np.concatenate([shape.vertices for shape in shapes])
+    camera = Camera.framing(points, view_direction(scene), aspect=SPACE_WIDTH / HEIGHT, margin=1.12)
     floor = min(float(s.vertices[:, 2].min()) for s in shapes if s.lit)
-    image = render(shapes, camera, true, ground=floor)
-    axes.imshow(image, extent=(0, LEFT, HEIGHT, 0), interpolation="nearest", aspect="auto")
+    axes = sheet.picture(0, 0, SPACE_WIDTH, HEIGHT, render(shapes, camera, size, ground=floor))
 
     def at(point: Array) -> Array:
-        return np.asarray(project(camera, point[None], true)[0] / page.scale)
+        return np.asarray(project(camera, point[None], size)[0] / sheet.scale)
 
     pins = _pins(scene)
     seen = visible(shapes, camera, np.array([point for _, point, _ in pins]).reshape(-1, 3))
@@ -145,19 +112,31 @@ def _space(page: _Page, scene: PlanScene) -> None:
         for (text, point, colour), clear in zip(pins, seen, strict=True)
     ]
     for (_, point, colour), clear in zip(pins[:3] if scene.plane else [], seen, strict=False):
-        if not clear:  # the axis ends behind something: drawn as if through glass
+        if not clear:  # the end of the axis is hidden: the axis shows through as a dashed line
             line = np.array([at(scene.cog), at(point)]).T
             axes.plot(*line, color=colour, lw=1.6, ls=(0, (3, 2)), alpha=0.8, zorder=3)
     if scene.aim is not None:
         axes.plot(*at(scene.aim), "+", ms=11, mew=1.6, color=INK, zorder=5)
     along = np.linspace(0.1, 0.9, 9)[:, None]
-    dots = [at(start * (1 - share) + end * share) for start, end in strokes(scene) for share in along]
+    dots = [
+        at(start * (1 - fraction) + end * fraction)
+        for start, end in arrow_segments(scene)
+        for fraction in along
+    ]
     clear = np.array([[*(dot - 7), *(dot + 7)] for dot in dots]).reshape(-1, 4)
-    draw_labels(axes, labels, (LEFT, HEIGHT), points=11, keep_clear=clear)
+    draw_labels(axes, labels, (SPACE_WIDTH, HEIGHT), points=11, keep_clear=clear)
+
+
+def _shapes(scene: PlanScene) -> list[Shape]:
+    canvas = RecordingCanvas()
+    draw_object(scene, canvas)
+    draw_plan(scene, canvas)
+    shapes = [shape for name, shape in canvas.solids.items() if group_of(name) in SHOWN]
+    return [*shapes, hand_shape(scene.hand, alpha=0.55)] if scene.hand else shapes
 
 
 def _pins(scene: PlanScene) -> list[tuple[str, Array, Colour]]:
-    """Labels: text, the point it belongs to [m], colour. The axes come first, where there is a plane."""
+    """Labels as text, point (3,) [m] and colour. With a plane, its three axes come first."""
     pins: list[tuple[str, Array, Colour]] = []
     if scene.plane is not None:
         axes = {"a  approach": APPROACH, "o  opposition": OPPOSITION, "t  transverse": TRANSVERSE}
@@ -177,62 +156,62 @@ def _pins(scene: PlanScene) -> list[tuple[str, Array, Colour]]:
     return pins
 
 
-def _heading(page: _Page, scene: PlanScene, title: str) -> float:
-    """Title, task and hand, what was found, and why; returns where it ends."""
+def _heading(sheet: Sheet, scene: PlanScene, title: str) -> None:
+    """Title, task and hand, the plan's measures, its status and its reasons."""
     left, right = COLUMN
     width, y = right - left, 44.0
     for line in wrap(title, width, 20, lines=2, bold=True):
-        page.text(left, y, line, 20, weight="bold")
+        sheet.text(left, y, line, 20, weight="bold")
         y += 33
     subtitle = f"Task {scene.task_name}  ·  hand {scene.hand_name}"
     for line in wrap(subtitle, width, 11.5, lines=2):
-        page.text(left, y, line, 11.5, QUIET)
+        sheet.text(left, y, line, 11.5, QUIET)
         y += 20
     y += 12
-    grip = scene.quality is not None
-    judged, worth = ("grip's quality of 6", scene.quality) if grip else ("TFVADI of 6", scene.match)
+    criterion, score = (
+        ("TFVADI of 6", scene.match) if scene.quality is None else ("grip quality of 6", scene.quality)
+    )
     facts = [
         ("mode", "–" if scene.mode is None else str(scene.mode)),
-        (judged, "–" if worth is None else f"{worth:.2f}"),
+        (criterion, "–" if score is None else f"{score:.2f}"),
         ("stability of 6", "–" if scene.stability is None else str(scene.stability)),
         ("manipulability of 6", "–" if scene.manipulability is None else str(scene.manipulability)),
     ]
     for x, (name, number) in zip(left + np.array([0, 62, 205, 325]), facts, strict=True):
-        page.text(x, y + 12, number, 19, weight="bold")
-        page.text(x, y + 38, name, 9.5, QUIET)
+        sheet.text(x, y + 12, number, 19, weight="bold")
+        sheet.text(x, y + 38, name, 9.5, QUIET)
     y += 66
-    page.rule(y)
+    _rule(sheet, y)
     y += 20
     for line in wrap(scene.status, width, 11.5, lines=2, bold=True):
-        page.text(left, y, line, 11.5, weight="bold")
+        sheet.text(left, y, line, 11.5, weight="bold")
         y += 20
     y += 4
-    left_over = max(3, int((392 - y) / 17))
-    lines = [line for reason in scene.reasons for line in wrap(reason, width, 10, lines=left_over)]
-    if len(lines) > left_over:
-        lines = [*lines[: left_over - 1], "…"]
+    most = max(3, int((392 - y) / 17))
+    lines = [line for reason in scene.reasons for line in wrap(reason, width, 10, lines=most)]
+    if len(lines) > most:
+        lines = [*lines[: most - 1], "…"]
     for line in lines:
-        page.text(left, y, line, 10)
+        sheet.text(left, y, line, 10)
         y += 17
-    return 410.0
 
 
-def _comparison(page: _Page, scene: PlanScene, top: float) -> None:
+def _comparison(sheet: Sheet, scene: PlanScene) -> None:
     """Bars of task and net wrench in each dimension, with their agreement beneath."""
-    left, right = COLUMN
-    page.rule(top - 8)
-    page.text(left, top + 12, "Task and net wrench", 11.5, weight="bold")
+    (left, right), top = COLUMN, 410.0
+    _rule(sheet, top - 8)
+    sheet.text(left, top + 12, "Task and net wrench", 11.5, weight="bold")
     series: list[tuple[str, Array, Colour]] = [("task", scene.task, TASK)]
     if scene.net_wrench is not None:
         series.append(("net wrench", scene.net_wrench, WRENCH))
     x = right
     for name, _, colour in reversed(series):
         x -= text_width(name, 10)
-        page.text(x, top + 12, name, 10, QUIET)
-        page.sheet.add_patch(_rectangle(x - 16, top + 7, 10, 10, colour))
+        sheet.text(x, top + 12, name, 10, QUIET)
+        sheet.base.add_patch(_rectangle(x - 16, top + 7, 10, 10, colour))
         x -= 34
     height, begin = 150.0, top + 34
-    axes = page.axes(left, begin, right - left, height)
+    axes = sheet.axes(left, begin, right - left, height)
     values = np.concatenate([numbers for _, numbers, _ in series])
     span = max(1.0, float(np.abs(values).max()))
     low = min(0.0, float(values.min())) - 0.17 * span
@@ -248,30 +227,31 @@ def _comparison(page: _Page, scene: PlanScene, top: float) -> None:
         at = np.arange(6) + (k - (len(series) - 1) / 2) * wide
         axes.bar(at, numbers, wide * 0.92, color=colour, zorder=2)
         for place, number in zip(at, numbers, strict=True):
-            up, words = number >= 0, _number(number, ".2f" if abs(number) < 100 else ".2g")
+            up, text = number >= 0, _number(number, ".2f" if abs(number) < 100 else ".2g")
             offset = (0.02 if up else -0.02) * (high - low)
             axes.text(
-                place, number + offset, words, fontsize=8, color=INK,
+                place, number + offset, text, fontsize=8, color=INK,
                 ha="center", va="bottom" if up else "top", parse_math=False,
             )  # fmt: skip
-    _agreement(page, scene, begin + height)
+    _agreement(sheet, scene, begin + height)
 
 
-def _agreement(page: _Page, scene: PlanScene, top: float) -> None:
+def _agreement(sheet: Sheet, scene: PlanScene, top: float) -> None:
+    """Agreement of task and net wrench in each dimension."""
     left, right = COLUMN
     unit = (right - left) / 6.25
     for i, (t, f) in enumerate(zip(*DIMENSIONS, strict=True)):
         middle = left + (0.75 + i) * unit
-        page.text(middle, top + 14, f"{t} / {f}", 9.5, ha="center")
+        sheet.text(middle, top + 14, f"{t} / {f}", 9.5, ha="center")
         if scene.adi is None:
             continue
-        share = float(np.clip(scene.adi[i], 0, 1))
+        agreement = float(np.clip(scene.adi[i], 0, 1))
         width = 0.72 * unit
-        page.sheet.add_patch(_rectangle(middle - width / 2, top + 30, width, 6, FAINT))
-        page.sheet.add_patch(_rectangle(middle - width / 2, top + 30, width * share, 6, TRANSVERSE))
-        page.text(middle, top + 50, f"{scene.adi[i]:.2f}", 9.5, ha="center", weight="bold")
+        sheet.base.add_patch(_rectangle(middle - width / 2, top + 30, width, 6, FAINT))
+        sheet.base.add_patch(_rectangle(middle - width / 2, top + 30, width * agreement, 6, TRANSVERSE))
+        sheet.text(middle, top + 50, f"{scene.adi[i]:.2f}", 9.5, ha="center", weight="bold")
     if scene.adi is not None:
-        page.text(left, top + 50, "ADI", 9.5, QUIET)
+        sheet.text(left, top + 50, "ADI", 9.5, QUIET)
 
 
 def _rectangle(left: float, top: float, width: float, height: float, colour: Colour) -> Any:
@@ -280,22 +260,20 @@ def _rectangle(left: float, top: float, width: float, height: float, colour: Col
     return Rectangle((left, top), width, height, facecolor=colour, edgecolor="none")
 
 
-def _planes(page: _Page, scene: PlanScene) -> None:
-    """The small picture of all planes, with a key beside it."""
+def _planes(sheet: Sheet, scene: PlanScene) -> None:
+    """The overview of all planes, with a key beside it."""
     left, right = COLUMN
     top, side = 672.0, 215.0
-    page.rule(top - 8)
+    _rule(sheet, top - 8)
     x = left
     if scene.planes:
-        axes, true = page.picture(left, top, side, side)
-        shapes, camera, places = plane_cards(scene, true)
-        axes.imshow(
-            render(shapes, camera, true, background=(PAPER, PAPER)),
-            extent=(0, side, side, 0), interpolation="nearest", aspect="auto",
-        )  # fmt: skip
+        size = sheet.pixels(side, side)
+        shapes, camera, places = plane_cards(scene, size)
+        image = render(shapes, camera, size, background=(PAPER, PAPER))
+        axes = sheet.picture(left, top, side, side, image)
         for index, place in places.items():
             chosen = scene.plane is not None and index == scene.plane.index
-            at = place / true * side
+            at = place / size * side
             axes.text(
                 *at, str(index), ha="center", va="center", parse_math=False,
                 fontsize=11 if chosen else 8, color=APPROACH if chosen else QUIET,
@@ -304,7 +282,7 @@ def _planes(page: _Page, scene: PlanScene) -> None:
         x += side + 24
     y = top + 16
     if scene.plane is not None:
-        page.text(x, y, f"Approach plane {scene.plane.index}", 11.5, weight="bold")
+        sheet.text(x, y, f"Approach plane {scene.plane.index}", 11.5, weight="bold")
         y += 24
         plane = scene.plane
         rows: Sequence[tuple[str, Array, Colour]] = (
@@ -313,21 +291,26 @@ def _planes(page: _Page, scene: PlanScene) -> None:
             ("transverse t", plane.transverse_axis, TRANSVERSE),
         )
         for name, axis, colour in rows:
-            page.sheet.add_patch(_rectangle(x, y - 2, 16, 4, colour))
-            page.text(x + 24, y, name, 9.5)
-            page.text(right, y, _axis_text(axis), 9.5, QUIET, ha="right")
+            sheet.base.add_patch(_rectangle(x, y - 2, 16, 4, colour))
+            sheet.text(x + 24, y, name, 9.5)
+            sheet.text(right, y, _axis_text(axis), 9.5, QUIET, ha="right")
             y += 20
         y += 6
     if scene.fingers:
-        page.text(x, y, "Contacts", 11.5, weight="bold")
+        sheet.text(x, y, "Contacts", 11.5, weight="bold")
         y += 23
         for i, name in enumerate(scene.fingers[:5]):
-            page.sheet.plot(x + 8, y, "o", ms=6, color=finger_colour(name, i), mec=BLACK, mew=0.4)
-            page.text(x + 24, y, wrap(name, 120, 9.5, lines=1)[0], 9.5)
+            sheet.base.plot(x + 8, y, "o", ms=6, color=finger_colour(name, i), mec=BLACK, mew=0.4)
+            sheet.text(x + 24, y, wrap(name, 120, 9.5, lines=1)[0], 9.5)
             if scene.forces is not None:
                 strength = float(np.linalg.norm(scene.forces[i]))
-                page.text(right, y, f"force {strength:.2f}", 9.5, QUIET, ha="right")
+                sheet.text(right, y, f"force {strength:.2f}", 9.5, QUIET, ha="right")
             y += 20
+
+
+def _rule(sheet: Sheet, y: float) -> None:
+    """A horizontal line across the column."""
+    sheet.base.plot(COLUMN, (y, y), color=FAINT, lw=0.8, solid_capstyle="butt")
 
 
 def _number(number: float, form: str) -> str:

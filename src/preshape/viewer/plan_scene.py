@@ -1,8 +1,6 @@
-"""What a picture of a plan shows, as a value, and its triangles."""
+"""The content of a plan's picture as plain arrays, and the proportions and cameras of its drawings."""
 
 from __future__ import annotations
-
-from collections.abc import Iterator
 
 import numpy as np
 
@@ -10,11 +8,11 @@ from ..exceptions import InputError
 from ..hands.kinematics import LinkShape
 from ..objects.mesh import TriangleMesh
 from ..types import Array, freeze, frozen_array, value
-from .colours import APPROACH, FAINT, INK, OBJECT, OPPOSITION, TRANSVERSE, finger_colour
+from .colours import APPROACH, FAINT
 from .raycast import Camera, Shape, project
-from .shapes import arrow, card, card_border, cone, hand_shape, object_shape, sphere, tube
+from .shapes import card, card_border, object_shape
 
-FORCE = 0.45
+FORCE_LENGTH = 0.45
 """Length of the arrow of a unit force, in units of the scene's size."""
 
 
@@ -23,9 +21,9 @@ class PlaneCard:
     """An approach plane.
 
     Attributes:
-        index: 1..12.
-        approach_axis: (3,) a, a signed unit vector.
-        opposition_axis: (3,) o, as the plane has it, whichever side the thumb is on.
+        index: Number of the plane, 1..12.
+        approach_axis: (3,) Approach axis a, a signed unit vector.
+        opposition_axis: (3,) Opposition axis o of the plane, on whichever side the thumb is.
     """
 
     index: int
@@ -38,41 +36,44 @@ class PlaneCard:
 
     @property
     def transverse_axis(self) -> Array:
-        """(3,) t = a × o."""
+        """(3,) Transverse axis t = a × o."""
         return np.cross(self.approach_axis, self.opposition_axis)
 
 
 @value
 class PlanScene:
-    """A plan, as plain arrays in the object's frame. What there is not is ``None`` or empty.
+    """One answer of a plan as plain arrays in the object's frame. What is unknown is ``None`` or empty.
 
     Attributes:
-        mesh: the object.
-        cog: (3,) [m].
-        task_name: for people.
-        hand_name: for people.
-        task: (6,) Q.
-        mode: execution mode, 0..3.
-        status: how it ended, a word or two.
-        reasons: why, one sentence each.
-        plane: the chosen plane.
-        approach_value: v, -1..1.
-        approach_set: name of the fuzzy set of v.
-        aim: (3,) the point that the grasp aims at [m].
-        points: (n, 3) contacts [m].
-        normals_in: (n, 3) inward unit normals.
-        fingers: n names.
-        forces: (n, 3) contact forces per unit normal force.
-        friction: coefficient; draws friction cones.
-        ray_origins: (n, 3) where the virtual grasp's rays start [m].
-        net_wrench: (6,) about the COG, lengths in U.
-        adi: (6,) agreement of task and net wrench in each dimension.
+        mesh: The object [m].
+        cog: (3,) Centre of gravity [m].
+        task_name: Name of the task to display.
+        hand_name: Name of the hand to display.
+        task: (6,) Task Q.
+        mode: Execution mode, 0..3.
+        status: Status of the plan in a few words.
+        reasons: Reasons, one sentence each.
+        plane: The chosen approach plane.
+        approach_value: Approach value v, -1..1.
+        approach_set: Name of the fuzzy set of v.
+        aim: (3,) Point that the grasp aims at [m].
+        points: (n, 3) Contact points [m].
+        normals_in: (n, 3) Inward unit normals.
+        fingers: (n) Name of the finger at each contact.
+        forces: (n, 3) Contact forces per unit normal force.
+        friction: Friction coefficient of the cones that are drawn.
+        ray_origins: (n, 3) Origins of the virtual grasp's rays [m].
+        net_wrench: (6,) Net wrench about the centre of gravity, lengths in U.
+        adi: (6,) Agreement of task and net wrench in each dimension (ADI).
         match: TFVADI, 0..6.
-        quality: of a real hand's grip, 0..6, which is judged by it; ``None`` where TFVADI judges.
-        stability: index, 0..6.
-        manipulability: index, 0..6.
-        hand: the hand's parts, placed.
-        planes: all the planes, for the small picture.
+        quality: Grip quality, 0..6, for a real hand; ``None`` where TFVADI is the criterion.
+        stability: Stability index, 0..6.
+        manipulability: Manipulability index, 0..6.
+        hand: Links of the hand, placed.
+        planes: All approach planes, for the overview.
+
+    Raises:
+        InputError: An array has the wrong shape, or there are fingers without contacts.
     """
 
     mesh: TriangleMesh
@@ -117,16 +118,16 @@ class PlanScene:
 
     @property
     def size(self) -> float:
-        """Length that the drawing's proportions follow: half the bounding box's diagonal [m]."""
+        """Half the diagonal of the object's bounding box, the unit of all proportions [m]."""
         return float(np.linalg.norm(self.mesh.extents)) / 2
 
     def half(self, axis: Array) -> float:
-        """The object's half extent along a coordinate axis [m]."""
+        """Half the extent of the object along a coordinate axis (3,) [m]."""
         return float(np.abs(axis) @ self.mesh.extents) / 2
 
 
 def axis_tips(scene: PlanScene) -> dict[str, Array]:
-    """Where the axes a, o and t end: outside the object, and o and t on the side that is seen [m]."""
+    """Ends of the axes a, o and t outside the object, each (3,) [m]; empty without a plane."""
     if scene.plane is None:
         return {}
     p = scene.plane
@@ -135,87 +136,49 @@ def axis_tips(scene: PlanScene) -> dict[str, Array]:
 
 
 def approach_arrow(scene: PlanScene) -> tuple[Array, Array]:
-    """Start and tip of the arrow along the approach, before the object [m]; needs a plane."""
+    """Start and tip (3,) of the arrow along the approach axis, before the object [m]; needs a plane."""
     assert scene.plane is not None
     a = scene.plane.approach_axis
     tip = scene.cog - (scene.half(a) + 0.12 * scene.size) * a
     return tip - 0.85 * scene.size * a, tip
 
 
-def strokes(scene: PlanScene) -> list[tuple[Array, Array]]:
-    """Start and end of every arrow that labels should not cover [m]."""
+def arrow_segments(scene: PlanScene) -> list[tuple[Array, Array]]:
+    """Start and end (3,) of every arrow that labels should not cover [m]."""
     result = [(scene.cog, tip) for tip in axis_tips(scene).values()]
     if scene.plane is not None:
         result.append(approach_arrow(scene))
     if scene.points is not None and scene.forces is not None:
-        result += [(p - FORCE * scene.size * f, p) for p, f in zip(scene.points, scene.forces, strict=True)]
+        length = FORCE_LENGTH * scene.size
+        result += [(p - length * f, p) for p, f in zip(scene.points, scene.forces, strict=True)]
     return result
 
 
-def plan_shapes(scene: PlanScene) -> list[Shape]:
-    """The large picture's triangles."""
-    return [object_shape(scene.mesh, OBJECT), *_plane_shapes(scene), *_contact_shapes(scene), *_hand(scene)]
-
-
-def _hand(scene: PlanScene) -> Iterator[Shape]:
-    if scene.hand:
-        yield hand_shape(scene.hand, alpha=0.55)
-
-
-def _plane_shapes(scene: PlanScene) -> Iterator[Shape]:
-    if scene.plane is None:
-        return
-    a, o, size = scene.plane.approach_axis, scene.plane.opposition_axis, scene.size
-    for tip, colour in zip(axis_tips(scene).values(), (APPROACH, OPPOSITION, TRANSVERSE), strict=True):
-        yield arrow(scene.cog, tip, 0.012 * size, colour)
-    yield arrow(*approach_arrow(scene), 0.032 * size, APPROACH)
-    u, v = (scene.half(a) + 0.3 * size) * a, (scene.half(o) + 0.3 * size) * o
-    yield card(scene.cog, u, v, APPROACH, alpha=0.16)
-    yield card_border(scene.cog, u, v, 0.004 * size, APPROACH)
-
-
-def _contact_shapes(scene: PlanScene) -> Iterator[Shape]:
-    if scene.points is None or scene.normals_in is None:
-        return
-    size = scene.size
-    for i, name in enumerate(scene.fingers):
-        colour, point, normal = finger_colour(name, i), scene.points[i], scene.normals_in[i]
-        yield sphere(point, 0.035 * size, colour)
-        if scene.ray_origins is not None:
-            yield tube([scene.ray_origins[i], point], 0.007 * size, INK, alpha=0.7)
-        if scene.forces is not None:  # a force that pushes ends at its contact
-            yield arrow(point - FORCE * size * scene.forces[i], point, 0.02 * size, colour)
-        if scene.friction is not None:
-            yield cone(point, -normal, 0.22 * size, scene.friction, colour, alpha=0.22)
-
-
-def plan_camera(scene: PlanScene, shapes: list[Shape], aspect: float) -> Camera:
-    """A view across the approach plane, from a little above, that has everything in it."""
+def view_direction(scene: PlanScene) -> Array:
+    """(3,) Direction from the object to the eye: across the approach plane, 16° to 42° above the horizon."""
     direction = np.array([0.62, -0.72, 0.42])
     if scene.plane is not None:
         a, o, t = scene.plane.approach_axis, scene.plane.opposition_axis, scene.plane.transverse_axis
         t = t if t @ [0.3, -0.5, 1.0] > 0 else -t
         direction = 0.80 * t + 0.30 * a + 0.42 * o
-    flat = np.hypot(direction[0], direction[1])
-    rise = np.clip(direction[2], np.tan(np.radians(16)) * flat, np.tan(np.radians(42)) * flat)
-    direction = np.array([direction[0], direction[1], rise])
-    points = np.concatenate([s.vertices for s in shapes])
-    return Camera.framing(points, direction, aspect=aspect, margin=1.12)
+    horizontal = np.hypot(direction[0], direction[1])
+    low, high = np.tan(np.radians([16.0, 42.0])) * horizontal
+    return np.array([direction[0], direction[1], np.clip(direction[2], low, high)])
 
 
 def plane_cards(scene: PlanScene, size: tuple[int, int]) -> tuple[list[Shape], Camera, dict[int, Array]]:
-    """The small picture: a card for each plane around the object, the chosen one in colour.
+    """The overview of all approach planes: a card for each around the object, the chosen one in colour.
 
     Args:
-        scene: the plan.
-        size: width and height of the picture [pixels].
+        scene: The plan.
+        size: Width and height of the picture [pixels].
 
     Returns:
-        Shapes, camera, and where each plane's number belongs [pixels from the left and from the top].
+        Shapes, camera, and the place of each plane's number [pixels from the left and from the top].
     """
     low, high = scene.mesh.bounds
     inside = np.stack(np.meshgrid(*np.linspace(low, high, 6).T), axis=-1).reshape(-1, 3)
-    shapes, corners, spread = [object_shape(scene.mesh, OBJECT)], {}, [inside]
+    shapes, corners, covered = [object_shape(scene.mesh)], {}, [inside]
     for entry in scene.planes:
         a, o = entry.approach_axis, entry.opposition_axis
         chosen = scene.plane is not None and entry.index == scene.plane.index
@@ -225,15 +188,15 @@ def plane_cards(scene: PlanScene, size: tuple[int, int]) -> tuple[list[Shape], C
         shapes.append(card(centre, u, v, colour, alpha=alpha))
         shapes.append(card_border(centre, u, v, edge * scene.size, colour))
         steps = np.linspace(-1, 1, 7)
-        spread.append(np.array([centre + x * u + y * v for x in steps for y in steps]))
+        covered.append(np.array([centre + x * u + y * v for x in steps for y in steps]))
         corners[entry.index] = np.array([centre + x * u + y * v for x in (-1.4, 1.4) for y in (-1.4, 1.4)])
     everything = np.concatenate([*(s.vertices for s in shapes), *corners.values()])
     camera = Camera.framing(everything, np.array([0.55, -0.75, 0.45]), aspect=size[0] / size[1])
-    taken = project(camera, np.concatenate(spread), size)
+    taken = project(camera, np.concatenate(covered), size)
     places: dict[int, Array] = {}
-    for index, choices in corners.items():  # the corner with most room about it
-        spots = project(camera, choices, size)
-        room = np.linalg.norm(spots[:, None] - taken[None], axis=2).min(axis=1)
-        places[index] = spots[np.argmax(room)]
+    for index, candidates in corners.items():  # a number goes to the corner with most free space around it
+        pixels = project(camera, candidates, size)
+        space = np.linalg.norm(pixels[:, None] - taken[None], axis=2).min(axis=1)
+        places[index] = pixels[np.argmax(space)]
         taken = np.concatenate([taken, places[index][None]])
     return shapes, camera, places

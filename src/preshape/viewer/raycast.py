@@ -1,8 +1,8 @@
-"""Pictures of triangles by rays on the CPU: no display, no GPU.
+"""Pictures of triangles by ray casting on the CPU; neither a display nor a GPU is needed.
 
-The studio: a soft key light behind the viewer's left shoulder, a sky that open places see more of than
-hollows do (ambient occlusion), and a floor that takes shadow but is otherwise the background. Light is
-added and mixed in linear light and encoded as sRGB at the end. The same arguments give the same image.
+Lighting consists of a soft key light from behind the viewer's left shoulder, a sky with ambient occlusion,
+and a floor that shows shadows but is otherwise the background. Colours are mixed as linear light and encoded
+as sRGB at the end. The same arguments always give the same image.
 """
 
 from __future__ import annotations
@@ -25,29 +25,33 @@ Image: TypeAlias = NDArray[np.uint8]
 Rays: TypeAlias = NDArray[np.float32]
 
 LIGHT_RAYS = 4
-"""Rays to the sky and to the key light from each shaded point."""
+"""Rays to the sky, and as many to the key light, from each shaded point."""
 DIRECTIONS = 256
-"""Different directions that neighbouring points share out among them."""
+"""Directions in the table from which neighbouring points take different ones."""
 EDGE = 0.03
-"""Difference to a neighbour [display units, 0..1] above which a pixel is sampled again, more finely."""
+"""Difference between neighbouring pixels [display value, 0..1] above which a pixel is supersampled."""
 MAX_LAYERS = 40
-"""Surfaces that a ray may pass through on its way to an opaque one."""
+"""Most surfaces that a ray passes through before an opaque one."""
 
 
 @value
 class Shape:
     """Triangles of one material.
 
-    A translucent shape (alpha < 1) covers a ray once, at its first surface, and casts no shadow.
+    A ray meets a translucent shape (alpha < 1) only once, at its first surface. Translucent shapes cast no
+    shadow.
 
     Attributes:
-        vertices: (n, 3) positions [m].
-        triangles: (m, 3) indices into ``vertices``.
-        colour: red, green, blue, 0..1.
-        alpha: 0 invisible … 1 opaque.
-        smooth: interpolate the normals across all but sharp edges.
-        lit: shade it; otherwise it shows its plain colour and casts no shadow.
-        name: for people.
+        vertices: (n, 3) Positions [m].
+        triangles: (m, 3) Indices into ``vertices``.
+        colour: Red, green and blue, each 0..1, sRGB.
+        alpha: Opacity, from 0 (invisible) to 1 (opaque).
+        smooth: Whether normals are interpolated across all but sharp edges.
+        lit: Whether the shape is shaded and casts shadow; otherwise it shows its plain colour.
+        name: Name to display.
+
+    Raises:
+        InputError: An array has the wrong shape, an index is out of range, or alpha is not in 0..1.
     """
 
     vertices: Array
@@ -73,7 +77,7 @@ class Shape:
 
 
 class _Scene:
-    """The shapes as ray-casting geometry: everything, and the opaque part that casts shadow."""
+    """The shapes as Embree geometry: all of them, and the opaque ones, which cast shadow."""
 
     def __init__(self, shapes: Sequence[Shape], camera: Camera, ground: float | None) -> None:
         from embreex.mesh_construction import TriangleMesh
@@ -86,7 +90,7 @@ class _Scene:
         self.has_opaque = any(s.alpha == 1 and s.lit for s in shapes)
         normals = []
         for shape in shapes:
-            # float32 rays: about the scene's own corner, in units of its diagonal
+            # Embree computes in float32: coordinates start at the scene's corner, in units of its diagonal.
             points = ((shape.vertices - self.origin) / self.scale).astype(np.float32)
             indices = shape.triangles.astype(np.int32)
             normals.append(corner_normals(points, indices, smooth=shape.smooth))
@@ -104,27 +108,28 @@ class _Scene:
         self.key = (key / np.linalg.norm(key)).astype(np.float32)
 
     def sun(self, normal: Rays) -> Rays:
-        """(n,) what each surface takes of the key light: Lambert's cosine."""
+        """(n,) Share of the key light that each surface receives: Lambert's cosine."""
         return np.asarray(np.maximum(normal @ self.key, 0))
 
     def shade(self, normal: Rays, rays: Rays, sky: Rays, key: Rays) -> Rays:
-        """(n,) light that a surface sends to the eye, of which 1 is white."""
+        """(n,) Light that each surface sends to the eye; 1 is white."""
         dome = 0.78 + 0.22 * (normal @ self.up)
         facing = np.abs((normal * rays).sum(axis=1))
         return np.asarray(0.56 * dome * sky + 0.52 * self.sun(normal) * key + 0.06 * facing)
 
     def shine(self, normal: Rays, rays: Rays, key: Rays) -> Rays:
-        """(n,) the key light's soft reflection."""
+        """(n,) Specular reflection of the key light."""
         half = self.key - rays
         half /= np.linalg.norm(half, axis=1, keepdims=True)
         return np.asarray(0.10 * key * np.maximum((normal * half).sum(axis=1), 0) ** 40)
 
     def trace(self, rays: Rays) -> dict[str, Any]:
-        """Follow rays to their first opaque surface, collecting the translucent ones before it.
+        """Follow rays to their first opaque surface and collect the translucent ones before it.
 
         Returns:
-            ``front`` (n, 3) light of the translucent layers, ``through`` (n,) what they let pass,
-            ``shape`` (n,) opaque shape, -2 floor, -1 nothing, ``point`` and ``normal`` (n, 3) on it.
+            ``front`` (n, 3): light from the translucent layers. ``through`` (n,): fraction of light that they
+            transmit. ``shape`` (n,): index of the opaque shape, -2 for the floor, -1 for the background.
+            ``point`` and ``normal`` (n, 3): point and unit normal of the opaque surface.
         """
         n = len(rays)
         front, through = np.zeros((n, 3), np.float32), np.ones(n, np.float32)
@@ -134,16 +139,18 @@ class _Scene:
         alive, origin = np.arange(n), np.broadcast_to(self.eye, (n, 3)).astype(np.float32)
         for _ in range(MAX_LAYERS):
             hit = self.all.run(origin, rays[alive], query="INTERSECT", output=1)
-            seen = hit["geomID"] >= 0
-            alive, origin = alive[seen], origin[seen]
-            hit = {k: v[seen] for k, v in hit.items()}
+            found = hit["geomID"] >= 0
+            alive, origin = alive[found], origin[found]
+            hit = {k: v[found] for k, v in hit.items()}
             which = hit["geomID"]
             origin = origin + hit["tfar"][:, None] * rays[alive]
             u, v = hit["u"][:, None], hit["v"][:, None]
             corners = self.normals[self.first[which] + hit["primID"]]
             across = corners[:, 0] * (1 - u - v) + corners[:, 1] * u + corners[:, 2] * v
             across /= np.linalg.norm(across, axis=1, keepdims=True)
-            across *= np.where((hit["Ng"] * rays[alive]).sum(1) > 0, -1, 1)[:, None]  # both sides are lit
+            across *= np.where((hit["Ng"] * rays[alive]).sum(1) > 0, -1, 1)[
+                :, None
+            ]  # surfaces are lit on both sides
             solid = self.alpha[which] == 1
             done = alive[solid]
             shape[done], point[done], normal[done] = which[solid], origin[solid], across[solid]
@@ -166,7 +173,7 @@ class _Scene:
         return {"front": front, "through": through, "shape": shape, "point": point, "normal": normal}
 
     def light(self, hit: dict[str, Any], phase: IntArray) -> Rays:
-        """(n, 2) shares of the sky and of the key light that reach each hit past the opaque shapes."""
+        """(n, 2) Fractions of sky and key light that reach each hit, given the shadows of opaque shapes."""
         shares = np.ones((len(phase), 2), np.float32)
         shape = hit["shape"]
         at = np.flatnonzero((shape == -2) | ((shape >= 0) & self.lit[np.maximum(shape, 0)]))
@@ -188,7 +195,7 @@ class _Scene:
         return shares
 
     def mix(self, hit: dict[str, Any], rays: Rays, behind: Rays, light: Rays) -> Rays:
-        """(n, 3) linear light that each ray brings to the eye; ``behind`` (n, 3) is the background."""
+        """(n, 3) Linear light that each ray brings to the eye; ``behind`` (n, 3) is the background's."""
         colour, shape = behind.copy(), hit["shape"]
         floor, solid = shape == -2, shape >= 0
         colour[floor] *= light[floor] @ np.array([[0.315], [0.435]], np.float32) + 0.25
@@ -200,16 +207,16 @@ class _Scene:
 
 
 def visible(shapes: Sequence[Shape], camera: Camera, points: Array) -> BoolArray:
-    """(n,) whether the eye sees each point (n, 3) past opaque lit shapes; on a surface counts as seen."""
+    """(n,) Whether no opaque lit shape hides each point (n, 3); points on a surface are visible."""
     scene = _Scene(shapes, camera, None)
     if not scene.has_opaque:
         return np.ones(len(points), dtype=np.bool_)
     rays = (np.asarray(points) - scene.origin) / scene.scale - scene.eye
     reach = np.linalg.norm(rays, axis=1)
     start = np.broadcast_to(scene.eye, rays.shape).astype(np.float32)
-    ways = (rays / reach[:, None]).astype(np.float32)
-    far = (reach - 0.02).astype(np.float32)
-    return np.asarray(scene.opaque.run(start, ways, dists=far, query="OCCLUDED") < 0)
+    unit = (rays / reach[:, None]).astype(np.float32)
+    far = (reach - 0.02).astype(np.float32)  # the surface that a point lies on does not hide it
+    return np.asarray(scene.opaque.run(start, unit, dists=far, query="OCCLUDED") < 0)
 
 
 def render(
@@ -223,22 +230,23 @@ def render(
 ) -> Image:
     """Draw shapes.
 
-    Every pixel gets one ray; where it differs from a neighbour it gets ``samples`` × ``samples`` rays
-    instead, so that edges are smooth at little cost.
+    1. Every pixel gets one ray, and its light is averaged over neighbours that show the same surface.
+    2. A pixel that differs from a neighbour without shadows gets ``samples`` × ``samples`` rays instead, so
+       that edges are smooth at little cost.
 
     Args:
-        shapes: what to draw; at least one.
-        camera: from where.
-        size: width and height [pixels].
-        samples: rays along each side of a pixel on an edge.
-        background: colours of the picture's top and bottom.
-        ground: height of the floor along the camera's ``up`` [m]; ``None`` for none.
+        shapes: Shapes to draw; at least one.
+        camera: The camera.
+        size: Width and height [pixels].
+        samples: Rays along each side of a supersampled pixel.
+        background: Colours at the picture's top and bottom.
+        ground: Height of the floor along the camera's ``up`` [m]; ``None`` for no floor.
 
     Returns:
-        (height, width, 3) red, green, blue, 0..255.
+        (height, width, 3) Red, green and blue, each 0..255.
 
     Raises:
-        InputError: no shapes, or a size or number of samples below 1.
+        InputError: There are no shapes, or the size or the number of samples is below 1.
     """
     width, height = size
     if not shapes or min(width, height, samples) < 1:
@@ -248,31 +256,34 @@ def render(
     y, x = (axis.ravel() for axis in np.mgrid[:height, :width])
     centres = np.column_stack([x, y]) + 0.5
 
-    def look(pixels: Array) -> tuple[dict[str, Any], Rays, Rays]:
+    def cast(pixels: Array) -> tuple[dict[str, Any], Rays, Rays]:
         rays = directions(camera, pixels, size).astype(np.float32)
         share = (pixels[:, 1:] / height).astype(np.float32)
         return scene.trace(rays), rays, ends[0] * (1 - share) + ends[1] * share
 
-    hit, rays, behind = look(centres)
-    # 4 × 4 neighbours share out one even set of directions, 8 × 8 share out all of them
+    hit, rays, behind = cast(centres)
+    # Of 4 × 4 neighbouring pixels each takes other directions, which together cover the hemisphere evenly;
+    # 8 × 8 pixels use the whole table.
     light = scene.light(hit, x % 4 + 4 * (y % 4) + 16 * (x // 4 % 2 + 2 * (y // 4 % 2)))
     for stride in (1, 2):
         light = guarded_blur(light, hit["shape"], hit["point"], hit["normal"], (height, width), stride)
     image = scene.mix(hit, rays, behind, light)
     if samples > 1:
-        even = to_display(scene.mix(hit, rays, behind, np.ones_like(light)))  # shadows are soft: no edges
+        even = to_display(
+            scene.mix(hit, rays, behind, np.ones_like(light))
+        )  # shadows are soft and need no more samples
         edge = np.flatnonzero(_edges(even.reshape(height, width, 3)))
         total = np.zeros((len(edge), 3), np.float32)
         for k in range(samples**2):
             inside = (np.array([k % samples, k // samples]) + 0.5) / samples - 0.5
-            hit, rays, behind = look(centres[edge] + inside)
+            hit, rays, behind = cast(centres[edge] + inside)
             total += scene.mix(hit, rays, behind, scene.light(hit, np.full(len(edge), k)))
         image[edge] = total / samples**2
     return np.round(to_display(image) * 255).astype(np.uint8).reshape(height, width, 3)
 
 
 def _edges(image: Rays) -> BoolArray:
-    """(h, w) whether a pixel differs visibly from the next one on any side."""
+    """(h, w) Whether a pixel differs visibly from one of its four neighbours."""
     result = np.zeros(image.shape[:2], dtype=np.bool_)
     down = (np.abs(np.diff(image, axis=0)) > EDGE).any(axis=2)
     across = (np.abs(np.diff(image, axis=1)) > EDGE).any(axis=2)

@@ -1,4 +1,4 @@
-"""What the ray caster computes on plain arrays: normals, light directions, noise removal, colour coding."""
+"""Array functions of the ray caster: normals, light directions, noise removal and colour coding."""
 
 from __future__ import annotations
 
@@ -12,39 +12,40 @@ from ..types import Array
 Floats = NDArray[np.float32]
 
 CREASE = np.cos(np.radians(40.0))
-"""Faces that meet at a larger angle keep a sharp edge."""
+"""Cosine of the angle above which an edge between two faces stays sharp."""
 
 
 def to_linear(display: NDArray[Any]) -> Floats:
-    """Linear light of display values 0..1 (sRGB, IEC 61966-2-1)."""
+    """Convert display values 0..1 (sRGB, IEC 61966-2-1) to linear light."""
     x = np.asarray(display, dtype=np.float64)
     return np.asarray(np.where(x <= 0.04045, x / 12.92, ((x + 0.055) / 1.055) ** 2.4), np.float32)
 
 
 def to_display(linear: NDArray[Any]) -> Floats:
-    """Display values 0..1 of linear light, clipped; inverse of :func:`to_linear`."""
+    """Convert linear light to display values clipped to 0..1; the inverse of :func:`to_linear`."""
     x = np.clip(linear, 0, 1)
     return np.asarray(np.where(x <= 0.0031308, 12.92 * x, 1.055 * x ** (1 / 2.4) - 0.055), np.float32)
 
 
 def hemisphere(count: int) -> Array:
-    """(count, 3) unit directions about +z, as dense as their cosine to z; consecutive ones are far apart.
+    """(count, 3) Unit directions about +z whose density is proportional to their cosine to z.
 
-    A Hammersley set in van der Corput order: every aligned block of four (16, 64) covers the dome evenly.
+    They are a Hammersley set in van der Corput order: every aligned block of 4, 16 or 64 directions covers
+    the hemisphere evenly.
     """
     index = np.arange(count)
-    turned, base, left = np.zeros(count), 0.5, index.copy()
-    while left.any():
-        turned += base * (left % 2)
-        left //= 2
+    reversed_bits, base, remaining = np.zeros(count), 0.5, index.copy()
+    while remaining.any():
+        reversed_bits += base * (remaining % 2)
+        remaining //= 2
         base /= 2
-    radius = np.sqrt(turned + 0.5 / count)
+    radius = np.sqrt(reversed_bits + 0.5 / count)
     angle = 2 * np.pi * ((index * 0.6180339887498949) % 1)
     return np.column_stack([radius * np.cos(angle), radius * np.sin(angle), np.sqrt(1 - radius**2)])
 
 
 def tangents(normal: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Two (n, 3) unit directions that make a right-handed frame with each unit normal (Duff et al. 2017)."""
+    """Two (n, 3) unit vectors that form a right-handed frame with each unit normal (Duff et al. 2017)."""
     x, y, z = normal.T
     sign = np.where(z < 0, -1, 1).astype(normal.dtype)
     a = -1 / (sign + z)
@@ -56,13 +57,13 @@ def corner_normals(vertices: Floats, triangles: NDArray[np.int32], *, smooth: bo
     """Unit normals at the corners of triangles.
 
     Args:
-        vertices: (n, 3).
-        triangles: (m, 3) indices.
-        smooth: take the area-weighted mean of the faces about the corner that meet this face at less than
-            the crease angle; otherwise the face's own normal.
+        vertices: (n, 3) Vertices.
+        triangles: (m, 3) Indices of vertices.
+        smooth: Whether a corner gets the area-weighted mean normal of the faces that meet there at less than
+            the crease angle, instead of its face's own normal.
 
     Returns:
-        (m, 3, 3) triangle, corner, xyz. A triangle without area has +z.
+        (m, 3, 3) Normals by triangle, corner and axis. A triangle without area has the normal +z.
     """
     a, b, c = (vertices[triangles[:, i]].astype(np.float64) for i in range(3))
     weighted = np.cross(b - a, c - a)
@@ -70,20 +71,20 @@ def corner_normals(vertices: Floats, triangles: NDArray[np.int32], *, smooth: bo
     flat = np.where(length > 0, weighted / np.maximum(length, 1e-300), [0.0, 0.0, 1.0])
     result = np.repeat(flat[:, None], 3, axis=1)
     if smooth:
-        # files split vertices at texture seams: corners meet where their positions do
-        _, place = np.unique(np.round(vertices, 6), axis=0, return_inverse=True)
-        at = place.ravel()[triangles.ravel()]
+        # Files split vertices at texture seams, so corners are matched by position.
+        _, position = np.unique(np.round(vertices, 6), axis=0, return_inverse=True)
+        at = position.ravel()[triangles.ravel()]
         order = np.argsort(at, kind="stable")
         start, count = np.unique(at[order], return_index=True, return_counts=True)[1:]
-        # all ordered pairs of corners in one place
-        mine = np.repeat(order, np.repeat(count, count))
+        # All ordered pairs of corners at the same position.
+        own = np.repeat(order, np.repeat(count, count))
         first = np.repeat(np.repeat(start, count), np.repeat(count, count))
-        serial = np.arange(len(mine)) - np.repeat(np.cumsum(count**2) - count**2, count**2)
+        serial = np.arange(len(own)) - np.repeat(np.cumsum(count**2) - count**2, count**2)
         other = order[first + serial % np.repeat(count, count**2)]
-        near = (flat[mine // 3] * flat[other // 3]).sum(axis=1) > CREASE
-        mine, other = mine[near], other[near]
+        near = (flat[own // 3] * flat[other // 3]).sum(axis=1) > CREASE
+        own, other = own[near], other[near]
         total = np.column_stack(
-            [np.bincount(mine, weighted[other // 3, i], minlength=len(at)) for i in range(3)]
+            [np.bincount(own, weighted[other // 3, i], minlength=len(at)) for i in range(3)]
         )
         size = np.linalg.norm(total, axis=1, keepdims=True)
         mean = np.where(size > 0, total / np.maximum(size, 1e-300), flat.repeat(3, axis=0))
@@ -94,15 +95,16 @@ def corner_normals(vertices: Floats, triangles: NDArray[np.int32], *, smooth: bo
 def guarded_blur(
     values: Floats, shape: NDArray[Any], point: Floats, normal: Floats, grid: tuple[int, int], stride: int
 ) -> Floats:
-    """Average over 4 × 4 pixels of the same surface, ``stride`` apart.
+    """Average each pixel over 4 × 4 pixels that show the same surface.
 
     Args:
-        values: (n, k) what to average, pixel by pixel.
-        shape: (n,) surface of each pixel.
-        point: (n, 3) its place.
-        normal: (n, 3) its unit normal.
-        grid: height and width, n = height × width.
-        stride: 1 takes neighbours; 2 then joins them to 10 × 10, weighing the middle most.
+        values: (n, k) Values to average.
+        shape: (n,) Index of the surface that each pixel shows.
+        point: (n, 3) Point of the surface.
+        normal: (n, 3) Unit normal of the surface.
+        grid: Height and width of the picture; n = height × width.
+        stride: Distance between the averaged pixels. Stride 1 followed by stride 2 averages 10 × 10 pixels,
+            with most weight in the middle.
     """
     height, width = grid
     planes = [np.ascontiguousarray(a).reshape(grid) for a in (*normal.T, *point.T)]

@@ -1,4 +1,4 @@
-"""Things to draw, as triangles: the object, the hand, arrows, cards, cones and tubes. Lengths in metres."""
+"""Triangles of everything that is drawn: object, hand, arrows, cards, cones, tubes. Lengths are in metres."""
 
 from __future__ import annotations
 
@@ -13,24 +13,24 @@ from ..exceptions import InputError
 from ..hands.kinematics import LinkShape
 from ..objects.mesh import TriangleMesh
 from ..types import Array, IntArray
-from .colours import APPROACH, HAND, OBJECT, OPPOSITION, TRANSVERSE, Colour
+from .colours import HAND, OBJECT, Colour
 from .raycast import Shape
 from .shading import tangents
 
 ROUND = 32
-"""Sides of whatever is round."""
+"""Sides of the polygon that approximates a circle."""
 
 
 def _revolve(start: ArrayLike, end: ArrayLike, profile: ArrayLike) -> tuple[Array, IntArray]:
-    """Turn a profile about the axis start-end.
+    """Revolve a profile about the axis from ``start`` to ``end``.
 
     Args:
-        start: (3,) where height is 0.
-        end: (3,) where height is |end - start|; equal points turn about z.
-        profile: (k, 2) height and radius, along the axis.
+        start: (3,) Point of height 0.
+        end: (3,) Point of height |end - start|; if it equals ``start``, the axis is z.
+        profile: (k, 2) Height and radius along the axis.
 
     Returns:
-        Vertices (k · ROUND, 3) and outward triangles.
+        Vertices (k · ROUND, 3) and triangles that face outwards.
     """
     start, end = np.asarray(start, dtype=np.float64), np.asarray(end, dtype=np.float64)
     length = float(np.linalg.norm(end - start))
@@ -44,12 +44,16 @@ def _revolve(start: ArrayLike, end: ArrayLike, profile: ArrayLike) -> tuple[Arra
     near, far = i * ROUND + j, i * ROUND + (j + 1) % ROUND
     low = np.column_stack([near, far, far + ROUND])
     high = np.column_stack([near, far + ROUND, near + ROUND])
-    keep = np.concatenate([radius[i] > 0, radius[i + 1] > 0])
-    return vertices.reshape(-1, 3), np.concatenate([low, high])[keep]
+    proper = np.concatenate([radius[i] > 0, radius[i + 1] > 0])  # at the axis a quad is one triangle
+    return vertices.reshape(-1, 3), np.concatenate([low, high])[proper]
 
 
 def join(shapes: Iterable[Shape]) -> Shape:
-    """One shape of several, with the colour and the other properties of the first."""
+    """Join shapes into one that has the colour and the other properties of the first.
+
+    Raises:
+        InputError: There are no shapes.
+    """
     parts = list(shapes)
     if not parts:
         raise InputError("there are no shapes to join")
@@ -60,7 +64,7 @@ def join(shapes: Iterable[Shape]) -> Shape:
 
 
 def capsule(p0: ArrayLike, p1: ArrayLike, radius: float, colour: Colour, *, alpha: float = 1) -> Shape:
-    """A capsule between the centres ``p0`` and ``p1`` (3,) of its caps; the same point gives a sphere."""
+    """A capsule between the centres ``p0`` and ``p1`` (3,) of its caps; equal points give a sphere."""
     angle = np.linspace(0, np.pi / 2, ROUND // 4 + 1)
     length = float(np.linalg.norm(np.subtract(p1, p0)))
     cap = radius * np.column_stack([np.sin(angle), np.cos(angle)])
@@ -76,7 +80,7 @@ def sphere(centre: ArrayLike, radius: float, colour: Colour, *, alpha: float = 1
 
 
 def arrow(start: ArrayLike, end: ArrayLike, radius: float, colour: Colour) -> Shape:
-    """An arrow from ``start`` to its tip at ``end`` (3,); ``radius`` is the shaft's."""
+    """An arrow from ``start`` to its tip at ``end`` (3,); ``radius`` is that of the shaft."""
     length = float(np.linalg.norm(np.subtract(end, start)))
     neck = length - min(7 * radius, 0.6 * length)
     profile = [(0, 0), (0, radius), (neck, radius), (neck, 2.6 * radius), (length, 0)]
@@ -85,7 +89,7 @@ def arrow(start: ArrayLike, end: ArrayLike, radius: float, colour: Colour) -> Sh
 
 
 def tube(points: Sequence[ArrayLike], radius: float, colour: Colour, *, alpha: float = 1) -> Shape:
-    """A line through ``points`` (n, 3), n ≥ 2, as thick as a rod of ``radius``."""
+    """A polyline through ``points`` (n, 3), n ≥ 2, as rods of ``radius``."""
     rods = (capsule(p, q, radius, colour, alpha=alpha) for p, q in pairwise(points))
     return join(rods)
 
@@ -96,12 +100,12 @@ def cone(
     """A friction cone.
 
     Args:
-        apex: (3,) the contact.
-        axis: (3,) direction from the apex into the cone.
-        height: length along the axis [m].
-        slope: tangent of the half angle: the friction coefficient.
-        colour: its colour.
-        alpha: its opacity.
+        apex: (3,) Contact point [m].
+        axis: (3,) Direction from the apex into the cone.
+        height: Length along the axis [m].
+        slope: Tangent of the half angle, which is the friction coefficient.
+        colour: Colour.
+        alpha: Opacity.
     """
     apex, axis = np.asarray(apex, dtype=np.float64), np.asarray(axis, dtype=np.float64)
     vertices, triangles = _revolve(
@@ -111,7 +115,7 @@ def cone(
 
 
 def card(centre: ArrayLike, u: ArrayLike, v: ArrayLike, colour: Colour, *, alpha: float = 0.3) -> Shape:
-    """A flat rectangle in its plain colour; ``u`` and ``v`` (3,) reach from its centre to two sides."""
+    """A rectangle in plain colour; ``u`` and ``v`` (3,) reach from its centre to the middle of two sides."""
     centre, u, v = (np.asarray(a, dtype=np.float64) for a in (centre, u, v))
     vertices = np.array([centre - u - v, centre + u - v, centre + u + v, centre - u + v])
     triangles = np.array([[0, 1, 2], [0, 2, 3]])
@@ -119,13 +123,17 @@ def card(centre: ArrayLike, u: ArrayLike, v: ArrayLike, colour: Colour, *, alpha
 
 
 def card_border(centre: ArrayLike, u: ArrayLike, v: ArrayLike, radius: float, colour: Colour) -> Shape:
-    """The border of :func:`card` as a thin tube."""
-    corners = card(centre, u, v, colour).vertices
-    return replace(tube([*corners, corners[0]], radius, colour), lit=False)
+    """The border of :func:`card`, with ``u`` and ``v`` along coordinate axes, as four thin rods."""
+    centre, u, v = (np.asarray(a, dtype=np.float64) for a in (centre, u, v))
+    rods = []
+    for offset, along in ((u, v), (-u, v), (v, u), (-v, u)):
+        half = np.abs(along) + radius * (along == 0)
+        rods.append(box(centre + offset, half, None, colour))
+    return replace(join(rods), lit=False)
 
 
 def box(centre: ArrayLike, half: ArrayLike, rotation: ArrayLike | None, colour: Colour) -> Shape:
-    """A box; ``half`` (3,) sizes along its own axes, the columns of ``rotation`` (3, 3)."""
+    """A box with ``half`` (3,) extents along its own axes, the columns of ``rotation`` (3, 3)."""
     signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=np.float64)
     turn = np.eye(3) if rotation is None else np.asarray(rotation, dtype=np.float64)
     quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
@@ -134,33 +142,38 @@ def box(centre: ArrayLike, half: ArrayLike, rotation: ArrayLike | None, colour: 
     return Shape(vertices=vertices, triangles=triangles, colour=colour)
 
 
-def axes(origin: ArrayLike, rotation: ArrayLike, length: float) -> list[Shape]:
-    """The axes of a frame, the columns of ``rotation`` (3, 3), in the colours of a, o and t."""
-    start, turn = np.asarray(origin, dtype=np.float64), np.asarray(rotation, dtype=np.float64)
-    colours = (APPROACH, OPPOSITION, TRANSVERSE)
-    return [
-        arrow(start, start + length * axis, length / 40, colour)
-        for axis, colour in zip(turn.T, colours, strict=True)
-    ]
-
-
 def object_shape(mesh: TriangleMesh, colour: Colour = OBJECT) -> Shape:
-    """The object."""
+    """The shape of an object."""
     return Shape(vertices=mesh.vertices, triangles=mesh.triangles, colour=colour, smooth=True, name=mesh.name)
 
 
-def hand_shape(parts: Sequence[LinkShape], *, colour: Colour = HAND, alpha: float = 1) -> Shape:
-    """The hand as one shape: translucent, its inner surfaces do not show.
+def link_shape(part: LinkShape, colour: Colour = HAND, *, own_frame: bool = False) -> Shape:
+    """The shape of one link.
+
+    Args:
+        part: The link.
+        colour: Colour.
+        own_frame: Whether the shape is given in the link's own frame, where its middle is the origin and a
+            capsule lies along z; otherwise where ``part`` places it.
 
     Raises:
-        InputError: no parts, or one that is no capsule, sphere or box.
+        InputError: The link is neither a capsule nor a sphere nor a box.
     """
-    shapes = []
-    for part in parts:
-        if part.kind == "box":
-            shapes.append(box(part.p0, part.half, part.rotation, colour))
-        elif part.kind in ("capsule", "sphere"):
-            shapes.append(capsule(part.p0, part.p1, part.radius, colour))
-        else:
-            raise InputError(f"link {part.link!r} must be a capsule, sphere or box, got {part.kind!r}")
-    return replace(join(shapes), alpha=alpha, smooth=True, name="hand")
+    if part.kind == "box":
+        if own_frame:
+            return box(np.zeros(3), part.half, None, colour)
+        return box(part.p0, part.half, part.rotation, colour)
+    if part.kind in ("capsule", "sphere"):
+        half = np.array([0.0, 0.0, float(np.linalg.norm(part.p1 - part.p0)) / 2])
+        start, end = (-half, half) if own_frame else (part.p0, part.p1)
+        return capsule(start, end, part.radius, colour)
+    raise InputError(f"link {part.link!r} must be a capsule, sphere or box, got {part.kind!r}")
+
+
+def hand_shape(parts: Sequence[LinkShape], *, alpha: float = 1) -> Shape:
+    """The hand as one shape, so that a translucent hand shows no inner surfaces.
+
+    Raises:
+        InputError: There are no links, or one is neither a capsule nor a sphere nor a box.
+    """
+    return replace(join(link_shape(part) for part in parts), alpha=alpha, smooth=True, name="hand")
