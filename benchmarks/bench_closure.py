@@ -10,13 +10,13 @@ import numpy as np
 
 from preshape.closure.analyser import ClosureAnalyser
 from preshape.closure.settings import ClosureSettings
-from preshape.closure_control import closure_controller
+from preshape.planning.session import closure_controller
 from preshape.hands.load import load_hand
 from preshape.hiis.analyser import Aim
 from preshape.hiis.decision import Settings
 from preshape.kernels.field.host import prepare_field
 from preshape.memory import Memory
-from preshape.planner import layout_of
+from preshape.planning.session import layout_of
 from preshape.tasks import parse_task
 
 from .common import median_of, row, scan
@@ -45,7 +45,6 @@ def run() -> list[dict[str, Any]]:
         controller = closure_controller(
             memory,
             hand,
-            layout_of(hand),
             settings=Settings(),
             closure=ClosureSettings(),
             gravity=task.gravity,

@@ -61,11 +61,11 @@ def lesson(once: Callable[[str, Callable[[Path], object]], Path]) -> Callable[[s
     It is what a controller makes of an empty memory; ``test_plan_closure`` begins with an empty one.
     """
     from preshape.closure.settings import ClosureSettings
-    from preshape.closure_control import closure_controller
+    from preshape.planning.session import closure_controller
     from preshape.hands import load_hand
     from preshape.hiis.decision import Settings
     from preshape.memory import Memory
-    from preshape.planner import layout_of
+    from preshape.planning.session import layout_of
     from preshape.tasks import parse_task
 
     def taught(name: str) -> Path:
@@ -75,7 +75,6 @@ def lesson(once: Callable[[str, Callable[[Path], object]], Path]) -> Callable[[s
                 closure_controller(
                     memory,
                     hand,
-                    layout_of(hand),
                     settings=Settings(),
                     closure=ClosureSettings(),
                     gravity=parse_task("lift").gravity,

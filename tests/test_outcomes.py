@@ -11,7 +11,7 @@ import pytest
 
 from preshape.closure.analyser import ClosureAnalyser, GripExploration
 from preshape.closure.settings import ClosureSettings
-from preshape.closure_control import closure_controller
+from preshape.planning.session import closure_controller
 from preshape.hands import load_hand
 from preshape.hiis.analyser import Aim, Grasp, Grip
 from preshape.hiis.controller import Controller
@@ -19,7 +19,7 @@ from preshape.hiis.decision import Settings
 from preshape.hiis.learning import training_set
 from preshape.memory import Memory
 from preshape.objects.library import load_library_object
-from preshape.planner import layout_of
+from preshape.planning.session import layout_of
 from preshape.tasks import parse_task
 
 HAND, TASK = load_hand("allegro"), parse_task("lift")
@@ -33,7 +33,7 @@ def met(
     """A controller that has met a box, and the grips found for it, best first."""
     with Memory.open(shutil.copy(lesson("allegro"), tmp_path / "m.sqlite")) as memory:
         controller = closure_controller(
-            memory, HAND, layout_of(HAND), settings=Settings(), closure=QUICK, gravity=TASK.gravity
+            memory, HAND, settings=Settings(), closure=QUICK, gravity=TASK.gravity
         )
         element = controller.prepare(load_library_object("box"))
         assert isinstance(element, ClosureAnalyser)

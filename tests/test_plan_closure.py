@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from preshape.closure.settings import ClosureSettings
-from preshape.closure_control import closure_controller
+from preshape.planning.session import closure_controller
 from preshape.exceptions import InputError
 from preshape.hands.load import load_hand
 from preshape.hiis.analyser import Grip
@@ -28,8 +28,10 @@ from preshape.physics.hold.six_directions import hold_test
 from preshape.physics.pieces import ConvexPieces
 from preshape.physics.protocol import HoldProtocol
 from preshape.physics.scene import build_scene
-from preshape.planner import Plan, layout_of, plan
+from preshape.planner import plan
 from preshape.planning.document import dumps, plan_schema, plan_to_json
+from preshape.planning.plan import Plan
+from preshape.planning.session import layout_of
 from preshape.spatial import inverse, quaternion_from_rotation, rotation_from_quaternion
 from preshape.tasks import parse_task
 from preshape.types import Array
@@ -130,7 +132,7 @@ def test_learning_keeps_the_grip_and_the_next_run_answers_with_one_as_good(memor
     hand, mesh, task = load_hand("shadow"), load_library_object("box"), parse_task("lift")
     with Memory.open(memory) as store:
         controller = closure_controller(
-            store, hand, layout_of(hand), settings=Settings(), closure=QUICK, gravity=task.gravity
+            store, hand, settings=Settings(), closure=QUICK, gravity=task.gravity
         )
         first = controller.teach(mesh, task)
     assert [t.outcome for t in first.transitions] == ["explored", "learned", "reward"]

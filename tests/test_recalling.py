@@ -12,9 +12,8 @@ import numpy as np
 import pytest
 
 from preshape.closure.analyser import ClosureAnalyser
-from preshape.closure.recalling import MOST_RECALLED, OF_ONE, recalled
+from preshape.closure.recall import MOST_OF_ONE, MOST_RECALLED, recalled
 from preshape.closure.settings import ClosureSettings
-from preshape.closure_control import closure_controller
 from preshape.hands import load_hand
 from preshape.hiis.analyser import Aim, Grip
 from preshape.hiis.controller import Controller
@@ -24,7 +23,7 @@ from preshape.hiis.learning import training_set
 from preshape.memory import Memory
 from preshape.objects.library import load_library_object
 from preshape.objects.mesh import TriangleMesh
-from preshape.planner import layout_of
+from preshape.planning.session import closure_controller, layout_of
 from preshape.tasks import parse_task
 from preshape.types import KEPT, Experience
 
@@ -42,9 +41,7 @@ def memory(lesson: Callable[[str], Path], tmp_path: Path) -> Iterator[Memory]:
 
 
 def controller_of(memory: Memory) -> Controller:
-    return closure_controller(
-        memory, HAND, layout_of(HAND), settings=Settings(), closure=QUICK, gravity=LIFT.gravity
-    )
+    return closure_controller(memory, HAND, settings=Settings(), closure=QUICK, gravity=LIFT.gravity)
 
 
 def ask(memory: Memory, name: str = "box", task: Any = LIFT, **how: Any) -> tuple[Decision, ClosureAnalyser]:
@@ -140,7 +137,7 @@ def test_another_task_finds_the_grip_on_whatever_plane(memory: Memory) -> None:
     )  # fmt: skip
     assert known is not None
     assert known.aimed.tolist() == [False]
-    np.testing.assert_allclose(known.sampled.candidates.place[0], pose(first)[:3], atol=1e-12)
+    np.testing.assert_allclose(known.drawn.candidates.place[0], pose(first)[:3], atol=1e-12)
 
 
 def test_approaches_that_are_not_allowed_are_not_remembered(memory: Memory) -> None:
@@ -188,7 +185,7 @@ def marks(known: list[Experience], mesh: TriangleMesh, **aim: Any) -> tuple[list
     where = Aim(**{"planes": [12], "values": [0.0], "recall": ALL_PLANES, **aim})
     found = recalled(known, mesh, LIFT.q, where, joints=JOINTS, sets=SETS)
     assert found is not None
-    return found.sampled.candidates.start[:, 0].tolist(), found
+    return found.drawn.candidates.start[:, 0].tolist(), found
 
 
 def sized(mesh: TriangleMesh, factor: float) -> Any:
@@ -206,7 +203,7 @@ def test_the_object_most_alike_and_the_task_that_is_asked_come_first(box) -> Non
     ]
     order, found = marks(known, mesh)
     assert order == [0.4, 0.3, 0.2, 0.1]
-    assert (found.first, found.bar) == (2, 4.5)
+    assert (found.first, found.best_quality) == (2, 4.5)
 
 
 def test_one_object_does_not_fill_the_list(box) -> None:
@@ -214,7 +211,7 @@ def test_one_object_does_not_fill_the_list(box) -> None:
     own = [remembered(mesh, grasp, 0.001 * k) for k in range(30)]
     other = [remembered(mesh, grasp, 1 + 0.001 * k, attributes=sized(mesh, 1.1)) for k in range(30)]
     order, _ = marks(own + other, mesh)
-    assert [mark < 1 for mark in order] == [True] * OF_ONE + [False] * OF_ONE
+    assert [mark < 1 for mark in order] == [True] * MOST_OF_ONE + [False] * MOST_OF_ONE
     many = [
         remembered(mesh, grasp, 0.01 * k + 0.0001 * i, attributes=sized(mesh, 1 + 0.01 * k))
         for k in range(20)

@@ -16,10 +16,24 @@ from typing import TYPE_CHECKING, Any
 from ._version import __version__
 
 if TYPE_CHECKING:
-    from .exceptions import EnvironmentFailure, InputError, PreshapeError
+    from .closure.settings import ClosureSettings
+    from .exceptions import (
+        Cancelled,
+        EnvironmentFailure,
+        HandError,
+        InputError,
+        MemoryFileError,
+        ObjectError,
+        PreshapeError,
+        TaskError,
+        UnknownHand,
+        UnknownName,
+        UnknownObject,
+        UnknownTask,
+    )
     from .hands.hand import Hand
     from .hands.load import load_hand
-    from .hiis.analyser import Grip, VirtualGrasp
+    from .hiis.analyser import Grasp, Grip, VirtualGrasp
     from .hiis.controller import Controller
     from .hiis.critic import Thresholds
     from .hiis.decision import Decision, Settings, Status
@@ -27,56 +41,85 @@ if TYPE_CHECKING:
     from .memory import Memory
     from .objects.load import load_object
     from .objects.mesh import TriangleMesh
-    from .planner import Plan, plan
+    from .planner import plan
     from .planning.document import plan_to_json
+    from .planning.plan import Plan
+    from .planning.request import PlanRequest
+    from .planning.session import Session
     from .tasks import Task, parse_task, task_from_displacement, task_from_poses
     from .types import ContactCoefficients
 
 _HOME = {
-    "Grip": "hiis.analyser",
-    "VirtualGrasp": "hiis.analyser",
+    "Cancelled": "exceptions",
+    "ClosureSettings": "closure.settings",
+    "ContactCoefficients": "types",
     "Controller": "hiis.controller",
-    "Thresholds": "hiis.critic",
     "Decision": "hiis.decision",
+    "EnvironmentFailure": "exceptions",
+    "FuzzySets": "hiis.fuzzy",
+    "Grasp": "hiis.analyser",
+    "Grip": "hiis.analyser",
+    "Hand": "hands.hand",
+    "HandError": "exceptions",
+    "InputError": "exceptions",
+    "Memory": "memory",
+    "MemoryFileError": "exceptions",
+    "ObjectError": "exceptions",
+    "Plan": "planning.plan",
+    "PlanRequest": "planning.request",
+    "PreshapeError": "exceptions",
+    "Session": "planning.session",
     "Settings": "hiis.decision",
     "Status": "hiis.decision",
-    "EnvironmentFailure": "exceptions",
-    "InputError": "exceptions",
-    "PreshapeError": "exceptions",
-    "FuzzySets": "hiis.fuzzy",
-    "tfvadi": "hiis.fuzzy",
-    "Hand": "hands.hand",
-    "load_hand": "hands.load",
-    "plan_to_json": "planning.document",
-    "Memory": "memory",
-    "load_object": "objects.load",
-    "TriangleMesh": "objects.mesh",
-    "Plan": "planner",
-    "plan": "planner",
     "Task": "tasks",
+    "TaskError": "exceptions",
+    "Thresholds": "hiis.critic",
+    "TriangleMesh": "objects.mesh",
+    "UnknownHand": "exceptions",
+    "UnknownName": "exceptions",
+    "UnknownObject": "exceptions",
+    "UnknownTask": "exceptions",
+    "VirtualGrasp": "hiis.analyser",
+    "load_hand": "hands.load",
+    "load_object": "objects.load",
     "parse_task": "tasks",
+    "plan": "planner",
+    "plan_to_json": "planning.document",
     "task_from_displacement": "tasks",
     "task_from_poses": "tasks",
-    "ContactCoefficients": "types",
+    "tfvadi": "hiis.fuzzy",
 }
 
 __all__ = [
+    "Cancelled",
+    "ClosureSettings",
     "ContactCoefficients",
     "Controller",
     "Decision",
     "EnvironmentFailure",
     "FuzzySets",
+    "Grasp",
     "Grip",
     "Hand",
+    "HandError",
     "InputError",
     "Memory",
+    "MemoryFileError",
+    "ObjectError",
     "Plan",
+    "PlanRequest",
     "PreshapeError",
+    "Session",
     "Settings",
     "Status",
     "Task",
+    "TaskError",
     "Thresholds",
     "TriangleMesh",
+    "UnknownHand",
+    "UnknownName",
+    "UnknownObject",
+    "UnknownTask",
     "VirtualGrasp",
     "__version__",
     "load_hand",

@@ -12,7 +12,8 @@
     │       ├── UnknownObject
     │       ├── UnknownTask
     │       └── UnknownHand
-    └── EnvironmentFailure   3    files, disk, environment: the input may be right
+    ├── EnvironmentFailure   3    files, disk, environment: the input may be right
+    └── Cancelled          130    the caller stopped the work; what was acknowledged is kept
 
 A bad argument is an exception; a bad grasp is a result with a status and a reason.
 Every message is one sentence or two: what was expected, what came, what to do.
@@ -114,3 +115,9 @@ class EnvironmentFailure(PreshapeError):
     """A file, the disk or the environment failed; the input may be right."""
 
     exit_code: ClassVar[int] = 3
+
+
+class Cancelled(PreshapeError):
+    """The caller stopped the work."""
+
+    exit_code: ClassVar[int] = 130

@@ -8,9 +8,9 @@ from typing import Any
 import click
 
 from ..exceptions import InputError
+from ..report.terminal import print_table, report_console
 from .options import check_folder, json_option
 from .progress import GOES_ON, steps
-from .tables import draw_table, report_console
 
 
 @click.command(epilog="Example: preshape bench clouds box cylinder bottle --hand shadow --out out/clouds")
@@ -51,7 +51,7 @@ def clouds(
     Beside each stands the planner's answer on the whole mesh. A view without an answer counts as lost.
     With --out a stopped run goes on from there. Exit code 0: the study ran.
     """
-    from ..studies.partial_report import figures, write_report
+    from ..studies.partial_report import cloud_figures, write_cloud_report
     from ..studies.partial_views import CloudRun, run_clouds
     from .bench_planner import cases_of
 
@@ -75,8 +75,8 @@ def clouds(
             workers=workers,
             progress=lambda done, of, last: told.step("objects", done, of, last),
         )
-    document = figures(run, rows)
-    written = [] if folder is None else write_report(document, folder)
+    document = cloud_figures(run, rows)
+    written = [] if folder is None else write_cloud_report(document, folder)
     if as_json:
         from .main import emit
 
@@ -93,11 +93,11 @@ def _words(text: str) -> tuple[str, ...]:
 def _show(document: dict[str, Any], written: list[Path]) -> None:
     from rich.text import Text
 
-    from ..studies.partial_report import tables
+    from ..studies.partial_report import cloud_tables
 
     console = report_console(140)
-    for content in tables(document):
-        draw_table(console, content)
+    for content in cloud_tables(document):
+        print_table(console, content)
     for one in document["refused"]:
         console.print(
             Text(f"! {one['hand']}, {one['case']}, view {one['view']}: {one['reason']}", style="yellow")

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ..exceptions import InputError
+from ..report.terminal import print_table, report_console
 from .options import check_folder, json_option
 from .progress import GOES_ON, steps
-from .tables import draw_table, report_console
 
 if TYPE_CHECKING:
     from ..studies.indices import IndexRows
@@ -60,8 +60,8 @@ def indices(
 
     Exit code 0: all were tested, whatever came of it.
     """
-    from ..studies.index_figures import figures
-    from ..studies.index_report import write_report
+    from ..studies.index_figures import index_figures
+    from ..studies.index_report import write_index_report
     from ..studies.indices import HANDS, OBJECTS, IndexRun, run_indices
 
     check_folder(out)
@@ -85,8 +85,8 @@ def indices(
             workers=workers,
             progress=lambda share, label: told.step("%", share, 1.0, label),
         )
-    document = figures(found)
-    written = write_report(document, found.rows, Path(out)) if out is not None else []
+    document = index_figures(found)
+    written = write_index_report(document, found.rows, Path(out)) if out is not None else []
     if as_json:
         from .main import emit
 
@@ -109,11 +109,11 @@ def _names(text: str, option: str, all_of_them: tuple[str, ...]) -> tuple[str, .
 def _show(found: IndexRows, document: dict[str, Any], written: list[Path]) -> None:
     from rich.text import Text
 
-    from ..studies.index_report import findings, tables
+    from ..studies.index_report import findings, index_tables
 
     console = report_console(120)
-    for content in tables(document):
-        draw_table(console, content)
+    for content in index_tables(document):
+        print_table(console, content)
     for sentence in findings(document):
         console.print(Text(sentence))
     for note in found.notes:

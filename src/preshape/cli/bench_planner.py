@@ -62,10 +62,10 @@ def planner(
 
     An object without an answer counts as one that was lost. Exit code 0: the test ran.
     """
+    from ..files import write_json
     from ..hands.load import load_hand
     from ..physics.grasps import write_grasps
     from ..physics.protocol import HoldProtocol
-    from ..planning.document import write_json
     from ..planning.planner_bench import bench_planner, grasps_of
 
     check_folder(out)
@@ -73,12 +73,12 @@ def planner(
         raise InputError(f"--count must be 1 or more, got {count}")
     if workers is not None and workers < 1:
         raise InputError(f"--workers must be 1 or more, got {workers}")
-    cases = cases_of(objects, scales, pieces)
+    cases, model = cases_of(objects, scales, pieces), load_hand(hand)
     protocol = HoldProtocol(friction=friction, mass=mass, probes=probes, ladder=ladder, stop_early=not ladder)
     with steps("this bench keeps nothing before its end") as told:
         report = bench_planner(
             cases,
-            hand,
+            model,
             protocol=protocol,
             task=task,
             analyser=analyser,
@@ -89,7 +89,7 @@ def planner(
         )
     document = {"status": "answer", **report.row(), "failures": _failures(report)}
     if out is not None:
-        grasps = grasps_of(report.planned, load_hand(hand))
+        grasps = grasps_of(report.planned, model)
         if grasps is not None:
             write_grasps(Path(out) / "grasps.npz", grasps)
             document["pictures"] = _pictures(report, grasps, protocol, Path(out))
@@ -159,13 +159,12 @@ def _failures(report: PlannerReport) -> list[dict[str, Any]]:
 def _pictures(report: PlannerReport, grasps: GraspSet, protocol: HoldProtocol, folder: Path) -> list[str]:
     """Films of the answers that were lost, the first ``PICTURES`` of them, as pictures in the folder."""
     from ..files import write_whole
-    from ..hands.load import load_hand
     from ..objects.load import load_object
     from ..physics.hand import physics_hand
     from ..viewer.filmstrip import filmstrip
     from .simulate_film import film_of, recorded
 
-    hand = load_hand(report.hand)
+    hand = report.hand
     own = grasps.for_hand(physics_hand(hand))
     cases = [p.case for p in report.planned for _ in p.answers]
     results = report.holds.results if report.holds else ()

@@ -165,14 +165,13 @@ def _answers(
     from ..hands.load import load_hand
     from ..physics.hand import physics_hand
     from ..physics.task.grasps import given_answers, read_task_grasps
-    from ..planner import RAY_HAND, check_analyser
     from ..planning.planned_answers import PlannedAnswers
+    from ..planning.request import RAY_HAND, analyser_of
 
     if grasps is None:
-        name = hand or RAY_HAND
-        model = physics_hand(load_hand(name))
-        used = check_analyser(analyser, name)
-        return model, PlannedAnswers(hand=name, analyser=used, model=model), f"{name}, {used}", []
+        own = load_hand(hand or RAY_HAND)
+        model, used = physics_hand(own), analyser_of(analyser, own)
+        return model, PlannedAnswers(hand=own, analyser=used, model=model), f"{own.name}, {used}", []
     found, labels = read_task_grasps(grasps)
     if not (hand or found.hand):
         raise InputError(f"{grasps} does not say whose grasps they are; add --hand, see preshape hands")
@@ -209,9 +208,9 @@ def _write(
 ) -> list[Path]:
     if out is None:
         return []
+    from ..files import write_json
     from ..physics.task.grasps import write_task_grasps
     from ..physics.task.tables import task_report
-    from ..planning.document import write_json
     from ..report import write_report
 
     folder = Path(out)

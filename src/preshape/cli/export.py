@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,23 +22,28 @@ FORMATS = ("moveit", "mjcf", "npz")
     epilog="Example: preshape export plan.json --format moveit --out grasps.yaml --out grasps.mcap"
 )
 @click.argument("file", metavar="PLAN")
-@click.option("--format", "kind", required=True, metavar="|".join(FORMATS), help="What to make of it.")
+@click.option("--format", "kind", required=True, metavar="|".join(FORMATS), help="Format to write.")
 @click.option(
     "--out",
     multiple=True,
     metavar="FILE",
-    help="moveit: .yaml, .mcap, or a name without ending for a ROS 2 bag; repeatable. Default: as text here.",
+    help="File to write; repeatable. moveit: .yaml, .mcap, or no ending for a ROS 2 bag; default: text here.",
 )
 @click.option(
     "--answer",
     type=int,
     metavar="N",
-    help="0 the answer, 1 … the alternatives; default all (mjcf: the best).",
+    help="0 for the answer, 1 … for the alternatives; default: all (mjcf: the answer).",
 )
-@click.option("--hand", metavar="HAND", help="A name or your own TOML; default: what PLAN says.")
+@click.option("--best", is_flag=True, help="Of a plan without an answer: the best grasp that was found.")
+@click.option("--hand", metavar="HAND", help="Name or TOML file; default: the plan's hand.")
+@click.option("--mass", type=float, help="mjcf: mass of the object [kg]; default: the plan's.")
+@click.option("--friction", type=float, help="mjcf: friction coefficient; default: the plan's.")
 @click.option("--frame", default="object", show_default=True, help="moveit: name of the object's frame.")
 @click.option(
-    "--parent-link", metavar="LINK", help="moveit: what grasp_pose is of; default the hand's root body."
+    "--parent-link",
+    metavar="LINK",
+    help="moveit: link whose pose grasp_pose is; default: the hand's root body.",
 )
 @click.option(
     "--mount",
@@ -45,25 +51,40 @@ FORMATS = ("moveit", "mjcf", "npz")
     help="moveit: pose of the hand's root in --parent-link, a link of your robot [m].",
 )
 @click.option(
-    "--object-name", multiple=True, help="moveit: what may be touched; repeatable; default the object."
+    "--object-name",
+    multiple=True,
+    help="moveit: object that the hand may touch; repeatable; default: the plan's object.",
 )
 @click.option(
-    "--approach-distance", type=float, default=0.1, show_default=True, help="moveit: straight way in [m]."
+    "--approach-distance",
+    type=float,
+    default=0.1,
+    show_default=True,
+    help="moveit: length of the straight way in [m].",
 )
 @click.option(
-    "--retreat-distance", type=float, default=0.1, show_default=True, help="moveit: lift after it [m]."
+    "--retreat-distance",
+    type=float,
+    default=0.1,
+    show_default=True,
+    help="moveit: length of the lift afterwards [m].",
 )
 @click.option(
-    "--up-frame", metavar="FRAME", help="moveit: lift along +z of this; default against gravity in --frame."
+    "--up-frame",
+    metavar="FRAME",
+    help="moveit: frame whose +z is up; default: against the task's gravity, in --frame.",
 )
-@click.option("--objects", metavar="DIR", help="mjcf, npz: folder of the objects, if they are not built in.")
+@click.option("--objects", metavar="DIR", help="mjcf, npz: folder of the objects that are not built in.")
 @json_option
 def export(
     file: str,
     kind: str,
     out: tuple[str, ...],
     answer: int | None,
+    best: bool,
     hand: str | None,
+    mass: float | None,
+    friction: float | None,
     frame: str,
     parent_link: str | None,
     mount: str | None,
@@ -74,19 +95,21 @@ def export(
     objects: str | None,
     as_json: bool,
 ) -> int:
-    """Write PLAN, a plan in JSON or - for standard input, for other programs.
+    """Write PLAN for other programs. PLAN is a plan.json, or - for standard input.
 
     moveit: moveit_msgs/msg/Grasp, one for each answer, best first (docs/ros.md). mjcf: a MuJoCo scene with
-    hand and object at the grasp. npz: arrays (docs/grasp-file.md).
+    hand and object at the grasp. npz: grasp arrays (docs/grasp-file.md).
 
-    Exit code 0: written. 2: bad input, as a plan whose hand has no posture. 3: a file or package is missing.
+    Exit code 0: written. 2: bad input, such as a plan whose hand has no posture. 3: a file or a package is
+    missing.
     """
     if kind not in FORMATS:
         raise InputError(f"--format must be one of {', '.join(FORMATS)}, got {kind!r}")
     if not all(name.strip() for name in out):
         raise InputError("--out needs a file, got an empty name")
     from ..export.moveit import MoveItOptions
-    from ..export.planned import planned_grasps, read_plan
+    from ..export.planned import planned_grasps
+    from ..planning.document import obstacles_of, read_plan
 
     options = MoveItOptions(
         frame=frame,
@@ -99,17 +122,26 @@ def export(
     )
     paths = _paths(kind, out)
     document = read_plan(file)
-    grasps, left_out = planned_grasps(document, file, hand=hand, answer=answer)
+    grasps, left_out = planned_grasps(document, file, hand=hand, answer=answer, best=best)
+    first = grasps[0]
     if kind == "mjcf":
-        grasps = grasps[:1]
+        first = replace(
+            first,
+            mass=first.mass if mass is None else mass,
+            friction=first.friction if friction is None else friction,
+        )
+        grasps = (first,)
     report: dict[str, Any] = {
         "status": "answer",
         "format": kind,
         "plan": file,
-        "hand": grasps[0].hand.name,
-        "object": grasps[0].object_name,
+        "hand": first.hand.name,
+        "object": first.object_name,
+        "mass": first.mass,
+        "friction": first.friction,
         "answers": [grasp.number for grasp in grasps],
         "left_out": [{"answer": each.number, "reason": each.reason} for each in left_out],
+        "obstacles_left_out": obstacles_of(document),
     }
     if kind == "moveit":
         text, more = _moveit(grasps, options, paths, file)
@@ -122,24 +154,24 @@ def export(
         emit(report)
     elif not paths:
         click.echo(text, nl=False)
-    _say(report, left_out, paths, as_json)
+    _tell(report, left_out, paths, as_json)
     return 0
 
 
 def _paths(kind: str, out: tuple[str, ...]) -> list[Path]:
-    """Where to, every ending one that the format has.
+    """The files to write.
 
     Raises:
-        InputError: another ending, or a format that has to have a file.
+        InputError: The format has no such ending, or cannot be written without a file.
     """
     endings = {"moveit": (".yaml", ".yml", ".mcap", ""), "mjcf": (".xml", ".mjcf"), "npz": (".npz",)}[kind]
     paths = [Path(name) for name in out]
     for path in paths:
         if path.suffix.lower() not in endings:
             known = ", ".join(ending or "none for a ROS 2 bag" for ending in endings)
-            raise InputError(f"--out {path}: the ending says what is written; of {kind} there is {known}")
+            raise InputError(f"--out {path}: the ending says what is written; {kind} has the endings {known}")
     if kind == "npz" and not paths:
-        raise InputError("--format npz is not text; give a file with --out, as --out grasps.npz")
+        raise InputError("--format npz is not text; give a file, such as --out grasps.npz")
     return paths
 
 
@@ -157,6 +189,7 @@ def _moveit(
         messages,
         f"moveit_msgs/msg/Grasp, {_count(len(messages))}, best first\n"
         f"from {Path(file).name} by preshape {__version__}\n"
+        f"planned for {grasps[0].mass:g} kg, friction {grasps[0].friction:g}\n"
         f"grasp_pose: {link} in {options.frame}, the object's own frame [m]",
     )
     for path in paths:
@@ -196,15 +229,18 @@ def _other(
     return text, {"keyframes": ["pregrasp", "grasp", "squeeze"]}
 
 
-def _say(report: dict[str, Any], left_out: tuple[LeftOut, ...], paths: list[Path], as_json: bool) -> None:
-    """What was written, for people; what was left out always, on the error stream."""
+def _tell(report: dict[str, Any], left_out: tuple[LeftOut, ...], paths: list[Path], as_json: bool) -> None:
+    """Say what was written and, on standard error, what was left out."""
     for each in left_out:
         click.echo(f"answer {each.number} is left out, its hand has no posture: {each.reason}", err=True)
+    if report["obstacles_left_out"]:
+        click.echo(f"left out: {report['obstacles_left_out']} that was planned with", err=True)
     if as_json or not paths:
         return
     for path in paths:
         click.echo(f"wrote {path}")
     what = f"{_count(len(report['answers']))} of {report['object']} with the hand {report['hand']}"
+    what += f", planned for {report['mass']:g} kg and friction {report['friction']:g}"
     if report["format"] == "moveit":
         best = report["grasps"][0]["grasp_quality"]
         what += f"; grasp_pose is {report['parent_link']} in {report['frame']}, best quality {best:.2f}"
@@ -216,10 +252,10 @@ def _count(number: int) -> str:
 
 
 def _seven(text: str | None) -> Any:
-    """Seven numbers of an option, or ``None``.
+    """The seven numbers of ``--mount``; ``None`` where it is not given.
 
     Raises:
-        InputError: not seven numbers.
+        InputError: The text is not seven numbers.
     """
     if text is None:
         return None

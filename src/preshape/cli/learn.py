@@ -3,23 +3,36 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
-from .options import json_option, memory_option, object_options, settings_from
+from .options import (
+    TableCommand,
+    boxes_from,
+    closure_options,
+    json_option,
+    memory_option,
+    object_options,
+    settings_from,
+)
+
+if TYPE_CHECKING:
+    from ..planning.plan import Plan
+    from ..types import NetworkWeights
 
 
-@click.command(epilog="Example: preshape learn mug bottle hammer --task lift --task pour")
+@click.command(cls=TableCommand, epilog="Example: preshape learn mug bottle hammer --task lift --task pour")
 @click.argument("things", metavar="OBJECT...", nargs=-1, required=True)
 @click.option(
     "--task",
     "tasks",
     multiple=True,
     metavar="TASK",
-    help="May be given several times; default: the library object's own tasks, or lift.",
+    help="Task to teach; repeatable. Default: the library object's own tasks, or lift.",
 )
 @object_options
+@closure_options
 @memory_option
 @json_option
 def learn(
@@ -33,55 +46,72 @@ def learn(
     seed: int,
     estimation_threshold: float,
     recognition_threshold: float,
+    friction: float | None,
+    mass: float | None,
+    table: str | None,
+    avoid: tuple[str, ...],
     memory: str | None,
     as_json: bool,
 ) -> int:
     """Teach objects to the memory, each with its tasks, whether or not they are known.
 
-    Every object and task is on disk as soon as its line appears; it can be interrupted at any time. The
-    object ALL stands for the whole library.
+    A real hand is taught grips, the paper's hand virtual grasps; `preshape plan` with the same hand recalls
+    them. Every object and task is on disk as soon as its line appears; the command can be interrupted at any
+    time. The object ALL stands for the whole library.
 
     Exit code 0: all were learnt and recalled. 1: some are not good enough; the table says which.
     """
     settings = settings_from(estimation_threshold, recognition_threshold, seed)
+    boxes = boxes_from(avoid)
     from rich.console import Console
     from rich.markup import escape
     from rich.progress import Progress, SpinnerColumn, TextColumn, TimeRemainingColumn
 
     from ..hands.load import load_hand
-    from ..hiis.controller import Controller
-    from ..memory import Memory
     from ..objects.library import names
     from ..objects.load import load_object
-    from ..planner import check_analyser, layout_of
-    from ..tasks import parse_task
+    from ..planning.request import PlanRequest
+    from ..planning.session import Session
 
     model = load_hand(hand)
-    check_analyser(analyser, hand)
-    lessons = [(name, task) for name in _names(things) for task in (tasks or _own_tasks(name))]
-    for name, task in lessons:  # a wrong name is refused before anything is learnt
-        parse_task(task)
+    lessons = [
+        PlanRequest(
+            source=name,
+            task=task,
+            hand=model,
+            analyser=analyser or "",
+            scale=scale,
+            unit=unit,
+            mass=mass,
+            friction=friction,
+            table=table,
+            avoid=boxes,
+            approaches=approach,
+            settings=settings,
+            memory=memory,
+        )
+        for name in _names(things)
+        for task in (tasks or _own_tasks(name))
+    ]
+    for name in dict.fromkeys(lesson.object_name for lesson in lessons):
         if name not in names() and not Path(name).is_file():
-            load_object(name)
+            load_object(name)  # a wrong name is refused before anything is learnt
     console = Console(stderr=as_json)
     rows: list[dict[str, Any]] = []
-    with Memory.open(memory) as store:
-        controller = Controller(store, layout_of(model), settings=settings)
+    with Session(memory) as session:
         columns = (SpinnerColumn(), TextColumn("{task.description}"), TimeRemainingColumn())
         with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
             step = bar.add_task("learning", total=len(lessons))
-            prepared: tuple[str, Any] = ("", None)
-            for name, task in lessons:
-                bar.update(step, description=escape(f"learning {name}, {task}"))
-                if prepared[0] != name:
-                    prepared = (name, controller.prepare(load_object(name, unit=unit, scale=scale)))
-                decision = controller.teach(prepared[1], parse_task(task), approaches=approach)
-                controller.reset()
-                row = _row(name, task, decision, controller)
+            for lesson in lessons:
+                words = f"learning {lesson.object_name}, {lesson.asked.label}"
+                bar.update(step, description=escape(words))
+                taught = session.teach(lesson)
+                row = _row(lesson.object_name, taught, session.prepare(lesson).controller.weights)
                 rows.append(row)
                 if not as_json:
                     console.print(_line(row), highlight=False, soft_wrap=True)
                 bar.advance(step)
+        where = session.memory.where
     good = sum(row["status"] == "answer" for row in rows)
     if as_json:
         from .main import emit
@@ -89,7 +119,7 @@ def learn(
         emit({"status": "answer" if good == len(rows) else "incomplete", "lessons": rows})
     else:
         console.print(
-            f"{good} of {len(rows)} learnt and recalled; memory: {store.where}", highlight=False, markup=False
+            f"{good} of {len(rows)} learnt and recalled; memory: {where}", highlight=False, markup=False
         )
     return 0 if good == len(rows) else 1
 
@@ -106,17 +136,25 @@ def _own_tasks(name: str) -> tuple[str, ...]:
     return entry(name).tasks if name in names() else ("lift",)
 
 
-def _row(name: str, task: str, decision: Any, controller: Any) -> dict[str, Any]:
-    best = decision.best
+def _row(name: str, plan: Plan, weights: NetworkWeights) -> dict[str, Any]:
+    from ..planning.plan import missing_motion
+
+    shown = plan.answer or plan.best
+    grasp = shown.grasp if shown else None
     return {
         "object": name,
-        "task": task,
-        "status": decision.status.value,
-        "plane": best.plane.index if best else None,
-        "tfvadi": best.tfvadi if best else None,
-        "samples": controller.weights.trained_on,
-        "mean_square_error": controller.weights.mean_square_error,
-        "reason": decision.reason,
+        "task": plan.decision.task.label,
+        "status": plan.decision.status.value,
+        "analyser": plan.request.analyser,
+        "mass": plan.mass.kg,
+        "plane": grasp.plane.index if grasp else None,
+        "judged": grasp.judged if grasp else None,
+        "tfvadi": grasp.tfvadi if grasp else None,
+        "score": grasp.score_text if grasp else None,
+        "missing_motion": missing_motion(plan, plan.answer) if plan.answer else "",
+        "samples": weights.trained_on,
+        "mean_square_error": weights.mean_square_error,
+        "reason": plan.decision.reason,
     }
 
 
@@ -125,9 +163,12 @@ def _line(row: dict[str, Any]) -> str:
 
     row = {key: escape(text) if isinstance(text, str) else text for key, text in row.items()}
     mark = "[green]✓[/]" if row["status"] == "answer" else "[yellow]✗[/]"
+    if row["missing_motion"]:
+        mark = "[yellow]![/]"
     if row["plane"] is None:
         return f"{mark} {row['object']:<14} {row['task']:<12} {row['reason']}"
+    lacking = f" gives nothing along {row['missing_motion']};" if row["missing_motion"] else ""
     return (
-        f"{mark} {row['object']:<14} {row['task']:<12} plane {row['plane']:>2}  TFVADI {row['tfvadi']:.2f}  "
-        f"[dim]{row['reason']}[/]"
+        f"{mark} {row['object']:<14} {row['task']:<12} plane {row['plane']:>2}  {row['score']}  "
+        f"[dim]{lacking}{row['reason']}[/]"
     )

@@ -12,6 +12,34 @@ from ..exceptions import InputError
 Command = Callable[..., Any]
 
 
+class TableCommand(click.Command):
+    """A command whose ``--table`` takes an optional height, which may be negative.
+
+    Click takes ``-0.05`` after an option with an optional value for another option, and refuses
+    ``--table=-0.05`` for the same reason; a number is therefore marked as the value before Click sees it.
+    """
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """Mark the height behind ``--table``, then parse as usual."""
+        marked: list[str] = []
+        for word in args:
+            if word.startswith("--table="):
+                marked += ["--table", f" {word.removeprefix('--table=')}"]
+            elif marked and marked[-1] == "--table" and _is_number(word):
+                marked.append(f" {word}")
+            else:
+                marked.append(word)
+        return super().parse_args(ctx, marked)
+
+
+def _is_number(word: str) -> bool:
+    try:
+        float(word)
+    except ValueError:
+        return False
+    return True
+
+
 def check_folder(name: str | None, option: str = "--out") -> None:
     """Refuse a folder without a name.
 
@@ -81,20 +109,17 @@ def closure_options(command: Command) -> Command:
         click.option(
             "--friction",
             type=float,
-            default=0.6,
-            show_default=True,
-            help="Between fingers and object; closure, and --verify.",
+            help="Friction between fingers and object; closure, and --verify.  [default: 0.6]",
         ),
         click.option(
             "--mass",
             type=float,
-            default=0.1,
-            show_default=True,
-            help="Of the object [kg], what a grip bears; closure, and --verify.",
+            help="Mass of the object [kg]; closure, and --verify.  [default: the object's own, else its "
+            "volume filled with water]",
         ),
         click.option(
             "--table",
-            metavar="[HEIGHT]",
+            metavar="[HEIGHT|none]",
             is_flag=False,
             flag_value="auto",
             help="A table under the object, at this z [m]; without a number, at its lowest point.",
@@ -103,7 +128,7 @@ def closure_options(command: Command) -> Command:
             "--avoid",
             metavar="BOX",
             multiple=True,
-            help='A box to keep out of, "x0 y0 z0 x1 y1 z1" in the mesh frame [m]; may be repeated.',
+            help='A box that the hand stays out of, "x0 y0 z0 x1 y1 z1" in the mesh frame [m]; repeatable.',
         ),
     )
     for option in reversed(options):

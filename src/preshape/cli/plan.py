@@ -10,6 +10,7 @@ import click
 
 from ..exceptions import InputError
 from .options import (
+    TableCommand,
     boxes_from,
     check_folder,
     closure_options,
@@ -20,35 +21,39 @@ from .options import (
 )
 
 if TYPE_CHECKING:
-    from ..planner import Plan
+    from ..planning.plan import Plan
 
 
 @click.command(
-    epilog="Example: preshape plan mug --task pour, or "
-    'preshape plan part.stl --unit mm --task "1 1 .1 .05 .8 .05"'
+    cls=TableCommand,
+    epilog="Example: preshape plan mug --task pour --hand shadow, or "
+    'preshape plan part.stl --unit mm --task "1 1 .1 .05 .8 .05"',
 )
 @click.argument("thing", metavar="OBJECT")
 @click.option("--task", required=True, metavar="TASK", help='A name (preshape tasks) or "Tx Ty Tz Rx Ry Rz".')
 @object_options
 @closure_options
 @memory_option
-@click.option("--no-learn", is_flag=True, help="Leave the memory as it is.")
+@click.option("--no-learn", is_flag=True, help="Do not write to the memory.")
 @click.option(
     "--count",
     type=int,
     default=1,
     show_default=True,
-    help="How many different answers: the mode's own first, then others, best first.",
+    help="Number of different answers, best first.",
 )
 @click.option(
     "--verify",
     is_flag=True,
-    help="Try the best few in simulated physics; the first that holds is the answer.",
+    help="Try the best answers in simulated physics; the first that holds is the answer.",
 )
 @click.option(
     "--view",
     metavar="X,Y,Z",
-    help="Where a point cloud was seen from, in its frame and unit, or all; default: its origin if outside.",
+    help="Camera position of a point cloud, in its frame and unit, or all; default: its origin if outside.",
+)
+@click.option(
+    "--explain", is_flag=True, help="Also show the paper's indices and the match of each component."
 )
 @click.option("--out", metavar="DIR", help="Also write plan.json, plan.png and plan.html there.")
 @json_option
@@ -63,8 +68,8 @@ def plan(
     seed: int,
     estimation_threshold: float,
     recognition_threshold: float,
-    friction: float,
-    mass: float,
+    friction: float | None,
+    mass: float | None,
     table: str | None,
     avoid: tuple[str, ...],
     memory: str | None,
@@ -72,75 +77,78 @@ def plan(
     count: int,
     verify: bool,
     view: str | None,
+    explain: bool,
     out: str | None,
     as_json: bool,
 ) -> int:
     """Plan a preshape for OBJECT: a mesh file, a point cloud, or a name from `preshape objects`.
 
     Exit code 0: an answer. 1: none (task correction asked for, deadlock, no grasp, or none that holds with
-    --verify). 2: bad input.
+    --verify); the JSON then carries the best grasp found and why it is not enough. 2: bad input.
     """
     check_folder(out)
-    settings = settings_from(estimation_threshold, recognition_threshold, seed)
-    boxes = boxes_from(avoid)
-    from ..closure.settings import ClosureSettings
-    from ..files import make_folder, write_json, write_text, write_whole
-    from ..planner import plan as make_plan
+    from ..planning.request import PlanRequest
+
+    request = PlanRequest(
+        source=thing,
+        task=task,
+        hand=hand,
+        analyser=analyser or "",
+        scale=scale,
+        unit=unit,
+        view=_view(view),
+        mass=mass,
+        friction=friction,
+        table=table,
+        avoid=boxes_from(avoid),
+        approaches=approach,
+        count=count,
+        learn=not no_learn,
+        verify=verify,
+        settings=settings_from(estimation_threshold, recognition_threshold, seed),
+        memory=memory,
+    )
+    from ..files import make_folder
     from ..planning.document import plan_to_json
+    from ..planning.session import Session
 
     if out is not None:
         make_folder(Path(out))
-    made = make_plan(
-        thing,
-        task,
-        hand=hand,
-        analyser=analyser,
-        scale=scale,
-        unit=unit,
-        memory=memory,
-        learn=not no_learn,
-        seed=seed,
-        count=count,
-        approaches=approach,
-        settings=settings,
-        closure=ClosureSettings(friction=friction, mass=mass),
-        table=table,
-        avoid=boxes,
-        verify=verify,
-        view=_view(view),
-    )
+    with Session(memory, learn=not no_learn) as session:
+        made = session.run(request)
     document = plan_to_json(made)
     given = 1 + len(made.alternatives)
-    if not as_json and made.decision.grasp is not None and given < count:
+    if not as_json and made.answer is not None and given < count:
         click.echo(
-            f"{given} of the {count} answers asked for: no other stands apart and is good enough", err=True
+            f"{given} of the {count} answers asked for: no other is different enough and good enough",
+            err=True,
         )
     written: list[Path] = []
     if out is not None:
-        from ..app.scenes import plan_html
-        from ..pictures import plan_png
+        from ..planning.output import save_plan
 
-        folder = Path(out)
-        surface = written_surface(made, folder)
-        if surface is not None:  # what was planned with; other commands find it beside the plan
-            for one in (document, *document["alternatives"]):
-                one["object"]["source"] = surface.name
-        write_json(folder / "plan.json", document)
-        write_whole(folder / "plan.png", lambda path: plan_png(made, path))
-        page = plan_html(made, document)
-        write_text(folder / "plan.html", page)
-        written = [folder / "plan.json", folder / "plan.png", folder / "plan.html"]
-        written += [surface] if surface is not None else []
+        written = save_plan(made, Path(out), document)
     if as_json:
         from .main import emit
 
         emit(document)
     else:
-        from .show import show_plan
-
-        show_plan(made, written)
+        _show(made, written, explain=explain)
     failed = made.verified is not None and not made.verified.held
-    return 0 if made.decision.grasp is not None and not failed else 1
+    return 0 if made.answer is not None and not failed else 1
+
+
+def _show(made: Plan, written: list[Path], *, explain: bool) -> None:
+    from rich.console import Console
+
+    from ..planning.summary import after_words, summary
+
+    console = Console()
+    console.print(summary(made, explain=explain), highlight=False)
+    for sentence in after_words(made):
+        console.print(sentence, highlight=False)
+    for path in written:
+        console.print(f"wrote {path}", highlight=False, markup=False, soft_wrap=True)
 
 
 def _view(text: str | None) -> list[float] | str | None:
@@ -158,23 +166,3 @@ def _view(text: str | None) -> list[float] | str | None:
     if len(numbers) != 3 or not all(map(math.isfinite, numbers)):
         raise InputError(f"--view takes a camera's position x,y,z or all, got {text!r}")
     return numbers
-
-
-def written_surface(made: Plan, folder: Path) -> Path | None:
-    """Write the surface that was made of a point cloud, in metres; nothing for a mesh.
-
-    Args:
-        made: the plan.
-        folder: where ``NAME-surface.obj`` goes.
-
-    Raises:
-        EnvironmentFailure: the file cannot be written.
-    """
-    if made.mesh.scan is None:
-        return None
-    from ..files import write_text
-    from ..physics.task.instances import mesh_text
-
-    path = folder / f"{made.mesh.name}-surface.obj"
-    write_text(path, mesh_text(made.mesh))
-    return path

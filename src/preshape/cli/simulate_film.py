@@ -90,16 +90,16 @@ def film_of(
         subtitle=f"simulated physics · {1e3 * scene.mass:g} g · friction {scene.friction:g} · "
         f"pushes of {load:g} N for {protocol.checks * protocol.check_steps * protocol.timestep:g} s",
         verdict=recording.result.reason,
-        good=recording.result.held,
+        passed=recording.result.held,
         times=recording.times,
         stages=stages_of(recording),
         solids=tuple(shape for _, shape in found),
         is_object=tuple(body == scene.object_body for body in bodies),
-        places=places.reshape(len(recording), len(bodies), 4, 4),
+        poses=places.reshape(len(recording), len(bodies), 4, 4),
         load=recording.load,
-        centre=T[:, :3, :3] @ centre + T[:, :3, 3],
+        load_point=T[:, :3, :3] @ centre + T[:, :3, 3],
         parts=recording.parts,
-        normal=recording.normal,
+        normal_force=recording.normal,
         slip=recording.slip,
     )
 
@@ -119,8 +119,8 @@ def stages_of(recording: Recording) -> tuple[Stage, ...]:
         else:
             touching = int((recording.normal[span.stop - 1] > 0).sum())
             note = f"{touching} touch · {recording.normal[span.stop - 1].sum():.1f} N in all"
-        good = None if probe is None else probe.held
-        result.append(Stage(name=name, start=span.start, stop=span.stop, note=note, good=good))
+        passed = None if probe is None else probe.held
+        result.append(Stage(name=name, start=span.start, stop=span.stop, note=note, passed=passed))
     return tuple(result)
 
 

@@ -75,7 +75,7 @@ def start_of(
     from ..hands.load import load_hand
     from ..objects.library import names
     from ..objects.load import load_object
-    from ..planner import check_analyser
+    from ..planning.request import analyser_of
     from ..tasks import parse_task
 
     document = None
@@ -97,7 +97,7 @@ def start_of(
         load_object(thing, unit=unit, scale=scale)
     parse_task(task or "lift")
     load_hand(hand)
-    analyser = check_analyser("closure" if (document or {}).get("grip") else None, hand)
+    analyser = analyser_of("closure" if (document or {}).get("grip") else None, hand)
     order = Order(
         source=thing,
         unit=unit,

@@ -1,69 +1,90 @@
 """The closure analyser: a performance element that closes the real hand instead of casting rays (ENGINE §2).
 
-It answers the controller as the ray analyser does. An aim is a set of approach planes, values and numbers of
-fingers; candidates are drawn there, closed, ranked by their margin for the task, refined, and the best that
-stand apart are worked out in full. TFVADI is computed for each beside the margin.
+It answers the controller as the ray analyser does. An aim is a set of approach planes, approach values and
+numbers of fingers. Candidates are drawn there, closed, ranked by their margin for the task and refined; the
+best that differ from each other are finished. TFVADI is computed for each of them as well.
 """
 
 from __future__ import annotations
 
 import zlib
 from collections.abc import Callable, Sequence
-from dataclasses import fields, replace
-from typing import Any
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
 from ..exceptions import InputError
 from ..hands.hand import Hand
-from ..hiis.analyser import Aim, Grasp, GraspContacts, Grip, HandLayout
-from ..hiis.fuzzy import FuzzySets, approaching_degrees
-from ..hiis.planes import plane
-from ..hiis.wrench import contact_wrenches, net_wrench, screw_measures
+from ..hiis.analyser import Aim, Grasp, Grip, HandLayout
+from ..hiis.fuzzy import FuzzySets
+from ..hiis.virtual_grasp import MAX_FINGERS
 from ..kernels.field.host import SurfaceQuery, prepare_field
 from ..objects.mesh import TriangleMesh
-from ..tasks.task import ROTATION_ABSENT, TRANSLATION_ABSENT
-from ..types import KEPT, Array, ContactCoefficients, Experience, IntArray, frozen_array
-from .grip import ENOUGH, Finished, Finisher
-from .grips import GripExploration, grip_exploration
-from .holding import inner_centre, turn_levers
-from .pinches import hand_pinches
-from .pinching import PINCHED, Pincher
-from .ranked import Ranked, apart, beside, best_of, joined, take
-from .recalling import FEW, MAX_FINGERS, recalled
-from .sampling import Sampled, sample
-from .search import ClosureSearch, Demand
+from ..types import KEPT, Array, ContactCoefficients, Experience, frozen_array
+from .candidates import (
+    DrawnCandidates,
+    RankedCandidates,
+    Region,
+    concatenated,
+    distinct,
+    draw_candidates,
+    merged,
+    without_failed,
+)
+from .demand import Demand, inner_centre, task_demand, turn_levers
+from .finish import ENOUGH, FinishedGrip, Finisher, FinishOptions
+from .grips import GripExploration, described, grip_exploration
+from .hand_pinches import hand_pinches
+from .limits import heaviest_mass, shortfall
+from .pinching import PINCHED, THINNEST, Pincher, antipodal_patches
+from .recall import FEW_VALUES, on_object, recalled
+from .search import ClosureSearch
 from .settings import ClosureSettings
-from .spots import THINNEST, find_spots
 
-ASIDE = 0.5
-"""Torque of a task's load over its force, in ℓ (ENGINE §4)."""
-WANTED = 2
-"""Contacts that a grip must have, the thumb's included; the margin decides whether they are enough."""
-AS_GOOD = 0.95
-"""A grip of experience that is this share as good as it was is the answer of mode 0 [C]."""
-LIKELY, TRIED = 8, 2
-"""Remembered grips that are looked at, and that are worked out: those that rank first on this object [C]."""
-EASY, FEWEST = 1.5, 100
-"""More candidates are drawn where the best margin is under ``EASY`` or fewer than ``FEWEST`` closed, and the
-best are refined again where it still is [C]."""
-_KEPT = 24
-_HAND_FIELDS = tuple({f.name for f in fields(Grip)} - {f.name for f in fields(Grasp)})
+STILL_GOOD = 0.95
+"""A recalled grip with this share of the quality that it had is the answer of mode 0 [C]."""
+RECALL_EXAMINED, RECALL_FINISHED = 8, 2
+"""Recalled grips that are examined, and that are finished: those that rank first on this object [C]."""
+ENOUGH_MARGIN, ENOUGH_CLOSED = 1.5, 100
+"""More candidates are drawn where the best margin is under the first or fewer than the second closed; the
+best are refined again where the margin is still under the first [C]."""
+_CACHED_AIMS = 24
+
+
+class Effort(NamedTuple):
+    """How much is searched for an aim.
+
+    Attributes:
+        candidates: Number of candidates drawn at first.
+        elite: Size of the elite set.
+        rounds: Rounds of refinement.
+        grips: Number of grips wanted.
+        samples: Disturbed poses of each grip.
+    """
+
+    candidates: int
+    elite: int
+    rounds: int
+    grips: int
+    samples: int
 
 
 class ClosureAnalyser:
     """Grips of one object with one real hand.
 
     Args:
-        mesh: the object.
-        hand: the hand.
-        layout: what the controller knows of it.
-        settings: friction, load, size of the search.
-        coefficients: the paper's contact model, for TFVADI.
-        sets: membership functions.
-        gravity: (3,) its unit direction in the mesh frame, zeros for none.
-        seed: of the draws.
-        known: experiences of this hand that grips may be recalled from.
+        mesh: The object.
+        hand: The hand.
+        layout: What the controller knows of the hand.
+        settings: Friction, load, size of the search.
+        coefficients: The paper's contact model, for TFVADI.
+        sets: Membership functions.
+        gravity: (3,) unit direction of gravity in the mesh frame, zeros for none.
+        seed: Seed of every random draw; the same seed gives the same grips.
+        known: Returns the experiences of this hand, whose grips may be recalled.
+        scene: The scene of the request. Mode 0 recalls grips of this scene only; the wider searches start
+            from those of any scene.
     """
 
     def __init__(
@@ -78,13 +99,14 @@ class ClosureAnalyser:
         gravity: Array | Sequence[float] = (0.0, 0.0, -1.0),
         seed: int = 0,
         known: Callable[[], Sequence[Experience]] = tuple,
+        scene: str = "",
     ) -> None:
         self.mesh, self.hand, self.layout = mesh, hand, layout
         self.settings = settings or ClosureSettings()
         self.coefficients = coefficients or ContactCoefficients()
         self.sets = sets or FuzzySets()
         self.gravity = np.asarray(gravity, dtype=np.float64)
-        self.seed, self._known = seed, known
+        self.seed, self._known, self.scene = seed, known, scene
         self.field = prepare_field(mesh)
         self.query = SurfaceQuery(mesh, device=self.settings.device)
         self.middle = inner_centre(self.field, mesh)
@@ -93,238 +115,265 @@ class ClosureAnalyser:
             hand, self.field, self.middle, length, self.settings, turns=turn_levers(mesh, self.middle, length)
         )
         pinches = hand_pinches(hand)
-        spots = find_spots(mesh, self.field, float(pinches.tip[0]), pinches.widest)
-        self.pincher = Pincher(pinches, spots, mesh.cog, mesh.extents / 2, self.search.kernel)
+        patches = antipodal_patches(mesh, self.field, float(pinches.tip[0]), pinches.widest)
+        self.pincher = Pincher(pinches, patches, mesh.cog, mesh.extents / 2, self.search.kernel)
         self.finisher = Finisher(self.search, self.query)
-        self._kept: dict[bytes, GripExploration] = {}
-        self._everywhere: set[bytes] = set()  # tasks for which all planes that are allowed were looked at
-        self._asked: tuple[bytes, Demand] | None = None
+        self._cache: dict[bytes, GripExploration] = {}
+        self._explored: set[bytes] = set()  # tasks for which all allowed planes have been searched
+        self._last_demand: tuple[bytes, Demand] | None = None
 
     measure = "the grip's quality (3 is just enough)"
     patience = 8
 
     @property
     def tried(self) -> int:
-        """Candidates closed for all aims that are kept."""
-        return sum(found.tried for found in self._kept.values())
+        """Number of candidates closed for all aims in the cache."""
+        return sum(found.tried for found in self._cache.values())
 
     def demand(self, q: Array) -> Demand:
         """What a task asks of a grip: its wrench, the load along it, and the weight.
 
-        The same object for the same task: kernels are kept for it.
+        The last task's demand is cached as an object, because the search caches kernels for it.
         """
-        if self._asked is None or self._asked[0] != q.tobytes():
-            self._asked = q.tobytes(), self._demand(q)
-        return self._asked[1]
-
-    def _demand(self, q: Array) -> Demand:
-        move = np.where(np.abs(q[:3]) > TRANSLATION_ABSENT + 1e-9, q[:3], 0.0)
-        turn = np.where(np.abs(q[3:]) > ROTATION_ABSENT + 1e-9, q[3:], 0.0)
-        force = move / np.linalg.norm(move) if move.any() else move
-        torque = ASIDE * turn / np.linalg.norm(turn) if turn.any() else turn
-        direction = np.concatenate([force, torque])
-        base = np.append(-self.gravity * self.settings.weight / self.settings.middling, np.zeros(3))
-        if not direction.any():
-            return Demand(base=base)
-        return Demand(direction=direction, base=base, load=float(np.linalg.norm(direction)))
+        if self._last_demand is None or self._last_demand[0] != q.tobytes():
+            weight = self.gravity * self.settings.weight / self.settings.middling
+            self._last_demand = q.tobytes(), task_demand(q, weight)
+        return self._last_demand[1]
 
     def explore(self, q: Array, aim: Aim) -> GripExploration:
         """The best grips of an aim for a task, best first; every one of them can be executed.
 
         Args:
             q: (6,) task Q.
-            aim: where to look.
+            aim: Where to look.
+
+        Raises:
+            InputError: A plane, finger count or approach value that does not exist.
         """
         task = frozen_array(q, (6,), "task Q")
         _check(aim)
         key = task.tobytes() + _key(aim)
-        elsewhere = len(aim.planes) == 1 and not self._settled(task)
-        if len(aim.planes) == 1:  # experience may have come since, and is asked first
-            key += len(self._known()).to_bytes(8, "little") + bytes([elsewhere, *aim.recall])
-        if key not in self._kept:
-            if len(self._kept) >= _KEPT:
-                del self._kept[next(iter(self._kept))]
-            self._kept[key] = self._explore(task, aim, elsewhere)
-        if len(aim.planes) > 1:
-            self._everywhere.add(task.tobytes())
-        return self._kept[key]
+        one_plane = len(aim.planes) == 1
+        unexplored = one_plane and not self._is_explored(task)
+        if one_plane:  # the memory may have grown since, and is asked first
+            key += len(self._known()).to_bytes(8, "little") + bytes([unexplored, *aim.recall])
+        if key not in self._cache:
+            if len(self._cache) >= _CACHED_AIMS:
+                del self._cache[next(iter(self._cache))]
+            self._cache[key] = self._explore(task, aim, unexplored)
+        if not one_plane:
+            self._explored.add(task.tobytes())
+        return self._cache[key]
 
-    def _explore(self, q: Array, aim: Aim, elsewhere: bool) -> GripExploration:
-        if self.mesh.extents.max() < THINNEST:
-            size = f"{1e3 * self.mesh.extents.max():.2g} mm long, under the {1e3 * THINNEST:.0f} mm"
-            return grip_exploration([], 0, f"the object is {size} that fingers are placed to; check its unit")
-        demand, settings = self.demand(q), self.settings
-        known = recalled(self._known(), self.mesh, q, aim, joints=len(self.hand.joints), sets=self.sets)
-        part = len(aim.planes) == 1
-        few = part and len(aim.values) <= FEW
-        how: dict[str, Any] = {"wanted": WANTED, "elsewhere": elsewhere}
-        remembered, asked = list[Finished](), 0
-        if few and known is not None:
-            own, rest = np.split(np.arange(len(known.aimed)), [known.first])
-            for rows in (own, rest):
-                asked += len(rows)
-                remembered += self._again(demand, take(known.sampled, rows), aim, **how)
-                if _worth(remembered) >= max(AS_GOOD * known.bar, ENOUGH):
-                    best = max(remembered, key=lambda made: made.quality)
-                    return grip_exploration(self.grips(q, [best]), asked)
-        rng = np.random.default_rng([self.seed, zlib.crc32(_key(aim))])
-        count, elite, rounds, enough = self._effort(aim)
-        drawn = self._draw(rng, aim, count)
-        if known is not None and known.aimed.any():
-            drawn = joined(drawn, take(known.sampled, np.flatnonzero(known.aimed)))
-        found = self._evaluate(drawn, demand)
-        if not part:
-            found = self._persist(rng, aim, found, demand, settings.persistence)
-        how |= {"enough": enough, "planes": aim.planes}
-        finished, last, pool = list[Finished](), found, found
-        last_round = 0 if part else settings.persistence
-        for again in range(1 + last_round):
-            found = self.search.refine(
-                rng, found, demand, elite=elite, each=settings.children, rounds=rounds, wanted=WANTED
-            )
-            standing = found.take(apart(found, max(8, 4 * enough)))
-            standing = self.search.steady(rng, standing, demand, samples=4 if few else 8, wanted=WANTED)
-            made = self.finisher.finish(standing, demand, by_joints=again > 0, **how)
-            if not again or _best(made) > _best(finished):
-                finished, last = made, standing
-            if _best(finished) >= EASY or again == last_round:
-                break
-            if len(made) < enough:  # all were looked at: what fails leads nowhere
-                done = [one.row for one in made]
-                found = beside(found, standing, done)
-                more = self._persist(rng, aim, beside(pool, standing, done), demand, times=1)
-                fresh = replace(more, tried=more.tried - pool.tried, blocked=more.blocked - pool.blocked)
-                found, pool = best_of(found, fresh), more
-        if not elsewhere and _best(finished) < 1.0:
-            finished = self.finisher.finish(last, demand, by_joints=True, firm=True, **how)
-        grips = self.grips(q, sorted([*remembered, *finished], key=lambda made: -made.margin))
-        grips.sort(key=lambda g: -g.judged)
-        return grip_exploration(grips[:enough], asked + found.tried, self._why_none(found))
+    def recall(self, q: Array, lessons: Sequence[Experience]) -> list[Grip]:
+        """The stored grips of this very object and task, finished again under the present request.
 
-    def _why_none(self, found: Ranked) -> str:
-        """What became of the candidates, where none of them became a grip."""
-        n = len(found) + found.blocked
-        if not n:
-            return f"of {found.tried} hands tried, none closes on the object with thumb and finger"
-        closed = f"of {found.tried} hands tried, {n} close on the object"
-        if not len(found):
-            return f"{closed}, all of them in the table or a box to keep out of"
-        blocked = f", {found.blocked} of them in the table or a box to keep out of" if found.blocked else ""
-        if found.score[0] <= 0:
-            rest = "none of the rest balances" if blocked else "none balances"
-            return f"{closed}{blocked}; {rest} the load at {self.settings.mu:.2f} friction"
-        return (
-            f"{closed}{blocked}; those that balance the load cannot be opened and brought in without touching"
-        )
-
-    def _again(self, demand: Demand, known: Sampled, aim: Aim, **how: Any) -> list[Finished]:
-        """What becomes of remembered grips on this object."""
-        if not len(known.plane):
+        Args:
+            q: (6,) task Q.
+            lessons: Experiences of this object and this hand.
+        """
+        own = [e for e in lessons if e.grip is not None and len(e.grip) == 8 + len(self.hand.joints)]
+        if not own:
             return []
-        found = self._evaluate(known, demand)
-        likely = found.take(apart(found, LIKELY))
-        planes = sorted({*aim.planes, *aim.recall})
-        firm = not how["elsewhere"]
-        return self.finisher.finish(likely, demand, planes=planes, firm=firm, enough=TRIED, **how)
+        task = frozen_array(q, (6,), "task Q")
+        demand, unexplored = self.demand(task), not self._is_explored(task)
+        found = self.search.evaluate(on_object(own, self.mesh), demand)
+        options = FinishOptions(count=len(own), unexplored=unexplored, firm=not unexplored)
+        return self.grips(task, self.finisher.finish(found, demand, options))
 
-    def _settled(self, q: Array) -> bool:
-        """Whether everything was looked at for a task: here, or when this very object was taught it."""
-        asked, extents = q.tobytes(), self.mesh.attributes.extents
-        return asked in self._everywhere or any(
+    def heaviest(self, q: Array, grasp: Grasp) -> float | None:
+        """Heaviest mass for which a grip would still be good enough for the task [kg]."""
+        if not isinstance(grasp, Grip):
+            return None
+        return heaviest_mass(self.search, grasp, self.demand(frozen_array(q, (6,), "task Q")))
+
+    def shortfall(self, q: Array, grasp: Grasp) -> str:
+        """What a grip lacks and what would help; empty for a virtual grasp."""
+        if not isinstance(grasp, Grip):
+            return ""
+        return shortfall(self.search, grasp, self.demand(frozen_array(q, (6,), "task Q")))
+
+    def grips(self, q: Array, finished: Sequence[FinishedGrip]) -> list[Grip]:
+        """Finished grips with the paper's figures: net wrench, TFVADI and screw measures.
+
+        Args:
+            q: (6,) task Q.
+            finished: Grips of this analyser's finisher.
+        """
+        if not finished:
+            return []
+        triangles = self.query.closest(np.concatenate([grip.points for grip in finished])).triangle
+        ends = np.cumsum([len(grip.points) for grip in finished])[:-1]
+        return [
+            described(grip, own, q, self.mesh, self.layout, self.coefficients, self.sets)
+            for grip, own in zip(finished, np.split(triangles, ends), strict=True)
+        ]
+
+    def _explore(self, q: Array, aim: Aim, unexplored: bool) -> GripExploration:
+        """Search an aim.
+
+        1. At an estimate (mode 0), try the stored grips first: those of the most similar object, then the
+           others. One that is nearly as good as it was is the answer.
+        2. Draw candidates, together with the stored grips that lie in the aim, and rank them. Over all planes
+           (mode 3), draw more where too few close or the best margin is short.
+        3. Refine the best, and rank those that differ from each other again under pose errors.
+        4. Finish the best.
+        5. Over all planes, while the margin is short: remove candidates like those that could not be executed,
+           draw others in their place, and repeat from 3.
+        6. Where everything has been searched and no grip is enough, allow a firm press.
+        7. Sort by quality. Without any grip, find the nearest miss and say what became of the candidates.
+        """
+        size = float(self.mesh.extents.max())
+        if size < THINNEST:
+            return grip_exploration(
+                [],
+                0,
+                f"the object is {1e3 * size:.2g} mm long, and fingers can be placed on {1e3 * THINNEST:.0f} mm "
+                "or more; check its unit",
+            )
+        demand, settings, effort = self.demand(q), self.settings, self._effort(aim)
+        one_plane = len(aim.planes) == 1
+        at_estimate = one_plane and len(aim.values) <= FEW_VALUES
+        lessons = [e for e in self._known() if e.scene == self.scene] if at_estimate else self._known()
+        known = recalled(lessons, self.mesh, q, aim, joints=len(self.hand.joints), sets=self.sets)
+        # 1. Stored grips.
+        remembered, tried = list[FinishedGrip](), 0
+        if at_estimate and known is not None:
+            for rows in np.split(np.arange(len(known.drawn)), [known.first]):
+                tried += len(rows)
+                remembered += self._finish_recalled(known.drawn.take(rows), demand, aim, unexplored)
+                best_known = max(remembered, key=lambda grip: grip.quality, default=None)
+                bar = max(STILL_GOOD * known.best_quality, ENOUGH)
+                if best_known is not None and best_known.quality >= bar:
+                    return grip_exploration(self.grips(q, [best_known]), tried)
+        # 2. Candidates.
+        rng = np.random.default_rng([self.seed, zlib.crc32(_key(aim))])
+        drawn = self._draw(rng, aim, effort.candidates)
+        if known is not None and known.aimed.any():
+            drawn = concatenated(drawn, known.drawn.take(np.flatnonzero(known.aimed)))
+        found = self.search.evaluate(drawn, demand)
+        if not one_plane:
+            found = self._draw_more(rng, aim, found, demand, settings.persistence)
+        options = FinishOptions(count=effort.grips, planes=aim.planes, unexplored=unexplored)
+        finished, source, pool = list[FinishedGrip](), found, found
+        last = 0 if one_plane else settings.persistence
+        for k in range(1 + last):
+            # 3. Refinement.
+            found = self.search.refine(
+                rng, found, demand, elite=effort.elite, children=settings.children, rounds=effort.rounds
+            )
+            examined = found.take(distinct(found, max(8, 4 * effort.grips)))
+            examined = self.search.steady(rng, examined, demand, samples=effort.samples)
+            # 4. Finish. The ranking does not know the joints; after a first failure they decide the order.
+            grips = self.finisher.finish(examined, demand, replace(options, by_joints=k > 0))
+            if k == 0 or _best_margin(grips) > _best_margin(finished):
+                finished, source = grips, examined
+            if _best_margin(finished) >= ENOUGH_MARGIN or k == last:
+                break
+            # 5. Else a good-looking cluster that no way leads into would be refined for ever.
+            if len(grips) < effort.grips:
+                executable = [grip.row for grip in grips]
+                found = without_failed(found, examined, executable)
+                more = self._draw_more(rng, aim, without_failed(pool, examined, executable), demand, 1)
+                fresh = replace(more, tried=more.tried - pool.tried, blocked=more.blocked - pool.blocked)
+                found, pool = merged(found, fresh), more
+        # 6. Firm press.
+        if not unexplored and _best_margin(finished) < 1.0:
+            finished = self.finisher.finish(source, demand, replace(options, by_joints=True, firm=True))
+        # 7. Answer.
+        answers = self.grips(q, sorted([*remembered, *finished], key=lambda grip: -grip.margin))
+        answers.sort(key=lambda grip: -grip.judged)
+        miss = None if answers or one_plane else self._nearest_miss(q, source, demand, aim)
+        return grip_exploration(answers[: effort.grips], tried + found.tried, self._why_none(found), miss)
+
+    def _nearest_miss(self, q: Array, found: RankedCandidates, demand: Demand, aim: Aim) -> Grip | None:
+        """The best executable grip where none balances any of the load, to show what is lacking."""
+        likely = found.take(np.argsort(-found.hold, kind="stable")[:RECALL_EXAMINED])
+        finished = self.finisher.finish(likely, demand, FinishOptions(planes=aim.planes, balanced=False))
+        return self.grips(q, finished)[0] if finished else None
+
+    def _why_none(self, found: RankedCandidates) -> str:
+        """What became of the candidates, for the case that none of them became a grip."""
+        closed, s = len(found) + found.blocked, self.settings
+        tried = f"{found.tried} candidates were tried"
+        if not closed:
+            return f"{tried}; none of them closed on the object with the thumb and a finger"
+        tried += f"; {closed} of them closed on the object"
+        if found.blocked:
+            which = "all" if not len(found) else f"{found.blocked}"
+            tried += f", {which} of these in collision with the table or a box to avoid"
+        if not len(found):
+            return tried
+        if found.score[0] <= 0:
+            none = "none of the others balances" if found.blocked else "none balances"
+            return (
+                f"{tried}; {none} the load with the planned share of the friction "
+                f"({s.friction_share:.2f} of {s.friction:.2f} = {s.mu:.2f})"
+            )
+        return f"{tried}; to those that balance the load the hand has no free way in"
+
+    def _finish_recalled(
+        self, known: DrawnCandidates, demand: Demand, aim: Aim, unexplored: bool
+    ) -> list[FinishedGrip]:
+        """The grips that recalled candidates turn into on this object."""
+        if not len(known):
+            return []
+        found = self.search.evaluate(known, demand)
+        examined = found.take(distinct(found, RECALL_EXAMINED))
+        options = FinishOptions(
+            count=RECALL_FINISHED,
+            planes=sorted({*aim.planes, *aim.recall}),
+            unexplored=unexplored,
+            firm=not unexplored,
+        )
+        return self.finisher.finish(examined, demand, options)
+
+    def _is_explored(self, q: Array) -> bool:
+        """Whether all planes have been searched for a task: by this analyser, or when the object was taught."""
+        task, extents = q.tobytes(), self.mesh.attributes.extents
+        return task in self._explored or any(
             e.kind != KEPT
-            and e.task.tobytes() == asked
+            and e.scene == self.scene
+            and e.task.tobytes() == task
             and np.allclose(e.attributes.extents, extents, rtol=1e-6)
             for e in self._known()
         )
 
-    def _persist(
-        self, rng: np.random.Generator, aim: Aim, found: Ranked, demand: Demand, times: int
-    ) -> Ranked:
-        """More draws for an object on which the first ones found little."""
+    def _draw_more(
+        self, rng: np.random.Generator, aim: Aim, found: RankedCandidates, demand: Demand, times: int
+    ) -> RankedCandidates:
+        """Draw more candidates, at most ``times``, while too few close or the best margin is short."""
         for _ in range(times):
             best = float(found.score[0]) if len(found) else 0.0
-            if best * self.settings.strongest >= EASY * self.settings.weight and len(found) >= FEWEST:
+            enough = best * self.settings.strongest >= ENOUGH_MARGIN * self.settings.weight
+            if enough and len(found) >= ENOUGH_CLOSED:
                 break
-            more = self._evaluate(self._draw(rng, aim, 2 * self.settings.everywhere), demand)
-            found = best_of(found, more)
+            more = self.search.evaluate(self._draw(rng, aim, 2 * self.settings.everywhere), demand)
+            found = merged(found, more)
         return found
 
-    def _effort(self, aim: Aim) -> tuple[int, int, int, int]:
-        """Candidates, elite, rounds, grips: few where experience points, many where nothing is known."""
+    def _effort(self, aim: Aim) -> Effort:
+        """Little where the estimator points, more on one plane, most where nothing is known."""
         s = self.settings
         if len(aim.planes) > 1:
-            return s.everywhere, s.elite, s.rounds, s.finished
-        if len(aim.values) > FEW:
-            return s.on_plane, max(1, s.elite // 2), s.rounds, min(s.finished, 4)
-        return s.at_aim, max(1, s.elite // 4), min(1, s.rounds), 1
+            return Effort(s.everywhere, s.elite, s.rounds, s.finished, samples=8)
+        if len(aim.values) > FEW_VALUES:
+            return Effort(s.on_plane, max(1, s.elite // 2), s.rounds, min(s.finished, 4), samples=8)
+        return Effort(s.at_aim, max(1, s.elite // 4), min(1, s.rounds), 1, samples=4)
 
-    def _draw(self, rng: np.random.Generator, aim: Aim, count: int) -> Sampled:
+    def _draw(self, rng: np.random.Generator, aim: Aim, count: int) -> DrawnCandidates:
+        """Draw candidates in an aim: pinches as far as they fit, and hands in a preshape."""
         fingers = [n for n in range(2, len(self.hand.fingers) + 1) if min(n, MAX_FINGERS) in aim.fingers]
-        where: dict[str, Any] = {
-            "planes": list(aim.planes),
-            "flips": list(aim.flips),
-            "values": list(aim.values) if len(aim.values) <= FEW else None,
-            "fingers": fingers or None,
-        }
-        pinching = self.pincher.draw(rng, int(PINCHED * count), **where)
-        anywhere = sample(
-            rng,
-            self.search.pool,
-            self.mesh.cog,
-            self.mesh.extents / 2,
-            count - len(pinching.plane),
-            **where,
+        region = Region(
+            planes=aim.planes,
+            flips=aim.flips,
+            values=list(aim.values) if len(aim.values) <= FEW_VALUES else None,
+            fingers=fingers or None,
         )
-        return joined(pinching, anywhere)
-
-    def _evaluate(self, sampled: Sampled, demand: Demand) -> Ranked:
-        return self.search.evaluate(sampled, demand, wanted=WANTED)
-
-    def grips(self, q: Array, finished: Sequence[Finished]) -> list[Grip]:
-        """The finished grips with the paper's description: net wrench, TFVADI and indices of each.
-
-        Args:
-            q: (6,) task Q.
-            finished: by this analyser's finisher.
-        """
-        if not finished:
-            return []
-        triangles = self.query.closest(np.concatenate([made.points for made in finished])).triangle
-        ends = np.cumsum([len(made.points) for made in finished])[:-1]
-        each = zip(finished, np.split(triangles, ends), strict=True)
-        return [self._grip(q, made, own) for made, own in each]
-
-    def _grip(self, q: Array, made: Finished, triangles: IntArray) -> Grip:
-        p = plane(made.plane)
-        a, t = p.approach_axis, p.transverse_axis
-        arms = (made.points - self.mesh.cog) / self.layout.u
-        signs = -np.sign(np.round(arms @ t, 9))
-        signs[0] = -1.0
-        wrenches = contact_wrenches(arms, made.normals_in, a, t, signs, self.coefficients)
-        net = net_wrench(wrenches)
-        adi = approaching_degrees(q, net, self.sets)
-        stability, manipulability = screw_measures(wrenches)
-        along = float(np.abs(a) @ self.mesh.extents) / 2
-        v = float(np.clip((made.points.mean(axis=0) - self.mesh.cog) @ a / max(along, 1e-9), -1.0, 1.0))
-        return Grip(
-            plane=p,
-            flip=made.flip,
-            approach_value=v,
-            approach_set=self.sets.name_index(v),
-            fingers=min(len(made.points), MAX_FINGERS),
-            contacts=GraspContacts(
-                points=made.points,
-                normals_in=made.normals_in,
-                triangles=triangles,
-                wrenches=wrenches,
-            ),
-            net_wrench=net,
-            adi=adi,
-            tfvadi=float(adi.sum()),
-            stability=stability,
-            manipulability=manipulability,
-            **{name: getattr(made, name) for name in _HAND_FIELDS},
-        )
+        pinching = self.pincher.draw(rng, int(PINCHED * count), region)
+        half, rest = self.mesh.extents / 2, count - len(pinching)
+        anywhere = draw_candidates(rng, self.search.pool, self.mesh.cog, half, rest, region)
+        return concatenated(pinching, anywhere)
 
 
 def _check(aim: Aim) -> None:
@@ -337,20 +386,14 @@ def _check(aim: Aim) -> None:
     if not counts or not all(2 <= n <= MAX_FINGERS for n in counts):
         raise InputError(f"virtual fingers must be 2 to {MAX_FINGERS}, got {counts}")
     if not len(aim.flips):
-        raise InputError("an aim needs a thumb side at least")
+        raise InputError("an aim needs at least one thumb side, got none")
 
 
-def _best(finished: Sequence[Finished]) -> float:
-    """The best margin among them."""
-    return max((made.margin for made in finished), default=-1.0)
-
-
-def _worth(finished: Sequence[Finished]) -> float:
-    """The best quality among them."""
-    return max((made.quality for made in finished), default=-1.0)
+def _best_margin(finished: Sequence[FinishedGrip]) -> float:
+    return max((grip.margin for grip in finished), default=-1.0)
 
 
 def _key(aim: Aim) -> bytes:
-    """An aim as bytes: the same aim draws the same candidates."""
+    """An aim as bytes; the same bytes draw the same candidates."""
     parts = (aim.planes, np.round(np.asarray(aim.values, dtype=np.float64), 9), aim.fingers, aim.flips)
     return b"|".join(np.asarray(part, dtype=np.float64).tobytes() for part in parts)

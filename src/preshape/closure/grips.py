@@ -1,13 +1,22 @@
-"""Grips found for an aim, as the controller reads an exploration."""
+"""Finished grips as the controller reads them: with the paper's figures, and gathered for an aim."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import fields
 
 import numpy as np
 
-from ..hiis.analyser import Exploration, Grip
-from ..types import BoolArray, IntArray, value
+from ..hiis.analyser import Exploration, Grasp, GraspContacts, Grip, HandLayout
+from ..hiis.fuzzy import FuzzySets, approaching_degrees
+from ..hiis.planes import plane
+from ..hiis.virtual_grasp import MAX_FINGERS
+from ..hiis.wrench import contact_wrenches, net_wrench, screw_measures
+from ..objects.mesh import TriangleMesh
+from ..types import Array, BoolArray, ContactCoefficients, IntArray, value
+from .finish import FinishedGrip
+
+_HAND_FIELDS = tuple({f.name for f in fields(Grip)} - {f.name for f in fields(Grasp)})
 
 
 @value
@@ -15,15 +24,22 @@ class GripExploration(Exploration):
     """The grips that the closure analyser found.
 
     Attributes:
-        grips: Each of them in full, best first.
+        grips: The grips, best first.
+        miss: See :attr:`nearest_miss`.
     """
 
     grips: tuple[Grip, ...]
+    miss: Grip | None = None
 
     @property
     def summary(self) -> str:
         """How many grips were found."""
-        return f"{self.tried} hands closed on the object, {len(self)} grips worked out"
+        return f"{self.tried} candidates were tried and {len(self)} grips finished"
+
+    @property
+    def nearest_miss(self) -> Grip | None:
+        """Where no grip balances any of the load, the best one that the hand can execute; else ``None``."""
+        return self.miss
 
     def where(self, keep: BoolArray | IntArray) -> GripExploration:
         """The grips picked by a mask or by indices, in that order."""
@@ -35,13 +51,16 @@ class GripExploration(Exploration):
         return self.grips[index]
 
 
-def grip_exploration(grips: Sequence[Grip], tried: int, reason: str = "") -> GripExploration:
-    """Grips as the controller explores them.
+def grip_exploration(
+    grips: Sequence[Grip], tried: int, reason: str = "", miss: Grip | None = None
+) -> GripExploration:
+    """The exploration of these grips.
 
     Args:
         grips: Best first.
         tried: Number of candidates closed for them.
         reason: What became of the candidates.
+        miss: The best grip that balances nothing.
     """
     return GripExploration(
         plane=np.array([g.plane.index for g in grips], dtype=np.int64),
@@ -53,4 +72,57 @@ def grip_exploration(grips: Sequence[Grip], tried: int, reason: str = "") -> Gri
         tried=tried,
         reason=reason,
         grips=tuple(grips),
+        miss=miss,
+    )
+
+
+def described(
+    finished: FinishedGrip,
+    triangles: IntArray,
+    q: Array,
+    mesh: TriangleMesh,
+    layout: HandLayout,
+    coefficients: ContactCoefficients,
+    sets: FuzzySets,
+) -> Grip:
+    """A finished grip with the paper's figures, computed from its contacts.
+
+    Args:
+        finished: The grip.
+        triangles: (n,) index of the triangle that each contact lies on.
+        q: (6,) task Q.
+        mesh: The object.
+        layout: The hand.
+        coefficients: The paper's contact model.
+        sets: Membership functions.
+    """
+    p = plane(finished.plane)
+    a, t = p.approach_axis, p.transverse_axis
+    arms = (finished.points - mesh.cog) / layout.u
+    signs = -np.sign(np.round(arms @ t, 9))
+    signs[0] = -1.0
+    wrenches = contact_wrenches(arms, finished.normals_in, a, t, signs, coefficients)
+    net = net_wrench(wrenches)
+    adi = approaching_degrees(q, net, sets)
+    stability, manipulability = screw_measures(wrenches)
+    along = float(np.abs(a) @ mesh.extents) / 2
+    v = float(np.clip((finished.points.mean(axis=0) - mesh.cog) @ a / max(along, 1e-9), -1.0, 1.0))
+    return Grip(
+        plane=p,
+        flip=finished.flip,
+        approach_value=v,
+        approach_set=sets.name_index(v),
+        fingers=min(len(finished.points), MAX_FINGERS),
+        contacts=GraspContacts(
+            points=finished.points,
+            normals_in=finished.normals_in,
+            triangles=triangles,
+            wrenches=wrenches,
+        ),
+        net_wrench=net,
+        adi=adi,
+        tfvadi=float(adi.sum()),
+        stability=stability,
+        manipulability=manipulability,
+        **{name: getattr(finished, name) for name in _HAND_FIELDS},
     )

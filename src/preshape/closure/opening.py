@@ -1,4 +1,4 @@
-"""How a hand comes to its grip: opened until it is clear of the object, and straight in from outside."""
+"""How a hand comes to its grip: opened until it is clear of the object, then straight in from outside."""
 
 from __future__ import annotations
 
@@ -12,31 +12,32 @@ from ..kernels.chains import rotations
 from ..kernels.closing.host import Candidates, ClosingKernel, Obstacles
 from ..kernels.tables import HandTables
 from ..types import Array, BoolArray, IntArray, value
+from .hand_pinches import unit
 from .preshapes import posture_at
 
 SELF_DEPTH = 0.001
-"""Deeper than this no links may be in each other [m] [C]."""
+"""Largest overlap of two links [m] [C]."""
 OPENING = 0.006
-"""The pregrasp clears the object by this [m] [C]."""
+"""Clearance from the object that a pregrasp aims at [m] [C]."""
 NEAREST = 0.0008
-"""... and by this at least, the palm included [m] [C]."""
+"""Least clearance of a pregrasp, the palm included [m] [C]."""
 ALONG = 0.7
-"""Least cosine between the way in and the approach axis of the plane that a grip is counted to."""
+"""Least cosine between the way in and the approach axis of the plane that a grip belongs to."""
 STATIONS = np.linspace(0.0, 1.0, 21)
 """Shares of the way back to the open posture at which a pregrasp is looked for."""
 WAY_IN, STRIDE = 0.12, 0.006
-"""Length of the straight approach that is checked, and the step [m] [C]."""
+"""Length of the straight way in that is checked, and its step [m] [C]."""
 
 
 @value
 class Openings:
-    """How k hands come to their grips.
+    """Pregrasps and ways in of k candidates.
 
     Attributes:
-        row: (k,) of the candidates.
-        pregrasp: (k, j) opened posture [rad].
-        approach: (k, 3) unit vector along which the opened hand comes.
-        clearance: (k,) least distance from the object in the pregrasp and on the way [m].
+        row: (k,) indices of the candidates.
+        pregrasp: (k, j) joint angles of the opened hand [rad].
+        approach: (k, 3) unit vector along which the opened hand comes in.
+        clearance: (k,) least distance from the object at the pregrasp and on the way in [m].
     """
 
     row: IntArray
@@ -52,10 +53,10 @@ class Opener:
     """Finds pregrasps and ways in.
 
     Args:
-        tables: the hand's arrays.
-        kernel: the hand and the object.
-        kinematics: the hand alone.
-        obstacles: what is to be kept out of.
+        tables: Tables of the hand.
+        kernel: Closing kernel of the hand and the object.
+        kinematics: Kinematics of the hand.
+        obstacles: Table and boxes to avoid.
     """
 
     def __init__(
@@ -63,35 +64,38 @@ class Opener:
     ) -> None:
         self.tables, self.kernel, self.kinematics, self.obstacles = tables, kernel, kinematics, obstacles
 
-    def free_of_itself(self, q: Array) -> bool:
-        """Whether no links of the hand are in each other."""
+    def links_apart(self, q: Array) -> bool:
+        """Whether no two links of the hand overlap at joint angles q (j,) [rad]."""
         self.kinematics.set_posture(q)
         return not self.kinematics.collides(SELF_DEPTH)
 
     def find(
         self, candidates: Candidates, closing: Array, rows: IntArray, own: IntArray, planes: Sequence[int]
     ) -> Openings:
-        """Pregrasps and ways in of those that have both.
+        """Pregrasps and ways in of the candidates that have both.
+
+        1. Open each finger along its closing path until it clears the object.
+        2. Test the straight way in along the candidate's approach axis.
+        3. Where that is blocked, test the directions of fingers and palm, if they follow an allowed plane.
 
         Args:
-            candidates: n of them.
-            closing: (n, f) how far each finger is closed.
-            rows: (k,) which of them.
-            own: (n,) the approach plane that each was drawn for.
-            planes: approach planes that the way in may belong to.
+            candidates: n candidates.
+            closing: (n, f) how far each finger is closed, 0..1.
+            rows: (k,) indices of the candidates to open.
+            own: (n,) approach plane that each was drawn for.
+            planes: Approach planes that the way in may belong to.
         """
-        rows, pregrasp, least = self._opened(candidates, closing, rows)
+        rows, pregrasp, least = self._opened(candidates, closing, rows)  # 1.
         approach = APPROACH_AXES[own[rows] - 1]
-        clearance, free = self._along(candidates, rows, pregrasp, approach)
-        # The plane's own direction first; else the fingers' and the palm's, where they are some plane's.
+        clearance, free = self._way_in(candidates, rows, pregrasp, approach)  # 2.
         axes = APPROACH_AXES[np.asarray(planes) - 1]
         R = rotations(candidates.turn[rows])
-        for other in (R[:, :, 2], _unit(R[:, :, 2] - R[:, :, 1]), -R[:, :, 1]):
-            late = np.flatnonzero(~free & ((other @ axes.T).max(axis=1) > ALONG))
-            if len(late):
-                found, clear = self._along(candidates, rows[late], pregrasp[late], other[late])
-                late, found = late[clear], found[clear]
-                approach[late], clearance[late], free[late] = other[late], found, True
+        for other in (R[:, :, 2], unit(R[:, :, 2] - R[:, :, 1]), -R[:, :, 1]):  # 3.
+            blocked = np.flatnonzero(~free & ((other @ axes.T).max(axis=1) > ALONG))
+            if len(blocked):
+                found, clear = self._way_in(candidates, rows[blocked], pregrasp[blocked], other[blocked])
+                blocked, found = blocked[clear], found[clear]
+                approach[blocked], clearance[blocked], free[blocked] = other[blocked], found, True
         return Openings(
             row=rows[free],
             pregrasp=pregrasp[free],
@@ -102,34 +106,34 @@ class Opener:
     def _opened(
         self, candidates: Candidates, closing: Array, rows: IntArray
     ) -> tuple[IntArray, Array, Array]:
-        """Those that open, their postures back along the path that just clear the object, and by how much."""
+        """The rows that open, their opened joint angles (m, j) [rad], and their clearance (m,) [m]."""
         k, n = len(rows), len(STATIONS)
         shares = closing[rows, None] * (1.0 - STATIONS[:, None])
         of = np.repeat(rows, n)
         postures = posture_at(self.tables, candidates.start[of], shares.reshape(k * n, closing.shape[1]))
-        to_object, to_rest = self.kernel.clearances(
+        to_object, to_obstacles = self.kernel.clearances(
             candidates.place[of], candidates.turn[of], postures, self.obstacles, enough=OPENING
         )
-        # Each finger by itself: the station where it has cleared, or where it is clearest.
+        # Each finger opens on its own: to the first station that clears, or to the clearest one.
         fingers = to_object[:, :-1].reshape(k, n, closing.shape[1])
         clear = fingers >= OPENING
         station = np.where(clear.any(axis=1), clear.argmax(axis=1), fingers.argmax(axis=1))
         opened = posture_at(self.tables, candidates.start[rows], closing[rows] * (1.0 - STATIONS[station]))
         reached = np.take_along_axis(fingers, station[:, None], axis=1)[:, 0]
         least = np.minimum(reached.min(axis=1), to_object[:, -1].reshape(k, n)[:, 0])
-        blocked = (to_rest.reshape(k, n) <= 0) & (np.arange(n) <= station.max(axis=1)[:, None])
+        blocked = (to_obstacles.reshape(k, n) <= 0) & (np.arange(n) <= station.max(axis=1)[:, None])
         sound = (least >= NEAREST) & ~blocked.any(axis=1)
-        sound[sound] = [self.free_of_itself(q) for q in opened[sound]]
+        sound[sound] = [self.links_apart(q) for q in opened[sound]]
         return rows[sound], opened[sound], least[sound]
 
-    def _along(
+    def _way_in(
         self, candidates: Candidates, rows: IntArray, opened: Array, approach: Array
     ) -> tuple[Array, BoolArray]:
-        """(k,) least clearance of opened hands that come straight along ``approach``; whether it is free."""
+        """(k,) least clearance of opened hands on the straight way along ``approach`` [m]; whether it is free."""
         steps = np.arange(1, int(WAY_IN / STRIDE) + 1) * STRIDE
         k, n = len(rows), len(steps)
         place = candidates.place[rows, None] - steps[:, None] * approach[:, None]
-        to_object, to_rest = self.kernel.clearances(
+        to_object, to_obstacles = self.kernel.clearances(
             place.reshape(k * n, 3),
             np.repeat(candidates.turn[rows], n, axis=0),
             np.repeat(opened, n, axis=0),
@@ -137,8 +141,4 @@ class Opener:
             enough=OPENING,
         )
         least = to_object.min(axis=1).reshape(k, n).min(axis=1, initial=np.inf)
-        return least, (least > 0.3 * NEAREST) & (to_rest.reshape(k, n) > 0).all(axis=1)
-
-
-def _unit(vectors: Array) -> Array:
-    return np.asarray(vectors / np.linalg.norm(vectors, axis=1, keepdims=True))
+        return least, (least > 0.3 * NEAREST) & (to_obstacles.reshape(k, n) > 0).all(axis=1)

@@ -1,120 +1,190 @@
-"""Pinches of the hand put where two faces of the object lie opposite each other.
+"""Pinches of the hand placed on antipodal patches: places where two faces of the object oppose each other.
 
-A thin object is lost by almost every hand that only aims at its bounding box: fingertips that stand beside
-each other by more than its thickness times the friction turn it instead of holding it. Here pads and faces
-are put in line first, and the hand follows from that.
+Almost every hand that only aims at the bounding box loses a thin object: fingertips that stand beside each
+other by more than its thickness times the friction turn it instead of holding it. Here pads and faces are
+aligned first, and the pose of the hand follows from that.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from ..hiis.planes import APPROACH_AXES, OPPOSITION_AXES
 from ..kernels.closing.host import Candidates, ClosingKernel
+from ..kernels.field.host import DistanceField
+from ..kernels.field.plain import field_distance
+from ..kernels.field.winding import oriented_triangles
 from ..kernels.fitting.host import FittingKernel, Puts, SpotRows
-from ..types import Array, IntArray
-from .pinches import Pinches
-from .sampling import TILT, Sampled
-from .spots import Spots
+from ..kernels.rays import MISS, RayCaster
+from ..objects.mesh import TriangleMesh
+from ..types import Array, IntArray, value
+from .candidates import TILT, DrawnCandidates, Region
+from .hand_pinches import Pinches
 
+SURFACE_POINTS = 1500
+"""Points of the surface, evenly spread by area, that are tested for an opposite face [C]."""
+OPPOSITE = 0.9
+"""Least cosine between the normal of a face and the reversed normal of the face behind it [C]."""
+THINNEST = 0.001
+"""Thinner parts are not looked for: the distance grid does not resolve them [m] [C]."""
+TIP_DEPTH = 0.002
+"""Apparent depth of a fingertip in the object that is accepted, because the grid blurs the surface [m] [C]."""
 PINCHED = 0.5
-"""Share of the candidates that are pinches, as far as there are any [C]."""
-WITHIN = 0.55
-"""Least cosine between the faces' normal and a plane's opposition axis: some axis is always nearer [C]."""
-AHEAD = 0.2
-"""Spots are within this of an approach value that is aimed at, in half-extents [C]."""
+"""Share of the candidates that are pinches, as far as enough of them fit [C]."""
+ALIGNED = 0.55
+"""Least cosine between a patch's normal and an opposition axis; some axis is always nearer than that [C]."""
+VALUE_RANGE = 0.2
+"""Largest distance of a patch from an approach value that is aimed at, in half-extents [C]."""
 CENTRAL = 0.01
-"""A spot this far from the middle is drawn half as often as one in it: weight and pushes turn less there
-[m] [C]."""
-SURPLUS, TWICE = 4, 2
-"""Pinches looked at for each that is wanted, and how often where too few of them fit [C]."""
+"""A patch this far from the object's middle is drawn half as often as one in it, because weight and pushes
+turn the object less about a central grip [m] [C]."""
+SURPLUS, TRIES = 4, 2
+"""Pinches tested per candidate wanted, and number of attempts where too few of them fit [C]."""
 NEAR = 0.005
-"""Every pad of a pinch is this near to the object, where the fingers should meet [m] [C]."""
+"""Largest distance of every pad from the object's surface where the fingers should meet it [m] [C]."""
 ROOM = 0.006
-"""The middles of the opened fingers' links keep this from the object [m] [C]."""
+"""Least distance of the middles of the opened fingers' links from the object [m] [C]."""
 ALIKE = 24
-"""Pinches about as wide as the object is at the spot, of which one is taken [C]."""
+"""Number of pinches nearest to the patch's width, one of which is drawn [C]."""
 AROUND = 0.4
-"""Spread of a pinch about the faces' normal [rad] [C]."""
+"""Standard deviation of the rotation about the patch's normal [rad] [C]."""
 SLANT, MOST_SLANT = 0.1, 0.02
-"""Spread off the normal, in how far the object is thicker than the fingers; and at most [rad] [C]."""
+"""Standard deviation of the rotation off the normal: per ratio of the object's thickness to thickness plus
+fingertips, and its upper bound [rad] [C]."""
+
+
+@value
+class AntipodalPatches:
+    """n pairs of opposite points of the surface, with room for a fingertip at both.
+
+    Attributes:
+        middle: (n, 3) midpoint of the pair [m].
+        normal: (n, 3) outward unit normal at the first point.
+        width: (n,) distance of the two points [m].
+    """
+
+    middle: Array
+    normal: Array
+    width: Array
+
+    def __len__(self) -> int:
+        return len(self.width)
+
+
+def antipodal_patches(
+    mesh: TriangleMesh, field: DistanceField, tip: float, widest: float, seed: int = 0
+) -> AntipodalPatches:
+    """The places where two fingertips can stand opposite each other with the object between them.
+
+    1. Draw points evenly over the surface.
+    2. Cast a ray inward from each and find the face behind it.
+    3. Accept pairs whose normals are opposite and whose distance the hand can span.
+    4. Accept those at which a fingertip has room outside both faces.
+
+    Args:
+        mesh: The object; it need not be watertight or wound consistently.
+        field: Its signed distance.
+        tip: Radius of a fingertip [m].
+        widest: Largest width that the hand can pinch [m].
+        seed: Seed of the surface points.
+    """
+    rng = np.random.default_rng(seed)
+    triangles = oriented_triangles(mesh)
+    normals = np.where((triangles == mesh.triangles).all(axis=1)[:, None], mesh.normals, -mesh.normals)
+    # 1. Stratified by area, uniform on each triangle.
+    ends = np.cumsum(mesh.areas)
+    at = (np.arange(SURFACE_POINTS) + rng.random(SURFACE_POINTS)) / SURFACE_POINTS * ends[-1]
+    face = np.minimum(np.searchsorted(ends, at, side="right"), len(ends) - 1)
+    root, v = np.sqrt(rng.random(SURFACE_POINTS)), rng.random(SURFACE_POINTS)
+    weights = np.stack([1 - root, root * (1 - v), root * v], axis=1)
+    points, out = np.einsum("nk,nkd->nd", weights, mesh.corners[face]), normals[face]
+    # 2. and 3.
+    step = 1e-5 * float(mesh.extents.max())
+    hits = RayCaster(mesh).cast(points - step * out, -out)
+    width = hits.distance + step
+    facing = -np.einsum("ij,ij->i", normals[hits.triangle], out) > OPPOSITE
+    rows = np.flatnonzero((hits.triangle != MISS) & facing & (width > THINNEST) & (width < widest))
+    points, out, width = points[rows], out[rows], width[rows]
+    # 4.
+    sides = points + tip * out, points - (width + tip)[:, None] * out
+    room = np.all([field_distance(field, centres) > tip - TIP_DEPTH for centres in sides], axis=0)
+    middle = points - 0.5 * width[:, None] * out
+    return AntipodalPatches(middle=middle[room], normal=out[room], width=width[room])
 
 
 class Pincher:
-    """One hand and one object, between whose faces the hand is put.
+    """Draws candidates that put one hand's pinches on one object's antipodal patches.
 
     Args:
-        pinches: of the hand.
-        spots: of the object.
+        pinches: Pinches of the hand.
+        patches: Antipodal patches of the object.
         centre: (3,) middle of the object's bounding box [m].
         half: (3,) half its extents [m].
-        closing: the same hand and object, ready to close.
+        closing: Closing kernel of the same hand and object.
     """
 
     def __init__(
-        self, pinches: Pinches, spots: Spots, centre: Array, half: Array, closing: ClosingKernel
+        self, pinches: Pinches, patches: AntipodalPatches, centre: Array, half: Array, closing: ClosingKernel
     ) -> None:
-        self.pinches, self.spots = pinches, spots
+        self.pinches, self.patches = pinches, patches
         self.centre, self.half = centre, half
         self.kernel = FittingKernel(
             closing.field,
             pinches.palm,
             pinches.rows,
-            SpotRows(spots.middle, spots.normal, spots.width),
+            SpotRows(patches.middle, patches.normal, patches.width),
             near=NEAR,
             room=ROOM,
             device=closing.device,
             threads=closing.threads,
         )
 
-    def draw(
-        self,
-        rng: np.random.Generator,
-        count: int,
-        *,
-        planes: Sequence[int] = tuple(range(1, 13)),
-        flips: Sequence[bool] = (False, True),
-        values: Sequence[float] | None = None,
-        fingers: Sequence[int] | None = None,
-    ) -> Sampled:
+    def draw(self, rng: np.random.Generator, count: int, region: Region) -> DrawnCandidates:
         """Draw candidates that pinch.
 
+        1. Weight every pair of patch and approach plane: the normal must lie along the opposition axis, and
+           central patches count more.
+        2. Draw pairs by weight, a thumb side and a pinch of about the patch's width for each.
+        3. Let the kernel place the hand and test whether palm, pads and links fit.
+        4. Repeat from 2. where too few fit, and alternate between the numbers of fingers.
+
         Args:
-            rng: of the draws.
-            count: how many at most: fewer where few fit.
-            planes: approach planes to draw from.
-            flips: thumb sides to draw from.
-            values: approach values to stay near; by default anywhere.
-            fingers: numbers of fingers to draw from; by default any.
+            rng: Random generator.
+            count: Largest number of candidates; fewer where few fit.
+            region: Where to draw; patches within ``VALUE_RANGE`` of its approach values.
         """
-        pinches, spots = self.pinches, self.spots
-        numbers = np.asarray(planes)
+        pinches, patches = self.pinches, self.patches
+        # 1. Weights.
+        numbers = np.asarray(region.planes)
         a, o = APPROACH_AXES[numbers - 1], OPPOSITION_AXES[numbers - 1]
-        away = spots.middle - self.centre
-        place = away @ a.T / np.maximum(np.abs(a) @ self.half, 1e-9)
-        weight = np.maximum(np.abs(spots.normal @ o.T) - WITHIN, 0.0)
-        weight /= 1.0 + np.linalg.norm(away, axis=1)[:, None] / CENTRAL
-        if values is not None:
-            weight *= np.abs(place[:, :, None] - np.asarray(values)).min(axis=2) < AHEAD
-        any_of = np.arange(len(pinches))
-        allowed = any_of if fingers is None else any_of[np.isin(pinches.fingers, fingers)]
+        from_centre = patches.middle - self.centre
+        values = from_centre @ a.T / np.maximum(np.abs(a) @ self.half, 1e-9)
+        weight = np.maximum(np.abs(patches.normal @ o.T) - ALIGNED, 0.0)
+        weight /= 1.0 + np.linalg.norm(from_centre, axis=1)[:, None] / CENTRAL
+        if region.values is not None:
+            weight *= np.abs(values[:, :, None] - np.asarray(region.values)).min(axis=2) < VALUE_RANGE
+        allowed = np.arange(len(pinches))
+        if region.fingers is not None:
+            allowed = allowed[np.isin(pinches.fingers, region.fingers)]
         n = SURPLUS * count if weight.any() and len(allowed) else 0
         sides = np.stack([o, -o])
         parts: list[tuple[Any, ...]] = []
-        for _ in range(TWICE):
-            spot, column = np.divmod(_drawn(rng, weight.ravel(), n), len(numbers))
-            flip = np.asarray(flips)[rng.integers(len(flips), size=n)]
-            puts = self._puts(rng, allowed, spot, a[column], sides[flip.astype(np.int64), column])
+        for _ in range(TRIES):
+            # 2. Pairs, thumb sides and pinches.
+            patch, column = np.divmod(_weighted_draw(rng, weight.ravel(), n), len(numbers))
+            flip = np.asarray(region.flips)[rng.integers(len(region.flips), size=n)]
+            puts = self._puts(rng, allowed, patch, a[column], sides[flip.astype(np.int64), column])
+            # 3. Placed and tested.
             fit, palm, turn = self.kernel.put(puts)
-            parts.append((spot[fit], column[fit], flip[fit], puts.pick[fit], palm, turn))
+            parts.append((patch[fit], column[fit], flip[fit], puts.pick[fit], palm, turn))
             if sum(len(part[0]) for part in parts) >= count:
                 break
-        spot, column, flip, pick, palm, turn = (np.concatenate(each) for each in zip(*parts, strict=True))
-        rows = in_turn(pinches.fingers[pick])[:count]
-        return Sampled(
+        patch, column, flip, pick, palm, turn = (np.concatenate(each) for each in zip(*parts, strict=True))
+        # 4. Alternate between the numbers of fingers.
+        rows = alternating(pinches.fingers[pick])[:count]
+        return DrawnCandidates(
             candidates=Candidates(
                 place=palm[rows],
                 turn=turn[rows],
@@ -123,32 +193,32 @@ class Pincher:
             ),
             plane=numbers[column[rows]],
             flip=flip[rows],
-            value=np.clip(place[spot[rows], column[rows]], -1.0, 1.0),
+            value=np.clip(values[patch[rows], column[rows]], -1.0, 1.0),
             preshape=np.full(len(rows), -1),
         )
 
     def _puts(
-        self, rng: np.random.Generator, allowed: IntArray, spot: IntArray, approach: Array, side: Array
+        self, rng: np.random.Generator, allowed: IntArray, patch: IntArray, approach: Array, side: Array
     ) -> Puts:
-        """A pinch for each spot, and how it is put there.
+        """A pinch for each patch, and how it is turned there.
 
         Args:
-            rng: of the draws.
-            allowed: pinches to draw from.
-            spot: (n,) which spots.
+            rng: Random generator.
+            allowed: Indices of the pinches to draw from.
+            patch: (n,) indices of the patches.
             approach: (n, 3) approach axes.
-            side: (n, 3) where the thumb is.
+            side: (n, 3) unit vectors towards the thumb's side.
         """
-        n, width = len(spot), self.spots.width
-        about = np.searchsorted(self.pinches.width[allowed], width)[spot]
+        n, width = len(patch), self.patches.width
+        about = np.searchsorted(self.pinches.width[allowed], width)[patch]
         about += rng.integers(-ALIKE // 2, ALIKE // 2, size=n)
         slant = np.minimum(SLANT * width / (width + 2.0 * self.pinches.tip[0]), MOST_SLANT)
         off = rng.normal(0.0, 1.0, (n, 4))
         off[:, 0] *= AROUND
-        off[:, 1:] *= slant[spot, None]
+        off[:, 1:] *= slant[patch, None]
         return Puts(
             pick=allowed[np.clip(about, 0, len(allowed) - 1)],
-            spot=spot,
+            spot=patch,
             approach=approach,
             side=side,
             tilt=rng.uniform(0.0, TILT, n),
@@ -156,18 +226,18 @@ class Pincher:
         )
 
 
-def _drawn(rng: np.random.Generator, weight: Array, count: int) -> IntArray:
-    """(count,) indices, each as often as its weight says."""
+def _weighted_draw(rng: np.random.Generator, weight: Array, count: int) -> IntArray:
+    """(count,) random indices, each with a probability in proportion to its weight."""
     ends = np.cumsum(weight)
     return np.minimum(
         np.searchsorted(ends, rng.random(count) * ends[-1:].sum(), side="right"), max(len(weight) - 1, 0)
     )
 
 
-def in_turn(kind: IntArray) -> IntArray:
-    """All rows, one of each kind after the other as long as they last.
+def alternating(kind: IntArray) -> IntArray:
+    """All indices, ordered so that the kinds alternate as long as they last.
 
-    >>> in_turn(np.array([2, 2, 2, 4])).tolist()
+    >>> alternating(np.array([2, 2, 2, 4])).tolist()
     [0, 3, 1, 2]
     """
     turn = np.zeros(len(kind), dtype=np.int64)

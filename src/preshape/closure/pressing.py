@@ -1,7 +1,15 @@
-"""How a closed hand squeezes: forces that balance, and the joint torques that make them (ENGINE §2)."""
+"""How a closed hand squeezes: contact forces that balance, their joint torques, and how soft the grip is.
+
+Every finger is a spring: a servo yields by its torque over its gain. At a contact that sticks, the joints
+behind it act as a spring for three forces and the torque about the normal; all contacts together give the
+stiffness matrix of the grasp (Cutkosky & Kao 1989). The forces of the squeeze reduce the stiffness, most of
+all for small objects between two fingers: once the object turns a little, the two contacts no longer face
+each other.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -11,53 +19,59 @@ from ..hands.kinematics import cross
 from ..kernels.chains import rotations
 from ..kernels.closing.host import Candidates, Closings
 from ..kernels.tables import HandTables
+from ..spatial import skew
 from ..types import Array
 
 EVENNESS = 0.1
-"""Weight of an even spread of the forces, against ten for their balance [C]."""
+"""Weight of an even distribution of the forces; their balance has weight ten [C]."""
 EDGES = 8
-"""Of a friction cone, where forces are chosen."""
+"""Edges of the friction cone within which forces are chosen."""
+CONTACT_ERROR = 0.002
+"""Assumed distance of a force from its planned contact: links are not spheres, and a scan is not the object
+[m] [C]."""
+CONTACT_COMPLIANCE = np.diag([1e-5, 1e-5, 1e-5, 1e-2])
+"""Compliance of skin and surface: forces [m/N], torque about the normal [rad/(N m)] [C]."""
 
 
-class Pressing(NamedTuple):
-    """How a hand squeezes, for one newton of normal forces in all.
+class UnitSqueeze(NamedTuple):
+    """How a hand squeezes, per newton of normal forces in all.
 
     Attributes:
-        used: fingers that press, the thumb first.
-        points: (n, 3) where they do [m].
+        fingers: Indices of the fingers that press, the thumb first.
+        points: (n, 3) their contacts [m].
         normals_in: (n, 3) inward unit normals.
         forces: (n, 3) on the object.
-        left: what of them does not balance: force, and torque over ℓ.
-        jacobians: for each contact (6, k) its motion by the joints behind it.
-        chains: which of the hand's joints these are.
+        imbalance: Norm of the wrench that the forces leave: force, and torque over ℓ.
+        jacobians: For each contact (6, k) its linear and angular velocity by the joints behind it.
+        chains: For each contact which of the hand's joints these are.
         torques: (j,) joint torques [m].
-        limit: largest sum of normal forces that the joints can make [N].
+        max_press: Largest sum of normal forces that the joint torques allow [N].
     """
 
-    used: list[int]
+    fingers: list[int]
     points: Array
     normals_in: Array
     forces: Array
-    left: float
+    imbalance: float
     jacobians: list[Array]
     chains: list[slice]
     torques: Array
-    limit: float
+    max_press: float
 
 
-class Press:
-    """Squeezes of one hand on one object.
+class Squeezer:
+    """Computes the squeezes of one hand on one object.
 
     Args:
-        hand: which hand.
-        tables: its arrays.
-        cog: (3,) the point that torques are about [m].
+        hand: The hand.
+        tables: Its tables.
+        cog: (3,) point that torques are about [m].
         length: ℓ, half the object's largest extent [m].
-        mu: friction that the forces may use.
+        mu: Friction that the forces may use.
 
     Attributes:
-        sharing: (j,) into how many parts a joint's drive is shared out: one drive sets the sum of a couple's
-            angles, so each of the two takes half of what it is told.
+        sharing: (j,) number of joints that share each joint's drive: one drive sets the sum of the two angles
+            of a coupled pair, so each joint follows half of the command.
     """
 
     def __init__(self, hand: Hand, tables: HandTables, cog: Array, length: float, mu: float) -> None:
@@ -67,89 +81,75 @@ class Press:
         self.sharing = np.ones(len(joints))
         self.sharing[[k for couple in self._couples for k in couple]] = 2.0
 
-    def __call__(
-        self, candidates: Candidates, packed: Closings, frames: tuple[Array, Array], row: int
-    ) -> Pressing:
-        """How one of the hands squeezes.
+    def squeeze(
+        self, candidates: Candidates, contacts: Closings, frames: tuple[Array, Array], row: int
+    ) -> UnitSqueeze:
+        """The squeeze of one candidate.
 
         Args:
-            candidates: hands.
-            packed: how they closed, with exact contacts, the thumb's first.
-            frames: (n, j, 3), (n, j, 3, 3) of their joints in the palm frame.
-            row: which of them.
+            candidates: Candidates.
+            contacts: How they closed, with exact contacts, the thumb's first.
+            frames: (n, j, 3), (n, j, 3, 3) frames of their joints in the palm frame.
+            row: Index of the candidate.
         """
-        n = int(packed.counts[row])
-        points = packed.points[row, :n].astype(np.float64)
-        normals = packed.normals_in[row, :n].astype(np.float64)
-        used = [f for f in finger_order(self.tables) if packed.sphere[row, f] >= 0]
+        n = int(contacts.counts[row])
+        points = contacts.points[row, :n].astype(np.float64)
+        normals = contacts.normals_in[row, :n].astype(np.float64)
+        fingers = [f for f in finger_order(self.tables) if contacts.sphere[row, f] >= 0]
         arms = (points - self.cog) / self.length
         forces = grip_forces(arms, normals, self.mu)
-        left = np.concatenate([forces.sum(axis=0), cross(arms, forces).sum(axis=0)])
-        where = frames[0][row], frames[1][row]
-        jacobians, chains = self._jacobians(candidates, packed, row, where, used, points)
+        wrench = np.concatenate([forces.sum(axis=0), cross(arms, forces).sum(axis=0)])
+        # The joints behind a contact are those of its finger up to the link that touches.
+        touching = np.searchsorted(self.tables.sphere_start, contacts.sphere[row], side="right") - 1
+        chains = [slice(int(self.tables.joint_start[f]), int(touching[f]) + 1) for f in fingers]
+        R = rotations(candidates.turn[row])
+        anchors = candidates.place[row] + frames[0][row] @ R.T
+        axes = np.einsum("ij,njk,nk->ni", R, frames[1][row], self.tables.axis)
+        jacobians = [
+            np.concatenate([cross(axes[chain], point - anchors[chain]).T, axes[chain].T])
+            for chain, point in zip(chains, points, strict=True)
+        ]
         torques = self._torques(jacobians, chains, forces)
-        # A joint that would be too weak for the whole squeeze makes it weaker.
         strain = float((np.abs(torques) / self.hand.torque_limits).max())
-        return Pressing(
-            used=used,
+        return UnitSqueeze(
+            fingers=fingers,
             points=points,
             normals_in=normals,
             forces=forces,
-            left=float(np.linalg.norm(left)),
+            imbalance=float(np.linalg.norm(wrench)),
             jacobians=jacobians,
             chains=chains,
             torques=torques,
-            limit=1.0 / max(strain, 1e-9),
+            max_press=1.0 / max(strain, 1e-9),
         )
-
-    def _jacobians(
-        self,
-        candidates: Candidates,
-        packed: Closings,
-        row: int,
-        frames: tuple[Array, Array],
-        used: list[int],
-        points: Array,
-    ) -> tuple[list[Array], list[slice]]:
-        """For each contact (6, k) its motion by the joints behind it, and which of the hand's these are."""
-        places, turns = frames
-        R = rotations(candidates.turn[row])
-        anchors = candidates.place[row] + places @ R.T
-        axes = np.einsum("ij,njk,nk->ni", R, turns, self.tables.axis)
-        touching = np.searchsorted(self.tables.sphere_start, packed.sphere[row], side="right") - 1
-        chains = [slice(int(self.tables.joint_start[f]), int(touching[f]) + 1) for f in used]
-        return [
-            np.concatenate([cross(axes[chain], point - anchors[chain]).T, axes[chain].T])
-            for chain, point in zip(chains, points, strict=True)
-        ], chains
 
     def _torques(self, jacobians: list[Array], chains: list[slice], forces: Array) -> Array:
         """(j,) joint torques that make the contact forces (n, 3), Jᵀ f."""
         torques = np.zeros(len(self.hand.joints))
         for J, chain, force in zip(jacobians, chains, forces, strict=True):
             torques[chain] = force @ J[:3]
-        # One tendon: the same torque on both, the nearest to what each should have.
+        # A tendon puts the same torque on both joints of a pair; the mean is nearest to what each needs.
         for a, b in self._couples:
             torques[[a, b]] = (torques[a] + torques[b]) / 2
         return torques
 
 
 def finger_order(tables: HandTables) -> list[int]:
-    """The thumb, then the others: the order of contacts."""
+    """Indices of the fingers in the order of contacts: the thumb, then the others."""
     t = tables.thumb
     return [t, *(f for f in range(len(tables.fingers)) if f != t)]
 
 
 def grip_forces(arms: Array, normals_in: Array, mu: float) -> Array:
-    """(n, 3) forces of a squeeze that moves nothing: they balance, their normal parts sum to one.
+    """(n, 3) forces of a squeeze: balanced, within the friction cones, normal parts that sum to one.
 
-    Of all balanced ones inside the cones (of eight edges) about the one that spreads most evenly over
-    contacts and cone: nonnegative least squares with a small penalty.
+    Of all balanced forces in the cones (of ``EDGES`` edges), the result is nearly the one spread most evenly
+    over contacts and cone edges: nonnegative least squares with a small penalty on uneven weights.
 
     Args:
         arms: (n, 3) contact points from the reference, over ℓ.
         normals_in: (n, 3) inward unit normals.
-        mu: friction that they may use.
+        mu: Friction that the forces may use.
     """
     from scipy.optimize import nnls
 
@@ -165,8 +165,63 @@ def grip_forces(arms: Array, normals_in: Array, mu: float) -> Array:
     flat = edges.reshape(-1, 3)
     wrenches = np.concatenate([flat, cross(np.repeat(arms, EDGES, axis=0), flat)], axis=1)
     penalty = EVENNESS * np.sqrt(n * EDGES)
+    # Rows: balance of forces and torques, the sum of the weights, and one penalty for each weight.
     rows = np.concatenate([10 * wrenches.T, 10 * np.ones((1, n * EDGES)), penalty * np.eye(n * EDGES)])
     wanted = np.concatenate([np.zeros(6), [10.0], np.full(n * EDGES, penalty / (n * EDGES))])
     weights, _ = nnls(rows, wanted)
     weights /= max(weights.sum(), 1e-9)
     return np.asarray(np.einsum("ne,nei->ni", weights.reshape(n, EDGES), edges))
+
+
+def turn_from_contact_error(
+    arms: Array,
+    normals_in: Array,
+    forces: Array,
+    jacobians: Sequence[Array],
+    compliances: Sequence[Array],
+) -> float:
+    """How far the object turns where each force of the squeeze acts ``CONTACT_ERROR`` beside its contact [rad].
+
+    1. The compliance of each contact: that of the joints behind it and of skin and surface.
+    2. The stiffness of the grasp: the sum of the contacts' stiffness about the reference.
+    3. Minus what the squeeze takes away as the contacts move with the object.
+    4. The turn by the torques of the displaced forces: root of the sum of squares over contacts and
+       directions. It is infinite where the squeeze turns the object out of its equilibrium, as two fingers do
+       that are softer than they press.
+
+    Args:
+        arms: (n, 3) contact points from the reference [m].
+        normals_in: (n, 3) inward unit normals.
+        forces: (n, 3) forces of the squeeze on the object [N].
+        jacobians: For each contact (6, k) its linear and angular velocity by the joints behind it.
+        compliances: For each contact (k,) compliance of these joints [rad/(N m)].
+
+    >>> arms, inward = np.array([[0.02, 0, 0], [-0.02, 0, 0]]), np.array([[-1.0, 0, 0], [1.0, 0, 0]])
+    >>> joints = [np.concatenate([0.1 * np.eye(3), np.eye(3)])] * 2  # three joints, each 0.1 m away
+    >>> stiff, soft = ([np.full(3, c)] * 2 for c in (0.02, 1.0))
+    >>> [round(turn_from_contact_error(arms, inward, 5 * inward, joints, c), 3) for c in (stiff, soft)]
+    [0.006, inf]
+    """
+    n, most = len(arms), max(J.shape[1] for J in jacobians)
+    # A contact transmits forces and a torque about its normal: at the contact, and about the reference.
+    transmitted = np.zeros((n, 6, 4))
+    transmitted[:, :3, :3], transmitted[:, 3:, 3] = np.eye(3), normals_in
+    grasp = transmitted.copy()
+    grasp[:, 3:, :3] = skew(arms)
+    # 1.
+    motion, yielding = np.zeros((n, 6, most)), np.zeros((n, 1, most))
+    for k, (J, compliance) in enumerate(zip(jacobians, compliances, strict=True)):
+        motion[k, :, : J.shape[1]], yielding[k, 0, : J.shape[1]] = J, compliance
+    at = transmitted.transpose(0, 2, 1) @ motion
+    compliance_at = (at * yielding) @ at.transpose(0, 2, 1) + CONTACT_COMPLIANCE
+    # 2.
+    stiffness = (grasp @ np.linalg.solve(compliance_at, grasp.transpose(0, 2, 1))).sum(axis=0)
+    # 3. A force keeps its direction while its contact moves round the reference.
+    pressing = skew(forces)
+    bending = (pressing @ skew(arms)).sum(axis=0)
+    stiffness[3:, 3:] -= (bending + bending.T) / 2
+    # 4.
+    if np.linalg.eigvalsh(stiffness)[0] <= 0.0:
+        return float("inf")
+    turns = np.linalg.inv(stiffness)[3:, 3:]
+    return float(CONTACT_ERROR * np.linalg.norm(turns @ pressing))

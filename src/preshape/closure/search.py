@@ -1,6 +1,7 @@
-"""The search: close many candidates, rank them by how well their contacts resist, refine the best.
+"""The search: close many candidates, rank them by how well their contacts resist loads, refine the best.
 
-Everything here is arrays over candidates; nothing knows the task's name, the memory or the hand's file.
+Everything here is arrays over candidates. The search does not know the task's name, the memory or the hand's
+file.
 """
 
 from __future__ import annotations
@@ -13,57 +14,40 @@ from typing import Any
 import numpy as np
 
 from ..hands.hand import Hand
+from ..hiis.analyser import Grip
 from ..kernels.closing.host import Candidates, ClosingKernel, Closings
 from ..kernels.field.host import DistanceField
 from ..kernels.hand_spheres import COARSE
-from ..kernels.margin.host import MarginKernel
+from ..kernels.margin.host import CONTACTS, MarginKernel
 from ..kernels.tables import HandTables
-from ..types import Array, BoolArray, IntArray, freeze, frozen_array, value
+from ..types import Array, BoolArray, IntArray
+from .candidates import DrawnCandidates, RankedCandidates, distinct, merged
+from .demand import HOLD, LEVER, Demand
 from .hand_tables import hand_tables
-from .holding import HOLD, LEVER
 from .preshapes import Preshapes, joint_ranges, posture_at, preshapes
-from .ranked import Ranked, apart, best_of, take
-from .sampling import Sampled
 from .settings import ClosureSettings
 
+MIN_CONTACTS = 2
+"""Contacts that a candidate needs, the thumb's included; its margin decides whether they are enough."""
 STEP, TURN, BEND = 0.006, 0.12, 0.10
-"""Spread of the first refinement: wrist [m], its turn [rad], joints of the preshape [rad] [C]."""
+"""Standard deviations of the first refinement: wrist position [m], wrist rotation [rad], joints of the
+preshape [rad] [C]."""
 OPENED, ROOM = 0.8, 0.002
-"""Table and boxes are kept out of by this [m], closed and opened to this share of the closing [C]."""
-
-
-@value
-class Demand:
-    """What the grip is asked for, in units of the sum of its normal forces.
-
-    Attributes:
-        direction: (6,) the task's wrench (force; torque over ℓ), or ``None`` for plain holding.
-        half_angle: of the cone around it [rad].
-        base: (6,) what must be produced all the while, as minus the weight.
-        load: the task's load that a unit of strength is compared with; plain holding's is one weight.
-    """
-
-    direction: Array | None = None
-    half_angle: float = float(np.radians(15.0))
-    base: Array | tuple[float, ...] = (0.0,) * 6
-    load: float = 1.0
-
-    def __post_init__(self) -> None:
-        freeze(self, base=frozen_array(self.base, (6,), "base wrench"))
-        if self.direction is not None:
-            freeze(self, direction=frozen_array(self.direction, (6,), "task direction"))
+"""The hand keeps the second distance from table and boxes [m], closed and with this share of the closing
+[C]."""
 
 
 class ClosureSearch:
     """One hand and one object, ready to be searched.
 
     Args:
-        hand: which hand.
-        field: the object's signed distance.
-        cog: (3,) the point that torques are about [m].
+        hand: The hand.
+        field: Signed distance of the object.
+        cog: (3,) point that torques are about [m].
         length: ℓ, half the object's largest extent [m].
-        settings: friction, device, size of the search.
-        turns: turns that plain holding asks for in place of those about the frame's axes, and their levers.
+        settings: Friction, device, size of the search.
+        turns: Torques of plain holding with their levers (:func:`~preshape.closure.demand.turn_levers`); they
+            replace those about the frame's axes.
     """
 
     def __init__(
@@ -82,40 +66,43 @@ class ClosureSearch:
         self.ranges = joint_ranges(hand, self.tables)
         self.kernel = ClosingKernel(self.tables, field, device=settings.device, threads=settings.threads)
         lever = min(LEVER, 1.5 * self.length)
-        asked = [(lever, HOLD if not turns else HOLD[[0, 1, 2, 6, 7, 8]]), *turns]
-        self._holding = [(lever, self._margins(wrenches)) for lever, wrenches in asked]
-        self._serves: dict[bool, tuple[Demand, MarginKernel]] = {}
+        holding = [(lever, HOLD if not turns else HOLD[[0, 1, 2, 6, 7, 8]]), *turns]
+        self._hold_kernels = [(lever, self._margin_kernel(wrenches)) for lever, wrenches in holding]
+        self._task_kernels: dict[bool, tuple[Demand, MarginKernel]] = {}
 
-    def evaluate(self, sampled: Sampled, demand: Demand, *, wanted: int = 3, least: float = 0.0) -> Ranked:
-        """Close the candidates and rank those that hold on to the object.
+    def evaluate(self, drawn: DrawnCandidates, demand: Demand, *, least: float = 0.0) -> RankedCandidates:
+        """Close candidates and rank those that hold on to the object.
+
+        1. Close every candidate; the others are dropped.
+        2. Drop those that collide with table or boxes.
+        3. Compute the strengths of their contacts and sort by score.
 
         Args:
-            sampled: candidates.
-            demand: what the grip is asked for.
-            wanted: contacts that a candidate must find.
-            least: scores up to this are not worked out further: they come out as this at most.
+            drawn: Candidates.
+            demand: What the grip must produce.
+            least: Scores up to this need not be exact: they come out as this at most.
         """
-        rows, closed = self.kernel.closed(sampled.candidates, wanted=wanted)
-        met = len(rows)
+        rows, closings = self.kernel.closed(drawn.candidates, wanted=MIN_CONTACTS)
+        closed = len(rows)
         if self.settings.obstacles:
-            free = self._out_of_the_way(sampled, closed, rows)
-            rows, closed = rows[free], closed.take(np.flatnonzero(free))
-        task, hold = self.strengths(closed, demand, ranking=True, least=least)
+            free = self._obstacle_free(drawn, closings, rows)
+            rows, closings = rows[free], closings.take(np.flatnonzero(free))
+        task, hold = self.strengths(closings, demand, ranking=True, least=least)
         score = self.score(task, hold, demand)
-        found = Ranked(
-            sampled=take(sampled, rows),
-            closings=closed,
+        found = RankedCandidates(
+            drawn=drawn.take(rows),
+            closings=closings,
             score=score,
             task=task,
             hold=hold,
-            tried=len(sampled.candidates),
-            blocked=met - len(rows),
+            tried=len(drawn),
+            blocked=closed - len(rows),
         )
         return found.take(np.argsort(-score, kind="stable"))
 
-    def _out_of_the_way(self, sampled: Sampled, closings: Closings, rows: IntArray) -> BoolArray:
-        """Which of the rows keep out of table and boxes, closed and a little opened."""
-        c = sampled.candidates.take(rows)
+    def _obstacle_free(self, drawn: DrawnCandidates, closings: Closings, rows: IntArray) -> BoolArray:
+        """(k,) whether the candidates of these rows are clear of table and boxes, closed and a little opened."""
+        c = drawn.candidates.take(rows)
         free = np.ones(len(rows), dtype=bool)
         for share in (1.0, OPENED):
             posture = posture_at(self.tables, c.start, share * closings.closing)
@@ -125,167 +112,195 @@ class ClosureSearch:
     def strengths(
         self, closings: Closings, demand: Demand, *, ranking: bool = False, least: float = 0.0
     ) -> tuple[Array, Array]:
-        """(n,), (n,) strength along the task's cone, and of plain holding.
+        """(n,), (n,) strength along the task's cone and of plain holding, per unit of normal force.
 
         Args:
-            closings: that closed.
-            demand: what the grip is asked for.
-            ranking: plain holding is looked at only as far as it can change the score.
-            least: scores up to this are only known not to be above it.
+            closings: Contacts of candidates that closed.
+            demand: What the grip must produce.
+            ranking: Whether plain holding is computed only as far as it can lower the score.
+            least: Scores up to this need not be exact.
         """
         if not len(closings.counts):
             return np.zeros(0), np.zeros(0)
-        given = closings.points, closings.normals_in, closings.counts
-        serving = self._serving(demand)
-        task, enough = None, least * self.settings.hold
-        if serving is not None:
-            task = serving.strengths(*given, self.length, self.cog, least=least * demand.load)
+        contacts = closings.points, closings.normals_in, closings.counts
+        kernel = self._task_kernel(demand)
+        task, floor = None, least * self.settings.hold
+        if kernel is not None:
+            task = kernel.strengths(*contacts, self.length, self.cog, least=least * demand.load)
         hold: Array | float = math.inf
         if task is not None and ranking:
             hold = task / demand.load * self.settings.hold
-        for lever, kernel in self._holding:
-            hold = kernel.strengths(*given, lever, self.cog, most=hold, least=enough)
+        for lever, kernel in self._hold_kernels:
+            hold = kernel.strengths(*contacts, lever, self.cog, most=hold, least=floor)
         return np.asarray(hold if task is None else task), np.asarray(hold)
 
-    def surely(self, closings: Closings, demand: Demand, press: Array) -> Array:
+    def thorough_strengths(self, closings: Closings, demand: Demand, press: Array) -> Array:
         """(n,) strength along the task's cone, by a search that takes ten times as long and misses less.
 
         Args:
-            closings: that closed.
-            demand: what the grip is asked for.
+            closings: Contacts of candidates that closed.
+            demand: What the grip must produce.
             press: (n,) sum of normal forces that carries the weight [N].
         """
-        kernel = self._serving(demand, thorough=True)
+        kernel = self._task_kernel(demand, thorough=True)
         if kernel is None:
             return self.strengths(closings, demand)[0]
-        left = np.zeros(len(press))
-        for one in np.unique(press):  # mostly all the same
-            rows = np.flatnonzero(press == one)
-            some = closings.take(rows)
-            given = some.points, some.normals_in, some.counts
-            base = demand.base * (self.settings.middling / one)
-            left[rows] = kernel.strengths(*given, self.length, self.cog, base=base)
-        return left
+        strength = np.zeros(len(press))
+        for carrying in np.unique(press):  # mostly all the same
+            rows = np.flatnonzero(press == carrying)
+            part = closings.take(rows)
+            base = demand.base * (self.settings.middling / carrying)
+            strength[rows] = kernel.strengths(
+                part.points, part.normals_in, part.counts, self.length, self.cog, base=base
+            )
+        return strength
 
-    def _margins(self, wrenches: Array, **cone: Any) -> MarginKernel:
+    def strength_of(self, grip: Grip, demand: Demand, weight: float) -> float:
+        """Strength of one grip along the task's cone, per newton of press, by the thorough search.
+
+        Args:
+            grip: The grip; only its contacts count.
+            demand: What the task asks.
+            weight: Weight of the object over the press that carries it.
+        """
+        kernel = self._task_kernel(demand, thorough=True)
+        if kernel is None:
+            return math.inf
+        usual, n = self.settings.weight / self.settings.middling, len(grip.contacts.points)
+        points, normals = np.zeros((1, CONTACTS, 3)), np.zeros((1, CONTACTS, 3))
+        points[0, :n], normals[0, :n] = grip.contacts.points, grip.contacts.normals_in
+        base = np.asarray(demand.base) * (weight / usual)
+        return float(kernel.strengths(points, normals, np.array([n]), self.length, self.cog, base=base)[0])
+
+    def _margin_kernel(self, wrenches: Array, **cone: Any) -> MarginKernel:
         s = self.settings
         return MarginKernel(
             wrenches, friction=s.mu, torsion=s.gamma, device=s.device, threads=s.threads, **cone
         )
 
-    def _serving(self, demand: Demand, *, thorough: bool = False) -> MarginKernel | None:
-        """The kernel of a demand's cone, the last ones kept; ``None`` for plain holding."""
+    def _task_kernel(self, demand: Demand, *, thorough: bool = False) -> MarginKernel | None:
+        """The kernel of a demand's cone, ``None`` for plain holding; that of the last demand is cached."""
         if demand.direction is None:
             return None
-        asked, cone = self._serves.get(thorough, (None, None))
-        if cone is None or asked is not demand:
-            cone = self._margins(
+        last, kernel = self._task_kernels.get(thorough, (None, None))
+        if kernel is None or last is not demand:
+            kernel = self._margin_kernel(
                 demand.direction[None], base=demand.base, half_angle=demand.half_angle, thorough=thorough
             )
-            self._serves[thorough] = demand, cone
-        return cone
+            self._task_kernels[thorough] = demand, kernel
+        return kernel
 
     def score(self, task: Array, hold: Array, demand: Demand) -> Array:
-        """(n,) margin over the loads expected, the smaller of the task's and of plain holding's."""
+        """(n,) strength over expected load: the smaller of the task's and of plain holding's."""
         return np.minimum(task / demand.load, hold / self.settings.hold)
 
-    def near(
+    def perturbed(
         self,
         rng: np.random.Generator,
-        elite: Ranked,
-        each: int,
+        parents: RankedCandidates,
+        children: int,
         spread: float,
         *,
         shift: float | None = None,
         turn: float | None = None,
-    ) -> Sampled:
-        """Children of the elite: wrist and preshape moved a little.
+    ) -> DrawnCandidates:
+        """Candidates near others: wrist and preshape moved a little at random.
 
         Args:
-            rng: of the draws.
-            elite: parents.
-            each: children of each parent.
-            spread: factor on the first refinement's spread.
-            shift: of the wrist, in place of the spread's [m].
-            turn: of its turn, in place of the spread's [rad].
+            rng: Random generator.
+            parents: Candidates to start from.
+            children: Number of candidates near each parent.
+            spread: Factor on the standard deviations of the first refinement.
+            shift: Standard deviation of the wrist's position in place of the spread's [m].
+            turn: Standard deviation of the wrist's rotation in place of the spread's [rad].
         """
         from scipy.spatial.transform import Rotation
 
-        rows = np.repeat(np.arange(len(elite)), each)
-        parents = take(elite.sampled, rows)
+        rows = np.repeat(np.arange(len(parents)), children)
+        copies = parents.drawn.take(rows)
         n = len(rows)
-        counts = elite.closings.counts[rows]
-        valid = np.arange(elite.closings.points.shape[1]) < counts[:, None]
-        # Turned about the contacts, not about the wrist: else a small turn would miss the object.
-        middle = np.where(valid[:, :, None], elite.closings.points[rows], 0.0).sum(axis=1) / counts[:, None]
-        turned = Rotation.from_rotvec(rng.normal(0.0, TURN * spread if turn is None else turn, (n, 3)))
-        place = parents.candidates.place
-        moved = turned.apply(place - middle) + middle
-        moved += rng.normal(0.0, STEP * spread if shift is None else shift, (n, 3))
-        start = parents.candidates.start + rng.normal(0.0, BEND * spread, parents.candidates.start.shape)
-        start = np.clip(start, *self.ranges)
-        turned = turned * Rotation.from_quat(parents.candidates.turn, scalar_first=True)
+        counts = parents.closings.counts[rows]
+        points = parents.closings.points[rows]
+        valid = np.arange(points.shape[1]) < counts[:, None]
+        # The hand turns about its contacts: about the wrist, a small turn would already miss the object.
+        middle = np.where(valid[:, :, None], points, 0.0).sum(axis=1) / counts[:, None]
+        rotation = Rotation.from_rotvec(rng.normal(0.0, TURN * spread if turn is None else turn, (n, 3)))
+        place = rotation.apply(copies.candidates.place - middle) + middle
+        place += rng.normal(0.0, STEP * spread if shift is None else shift, (n, 3))
+        start = copies.candidates.start + rng.normal(0.0, BEND * spread, copies.candidates.start.shape)
+        rotation = rotation * Rotation.from_quat(copies.candidates.turn, scalar_first=True)
         return replace(
-            parents,
+            copies,
             candidates=Candidates(
-                place=moved,
-                turn=turned.as_quat(scalar_first=True),
-                start=start,
-                mask=parents.candidates.mask,
+                place=place,
+                turn=rotation.as_quat(scalar_first=True),
+                start=np.clip(start, *self.ranges),
+                mask=copies.candidates.mask,
             ),
         )
 
     def refine(
         self,
         rng: np.random.Generator,
-        found: Ranked,
+        found: RankedCandidates,
         demand: Demand,
         *,
-        elite: int = 32,
-        each: int = 6,
-        rounds: int = 3,
-        wanted: int = 3,
-    ) -> Ranked:
-        """The best of them, searched further nearby; the better of parents and children each round."""
-        best, keep = found, 4 * elite
+        elite: int,
+        children: int,
+        rounds: int,
+    ) -> RankedCandidates:
+        """Search near the best candidates.
+
+        In each round the elite set is the best candidates that differ from each other. Their children are
+        evaluated, and the best of parents and children go on. Distance and spread shrink from round to round.
+
+        Args:
+            rng: Random generator.
+            found: Candidates, best first.
+            demand: What the grip must produce.
+            elite: Size of the elite set; four times as many candidates go on to the next round.
+            children: Number of children of each.
+            rounds: Number of rounds.
+        """
+        best, most = found, 4 * elite
         for k in range(rounds):
             if not len(best):
                 break
-            parents = best.take(apart(best, elite, 1.0 / (k + 1)))
-            least = float(best.score[keep - 1]) if len(best) >= keep else 0.0
-            nearby = self.near(rng, parents, each, 0.6**k)
-            best = best_of(best, self.evaluate(nearby, demand, wanted=wanted, least=least), keep=keep)
+            parents = best.take(distinct(best, elite, 1.0 / (k + 1)))
+            # A child that cannot be among those that go on needs no exact score.
+            least = float(best.score[most - 1]) if len(best) >= most else 0.0
+            nearby = self.perturbed(rng, parents, children, 0.6**k)
+            best = merged(best, self.evaluate(nearby, demand, least=least), most=most)
         return best
 
     def steady(
         self,
         rng: np.random.Generator,
-        found: Ranked,
+        found: RankedCandidates,
         demand: Demand,
         *,
         samples: int = 8,
         shift: float = 0.003,
         turn: float = 0.05,
-        wanted: int = 3,
-    ) -> Ranked:
-        """Ranked again by what is left of the margin when the object is not quite where it should be.
+    ) -> RankedCandidates:
+        """Rank again with pose errors: a grip whose margin drops under small pose errors ranks lower.
+
+        The new score is half the nominal score and half the mean over the worse half of the samples.
 
         Args:
-            rng: of the draws.
-            found: a few dozen candidates.
-            demand: as for the ranking.
-            samples: poses tried for each.
-            shift: standard deviation of the wrist's error [m].
-            turn: of its turn [rad].
-            wanted: contacts that a candidate must find.
+            rng: Random generator.
+            found: A few dozen candidates.
+            demand: As for the ranking.
+            samples: Number of disturbed poses of each candidate.
+            shift: Standard deviation of the wrist's position [m].
+            turn: Standard deviation of the wrist's rotation [rad].
         """
         if not len(found):
             return found
-        moved = self.near(rng, found, samples, 0.0, shift=shift, turn=turn)
-        rows, closings = self.kernel.closed(moved.candidates, wanted=wanted)
-        score = np.zeros(len(moved.candidates))
+        moved = self.perturbed(rng, found, samples, 0.0, shift=shift, turn=turn)
+        rows, closings = self.kernel.closed(moved.candidates, wanted=MIN_CONTACTS)
+        score = np.zeros(len(moved))
         score[rows] = self.score(*self.strengths(closings, demand, ranking=True), demand)
-        each = np.sort(score.reshape(len(found), samples), axis=1)
-        # The worse half of what may happen counts as much as the grasp as planned.
-        left = 0.5 * (found.score + each[:, : max(1, samples // 2)].mean(axis=1))
-        return replace(found, score=left).take(np.argsort(-left, kind="stable"))
+        sorted_scores = np.sort(score.reshape(len(found), samples), axis=1)
+        expected = 0.5 * (found.score + sorted_scores[:, : max(1, samples // 2)].mean(axis=1))
+        return replace(found, score=expected).take(np.argsort(-expected, kind="stable"))

@@ -12,7 +12,6 @@ from ..exceptions import InputError
 from ..kernels.closing.host import Obstacles
 from ..types import FIELD_MASS, FRICTION, GRAVITY, freeze, value
 
-
 _DEVICE = re.compile(r"cpu|cuda(:[0-9]+)?")
 _COUNTS = {
     "at_aim": 1,

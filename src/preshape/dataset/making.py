@@ -18,11 +18,12 @@ from ..hiis.fuzzy import SET_NAMES
 from ..objects.mesh import TriangleMesh
 from ..physics.task.instances import makes_sense
 from ..physics.task.motion import task_motion
-from ..planner import Answer, execute
+from ..planning.hand_simulation import execute
+from ..planning.plan import Answer
 from ..tasks import Task, parse_task
 from ..types import value
 from .drawing import ShardGrasps, shard_grasps
-from .index_values import INDICES, GraspContacts, index_values, planner_score
+from .index_values import INDICES, IndexInput, index_values, planner_score
 from .outcomes import Row, tested, untested
 from .schema import FORMAT, METRICS, parquet_bytes
 from .settings import DatasetSettings, Shard, mesh_digest, task_label, usable_object
@@ -152,7 +153,9 @@ def _rows(shard: Shard, settings: DatasetSettings, clock: _Clock) -> tuple[list[
         return [], str(error), None
     finally:
         clock.lap("plan")
-    answers = tuple(execute(hand, mesh, grasp, seed=shard.seed) for grasp in found.grasps)
+    answers = tuple(
+        Answer(grasp=grasp, hand_result=execute(hand, mesh, grasp, seed=shard.seed)) for grasp in found.grasps
+    )
     suits = makes_sense(task, mesh)
     place = {
         "shard": shard.name,
@@ -221,7 +224,7 @@ def _metrics(
 ) -> Row:
     """The columns ``metric_…``."""
     analyser, length = found.analyser, float(mesh.extents.max()) / 2
-    seen = GraspContacts(
+    seen = IndexInput(
         points=grasp.contacts.points,
         normals_in=grasp.contacts.normals_in,
         centre=analyser.middle,

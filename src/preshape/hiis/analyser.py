@@ -13,7 +13,7 @@ from typing import Protocol, Self
 import numpy as np
 
 from ..objects.mesh import TriangleMesh
-from ..types import Array, BoolArray, ContactCoefficients, IntArray, value
+from ..types import Array, BoolArray, ContactCoefficients, Experience, IntArray, value
 from .planes import PLANES, ApproachPlane
 
 
@@ -150,6 +150,7 @@ class Grip(Grasp):
         grasp: (j,) joint angles at which every finger in use touches [rad].
         squeeze: (j,) servo targets that press with ``forces`` [rad].
         fingers_touching: Names of the fingers in contact, in the order of the contacts.
+        links: Names of the hand's bodies in contact, in the order of the contacts.
         forces: (n, 3) force of each contact on the object in the squeeze, mesh frame [N].
         torques: (j,) joint torques of the squeeze [N m].
         task_margin: Largest load along the task's wrench cone that the squeeze can balance, divided by
@@ -167,6 +168,7 @@ class Grip(Grasp):
     grasp: Array
     squeeze: Array
     fingers_touching: tuple[str, ...]
+    links: tuple[str, ...]
     forces: Array
     torques: Array
     task_margin: float
@@ -290,6 +292,11 @@ class Exploration(ABC):
     def grasp(self, index: int = 0) -> Grasp:
         """One of the grasps in full; the best by default."""
 
+    @property
+    def nearest_miss(self) -> Grasp | None:
+        """Where nothing was found, the best grasp that the hand can at least execute; else ``None``."""
+        return None
+
 
 class Analyser(Protocol):
     """A performance element's preshape analyser (PA), prepared for one object."""
@@ -316,3 +323,12 @@ class Analyser(Protocol):
 
     def explore(self, q: Array, aim: Aim) -> Exploration:
         """All grasps of an aim, matched with the task, best first."""
+
+    def recall(self, q: Array, lessons: Sequence[Experience]) -> Sequence[Grasp]:
+        """The grasps of lessons of this very object and task, evaluated again on the present mesh."""
+
+    def heaviest(self, q: Array, grasp: Grasp) -> float | None:
+        """Heaviest mass for which the grasp would still be good enough [kg]; ``None`` of a virtual grasp."""
+
+    def shortfall(self, q: Array, grasp: Grasp) -> str:
+        """What a grasp that is not good enough lacks, and what would help; empty where nothing is known."""

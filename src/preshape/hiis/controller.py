@@ -30,7 +30,7 @@ from ..objects.shape import described
 from ..tasks import Task, all_named_tasks
 from ..types import KEPT, Array, Attributes, BoolArray, Experience, NetworkWeights
 from .analyser import Aim, Analyser, Exploration, Grasp, Grip, HandLayout
-from .critic import Recognition, Verdict, judge, recognise, recognise_shape
+from .critic import SLACK, Recognition, Verdict, attribute_distance, judge, recognise, recognise_shape
 from .decision import Decision, Offer, Settings, Status, Transition, decided
 from .estimator import Estimate, InputKind, decode, inputs, predict
 from .learning import (
@@ -41,6 +41,7 @@ from .learning import (
     experiences_of,
     explore,
     first_guess,
+    held_by,
     learn,
     outcomes_of,
     search_values,
@@ -50,6 +51,8 @@ from .learning import (
 from .planes import allowed_planes
 from .virtual_grasp import RayAnalyser
 
+STORED = 8
+"""Stored grasps of one object and task that are evaluated again, the best of them first."""
 OFFERS = 3
 """How many tasks that fit are offered when the asked one does not."""
 
@@ -65,6 +68,11 @@ class Controller:
         prepare_seed: makes the one that the first lesson, the cube, is taught with; default ``prepare``.
         kind: what the estimator is told of an object: ``paper``, or ``shape``, which no triangulation
             changes; an object is recognised accordingly.
+        scene: The scene of the requests, as text; lessons are learnt with it, and only lessons of the same
+            scene recognise an object or count as known.
+
+    Attributes:
+        memory_state: State of the memory that this controller knows (:meth:`Memory.state`).
     """
 
     def __init__(
@@ -76,8 +84,9 @@ class Controller:
         prepare: Callable[[TriangleMesh], Analyser] | None = None,
         prepare_seed: Callable[[TriangleMesh], Analyser] | None = None,
         kind: InputKind = "paper",
+        scene: str = "",
     ) -> None:
-        self.memory = memory
+        self.memory, self.scene = memory, scene
         self.layout = layout
         self.settings = settings or Settings()
         self.deadlock = False
@@ -88,6 +97,7 @@ class Controller:
         self._experiences: tuple[Experience, ...] = ()
         self._weights: NetworkWeights | None = None
         self._wake()
+        self.memory_state = memory.state()
 
     @property
     def weights(self) -> NetworkWeights:
@@ -139,13 +149,15 @@ class Controller:
         pa = self._prepare(thing) if isinstance(thing, TriangleMesh) else thing
         steps: list[Transition] = []
 
-        estimate, grasp, verdict = self._mode_0(pa, task.q, allowed)
+        stored = self._stored(pa, task, allowed)
+        estimate, grasp, verdict = self._mode_0(pa, task.q, allowed, stored)
         steps.append(_step(0, verdict))
         if not verdict.reward:
             grasp, verdict = self._mode_1(pa, task.q, estimate)
+            grasp, verdict = self._better(pa, grasp, stored, verdict)
             steps.append(_step(1, verdict))
         if verdict.reward and grasp is not None:
-            if may_learn:
+            if may_learn and grasp is not stored:
                 self._keep(pa, task, grasp)
             return self._answer(pa, task, len(steps) - 1, grasp, steps, allowed, count, estimate)
 
@@ -156,12 +168,13 @@ class Controller:
                 steps[-1] = replace(steps[-1], reason=f"{steps[-1].reason}; approaches allowed: {approaches}")
             offers = self._offers(pa, task, allowed)
             return decided(task, 2, Status.CORRECTION, steps, estimate, offers=offers)
-        return self._mode_3(pa, task, allowed, count, steps, may_learn)
+        return self._mode_3(pa, task, allowed, count, steps, may_learn, stored)
 
     def teach(self, thing: TriangleMesh | Analyser, task: Task, *, approaches: str | None = None) -> Decision:
         """Learn an object with a task at once (mode 3), whether or not it is known."""
         pa = self._prepare(thing) if isinstance(thing, TriangleMesh) else thing
-        return self._mode_3(pa, task, allowed_planes(approaches), 1, [], may_learn=True)
+        allowed = allowed_planes(approaches)
+        return self._mode_3(pa, task, allowed, 1, [], True, self._stored(pa, task, allowed))
 
     def reset(self) -> None:
         """Meta control's reset of a deadlock; the next run starts at mode 0."""
@@ -187,11 +200,57 @@ class Controller:
 
     # The modes.
 
-    def _mode_0(self, pa: Analyser, q: Array, allowed: BoolArray) -> tuple[Estimate, Grasp | None, Verdict]:
-        """AE → PA: the grasp that the estimator names, if there is one."""
+    def _stored(self, pa: Analyser, task: Task, allowed: BoolArray) -> Grasp | None:
+        """The best grasp that the memory holds of this object, task and scene, evaluated on the present mesh.
+
+        Asking again must never give a worse answer than the memory holds [C]. What physics has refused is no
+        longer held.
+        """
+        q, here = task.q.tobytes(), pa.mesh.attributes
+        own = [
+            e
+            for e in self._experiences
+            if e.task.tobytes() == q
+            and e.scene == self.scene
+            and allowed[e.plane - 1]
+            and np.allclose(e.attributes.extents, here.extents, rtol=1e-6)
+            and attribute_distance(here, e.attributes) < 1e-6
+        ]
+        lost = {held_by(e) for e in own if e.outcome == "lost"}
+        lessons = {held_by(e): e for e in own if held_by(e) not in lost and e.kind != "landmark"}
+        likely = sorted(lessons.values(), key=lambda e: -(e.match if e.quality is None else e.quality))
+        found = pa.recall(task.q, likely[:STORED])
+        return max(found, key=lambda grasp: grasp.judged, default=None)
+
+    def _better(
+        self, pa: Analyser, grasp: Grasp | None, stored: Grasp | None, verdict: Verdict
+    ) -> tuple[Grasp | None, Verdict]:
+        """The stored grasp in place of one that is worse, with the critic's verdict on it."""
+        if stored is None or (grasp is not None and grasp.judged >= stored.judged - SLACK):
+            return grasp, verdict
+        found = "" if grasp is None else f"; the search found {grasp.judged:.2f}"
+        again = judge(stored.judged, self.settings.thresholds.estimation, subject=f"known: {pa.measure}")
+        return stored, replace(again, reason=again.reason + found)
+
+    def _mode_0(
+        self, pa: Analyser, q: Array, allowed: BoolArray, stored: Grasp | None = None
+    ) -> tuple[Estimate, Grasp | None, Verdict]:
+        """AE → PA: the grasp that the estimator names, if there is one, or a better one that is stored.
+
+        A virtual grasp from the memory takes the place of the estimator's only where that is good enough, so
+        that the mode says how well the estimator did, as in the paper.
+        """
         x = inputs(q, self._attributes(pa), self.layout.u, self._kind)
         estimate = decode(predict(self.weights, x), allowed)
-        return estimate, *self._criticise(pa, q, self.at_estimate(pa, q, estimate, _indices(allowed)))
+        if isinstance(stored, Grip):
+            # Closing a hand costs time: the search goes on only where the stored grip is not good enough.
+            grasp, verdict = self._better(pa, None, stored, judge(None, 0.0))
+            if verdict.reward:
+                return estimate, grasp, verdict
+        grasp, verdict = self._criticise(pa, q, self.at_estimate(pa, q, estimate, _indices(allowed)))
+        if verdict.reward:
+            grasp, verdict = self._better(pa, grasp, stored, verdict)
+        return estimate, grasp, verdict
 
     def _mode_1(self, pa: Analyser, q: Array, estimate: Estimate) -> tuple[Grasp | None, Verdict]:
         """The estimated plane is kept; approach value, fingers and thumb side are searched."""
@@ -201,9 +260,11 @@ class Controller:
         """Is the object known?"""
         s = self.settings
         if self._kind == "shape":
-            learnt = [e for e in self._experiences if e.kind != KEPT]
+            learnt = [e for e in self._experiences if e.kind != KEPT and e.scene == self.scene]
             return recognise_shape(self._attributes(pa), learnt)
-        return recognise(pa, self._experiences, s.thresholds.recognition, s.sets)
+        return recognise(
+            pa, [e for e in self._experiences if e.kind != KEPT], s.thresholds.recognition, s.sets
+        )
 
     def _attributes(self, pa: Analyser) -> Attributes:
         """The object as the estimator sees it."""
@@ -221,15 +282,18 @@ class Controller:
         count: int,
         steps: list[Transition],
         may_learn: bool,
+        stored: Grasp | None,
     ) -> Decision:
         """Explore, learn, and test oneself with the user's task: mode 0, then mode 1."""
         threshold = self.settings.thresholds.estimation
         discovery = explore(pa, task.q, self.settings.sets, enough=threshold, allowed=allowed)
         if discovery is None:
-            why = pa.explore(task.q, everywhere(self.settings.sets, allowed)).reason
-            reason = f"no virtual grasp on any allowed plane: {why}"
+            found = pa.explore(task.q, everywhere(self.settings.sets, allowed))
+            miss = found.nearest_miss
+            lacking = "" if miss is None else pa.shortfall(task.q, miss)
+            reason = f"no grasp on any allowed plane: {found.reason}{'; ' if lacking else ''}{lacking}"
             steps.append(Transition(mode=3, outcome="no grasp", reason=reason))
-            return decided(task, 3, Status.NO_GRASP, steps, None)
+            return decided(task, 3, Status.NO_GRASP, steps, None, best=miss)
         best = discovery.answer
         steps.append(Transition(mode=3, outcome="explored", reason=discovery.summary))
         verdict = judge(best.judged, threshold, subject=pa.measure)
@@ -241,6 +305,10 @@ class Controller:
             if allowed.all():
                 own, verdict = self._self_test(pa, task.q, allowed)
                 best = own if own is not None and best.judged < threshold else best  # what is judged is given
+        given, verdict = self._better(pa, best, stored, verdict)
+        best = best if given is None else given
+        if not verdict.reward and (lacking := pa.shortfall(task.q, best)):
+            verdict = replace(verdict, reason=f"{verdict.reason}: {lacking}")
         steps.append(_step(3, verdict, missed="deadlock"))
         if not verdict.reward:
             self.deadlock = True
@@ -256,7 +324,7 @@ class Controller:
 
     def _learn(self, pa: Analyser, task: Task, discovery: Discovery) -> str:
         """Incremental learning (§3.5): experiences and new weights reach the memory together."""
-        new = experiences_of(pa, pa.mesh.name, task.q, discovery, self.settings.sets)
+        new = experiences_of(pa, pa.mesh.name, task.q, discovery, self.settings.sets, self.scene)
         weights = self._remember(new)
         return (
             f"{pa.mesh.name} on plane {discovery.taught.plane.index}, with this task and its best possible "
@@ -268,10 +336,20 @@ class Controller:
         """Remember a real hand's grip of mode 0 or 1; the estimator learns nothing of it [C]."""
         if not isinstance(grasp, Grip) or self.memory.read_only:
             return
-        kept = experience_of(pa, pa.mesh.name, KEPT, task.q, grasp, self.settings.sets, self._attributes(pa))
+        kept = experience_of(
+            pa,
+            pa.mesh.name,
+            KEPT,
+            task.q,
+            grasp,
+            self.settings.sets,
+            self._attributes(pa),
+            scene=self.scene,
+        )
         if asked_of(kept) not in map(asked_of, self._experiences):
             self.memory.add([kept])
             self._experiences = (*self._experiences, kept)
+            self.memory_state = self.memory.state()
 
     def learn_outcomes(self, pa: Analyser, task: Task, tried: Sequence[tuple[Grasp, bool]]) -> None:
         """Remember what physics said of grasps, and teach the estimator accordingly.
@@ -285,7 +363,7 @@ class Controller:
             tried: grasps and whether each held, in the order in which they were tried.
         """
         said = {asked_of(e): e.outcome for e in self._experiences if e.outcome}
-        found = outcomes_of(pa, task.q, tried, self.settings.sets)
+        found = outcomes_of(pa, task.q, tried, self.settings.sets, self.scene)
         if any(said.get(asked_of(e)) != e.outcome for e in found):
             self._remember(found)
 
@@ -294,6 +372,7 @@ class Controller:
         weights = learn(everything, self.layout.u, self._weights, seed=self.settings.seed, kind=self._kind)
         self.memory.add(new, weights)
         self._experiences, self._weights = everything, weights
+        self.memory_state = self.memory.state()
         return weights
 
     def _self_test(self, pa: Analyser, q: Array, allowed: BoolArray) -> tuple[Grasp | None, Verdict]:

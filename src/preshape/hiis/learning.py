@@ -107,25 +107,27 @@ def search_values(sets: FuzzySets) -> Array:
 
 
 def experiences_of(
-    analyser: Analyser, object_name: str, q: Array, discovery: Discovery, sets: FuzzySets
+    analyser: Analyser, object_name: str, q: Array, discovery: Discovery, sets: FuzzySets, scene: str = ""
 ) -> list[Experience]:
-    """What is worth remembering of a search: (Q, object), (BPT, object), and a landmark.
+    """What is worth remembering of a search: (Q, object), (BPT, object), a landmark, and the answer.
 
     The net wrench found is the *best possible task* (BPT) [P]: a task that this grasp matches as well as
     any can. The landmark is the virtual grasp whose wrench resembles itself most; it serves
     recognition alone, because a pattern that lies between fuzzy sets would not know itself [C].
+    The answer is stored beside them where the estimator, which knows crisp approach values only, is taught
+    another grasp: asking again must not give a worse answer than the first time [C].
     """
     grasp = discovery.taught
     self_match = approaching_degrees(discovery.found.wrench, discovery.found.wrench, sets).sum(axis=1)
     landmark = discovery.found.grasp(int(np.argmax(np.round(self_match, 9))))
     attributes = described(analyser.mesh)
+    lessons = [("task", q, grasp), ("best", grasp.net_wrench, grasp)]
+    lessons.append(("landmark", landmark.net_wrench, landmark))
+    if discovery.answer.judged > grasp.judged + SLACK:
+        lessons.append((KEPT, q, discovery.answer))
     return [
-        experience_of(analyser, object_name, kind, task, g, sets, attributes)
-        for kind, task, g in (
-            ("task", q, grasp),
-            ("best", grasp.net_wrench, grasp),
-            ("landmark", landmark.net_wrench, landmark),
-        )
+        experience_of(analyser, object_name, kind, task, g, sets, attributes, scene=scene)
+        for kind, task, g in lessons
     ]
 
 
@@ -138,6 +140,7 @@ def experience_of(
     sets: FuzzySets,
     attributes: Attributes,
     outcome: str = "",
+    scene: str = "",
 ) -> Experience:
     """A grasp of an object as what is remembered of it; see :class:`preshape.types.Experience`."""
     return Experience(
@@ -156,16 +159,17 @@ def experience_of(
         grip=_remembered(g, analyser.mesh.cog) if isinstance(g, Grip) else None,
         quality=g.quality if isinstance(g, Grip) else None,
         outcome=outcome,
+        scene=scene,
     )
 
 
 def outcomes_of(
-    analyser: Analyser, q: Array, tried: Sequence[tuple[Grasp, bool]], sets: FuzzySets
+    analyser: Analyser, q: Array, tried: Sequence[tuple[Grasp, bool]], sets: FuzzySets, scene: str = ""
 ) -> list[Experience]:
     """What physics said of grasps for task Q, in the order in which they were tried: held, or lost."""
     attributes, name = described(analyser.mesh), analyser.mesh.name
     return [
-        experience_of(analyser, name, "task", q, g, sets, attributes, "held" if held else "lost")
+        experience_of(analyser, name, "task", q, g, sets, attributes, "held" if held else "lost", scene)
         for g, held in tried
     ]
 
@@ -175,9 +179,9 @@ def held_by(e: Experience) -> bytes:
     return (e.wrench if e.grip is None else e.grip).tobytes()
 
 
-def asked_of(e: Experience) -> tuple[str, bytes, bytes, bytes]:
+def asked_of(e: Experience) -> tuple[str, str, bytes, bytes, bytes]:
     """Which grasp of which object for which task, to tell whether it is news."""
-    return e.object_name, e.attributes.extents.tobytes(), e.task.tobytes(), held_by(e)
+    return e.scene, e.object_name, e.attributes.extents.tobytes(), e.task.tobytes(), held_by(e)
 
 
 def _remembered(grip: Grip, cog: Array) -> Array:
@@ -229,8 +233,9 @@ def training_set(
 ) -> tuple[Array, Array]:
     """Inputs and output bits of all experiences that are trained on.
 
-    Where the same task on the same object was learnt twice, the later one counts. What physics refused is
-    not taught, and takes with it what the same grasp had taught of the same task.
+    Where the same task on the same object was learnt twice, the later one counts; a lesson of free space
+    counts before one with a table or boxes, because the estimator does not know the scene. What physics
+    refused is not taught, and takes with it what the same grasp had taught of the same task.
     Experiences from before there were shape descriptors teach nothing where the inputs are of kind ``shape``.
 
     Args:
@@ -247,13 +252,17 @@ def training_set(
     if kind not in INPUT_COUNTS:
         raise InputError(f"no kind of inputs {kind!r}; known: {', '.join(INPUT_COUNTS)}")
     rows: dict[bytes, tuple[Array, Array, bytes]] = {}
+    in_scene = set[bytes]()
     for e in experiences:
         if e.kind in ("landmark", KEPT) or (kind == "shape" and e.attributes.shape is None):
             continue
         x = inputs(e.task, e.attributes, u, kind)
         key, bits = np.round(x, 6).tobytes(), encode(e.plane, e.approach_set, e.fingers)
+        if e.scene and key in rows and key not in in_scene:
+            continue
         if e.outcome != "lost":
             rows[key] = (x, bits, held_by(e))
+            (in_scene.add if e.scene else in_scene.discard)(key)
         elif key in rows and rows[key][2] == held_by(e):
             del rows[key]
     if not rows:

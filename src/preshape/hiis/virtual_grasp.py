@@ -8,15 +8,15 @@ ray meets from outside is the contact. All aimed fingers must hit, or there is n
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from ..exceptions import InputError, ObjectError
 from ..kernels.rays import MISS, Hits, RayCaster, distance_to
 from ..objects.mesh import TriangleMesh
-from ..types import Array, BoolArray, ContactCoefficients, IntArray, value
-from .analyser import Aim, Exploration, GraspContacts, HandLayout, VirtualGrasp
+from ..types import Array, BoolArray, ContactCoefficients, Experience, IntArray, value
+from .analyser import Aim, Exploration, Grasp, GraspContacts, HandLayout, VirtualGrasp
 from .fuzzy import FuzzySets, approaching_degrees
 from .planes import APPROACH_AXES, OPPOSITION_AXES, TRANSVERSE_AXES, plane
 from .wrench import contact_wrenches, net_wrench, screw_measures
@@ -156,6 +156,21 @@ class RayAnalyser:
     def forget(self) -> None:
         """Drop what is kept from earlier aims."""
         self._kept.clear()
+
+    def recall(self, q: Array, lessons: Sequence[Experience]) -> list[VirtualGrasp]:
+        """The virtual grasps of lessons on the present mesh; a lesson without contact there is left out."""
+        found = []
+        for e in lessons:
+            aim = Aim(planes=[e.plane], values=[e.approach_value], fingers=[e.fingers], flips=[e.flip])
+            found.append(self.explore(q, aim))
+        return [each.grasp() for each in found if len(each)]
+
+    def heaviest(self, q: Array, grasp: Grasp) -> None:
+        """A virtual grasp knows no loads."""
+
+    def shortfall(self, q: Array, grasp: Grasp) -> str:
+        """The net wrench beside the task says what is lacking; see the plan's warnings."""
+        return ""
 
     def _survey(self, aim: Aim) -> _Survey:
         """All virtual grasps of an aim, not matched yet."""

@@ -157,6 +157,12 @@ class Memory:
             rows = self._connection.execute(f"{query} ORDER BY id", values).fetchall()
         return tuple(self._experience(number, tuple(row)) for number, *row in rows)
 
+    def state(self) -> tuple[int, int]:
+        """A value that changes whenever the memory's content does, by this process or another."""
+        with translated(self.where):
+            version = int(self._connection.execute("PRAGMA data_version").fetchone()[0])
+        return version, self._connection.total_changes
+
     def count(self, hand: str | None = None) -> int:
         """How many experiences there are, or how many of one hand."""
         with translated(self.where):

@@ -6,6 +6,7 @@ import os
 import stat
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -230,6 +231,35 @@ def _from_cloud(
     return TriangleMesh(
         name=stem, vertices=made.vertices, triangles=made.triangles, scale=scale, scan=made.scan
     )
+
+
+def mesh_from(thing: Any, unit: str = "m", scale: float = 1.0) -> TriangleMesh:
+    """A mesh of another library, such as ``trimesh.Trimesh``: anything with ``vertices`` and ``faces``.
+
+    Args:
+        thing: The mesh; it is copied, and cleaned as a file's mesh is.
+        unit: Unit of its vertices: m, cm, mm, in or inch.
+        scale: A further factor on every length.
+
+    Raises:
+        InputError: No such mesh, or one without vertices or faces.
+        ObjectError: A mesh that cannot be grasped as it is.
+    """
+    vertices, faces = getattr(thing, "vertices", None), getattr(thing, "faces", None)
+    if vertices is None or faces is None:
+        raise InputError(
+            "an object is a file, the name of a built-in object, a TriangleMesh or a trimesh.Trimesh, "
+            f"got {type(thing).__name__}"
+        )
+    name = str(getattr(thing, "metadata", {}).get("file_name") or "mesh")
+    points = frozen_array(vertices, (None, 3), f"{name}: vertices")
+    triangles = np.asarray(faces)
+    if triangles.ndim != 2 or triangles.shape[1] != 3 or not len(triangles):
+        raise ObjectError(f"{name}: a mesh needs triangles, n×3 indices, got shape {triangles.shape}")
+    triangles = triangles.astype(np.int64)
+    checks.in_range(name, triangles.ravel(), np.full(len(triangles), 3), len(points), 0, None)
+    raw = RawMesh(vertices=points, triangles=triangles, normals=len(points), faces=len(triangles))
+    return _finish(name, Path(name).stem, raw, checks.metres(unit, scale), float(scale))
 
 
 def _finish(name: str, stem: str, raw: RawMesh, factor: float, scale: float) -> TriangleMesh:

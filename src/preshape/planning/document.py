@@ -1,34 +1,44 @@
 """Plans as JSON: the format that other programs read (``schema/plan.schema.json``).
 
 Points and poses are in the mesh file's frame, in metres after scale; wrenches are about the COG in the
-paper's units (lengths in U); quaternions are w x y z.
+paper's units (lengths in U); quaternions are w x y z. Version 2 holds the request; a document without the key
+``schema`` is version 1, made for 0.1 kg, friction 0.6 and free space.
 """
 
 from __future__ import annotations
 
 import json
+import sys
 from importlib import resources
+from pathlib import Path
 from typing import Any
 
 from .._version import __version__
-from ..files import dumps, write_json, write_whole
+from ..exceptions import EnvironmentFailure, InputError
 from ..hiis.analyser import Grasp, Grip
+from ..hiis.critic import Thresholds
+from ..hiis.decision import Settings
 from ..hiis.fuzzy import SET_NAMES
-from ..planner import Answer, Plan, scan_trust, shortfalls
+from ..tasks import family_names
+from ..types import FIELD_MASS, FRICTION
 from .hand_simulation import HandPose
+from .plan import Answer, Plan, missing_motion, scan_trust, shortfalls
+from .request import SCHEMA, PlanRequest
 
-__all__ = ["dumps", "error_to_json", "plan_schema", "plan_to_json", "write_json", "write_whole"]
+Document = dict[str, Any]
 
 GRASP_KEYS = (
     "plane", "flip", "approach_axis", "opposition_axis", "transverse_axis", "approach_value",
     "approach_set", "fingers", "tfvadi", "adi", "net_wrench", "stability", "manipulability",
 )  # fmt: skip
+_PLAN_KEYS = {"status", "hand", "object", "task", "plane"}
 
 
-def plan_to_json(plan: Plan) -> dict[str, Any]:
+def plan_to_json(plan: Plan) -> Document:
     """A plan as plain JSON values; see the schema for each key."""
     document = _answer(plan, plan.answer)
     document["alternatives"] = [_answer(plan, other) for other in plan.alternatives]
+    document["best"] = None if plan.best is None else {**_answer(plan, plan.best), "executable": False}
     return document
 
 
@@ -37,26 +47,164 @@ def error_to_json(reason: str) -> dict[str, str]:
     return {"status": "error", "reason": reason}
 
 
-def plan_schema() -> dict[str, Any]:
+def plan_schema() -> Document:
     """The JSON Schema of a plan."""
     text = (resources.files("preshape") / "schema" / "plan.schema.json").read_text(encoding="utf-8")
-    schema: dict[str, Any] = json.loads(text)
+    schema: Document = json.loads(text)
     return schema
 
 
-def _answer(plan: Plan, answer: Answer | None) -> dict[str, Any]:
+def read_plan(path: str | Path) -> Document:
+    """Read a plan of any version, checked as far as every reader needs it.
+
+    Args:
+        path: The file, or ``-`` for standard input.
+
+    Raises:
+        InputError: It is no JSON, no plan, or a plan of a newer version.
+        EnvironmentFailure: The file cannot be read.
+    """
+    advice = "give a plan.json that preshape plan --out wrote"
+    try:
+        text = sys.stdin.read() if str(path) == "-" else Path(path).read_text(encoding="utf-8")
+        document = json.loads(text)
+    except OSError as error:
+        raise EnvironmentFailure(f"cannot read {path}: {error.strerror or error}") from error
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"{path} is no JSON ({error!s:.80}); {advice}") from error
+    if isinstance(document, list):
+        raise InputError(f"{path} is not one plan but a list; give one plan at a time")
+    if isinstance(document, dict) and document.get("status") == "error":
+        raise InputError(f"{path} holds no plan but an error: {document.get('reason')}")
+    if not isinstance(document, dict) or not set(document) >= _PLAN_KEYS:
+        raise InputError(f"{path} is not a plan of this program; {advice}")
+    version_of(document)
+    return document
+
+
+def version_of(document: Document) -> int:
+    """Version of a plan's format; 1 where the document does not say.
+
+    Raises:
+        InputError: The version is no whole number, or newer than this program.
+    """
+    version = document.get("schema", 1)
+    if isinstance(version, bool) or not isinstance(version, int) or version < 1:
+        raise InputError(
+            f"schema, the version of the plan's format, must be a whole number, got {version!r:.40}"
+        )
+    if version > SCHEMA:
+        raise InputError(
+            f"the plan has format version {version}, newer than the {SCHEMA} known here; upgrade preshape"
+        )
+    return version
+
+
+def request_of(document: Document, **changes: Any) -> PlanRequest:
+    """The request that a plan answered.
+
+    A plan of version 1 does not hold its request: it is read as 0.1 kg, friction 0.6 and free space, with the
+    object's size taken from its extents by the caller (``scale`` among the changes).
+
+    Args:
+        document: The plan.
+        changes: Fields of the request that differ, such as the ``source`` where the object is found now.
+
+    Raises:
+        InputError: The document is not a plan of this program.
+    """
+    if version_of(document) >= 2:
+        return PlanRequest.from_json(document.get("request") or {}, **changes)
+    try:
+        task = document["task"]
+        known = str(task["name"]).partition(":")[0] in family_names()
+        limits = document.get("thresholds") or {}
+        read: Document = {
+            "source": str(document["object"]["source"]),
+            "task": str(task["name"]) if known else [float(x) for x in task["q"]],
+            "hand": str(document["hand"]["name"]),
+            "analyser": "closure" if document.get("grip") else "",
+            "settings": Settings(thresholds=Thresholds(**limits)),
+        }
+        return PlanRequest(**(read | changes))
+    except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
+        raise InputError(
+            f"this is no plan of preshape ({type(error).__name__}: {error!s:.80}); "
+            "give a plan.json that preshape plan --out wrote"
+        ) from error
+
+
+def planned_load(document: Document) -> tuple[float, float]:
+    """Mass [kg] and friction that a plan was made for.
+
+    Raises:
+        InputError: They are no positive numbers.
+    """
+    if version_of(document) < 2:
+        return FIELD_MASS, FRICTION
+    try:
+        mass, friction = float(document["mass"]), float(document["request"]["friction"])
+    except (KeyError, TypeError, ValueError) as error:
+        raise InputError(
+            f"the plan does not say its mass and friction ({type(error).__name__}: {error})"
+        ) from error
+    if not (mass > 0 and friction > 0):
+        raise InputError(f"a plan's mass and friction must be positive, got {mass:g} and {friction:g}")
+    return mass, friction
+
+
+def answers_in(document: Document, *, best: bool = False) -> list[Document]:
+    """The answers of a plan that have a grasp, best first.
+
+    Args:
+        document: The plan.
+        best: Whether the best grasp of a plan without an answer counts too.
+    """
+    answers = [document, *document.get("alternatives", [])]
+    found = [answer for answer in answers if answer.get("plane") is not None]
+    if not found and best and document.get("best"):
+        return [document["best"]]
+    return found
+
+
+def obstacles_of(document: Document) -> str:
+    """Table and boxes of a plan in words, such as ``the table and 2 boxes``; empty for free space."""
+    request = document.get("request") or {}
+    boxes = len(request.get("avoid") or ())
+    parts = ["the table"] if request.get("table") is not None else []
+    parts += [f"{boxes} box{'es' if boxes > 1 else ''}"] if boxes else []
+    return " and ".join(parts)
+
+
+def no_answer(document: Document) -> str:
+    """One sentence on a plan without an answer; it names ``--best`` where the plan holds a best grasp."""
+    words = f"the plan has no grasp ({document.get('status')}: {document.get('reason')})"
+    if document.get("best"):
+        words += "; --best takes the best grasp that was found, which is not good enough"
+    return words
+
+
+def _answer(plan: Plan, answer: Answer | None) -> Document:
     decision, task, mesh = plan.decision, plan.decision.task, plan.mesh
     attributes = mesh.attributes
     return {
+        "schema": SCHEMA,
         "status": decision.status.value,
+        "executable": answer is not None and answer.hand_result.reached,
         "reason": decision.reason,
         "mode": decision.mode,
         "deadlock": decision.deadlock,
         **(_grasp(answer.grasp) if answer else dict.fromkeys(GRASP_KEYS)),
+        "way_in": answer.way_in.tolist() if answer else None,
+        "fingers_touching": len(answer.hand_result.fingers) if answer else None,
+        "mass": plan.mass.kg,
+        "mass_source": plan.mass.source,
+        "heaviest_mass": answer.heaviest if answer else None,
         "cog": mesh.cog.tolist(),
         "U": plan.hand.u,
-        "contacts": _contacts(answer) if answer else [],
-        "warnings": list(shortfalls(plan, answer)) if answer else [],
+        "contacts": _contacts(plan, answer) if answer else [],
+        "warnings": [*plan.warnings, *(shortfalls(plan, answer) if answer else ())],
+        "missing_motion": missing_motion(plan, answer) if answer else "",
         "transitions": [
             {"mode": t.mode, "outcome": t.outcome, "reason": t.reason} for t in decision.transitions
         ],
@@ -64,6 +212,7 @@ def _answer(plan: Plan, answer: Answer | None) -> dict[str, Any]:
         "grip": _grip(answer.grasp) if answer else None,
         "verified": _verified(plan) if answer is plan.answer else None,
         "cloud": _cloud(plan, answer),
+        "best": None,
         "alternatives": [],
         "offers": [
             {"task": o.task.label, "q": o.task.q.tolist(), "tfvadi": o.match, "mode": o.mode}
@@ -83,12 +232,13 @@ def _answer(plan: Plan, answer: Answer | None) -> dict[str, Any]:
             "estimation": plan.settings.thresholds.estimation,
             "recognition": plan.settings.thresholds.recognition,
         },
+        "request": plan.request.to_json(),
         "seconds": {key: round(second, 6) for key, second in plan.seconds.items()},
         "version": __version__,
     }
 
 
-def _grasp(g: Grasp) -> dict[str, Any]:
+def _grasp(g: Grasp) -> Document:
     return {
         "plane": g.plane.index,
         "flip": g.flip,
@@ -106,8 +256,8 @@ def _grasp(g: Grasp) -> dict[str, Any]:
     }
 
 
-def _grip(grip: Grasp) -> dict[str, Any] | None:
-    """What the closure analyser knows beside: how the hand comes, how it presses, what that is good for."""
+def _grip(grip: Grasp) -> Document | None:
+    """How a real hand comes in and presses, and what that is good for; ``None`` of a virtual grasp."""
     if not isinstance(grip, Grip):
         return None
     return {
@@ -121,13 +271,13 @@ def _grip(grip: Grasp) -> dict[str, Any] | None:
     }
 
 
-def _verified(plan: Plan) -> dict[str, Any] | None:
+def _verified(plan: Plan) -> Document | None:
     said = plan.verified
     return None if said is None else {"held": said.held, "tried": said.tried, "reason": said.reason}
 
 
-def _cloud(plan: Plan, answer: Answer | None) -> dict[str, Any] | None:
-    """What of a point cloud's answer was seen."""
+def _cloud(plan: Plan, answer: Answer | None) -> Document | None:
+    """How much of the surface under a point cloud's answer was seen."""
     said = scan_trust(plan, answer)
     if said is None:
         return None
@@ -140,16 +290,29 @@ def _cloud(plan: Plan, answer: Answer | None) -> dict[str, Any] | None:
     }
 
 
-def _contacts(answer: Answer) -> list[dict[str, Any]]:
-    contacts = answer.grasp.contacts
+def _contacts(plan: Plan, answer: Answer) -> list[Document]:
+    grasp, contacts, names = answer.grasp, answer.grasp.contacts, answer.hand_result.fingers
+    if isinstance(grasp, Grip):
+        links: list[str | None] = list(grasp.links)
+        forces: list[list[float] | None] = list(grasp.forces.tolist())
+    else:
+        tips = {finger.name: finger.tip_body for finger in plan.hand.fingers}
+        links, forces = [tips.get(name) for name in names], [None] * len(names)
     columns = (contacts.points, contacts.normals_in, contacts.wrenches)
     return [
-        {"finger": name, "point": p.tolist(), "normal_in": n.tolist(), "wrench": w.tolist()}
-        for name, p, n, w in zip(answer.hand_result.fingers, *columns, strict=True)
+        {
+            "finger": name,
+            "link": link,
+            "point": p.tolist(),
+            "normal_in": n.tolist(),
+            "force": force,
+            "wrench": w.tolist(),
+        }
+        for name, link, force, p, n, w in zip(names, links, forces, *columns, strict=True)
     ]
 
 
-def _hand(plan: Plan, answer: Answer | None) -> dict[str, Any]:
+def _hand(plan: Plan, answer: Answer | None) -> Document:
     result = answer.hand_result if answer else None
     return {
         "name": plan.hand.name,
@@ -164,7 +327,7 @@ def _hand(plan: Plan, answer: Answer | None) -> dict[str, Any]:
     }
 
 
-def _pose(pose: HandPose | None) -> dict[str, Any] | None:
+def _pose(pose: HandPose | None) -> Document | None:
     if pose is None:
         return None
     return {"palm_pose": pose.palm_pose.tolist(), "q": pose.q.tolist()}

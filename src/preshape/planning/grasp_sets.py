@@ -1,16 +1,152 @@
-"""Grasps that were planned here, as a set for the tests."""
+"""Grasps of plans and of this session's answers as sets for the tests in physics."""
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from ..exceptions import EnvironmentFailure, InputError
 from ..hands.hand import Hand
-from ..physics.grasps import STAGES, GraspSet
+from ..objects.read_text import shown
+from ..physics.grasps import STAGES, Fault, GraspSet, read_grasps
 from ..physics.hand import PhysicsHand
-from ..types import Array
+from ..physics.locate import object_extent, plan_object
+from ..types import FIELD_MASS, FRICTION, Array, value
+from .document import obstacles_of, planned_load
 from .hand_simulation import HandResult
+
+_ORIGIN = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
+
+
+@value
+class PlannedFor:
+    """What a grasp was planned for; the defaults are those of grasp arrays.
+
+    Attributes:
+        mass: Mass of the object [kg].
+        friction: Friction coefficient between hand and object.
+        obstacles: Table and boxes of the plan in words, such as ``the table``; empty for free space.
+    """
+
+    mass: float = FIELD_MASS
+    friction: float = FRICTION
+    obstacles: str = ""
+
+
+@value
+class GraspFile:
+    """The grasps of a file.
+
+    Attributes:
+        grasps: n grasps.
+        planned_for: What each of them was planned for.
+    """
+
+    grasps: GraspSet
+    planned_for: tuple[PlannedFor, ...]
+
+
+def read_grasp_file(path: str | Path, *, objects: str | Path | None = None, best: bool = False) -> GraspFile:
+    """Read the grasps of a plan JSON (one plan or a list of plans) or of an npz.
+
+    Args:
+        path: The file.
+        objects: Folder of objects; a plan's object is looked for there first.
+        best: Whether a plan without an answer gives the best grasp that was found.
+
+    Raises:
+        InputError: The file is of neither kind, or one of its parts is missing or has the wrong shape.
+        EnvironmentFailure: The file cannot be read.
+    """
+    path = Path(path)
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        raise EnvironmentFailure(f"cannot read {path}: {error.strerror}") from error
+    if content[:2] == b"PK":
+        grasps = read_grasps(path)
+        return GraspFile(grasps=grasps, planned_for=(PlannedFor(),) * len(grasps))
+    try:
+        document = json.loads(content)
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"{path}: neither an npz of grasps nor a plan in JSON") from error
+    plans = document if isinstance(document, list) else [document]
+    return grasps_from_plans(plans, str(path), folder=objects, beside=path.parent, best=best)
+
+
+def grasps_from_plans(
+    documents: Sequence[Any],
+    name: str,
+    *,
+    folder: str | Path | None = None,
+    beside: Path | None = None,
+    best: bool = False,
+) -> GraspFile:
+    """The grasps of plans (``preshape/schema/plan.schema.json``), the object at the origin of the world.
+
+    Every answer is a row, the alternatives too. An answer whose hand has no posture is a fault of its row.
+
+    Args:
+        documents: Parsed plans.
+        name: File of the plans, for messages.
+        folder: Folder of objects, see :func:`preshape.physics.locate.plan_object`.
+        beside: Folder of the plans.
+        best: Whether a plan without an answer gives the best grasp that was found.
+
+    Raises:
+        InputError: A document is no plan, the plans are for different hands, or there is no plan.
+    """
+    rows: list[dict[str, Any]] = []
+    hands: list[tuple[str, tuple[str, ...]]] = []
+    faults: list[Fault] = []
+    planned_for: list[PlannedFor] = []
+    extents: dict[str, float] = {}
+    for index, document in enumerate(documents):
+        try:
+            mass, friction = planned_load(document)
+            load = PlannedFor(mass=mass, friction=friction, obstacles=obstacles_of(document))
+            thing, answers = document["object"], [document, *document.get("alternatives", [])]
+            if best and document.get("best"):
+                answers = [document["best"]]
+            source = plan_object(str(thing["source"]), folder, beside)
+            if source not in extents:  # an object that is missing gets any extent: the test reports it
+                extents[source] = object_extent(source, folder) or 1.0
+            scale = float(max(thing["extents"])) / extents[source]
+            for answer in answers:
+                hand = answer["hand"]
+                hands.append((str(hand.get("source") or hand["name"]), tuple(map(str, hand["joints"]))))
+                missing = [stage for stage in STAGES if hand[stage] is None]
+                if missing:
+                    why = hand.get("reason") or document.get("reason")
+                    if document.get("best"):
+                        why = f"{why}; --best takes the best grasp that was found, which is not good enough"
+                    faults.append(Fault(row=len(rows), reason=f"the plan has no {missing[0]}: {why}"))
+                rows.append({"object": source, "scale": scale, **_postures(hand)})
+                planned_for.append(load)
+        except (KeyError, TypeError, ValueError, AttributeError, OverflowError, OSError) as error:
+            raise InputError(
+                f"{name}: plan {index} is not a plan of this program ({type(error).__name__}: {shown(error)})"
+            ) from error
+    if not rows:
+        raise InputError(f"{name}: no plan in it")
+    if len(set(hands)) > 1:
+        names = shown(", ".join(sorted({hand for hand, _ in hands})))
+        raise InputError(f"{name}: plans for different hands ({names}); give the plans of one hand")
+    grasps = GraspSet(
+        hand=hands[0][0],
+        joints=hands[0][1],
+        objects=tuple(row["object"] for row in rows),
+        scale=np.array([row["scale"] for row in rows]),
+        object_pose=np.tile(_ORIGIN, (len(rows), 1)),
+        frame="palm",
+        faults=tuple(faults),
+        **{stage: _matrix([row[stage] for row in rows], stage) for stage in STAGES},
+    )
+    return GraspFile(grasps=grasps, planned_for=tuple(planned_for))
 
 
 def palm_grasps(
@@ -19,20 +155,20 @@ def palm_grasps(
     """Grasps as palm poses in the frames of their objects, which stand at the origin.
 
     Args:
-        hand: whose.
-        objects: (n,) names.
+        hand: The hand.
+        objects: (n,) names of the objects.
         scale: (n,) factor on each object's size.
-        poses: of each stage (n, 7 + j) palm pose and joint angles [m, rad].
+        poses: For each stage, (n, 7 + j) palm pose and joint angles [m, rad].
 
     Raises:
-        InputError: an array of the wrong shape.
+        InputError: An array has the wrong shape.
     """
     return GraspSet(
         hand=hand.source,
         joints=hand.joints,
         objects=tuple(objects),
         scale=np.array(scale),
-        object_pose=np.tile([0.0, 0, 0, 1, 0, 0, 0], (len(objects), 1)),
+        object_pose=np.tile(_ORIGIN, (len(objects), 1)),
         frame="palm",
         pregrasp=poses["pregrasp"],
         grasp=poses["grasp"],
@@ -41,8 +177,30 @@ def palm_grasps(
 
 
 def poses_of(results: Sequence[HandResult]) -> dict[str, Array]:
-    """Of each stage (n, 7 + j) palm pose and joint angles, where hands reached their grasps [m, rad]."""
+    """For each stage, (n, 7 + j) palm poses and joint angles of hands that reached their grasps [m, rad]."""
     stages = {stage: [getattr(result, stage) for result in results] for stage in STAGES}
     return {
         stage: np.array([[*pose.palm_pose, *pose.q] for pose in poses]) for stage, poses in stages.items()
     }
+
+
+def _postures(hand: dict[str, Any]) -> dict[str, list[float]]:
+    """Palm pose and joint angles of each stage; zeros for a stage that the hand does not have."""
+    return {
+        stage: [*_ORIGIN, *[0.0] * len(hand["joints"])]
+        if hand[stage] is None
+        else [*hand[stage]["palm_pose"], *hand[stage]["q"]]
+        for stage in STAGES
+    }
+
+
+def _matrix(rows: list[list[float]], name: str) -> Array:
+    """Rows of equal length as an array.
+
+    Raises:
+        InputError: The rows are no numbers, or differ in length.
+    """
+    try:
+        return np.array(rows, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise InputError(f"{name}: no numbers, or different numbers of joint angles in the plans") from error

@@ -18,10 +18,10 @@ from numpy.typing import ArrayLike
 from ..exceptions import InputError
 from ..hands.clearance import TOUCH_TOLERANCE, Clearance, Contacts, Flaw, HandStatus, spoken
 from ..hands.collision import object_collision
+from ..hands.hand import Finger, Hand
 from ..hands.inverse import InverseKinematics, Placement, Reach
 from ..hands.kinematics import HandKinematics, hand_geometry, pose_vector
-from ..hands.load import Finger, Hand
-from ..hiis.analyser import Grip
+from ..hiis.analyser import Grasp, Grip
 from ..objects.mesh import TriangleMesh
 from ..types import Array, freeze, frozen_array, value
 
@@ -30,6 +30,7 @@ __all__ = [
     "HandResult",
     "HandStatus",
     "InverseKinematicsResult",
+    "execute",
     "hand_geometry",
     "simulate_hand",
 ]
@@ -129,6 +130,29 @@ class InverseKinematicsResult(HandResult):
 
     def __post_init__(self) -> None:
         freeze(self, tip_errors=frozen_array(self.tip_errors, (None,), "tip errors"))
+
+
+def execute(hand: Hand, mesh: TriangleMesh, grasp: Grasp, *, seed: int = 0) -> HandResult:
+    """The hand on a grasp: it tries a virtual grasp, or retracts (§4); a grip is executed as it is.
+
+    Args:
+        hand: The hand.
+        mesh: The object [m].
+        grasp: The grasp.
+        seed: Seed of the starts of the inverse kinematics.
+    """
+    if isinstance(grasp, Grip):
+        return HandResult.of_grip(hand, grasp)
+    return simulate_hand(
+        hand,
+        mesh,
+        approach_axis=grasp.plane.approach_axis,
+        opposition_axis=grasp.thumb_side,
+        contact_points=grasp.contacts.points,
+        normals_in=grasp.contacts.normals_in,
+        triangles=grasp.contacts.triangles,
+        seed=seed,
+    )
 
 
 def simulate_hand(

@@ -6,6 +6,7 @@ import hashlib
 
 from .._version import __version__
 from ..exceptions import PreshapeError
+from ..hands.hand import Hand
 from ..physics.hand import PhysicsHand
 from ..physics.task.grasps import HandPoses
 from ..physics.task.instances import TaskInstance
@@ -19,12 +20,12 @@ class PlannedAnswers:
     """The first answer of this program's planner, each instance with a fresh memory.
 
     Attributes:
-        hand: the hand's name.
+        hand: The hand.
         analyser: ``rays`` or ``closure``; ``None`` for the hand's own.
         model: the hand in physics.
     """
 
-    hand: str
+    hand: Hand
     analyser: str | None
     model: PhysicsHand
 
@@ -36,7 +37,7 @@ class PlannedAnswers:
     @property
     def digest(self) -> str:
         """Hash of hand, analyser and this version."""
-        return hashlib.sha256(repr((self.hand, self.analyser, __version__)).encode()).hexdigest()
+        return hashlib.sha256(repr((self.hand.name, self.analyser, __version__)).encode()).hexdigest()
 
     def answer(self, row: int, instance: TaskInstance) -> HandPoses | str:
         """Plan, and take the hand's poses; object at the origin."""

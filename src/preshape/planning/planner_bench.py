@@ -14,7 +14,6 @@ import numpy as np
 from ..closure.settings import ClosureSettings
 from ..exceptions import ObjectError
 from ..hands.hand import Hand
-from ..hands.load import load_hand
 from ..memory import Memory
 from ..objects.load import load_object
 from ..physics.grasps import GraspSet
@@ -24,7 +23,8 @@ from ..physics.hold.runner import run_holds
 from ..physics.measures import wilson
 from ..physics.pieces import ConvexPieces, load_pieces
 from ..physics.protocol import HoldProtocol
-from ..planner import Answer, Plan, plan
+from ..planner import plan
+from ..planning.plan import Answer, Plan
 from ..types import FIELD_MASS, value
 from .grasp_sets import palm_grasps, poses_of
 
@@ -82,13 +82,13 @@ class PlannerReport:
     """What the answers are worth.
 
     Attributes:
-        hand: name.
+        hand: The hand.
         planned: every case.
         asked: answers asked for of each case.
         holds: the holding test of all answers, in the order of the cases.
     """
 
-    hand: str
+    hand: Hand
     planned: tuple[Planned, ...]
     asked: int
     holds: HoldReport | None
@@ -114,7 +114,7 @@ class PlannerReport:
         search = [p.seconds["search"] for p in self.planned if "search" in p.seconds]
         strengths = [r.strength for r in self.holds.results if r.strength is not None] if self.holds else []
         return {
-            "hand": self.hand,
+            "hand": self.hand.name,
             "cases": len(self.planned),
             "without_answer": [p.case.name for p in self.planned if not p.answers],
             "asked": self.asked,
@@ -132,7 +132,7 @@ class PlannerReport:
 
 def plan_cases(
     cases: Sequence[Case],
-    hand: str,
+    hand: Hand,
     *,
     task: str = "lift",
     analyser: str = "closure",
@@ -145,7 +145,7 @@ def plan_cases(
 
     Args:
         cases: objects.
-        hand: name or TOML.
+        hand: The hand.
         task: a task's name.
         analyser: ``closure`` or ``rays``.
         count: answers asked for.
@@ -168,7 +168,7 @@ def plan_cases(
 
 def _plan(
     case: Case,
-    hand: str,
+    hand: Hand,
     task: str,
     analyser: str,
     count: int,
@@ -212,7 +212,7 @@ def grasps_of(planned: Sequence[Planned], hand: Hand) -> GraspSet | None:
 
 def bench_planner(
     cases: Sequence[Case],
-    hand: str,
+    hand: Hand,
     *,
     protocol: HoldProtocol | None = None,
     task: str = "lift",
@@ -228,7 +228,7 @@ def bench_planner(
 
     Args:
         cases: objects.
-        hand: name or TOML.
+        hand: The hand.
         protocol: default the six directions, a loss ends a grasp's test; its mass is planned for where
             nothing was ``planned`` before.
         task: what is planned for.
@@ -244,7 +244,7 @@ def bench_planner(
         InputError: a bad argument.
         EnvironmentFailure: a file or a process failed.
     """
-    model, rules = load_hand(hand), protocol or HoldProtocol(stop_early=True)
+    rules = protocol or HoldProtocol(stop_early=True)
     if planned is None:
         planned = plan_cases(
             cases,
@@ -257,9 +257,9 @@ def bench_planner(
             progress=progress,
         )
     made = list(planned)
-    grasps = grasps_of(made, model)
+    grasps = grasps_of(made, hand)
     if grasps is None:
-        return PlannerReport(hand=model.name, planned=tuple(made), asked=count, holds=None)
+        return PlannerReport(hand=hand, planned=tuple(made), asked=count, holds=None)
     cut = dict(pieces or {})
     wanted = {p.case.source: p.case for p in made if p.answers}
     for number, (source, case) in enumerate(wanted.items(), start=1):
@@ -269,10 +269,10 @@ def bench_planner(
             progress("cut into convex pieces", number, len(wanted))
     holds = run_holds(
         grasps,
-        physics_hand(model),
+        physics_hand(hand),
         protocol=rules,
         pieces=cut,
         workers=workers,
         progress=None if progress is None else lambda done, of: progress("tested", done, of),
     )
-    return PlannerReport(hand=model.name, planned=tuple(made), asked=count, holds=holds)
+    return PlannerReport(hand=hand, planned=tuple(made), asked=count, holds=holds)

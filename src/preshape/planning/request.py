@@ -22,11 +22,12 @@ from ..hiis.decision import Settings
 from ..hiis.fuzzy import FuzzySets
 from ..hiis.planes import allowed_planes
 from ..kernels.closing.host import Obstacles
+from ..objects.mass import object_mass
 from ..objects.mesh import TriangleMesh
 from ..tasks import Task, parse_task, task_from_numbers
 from ..tasks.task import from_json as task_from_json
 from ..tasks.task import to_json as task_to_json
-from ..types import FRICTION, Array, ContactCoefficients, freeze, frozen_array, value
+from ..types import FIELD_MASS, FRICTION, Array, ContactCoefficients, freeze, frozen_array, value
 
 SCHEMA = 2
 """Version of plan.json. Version 1 is a plan without the key ``schema``; it did not hold its request."""
@@ -65,7 +66,8 @@ class PlanRequest:
         approaches: Allowed approach axes, such as ``+z,-x``; ``None`` allows all.
         count: Number of different answers.
         learn: Whether a new object is taught to the memory.
-        verify: Whether the best answers go through the holding test in physics; the first that holds is given.
+        verify: Whether the best answers go through the holding test in physics; the first that holds is
+            the answer.
         settings: Thresholds, membership functions, contact coefficients and the seed.
         search: Size and safety of the closure search. Its friction, mass and obstacles are those of the
             request, unless the request leaves friction or mass open and ``search`` states them.
@@ -105,6 +107,8 @@ class PlanRequest:
         freeze(self, source=str(self.source) if isinstance(self.source, Path) else self.source)
         freeze(self, table=_table(self.table))
         allowed_planes(self.approaches)
+        if isinstance(self.source, TriangleMesh) and (self.unit != "m" or self.scale != 1.0):
+            raise InputError("a TriangleMesh is in metres at its final size: unit and scale are for files")
         if isinstance(self.count, bool) or not isinstance(self.count, int) or self.count < 1:
             raise InputError(
                 f"count, the number of answers, must be a whole number from 1, got {self.count!r}"
@@ -175,8 +179,9 @@ class PlanRequest:
         return Obstacles(planes=np.array(planes).reshape(-1, 4), boxes=boxes)
 
     def scene(self, mesh: TriangleMesh) -> str:
-        """The scene as text, by which lessons are compared; empty for free space.
+        """The scene as text, by which lessons are compared; empty for free space and the usual load.
 
+        A mass above the object's own is part of the scene: lessons for its own mass say nothing about it.
         Heights are relative to the object's lowest point and boxes relative to its COG, rounded to 1 mm, so
         that the same object in another file has the same scene, and like objects on a table share one.
         """
@@ -184,9 +189,12 @@ class PlanRequest:
         height = self.table_height(mesh)
         if height is not None:
             parts.append(f"table {round(1000 * (float(mesh.bounds[0, 2]) - height))} mm under the object")
-        for box in sorted(self.avoid):
+        for box in sorted(map(tuple, self.avoid)):
             corners = np.round(1000 * (np.array(box).reshape(2, 3) - mesh.cog)).astype(int).ravel() + 0
             parts.append("box " + " ".join(map(str, corners.tolist())))
+        own = max(object_mass(mesh).kg, FIELD_MASS)
+        if self.stated_mass is not None and self.stated_mass > 1.01 * own:
+            parts.append(f"load {self.stated_mass:.2g} kg")
         return "; ".join(parts)
 
     def closure(self, mesh: TriangleMesh, mass: float) -> ClosureSettings:

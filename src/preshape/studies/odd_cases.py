@@ -29,11 +29,10 @@ from ..hiis.controller import Controller
 from ..hiis.decision import Settings, Status
 from ..hiis.virtual_grasp import MAX_EXTENT
 from ..objects.library import load_library_object, names
-from ..planner import execute
-from ..planning.hand_simulation import HandStatus
+from ..planning.hand_simulation import HandStatus, execute
 from ..tasks import all_named_tasks
-from .bench import Bench
-from .values import Data, Progress
+from .bench import Bench, Data
+from .values import Progress
 
 SCALES = tuple(round(0.5 + 0.1 * k, 1) for k in range(10))
 SESSIONS, EACH = 20, 25
@@ -94,7 +93,7 @@ def _experiment(bench: Bench, controller: Controller, drawn: Data, task_index: i
     }
     if decision.status is Status.ANSWER and decision.grasp is not None:
         grasp = decision.grasp
-        hand = execute(bench.hand, mesh, grasp, seed=drawn["hand_seed"]).hand_result
+        hand = execute(bench.hand, mesh, grasp, seed=drawn["hand_seed"])
         result |= {
             "steps": [[t.mode, t.outcome, t.reason] for t in decision.transitions],
             "plane": grasp.plane.index,

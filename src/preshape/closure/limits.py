@@ -1,0 +1,85 @@
+"""What a finished grip can bear: its heaviest mass, and what it lacks where it is not good enough."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..hiis.analyser import Grip
+from ..types import FIELD_MASS, GRAVITY
+from .demand import Demand
+from .search import ClosureSearch
+from .settings import ClosureSettings
+
+NOTHING = 0.02
+"""A grip that holds less than this share of the mass lacks contacts, not strength."""
+HALVINGS = 7
+"""Steps of the bisection for the heaviest mass; the result is within 1 % or better."""
+
+
+def strongest_press(grip: Grip, torque_limits: np.ndarray) -> float:
+    """Largest sum of normal forces that the joint torques allow the grip [N]."""
+    strain = float((np.abs(grip.torques) / torque_limits).max())
+    return grip.press / max(strain, 1e-9)
+
+
+def heaviest_mass(search: ClosureSearch, grip: Grip, demand: Demand) -> float:
+    """Heaviest mass for which the grip would still be good enough for the task [kg].
+
+    The grip is good enough while the strongest press that the settings and the joint torques allow balances
+    the load: strength · press / weight ≥ 1. The strength itself falls as the weight takes a larger share of
+    a press that the joints limit, so the mass is found by bisection.
+
+    Args:
+        search: The search that found the grip.
+        grip: The grip.
+        demand: What the task asks at the planned mass.
+    """
+    settings, hand = search.settings, search.hand
+    limit = strongest_press(grip, hand.torque_limits)
+    hold = grip.hold_margin * settings.weight / grip.press
+
+    def margin(mass: float) -> float:
+        heavier = max(1.0, mass / FIELD_MASS)
+        carried = min(_middling(settings) * heavier, limit)
+        task = search.strength_of(grip, demand, mass * GRAVITY / carried) / demand.load
+        return min(task, hold) * min(settings.press_most * heavier, limit) / (mass * GRAVITY)
+
+    low, high = (settings.planned_mass if grip.quality >= 3.0 else 0.0), hold * limit / GRAVITY
+    for _ in range(HALVINGS):
+        if high <= low:
+            break
+        middle = high / 2 if low == 0.0 else float(np.sqrt(low * high))
+        low, high = (middle, high) if margin(middle) >= 1.0 else (low, middle)
+    return low
+
+
+def _middling(settings: ClosureSettings) -> float:
+    """The press by which the ranking counts the weight of a 0.1 kg object [N]."""
+    return 0.5 * (settings.press_least + settings.press_most)
+
+
+def shortfall(search: ClosureSearch, grip: Grip, demand: Demand) -> str:
+    """What a grip lacks and what would help, in one sentence; empty where it is good enough.
+
+    Args:
+        search: The search that found the grip.
+        grip: The best grip that was found.
+        demand: What the task asks at the planned mass.
+    """
+    settings, margin = search.settings, min(grip.task_margin, grip.hold_margin)
+    mass, most = settings.planned_mass, heaviest_mass(search, grip, demand)
+    if most >= mass:
+        return f"the best grip balances {margin:.2f} times the load: a lower threshold would accept it"
+    share = f"{settings.friction_share:g} of the friction {settings.friction:g}"
+    if most < NOTHING * mass:
+        return (
+            f"the contacts of the best grip cannot balance {mass:.3g} kg with the planned {share}; more "
+            "friction (--friction), another task or another hand would help"
+        )
+    limit = strongest_press(grip, search.hand.torque_limits)
+    bound = "the joint torques" if limit <= settings.strongest else "the settings (press_most)"
+    return (
+        f"the best grip would hold {most:.2g} kg, and {mass:.3g} kg is asked: {bound} allow a press of "
+        f"{min(limit, settings.strongest):.0f} N; a lighter object (--mass), more friction (--friction) or a "
+        "stronger hand would help"
+    )

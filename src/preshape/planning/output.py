@@ -1,0 +1,83 @@
+"""A plan as files and pages: plan.json, plan.png, plan.html, and the picture in a notebook."""
+
+from __future__ import annotations
+
+import base64
+import tempfile
+from html import escape
+from pathlib import Path
+
+from ..files import make_folder, write_json, write_text, write_whole
+from ..hiis.analyser import VirtualGrasp
+from ..objects.mesh import TriangleMesh
+from ..physics.task.instances import mesh_text
+from .document import Document, plan_to_json
+from .plan import Plan, answers_of
+
+
+def save_plan(plan: Plan, folder: Path, document: Document | None = None) -> list[Path]:
+    """Write plan.json, plan.png and plan.html, each whole or not at all.
+
+    Args:
+        plan: The plan.
+        folder: Made where it is missing.
+        document: The plan's JSON, where it is at hand already; its object's source is changed in place where
+            the object's surface is written beside it.
+
+    Returns:
+        The files that were written.
+
+    Raises:
+        EnvironmentFailure: A file cannot be written.
+    """
+    from ..pictures import document_html, plan_picture_of
+
+    make_folder(folder)
+    document = document or plan_to_json(plan)
+    files = [folder / "plan.json", folder / "plan.png", folder / "plan.html"]
+    if plan.mesh.scan is not None or isinstance(plan.request.source, TriangleMesh):
+        surface = folder / f"{plan.mesh.name}-surface.obj"
+        write_text(surface, mesh_text(plan.mesh))
+        files.append(surface)
+        # What was planned with stands beside the plan, in metres; other commands find it there.
+        for one in (document, *document["alternatives"], *([document["best"]] if document["best"] else [])):
+            one["object"]["source"] = surface.name
+    write_json(files[0], document)
+    write_whole(files[1], lambda path: plan_picture_of(document, plan.mesh, plan.hand, path))
+    write_text(files[2], document_html(plan.mesh, plan.hand, document, ray_origins(plan)))
+    return files
+
+
+def show_plan(plan: Plan) -> Path:
+    """Write the plan's page to a temporary folder and open it in the web browser.
+
+    Raises:
+        EnvironmentFailure: The page cannot be written.
+    """
+    import webbrowser
+
+    from ..pictures import document_html
+
+    page = Path(tempfile.mkdtemp(prefix="preshape-")) / "plan.html"
+    write_text(page, document_html(plan.mesh, plan.hand, plan_to_json(plan), ray_origins(plan)))
+    webbrowser.open(page.as_uri())
+    return page
+
+
+def notebook_html(plan: Plan) -> str:
+    """The picture with the figures below it, for a notebook."""
+    from ..pictures import plan_picture_of
+
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "plan.png"
+        plan_picture_of(plan_to_json(plan), plan.mesh, plan.hand, file)
+        picture = base64.b64encode(file.read_bytes()).decode("ascii")
+    return (
+        f'<img alt="{escape(repr(plan))}" style="max-width:100%" src="data:image/png;base64,{picture}">'
+        f"<pre>{escape(str(plan))}</pre>"
+    )
+
+
+def ray_origins(plan: Plan) -> list[list[list[float]]]:
+    """For each answer that was found by rays, where its rays start [m]."""
+    return [a.grasp.ray_origins.tolist() for a in answers_of(plan) if isinstance(a.grasp, VirtualGrasp)]

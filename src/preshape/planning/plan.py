@@ -1,0 +1,215 @@
+"""The plan: what a session answers to a request, for people, files and pictures."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from ..closure.finish import margin_of
+from ..hands.hand import Hand
+from ..hiis.analyser import Grasp, Grip
+from ..hiis.decision import Decision, Settings
+from ..objects.mass import ObjectMass
+from ..objects.mesh import TriangleMesh
+from ..objects.scans.trust import Trust, trust_of, worth
+from ..tasks.task import COMPONENTS, ROTATION_ABSENT, TRANSLATION_ABSENT
+from ..types import Array, value
+from .hand_simulation import HandResult
+from .request import PlanRequest
+
+_ABSENT = np.array([TRANSLATION_ABSENT] * 3 + [ROTATION_ABSENT] * 3)
+
+
+@value
+class Answer:
+    """A grasp and what the hand makes of it.
+
+    Attributes:
+        grasp: The virtual grasp or the grip.
+        hand_result: The hand's postures, or why it retracted.
+        heaviest: Heaviest mass that the grip would still hold for this task [kg]; ``None`` of a virtual
+            grasp, which knows no loads.
+    """
+
+    grasp: Grasp
+    hand_result: HandResult
+    heaviest: float | None = None
+
+    @property
+    def way_in(self) -> Array:
+        """(3,) unit vector along which the hand comes in, mesh frame."""
+        return self.grasp.approach if isinstance(self.grasp, Grip) else self.grasp.plane.approach_axis
+
+
+@value
+class Verified:
+    """What the holding test said.
+
+    Attributes:
+        held: Whether the plan's answer held.
+        tried: Number of answers that were tried until one held.
+        reason: One sentence.
+    """
+
+    held: bool
+    tried: int
+    reason: str
+
+
+@value
+class Plan:
+    """Everything about one run.
+
+    ``repr`` is one line, ``print`` shows what the terminal shows, and a notebook shows the picture with the
+    figures.
+
+    Attributes:
+        request: What was asked.
+        mesh: The object as it was planned with [m].
+        hand: The hand.
+        mass: The object's mass, and where it comes from.
+        decision: The controller's report.
+        answer: The answer; ``None`` without one.
+        alternatives: Further answers, best first.
+        best: Without an answer, the best grasp that was found, which is not good enough; else ``None``.
+        seconds: Time of ``load``, ``prepare``, ``search`` and ``total`` [s].
+        warnings: What the caller should know about the request: an absurd density, a box out of reach.
+        verified: What the holding test in physics said; ``None`` where it was not asked.
+    """
+
+    request: PlanRequest
+    mesh: TriangleMesh
+    hand: Hand
+    mass: ObjectMass
+    decision: Decision
+    answer: Answer | None
+    alternatives: tuple[Answer, ...]
+    best: Answer | None
+    seconds: dict[str, float]
+    warnings: tuple[str, ...] = ()
+    verified: Verified | None = None
+
+    @property
+    def source(self) -> str:
+        """The file or library name of the object."""
+        return self.request.object_name
+
+    @property
+    def settings(self) -> Settings:
+        """Meta control's settings."""
+        return self.request.settings
+
+    @property
+    def grasp(self) -> Grasp | None:
+        """The answer's grasp."""
+        return self.answer.grasp if self.answer else None
+
+    @property
+    def hand_result(self) -> HandResult | None:
+        """The answer's hand."""
+        return self.answer.hand_result if self.answer else None
+
+    def __repr__(self) -> str:
+        what = f"{self.mesh.name}, {self.decision.task.label}, {self.hand.name}"
+        if self.answer is None:
+            return f"<Plan {what}: {self.decision.status.value.replace('_', ' ')}>"
+        g = self.answer.grasp
+        return f"<Plan {what}: {g.plane.label}, {g.score_text} of 6>"
+
+    def __str__(self) -> str:
+        from .summary import summary_text
+
+        return summary_text(self)
+
+    def _repr_html_(self) -> str:
+        """The picture with the figures, as a notebook shows it."""
+        from .output import notebook_html
+
+        return notebook_html(self)
+
+    def save(self, folder: str | Path) -> list[Path]:
+        """Write plan.json, plan.png and plan.html to a folder, which is made where it is missing.
+
+        An object that has no file of its own (a point cloud's surface, a mesh made in Python) is written
+        beside them, so that other commands find it.
+
+        Returns:
+            The files that were written.
+
+        Raises:
+            EnvironmentFailure: A file cannot be written.
+        """
+        from .output import save_plan
+
+        return save_plan(self, Path(folder))
+
+    def show(self) -> Path:
+        """Open the plan's page in the web browser; returns the page's file.
+
+        Raises:
+            EnvironmentFailure: The page cannot be written.
+        """
+        from .output import show_plan
+
+        return show_plan(self)
+
+
+def scan_trust(plan: Plan, answer: Answer | None) -> Trust | None:
+    """How much an answer on a point cloud can be trusted; ``None`` on a mesh."""
+    scan = plan.mesh.scan
+    if scan is None:
+        return None
+    return trust_of(scan, answer.grasp.contacts.triangles if answer is not None else None)
+
+
+def shortfalls(plan: Plan, answer: Answer) -> tuple[str, ...]:
+    """What the task asks for and a virtual grasp does not give: present components with ADI 0.
+
+    TFVADI sums six components, so a virtual grasp can pass without the one that matters most. A grip is
+    judged by the loads that it balances, so it has no such shortfall.
+    """
+    if isinstance(answer.grasp, Grip):
+        return ()
+    q, g = plan.decision.task.q, answer.grasp
+    return tuple(
+        f"{name}: the task asks {asked:+.2f}, the grasp gives {given:+.2f}"
+        for name, asked, given, degree, limit in zip(COMPONENTS, q, g.net_wrench, g.adi, _ABSENT, strict=True)
+        if abs(asked) > limit + 1e-9 and degree <= 1e-9
+    )
+
+
+def missing_motion(plan: Plan, answer: Answer) -> str:
+    """The task's largest component, where a virtual grasp gives nothing along it; else empty."""
+    if isinstance(answer.grasp, Grip):
+        return ""
+    share = np.abs(plan.decision.task.q) / [1.0, 1.0, 1.0, 0.8, 0.8, 0.8]
+    largest = np.flatnonzero(share >= share.max() - 1e-9)
+    if (answer.grasp.adi[largest] > 1e-9).any():
+        return ""
+    return " and ".join(COMPONENTS[k] for k in largest)
+
+
+def answers_of(plan: Plan) -> tuple[Answer, ...]:
+    """The answer and its alternatives, best first."""
+    return tuple(a for a in (plan.answer, *plan.alternatives) if a is not None)
+
+
+def seen_first(plan: Plan, *, keep: int) -> Plan:
+    """The plan of a point cloud with its answers ordered by margin and by how much of them was seen.
+
+    Args:
+        plan: With all answers that may be chosen.
+        keep: Number of answers to keep.
+    """
+    scan = plan.mesh.scan
+    if plan.answer is None or scan is None:
+        return plan
+
+    def rank(answer: Answer) -> float:
+        g = answer.grasp  # a grip is ranked by the margin behind its quality, a virtual grasp by its match
+        return (margin_of(g.judged) if isinstance(g, Grip) else g.judged) * worth(scan, g.contacts.triangles)
+
+    best, *others = sorted(answers_of(plan), key=lambda answer: -rank(answer))
+    return replace(plan, answer=best, alternatives=tuple(others[: keep - 1]))

@@ -1,0 +1,418 @@
+"""The one place where hand, memory, analyser and controller meet.
+
+A session holds one memory and answers requests one after the other. It keeps the object, the prepared
+analyser and the controller of the last request, because a browser or a teacher asks several questions about
+one object. The answer depends on the request and the memory alone, never on what was asked before.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import numpy as np
+
+from ..closure.settings import ClosureSettings
+from ..exceptions import Cancelled
+from ..hands.hand import Hand
+from ..hands.load import load_hand
+from ..hiis.analyser import Analyser, Grasp, HandLayout
+from ..hiis.controller import Controller
+from ..hiis.decision import Decision, Settings
+from ..memory import Memory
+from ..objects.load import load_object
+from ..objects.mass import ObjectMass, object_mass
+from ..objects.mesh import TriangleMesh
+from ..types import Array, Experience, value
+from .hand_simulation import execute, hand_geometry
+from .plan import Answer, Plan, seen_first
+from .request import PlanRequest
+from .verify import VERIFIED, verified_plan
+
+CLOSURE_SUFFIX = "+closure"
+"""Lessons of a hand closed for real are kept apart from what rays have found for the same hand."""
+ON_CLOUDS = 8
+"""Answers worked out on a point cloud, from which one with contacts on seen surface is chosen."""
+
+Progress = Callable[[str, float], None]
+"""Called with what is being done and its share of the whole in percent."""
+Partial = Callable[[Plan], None]
+"""Called with the plan so far: first with the answer alone, then with each further answer."""
+
+
+@value
+class Prepared:
+    """What a request needs, put together.
+
+    Attributes:
+        request: The request.
+        hand: The hand.
+        mesh: The object [m].
+        mass: The object's mass.
+        controller: The paper's controller over the request's analyser.
+        element: The analyser, prepared for the object.
+        warnings: What the caller should know about the request.
+        seconds: Time of ``load`` and ``prepare`` [s].
+    """
+
+    request: PlanRequest
+    hand: Hand
+    mesh: TriangleMesh
+    mass: ObjectMass
+    controller: Controller
+    element: Analyser
+    warnings: tuple[str, ...]
+    seconds: dict[str, float]
+
+
+class Session:
+    """Answers requests over one memory; a context manager.
+
+    Args:
+        memory: An open memory, or the file of one (``None`` for the user's, ``":memory:"`` for a transient
+            one). A memory that the session opens is closed with it.
+        learn: Whether the session may write to a memory that it opens itself.
+        progress: Called as the work goes on.
+        cancel: When it is set, the session stops at its next step and raises ``Cancelled``.
+
+    Raises:
+        EnvironmentFailure: The memory cannot be opened.
+        MemoryFileError: The file is no memory.
+    """
+
+    def __init__(
+        self,
+        memory: Memory | str | Path | None = None,
+        *,
+        learn: bool = True,
+        progress: Progress | None = None,
+        cancel: threading.Event | None = None,
+    ) -> None:
+        self._own = not isinstance(memory, Memory)
+        self.memory = memory if isinstance(memory, Memory) else Memory.open(memory, read_only=not learn)
+        self._progress, self._cancel = progress, cancel
+        self._hand: tuple[Any, Hand] | None = None
+        self._mesh: tuple[Any, TriangleMesh] | None = None
+        self._controller: tuple[Any, Controller] | None = None
+        self._element: tuple[Any, Analyser] | None = None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Close the memory, where the session opened it."""
+        if self._own:
+            self.memory.close()
+
+    def prepare(self, request: PlanRequest) -> Prepared:
+        """Load hand and object, and make analyser and controller for them.
+
+        Raises:
+            InputError: Something in the request cannot be used.
+            EnvironmentFailure: A file cannot be read.
+        """
+        start = time.perf_counter()
+        self._tell("reading object, task and hand", 5)
+        hand, mesh = self.hand(request), self.mesh(request)
+        mass = object_mass(mesh, request.stated_mass)
+        warnings = [mass.warning] if mass.warning else []
+        warnings += out_of_reach(request, mesh, hand)
+        loaded = time.perf_counter()
+        self._tell("opening the memory; a hand's first time includes the lesson with the cube", 12)
+        key = _element_key(request, hand, mass)
+        controller = self._controller_of(request, hand, mesh, mass, key)
+        if self._element is None or self._element[0] != (*key, id(mesh), id(controller)):
+            self._element = (*key, id(mesh), id(controller)), controller.prepare(mesh)
+        return Prepared(
+            request=request,
+            hand=hand,
+            mesh=mesh,
+            mass=mass,
+            controller=controller,
+            element=self._element[1],
+            warnings=tuple(warnings),
+            seconds={"load": loaded - start, "prepare": time.perf_counter() - loaded},
+        )
+
+    def run(self, request: PlanRequest, *, partial: Partial | None = None) -> Plan:
+        """Answer a request: modes 0 to 3, the hand, and physics where it is asked.
+
+        Args:
+            request: The request.
+            partial: Called with the plan so far while further answers are worked out.
+
+        Raises:
+            InputError: Something in the request cannot be used.
+            EnvironmentFailure: A file cannot be read or written.
+            Cancelled: ``cancel`` was set.
+        """
+        ready = self.prepare(request)
+        wanted = max(request.count, VERIFIED) if request.verify else request.count
+        if ready.mesh.scan is not None:
+            wanted = max(wanted, ON_CLOUDS)
+        started = time.perf_counter()
+        self._tell("modes 0 to 3: looking for grasps that serve the task", 35)
+        decision = ready.controller.run(
+            ready.element,
+            request.asked,
+            approaches=request.approaches,
+            count=wanted,
+            may_learn=request.learn,
+        )
+        # A deadlock concerns this request; the next one asks something else.
+        ready.controller.reset()
+        chosen_later = ready.mesh.scan is not None or request.verify
+        plan = self._executed(ready, decision, started, None if chosen_later else partial)
+        if ready.mesh.scan is not None:
+            plan = seen_first(plan, keep=request.count if not request.verify else wanted)
+        if request.verify:
+            self._tell("trying the answers in simulated physics", 80)
+            plan, tried = verified_plan(plan, keep=request.count)
+            # A lesson that was restricted to some approaches would mislead plans without the restriction.
+            if request.learn and request.approaches is None and not self.memory.read_only:
+                ready.controller.learn_outcomes(ready.element, request.asked, tried)
+        if partial is not None and chosen_later:
+            partial(plan)
+        return plan
+
+    def teach(self, request: PlanRequest) -> Plan:
+        """Learn an object with its task at once (mode 3), whether or not it is known.
+
+        Raises:
+            InputError: Something in the request cannot be used.
+            EnvironmentFailure: A file cannot be read or written.
+            Cancelled: ``cancel`` was set.
+        """
+        ready = self.prepare(request)
+        started = time.perf_counter()
+        self._tell("mode 3: exploring all planes and learning", 35)
+        decision = ready.controller.teach(ready.element, request.asked, approaches=request.approaches)
+        ready.controller.reset()
+        return self._executed(ready, decision, started, None)
+
+    def verify(self, plan: Plan) -> Plan:
+        """The plan with the first of its answers that holds in simulated physics."""
+        return verified_plan(plan, keep=1 + len(plan.alternatives))[0]
+
+    def hand(self, request: PlanRequest) -> Hand:
+        """The request's hand."""
+        if isinstance(request.hand, Hand):
+            return request.hand
+        if self._hand is None or self._hand[0] != request.hand:
+            self._hand = request.hand, load_hand(request.hand)
+        return self._hand[1]
+
+    def mesh(self, request: PlanRequest) -> TriangleMesh:
+        """The request's object [m]."""
+        if isinstance(request.source, TriangleMesh):
+            return request.source
+        key = _file_key(request)
+        if self._mesh is None or self._mesh[0] != key:
+            made = load_object(request.source, unit=request.unit, scale=request.scale, view=request.view)
+            self._mesh = key, made
+        return self._mesh[1]
+
+    def _executed(self, ready: Prepared, decision: Decision, started: float, partial: Partial | None) -> Plan:
+        """The hand on each grasp of a decision."""
+        request, before = ready.request, ready.seconds
+        found = [decision.grasp] if decision.grasp is not None else []
+        found += decision.alternatives
+        answers: list[Answer] = []
+        best = None
+        if decision.grasp is None and decision.best is not None:
+            best = self._answer(ready, decision.best)
+        plan: Plan | None = None
+        for k, grasp in enumerate(found or [None]):
+            if grasp is not None:
+                self._tell(f"the hand tries answer {k + 1} of {len(found)}", 60 + 40 * k / len(found))
+                answers.append(self._answer(ready, grasp))
+            searched = time.perf_counter() - started
+            plan = Plan(
+                request=request,
+                mesh=ready.mesh,
+                hand=ready.hand,
+                mass=ready.mass,
+                decision=decision,
+                answer=answers[0] if answers else None,
+                alternatives=tuple(answers[1:]),
+                best=best,
+                seconds={**before, "search": searched, "total": sum(before.values()) + searched},
+                warnings=ready.warnings,
+            )
+            if partial is not None:
+                partial(plan)
+        assert plan is not None
+        return plan
+
+    def _answer(self, ready: Prepared, grasp: Grasp) -> Answer:
+        return Answer(
+            grasp=grasp,
+            hand_result=execute(ready.hand, ready.mesh, grasp, seed=ready.request.settings.seed),
+            heaviest=ready.element.heaviest(ready.request.asked.q, grasp),
+        )
+
+    def _controller_of(
+        self, request: PlanRequest, hand: Hand, mesh: TriangleMesh, mass: ObjectMass, key: Any
+    ) -> Controller:
+        """The controller of a request; the one before serves again while nothing else was learnt."""
+        scene = request.scene(mesh)
+        known = self.memory.state()
+        if self._controller is not None and self._controller[0] == (*key, scene):
+            controller = self._controller[1]
+            if controller.memory_state == known:
+                return controller
+        if request.analyser == "rays":
+            controller = Controller(self.memory, layout_of(hand), settings=request.settings)
+        else:
+            controller = closure_controller(
+                self.memory,
+                hand,
+                settings=request.settings,
+                closure=request.closure(mesh, mass.kg),
+                gravity=np.asarray(request.gravity),
+                scene=scene,
+            )
+        self._controller = (*key, scene), controller
+        return controller
+
+    def _tell(self, words: str, share: float) -> None:
+        if self._cancel is not None and self._cancel.is_set():
+            raise Cancelled("cancelled; everything that was acknowledged is kept")
+        if self._progress is not None:
+            self._progress(words, share)
+
+
+def layout_of(hand: Hand) -> HandLayout:
+    """What the analysers must know of a hand."""
+    return HandLayout(
+        name=hand.name, u=hand.u, finger_pitch=hand.finger_pitch, fingertip_width=hand.fingertip_width
+    )
+
+
+def out_of_reach(request: PlanRequest, mesh: TriangleMesh, hand: Hand) -> list[str]:
+    """A sentence for each box to avoid that the hand cannot come near, so that it changes nothing."""
+    if not request.avoid:
+        return []
+    palm, open_hand = np.array([0.0, 0, 0, 1, 0, 0, 0]), np.zeros(len(hand.joints))
+    ends = [end for part in hand_geometry(hand, palm, open_hand) for end in (part.p0, part.p1)]
+    # The hand comes in from its own length away, along the way in that is checked.
+    reach = 2 * max(float(np.linalg.norm(end)) for end in ends) + float(np.linalg.norm(mesh.extents)) / 2
+    words = []
+    for box in request.avoid:
+        lower, upper = np.array(box).reshape(2, 3)
+        distance = float(np.linalg.norm(np.maximum(np.maximum(lower - mesh.cog, mesh.cog - upper), 0.0)))
+        if distance > reach:
+            numbers = " ".join(f"{x:g}" for x in box)
+            words.append(
+                f'the box to avoid "{numbers}" is {1000 * distance:.0f} mm from the object, out of the '
+                f"hand's reach of {1000 * reach:.0f} mm; it changes nothing (boxes are in metres, mesh frame)"
+            )
+    return words
+
+
+def closure_controller(
+    memory: Memory,
+    hand: Hand,
+    *,
+    settings: Settings,
+    closure: ClosureSettings,
+    gravity: Array | Sequence[float],
+    scene: str = "",
+) -> Controller:
+    """The paper's controller over the closure analyser.
+
+    Args:
+        memory: What was learnt so far.
+        hand: The hand.
+        settings: Meta control's settings.
+        closure: Friction, load and size of the search.
+        gravity: (3,) its unit direction in the mesh frame, zeros for none.
+        scene: The scene as text (:meth:`PlanRequest.scene`).
+    """
+    from ..closure.analyser import ClosureAnalyser
+
+    layout = replace(layout_of(hand), name=hand.name + CLOSURE_SUFFIX)
+
+    def known() -> Sequence[Experience]:
+        return controller.experiences
+
+    def prepare(mesh: TriangleMesh) -> ClosureAnalyser:
+        return ClosureAnalyser(
+            mesh,
+            hand,
+            layout,
+            settings=closure,
+            coefficients=settings.coefficients,
+            sets=settings.sets,
+            gravity=gravity,
+            seed=settings.seed,
+            known=known,
+            scene=scene,
+        )
+
+    def prepare_seed(mesh: TriangleMesh) -> ClosureAnalyser:
+        # The cube's 48 tasks give a first idea of the planes, not the best grips: a small search is enough.
+        quick = ClosureSettings(
+            threads=closure.threads,
+            device=closure.device,
+            everywhere=400,
+            elite=8,
+            rounds=1,
+            finished=1,
+            persistence=0,
+        )
+        return ClosureAnalyser(
+            mesh, hand, layout, settings=quick, sets=settings.sets, seed=settings.seed, gravity=gravity
+        )
+
+    controller = Controller(
+        memory,
+        layout,
+        settings=settings,
+        prepare=prepare,
+        prepare_seed=prepare_seed,
+        kind="shape",
+        scene=scene,
+    )
+    return controller
+
+
+def _file_key(request: PlanRequest) -> tuple[Any, ...]:
+    """What a loaded object depends on; a file that was written anew is another object."""
+    path = Path(str(request.source))
+    try:
+        stat = path.stat()
+        written: tuple[int, int] | None = (stat.st_mtime_ns, stat.st_size)
+    except (OSError, ValueError):
+        written = None
+    view = request.view if request.view is None or isinstance(request.view, str) else tuple(request.view)
+    return str(request.source), request.unit, request.scale, view, written
+
+
+def _element_key(request: PlanRequest, hand: Hand, mass: ObjectMass) -> tuple[Any, ...]:
+    """What controller and analyser depend on, besides the object."""
+    document = request.to_json()
+    names = (
+        "analyser",
+        "friction",
+        "table",
+        "avoid",
+        "gravity",
+        "seed",
+        "thresholds",
+        "sets",
+        "coefficients",
+    )
+    wanted = request.count if request.analyser == "closure" else 0
+    parts = [repr(document[name]) for name in (*names, "search")]
+    return (id(hand), mass.kg, wanted, *parts)

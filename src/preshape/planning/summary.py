@@ -1,0 +1,242 @@
+"""A plan as people read it in a terminal: first what decided it, then the reasons."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Sequence
+
+import numpy as np
+from rich.console import Console, Group, RenderableType
+from rich.panel import Panel
+from rich.table import Table
+from rich.text import Text
+
+from ..hiis.analyser import Grasp, Grip
+from ..hiis.decision import Decision, Status
+from ..hiis.fuzzy import SET_NAMES
+from ..hiis.planes import axis_name
+from ..tasks.task import COMPONENTS
+from ..types import Array
+from .plan import Answer, Plan, missing_motion, scan_trust, shortfalls
+
+MODE_WORDS = {0: "known", 1: "searched", 2: "task does not fit", 3: "new"}
+"""The execution modes in plain words: how the answer was come by."""
+ASIDE = 20.0
+"""A way in that differs from the plane's approach axis by more than this is told beside it [degrees]."""
+_COLOURS = {"reward": "green", "learned": "green", "known": "yellow", "deadlock": "red", "no grasp": "red"}
+_HEADLINES = {
+    Status.ANSWER: ("green", "grasp found"),
+    Status.CORRECTION: ("yellow", "task correction asked for"),
+    Status.DEADLOCK: ("red", "deadlock: no grasp is good enough"),
+    Status.NO_GRASP: ("red", "no grasp found"),
+}
+
+
+def summary_text(plan: Plan, *, explain: bool = False, width: int = 80) -> str:
+    """The summary as plain text.
+
+    Args:
+        plan: The plan.
+        explain: Whether the paper's indices and the match of each component are shown for a real hand too.
+        width: Columns.
+    """
+    out = io.StringIO()
+    Console(file=out, width=width).print(summary(plan, explain=explain), highlight=False)
+    return out.getvalue().rstrip("\n")
+
+
+def summary(plan: Plan, *, explain: bool = False) -> RenderableType:
+    """The summary as a rich renderable; see :func:`summary_text`."""
+    decision = plan.decision
+    colour, headline = headline_of(plan)
+    parts: list[RenderableType] = [_what(plan)]
+    shown = plan.answer or plan.best
+    if shown is not None:
+        if plan.answer is None:
+            parts += ["", Text("the best that was found, not good enough:", style="yellow")]
+        else:
+            parts.append("")
+        parts.append(_answer(plan, shown))
+        if explain or not isinstance(shown.grasp, Grip):
+            parts += ["", _indices(shown.grasp), "", _match(plan, shown)]
+            parts += [Text(f"! {warning}", style="yellow") for warning in shortfalls(plan, shown)]
+    parts += [Text(f"! {warning}", style="yellow") for warning in plan.warnings]
+    parts += ["", _why(decision)]
+    if decision.offers:
+        parts += ["", _offers(decision)]
+    if plan.verified is not None:
+        said = plan.verified
+        style = "green" if said.held else "red"
+        parts += ["", _grid(("physics", Text(f"{said.reason} ({said.tried} tried)", style=style)))]
+    if plan.alternatives:
+        parts += ["", _alternatives(plan)]
+    title = f"[bold {colour}]{headline}[/] · {MODE_WORDS[decision.mode]} (mode {decision.mode})"
+    return Panel(Group(*parts), title=title, title_align="left", border_style=colour)
+
+
+def headline_of(plan: Plan) -> tuple[str, str]:
+    """Colour and words of the result, with what an answer of rays does not give."""
+    colour, headline = _HEADLINES[plan.decision.status]
+    missing = missing_motion(plan, plan.answer) if plan.answer else ""
+    if missing:
+        return "yellow", f"{headline}, but it gives nothing along {missing}"
+    return colour, headline
+
+
+def direction_words(direction: Array) -> str:
+    """A unit vector as people read it: the nearest axis, and how far it is from it.
+
+    >>> direction_words(np.array([0.0, 0.0, -1.0])), direction_words(np.array([0.0, 0.6, -0.8]))
+    ('-Z', '(0.00, 0.60, -0.80), 37° from -Z')
+    """
+    k = int(np.argmax(np.abs(direction)))
+    axis = f"{'+' if direction[k] > 0 else '-'}{'XYZ'[k]}"
+    angle = float(np.degrees(np.arccos(min(1.0, abs(float(direction[k]))))))
+    if angle < 2.0:
+        return axis
+    numbers = ", ".join(f"{x + 0.0:.2f}" for x in direction)
+    return f"({numbers}), {angle:.0f}° from {axis}"
+
+
+def way_in_words(answer: Answer) -> str:
+    """How the hand comes in, and the approach plane beside it.
+
+    Where the two differ by over ``ASIDE`` the angle is told.
+    """
+    plane, way = answer.grasp.plane, answer.way_in
+    angle = float(np.degrees(np.arccos(np.clip(plane.approach_axis @ way, -1.0, 1.0))))
+    beside = f", {angle:.0f}° off its approach axis" if angle > ASIDE else ""
+    return f"comes in along {direction_words(way)}; {plane.label}{beside}"
+
+
+def _grid(*rows: tuple[str, str | Text]) -> Table:
+    grid = Table.grid(padding=(0, 2))
+    grid.add_column(style="bold", no_wrap=True)
+    grid.add_column()
+    for heading, content in rows:  # names and paths are no markup
+        grid.add_row(heading, Text(content) if isinstance(content, str) else content)
+    return grid
+
+
+def _what(plan: Plan) -> Table:
+    mesh, task, request = plan.mesh, plan.decision.task, plan.request
+    size = " × ".join(f"{1000 * x:.0f}" for x in mesh.extents)
+    rows = [("object", f"{mesh.name}, {size} mm, {len(mesh.triangles)} triangles")]
+    said = scan_trust(plan, plan.answer)
+    if said is not None:
+        rows.append(("cloud", f"{said.points} points; trust {said.trust:.2f} of 1: {said.sentence}"))
+    if request.analyser == "closure" or request.verify:
+        most = plan.answer.heaviest if plan.answer else None
+        bears = "" if most is None else f"; this grip holds up to {most:.2g} kg"
+        rows.append(("mass", f"{plan.mass.words}{bears}"))
+    rows.append(("task", f"{task.label}: {task.describe()}. {task.means}"))
+    rows.append(("hand", f"{plan.hand.name}, U = {1000 * plan.hand.u:.0f} mm"))
+    scene = []
+    if request.analyser == "closure":
+        scene.append(f"friction {request.stated_friction:g}")
+        height = request.table_height(mesh)
+        scene.append("free space, no table" if height is None else f"table at z = {1000 * height:.0f} mm")
+        if request.avoid:
+            scene.append(f"{len(request.avoid)} boxes to avoid")
+    if request.approaches:
+        scene.append(f"approaches {request.approaches}")
+    if scene:
+        rows.append(("scene", "; ".join(scene)))
+    return _grid(*rows)
+
+
+def _answer(plan: Plan, answer: Answer) -> Table:
+    g, hand = answer.grasp, answer.hand_result
+    rows: list[tuple[str, str | Text]] = []
+    fingers = f"{len(hand.fingers) or g.fingers}: {', '.join(hand.fingers)}"
+    if isinstance(g, Grip):
+        rows += [
+            ("quality", f"{g.quality:.1f} of 6 (3 is just enough)"),
+            (
+                "margins",
+                f"{g.task_margin:.1f} times the task's load, {g.hold_margin:.1f} times pushes from any side",
+            ),
+            ("press", f"{g.press:.0f} N in all, by {fingers}"),
+            ("clearance", f"{1000 * g.clearance:.0f} mm to the object on the way in"),
+            ("way in", way_in_words(answer)),
+        ]
+    else:
+        text = Text("reached: ", style="green") if hand.reached else Text("retracted: ", style="red")
+        text.append(hand.reason, style="default")
+        rows += [
+            ("way in", f"{way_in_words(answer)}, thumb on the {axis_name(g.thumb_side).upper()} side"),
+            ("fingers", fingers),
+            ("hand", text),
+        ]
+    if hand.grasp is not None:
+        x, y, z = 1000 * hand.grasp.palm_pose[:3]
+        rows.append(("palm", f"at {x:.0f}, {y:.0f}, {z:.0f} mm in the object's frame"))
+    return _grid(*rows)
+
+
+def _indices(g: Grasp) -> Table:
+    side = axis_name(g.thumb_side).upper()
+    return _grid(
+        ("plane", f"{g.plane.label}, thumb on the {side} side, {g.fingers} virtual fingers"),
+        ("value", f"approach value {g.approach_value:+.2f} ({SET_NAMES[g.approach_set]})"),
+        (
+            "indices",
+            f"TFVADI {g.tfvadi:.2f} of 6, stability {g.stability}, manipulability {g.manipulability}",
+        ),
+    )
+
+
+def _match(plan: Plan, answer: Answer) -> Table:
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    table.add_column("", no_wrap=True)
+    for heading in ("task", "grasp"):
+        table.add_column(heading, justify="right")
+    table.add_column("match (ADI)", no_wrap=True)
+    g = answer.grasp
+    for name, q, w, degree in zip(COMPONENTS, plan.decision.task.q, g.net_wrench, g.adi, strict=True):
+        full = round(10 * float(degree))
+        bar = Text("█" * full, style="cyan") + Text("░" * (10 - full), style="dim") + f" {degree:.2f}"
+        table.add_row(name, f"{q:.2f}", f"{w:.2f}", bar)
+    return table
+
+
+def _why(decision: Decision) -> Table:
+    rows = []
+    for t in decision.transitions:
+        text = Text(t.outcome, style=_COLOURS.get(t.outcome, "default"))
+        text.append(f": {t.reason}", style="default")
+        rows.append((f"mode {t.mode}", text))
+    return _grid(*rows)
+
+
+def _offers(decision: Decision) -> Table:
+    rows: list[tuple[str, str | Text]] = []
+    for offer in decision.offers:
+        match = f"{MODE_WORDS[offer.mode]}, {offer.match:.2f} of 6"
+        rows.append(("fits", f"--task {offer.task.label:<14} {offer.task.describe()} ({match})"))
+    return _grid(*rows)
+
+
+def _alternatives(plan: Plan) -> Table:
+    rows: list[tuple[str, str | Text]] = []
+    for number, other in enumerate(plan.alternatives, start=2):
+        g, hand = other.grasp, other.hand_result
+        state = "reached" if hand.reached else "retracted"
+        side = axis_name(g.thumb_side).upper()
+        rows.append(
+            (
+                f"answer {number}",
+                f"{g.plane.label}, thumb {side}, {len(hand.fingers) or g.fingers} fingers, {g.score_text}, "
+                f"{state}",
+            )
+        )
+    return _grid(*rows)
+
+
+def after_words(plan: Plan) -> Sequence[str]:
+    """What to do next, one sentence each, where there is something to say."""
+    if plan.answer is None:
+        return (plan.decision.status.help,)
+    if not plan.answer.hand_result.reached and not plan.alternatives:
+        return ("This hand cannot execute it as it stands: --count 5 shows other answers.",)
+    return ()

@@ -1,0 +1,147 @@
+"""One request, one answer: command line, Python and the browser's worker give the same plan."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import preshape
+from preshape.app.worker import Worker
+from preshape.cli.main import run
+from preshape.objects.load import load_object
+from preshape.planning.document import plan_to_json
+from preshape.planning.request import PlanRequest
+from preshape.planning.session import Session
+
+BY_CHANCE = ("seconds", "version")
+"""Keys that differ from run to run."""
+
+
+def plain(document: dict[str, Any]) -> dict[str, Any]:
+    """The document without times."""
+    out = {key: content for key, content in document.items() if key not in BY_CHANCE}
+    out["alternatives"] = [plain(one) for one in document.get("alternatives", ())]
+    return json.loads(json.dumps(out))  # type: ignore[no-any-return]
+
+
+def scan_of(tmp_path: Path) -> Path:
+    """A mesh file as a scan has it: another name than the library's, cut anew by its own writer."""
+    import trimesh
+
+    mesh = load_object("pear")
+    file = tmp_path / "scan.ply"
+    file.write_bytes(trimesh.Trimesh(mesh.vertices, mesh.triangles, process=False).export(file_type="ply"))
+    return file
+
+
+def cloud_of(tmp_path: Path) -> Path:
+    """Points on the side of a can that a camera at +x sees."""
+    rng = np.random.default_rng(3)
+    angle, height = rng.uniform(-1.4, 1.4, 4000), rng.uniform(-0.045, 0.045, 4000)
+    side = np.stack([0.03 * np.cos(angle), 0.03 * np.sin(angle), height], axis=1)
+    disc = rng.uniform(-0.03, 0.03, (3000, 2))
+    disc = disc[np.linalg.norm(disc, axis=1) < 0.03]
+    points = np.concatenate([side, np.column_stack([disc, np.full(len(disc), 0.045)])])
+    file = tmp_path / "can.xyz"
+    np.savetxt(file, points, fmt="%.6f")
+    return file
+
+
+def taught_memory(path: Path, hand: str) -> None:
+    """A memory that has met a box and a bottle."""
+    with Session(path) as session:
+        for name in ("box", "bottle"):
+            session.teach(PlanRequest(source=name, task="lift", hand=hand))
+
+
+CASES: list[tuple[str, dict[str, Any]]] = [
+    ("library object, the paper's hand", {"source": "mug", "task": "pour"}),
+    ("library object, six numbers, two answers", {"source": "cube", "task": "1 1 .1 .05 .8 .05", "count": 2}),
+    ("library object, its own mass", {"source": "mug", "task": "pour", "hand": "shadow"}),
+    ("a mass and a friction", {"source": "box", "task": "lift", "hand": "allegro", "mass": 0.4, "friction": 0.8}),
+    ("three answers", {"source": "bottle", "task": "lift", "hand": "leap", "count": 3}),
+    ("a table", {"source": "cube", "task": "lift", "hand": "shadow", "table": "auto"}),
+    ("a low table and a box to avoid", {"source": "pear", "task": "lift", "hand": "allegro", "table": -0.09,
+                                        "avoid": [[0.03, -0.1, -0.1, 0.2, 0.1, 0.1]]}),
+    ("approaches and a seed", {"source": "jar", "task": "lift", "hand": "shadow", "approaches": "-z", "seed": 3}),
+    ("a scan", {"source": "scan", "task": "lift", "hand": "leap"}),
+    ("a scan in millimetres", {"source": "scan", "task": "lift", "hand": "shadow", "unit": "cm", "scale": 100.0}),
+    ("a point cloud", {"source": "cloud", "task": "lift", "hand": "shadow", "view": [0.5, 0.0, 0.3]}),
+    ("a heavy object that no grip holds", {"source": "mug", "task": "lift", "hand": "leap", "mass": 30.0}),
+    ("an old memory that knows the object", {"source": "box", "task": "lift", "hand": "shadow", "old": True}),
+    ("an old memory of the paper's hand", {"source": "bottle", "task": "lift", "old": True}),
+]  # fmt: skip
+
+
+def by_command_line(asked: dict[str, Any], capsys: pytest.CaptureFixture[str]) -> dict[str, Any]:
+    words = ["plan", str(asked["source"]), "--task", asked["task"], "--json", "--memory", asked["memory"]]
+    flags = {"hand": "hand", "mass": "mass", "friction": "friction", "count": "count", "unit": "unit",
+             "scale": "scale", "approaches": "approach", "seed": "seed"}  # fmt: skip
+    for key, flag in flags.items():
+        if key in asked:
+            words += [f"--{flag}", str(asked[key])]
+    if "table" in asked:
+        words += ["--table"] + ([] if asked["table"] == "auto" else [str(asked["table"])])
+    for box in asked.get("avoid", ()):
+        words += ["--avoid", " ".join(map(str, box))]
+    if "view" in asked:
+        words += ["--view", ",".join(map(str, asked["view"]))]
+    code = run(words)
+    found: dict[str, Any] = json.loads(capsys.readouterr().out)
+    assert code == (0 if found["status"] == "answer" else 1), found
+    return found
+
+
+def by_python(asked: dict[str, Any]) -> dict[str, Any]:
+    rest = {key: content for key, content in asked.items() if key not in ("source", "task")}
+    return plan_to_json(preshape.plan(asked["source"], asked["task"], **rest))
+
+
+def by_browser(asked: dict[str, Any]) -> dict[str, Any]:
+    rest = {key: content for key, content in asked.items() if key != "seed"}
+    settings = preshape.Settings(seed=asked.get("seed", 0))
+    replies: list[dict[str, Any]] = []
+    request = PlanRequest(**rest, settings=settings).to_json()
+    Worker(replies.append).answer({"do": "plan", "id": 1, "request": request})
+    assert replies[-1] == {"done": True, "id": 1}, replies[-1]
+    return [reply["document"] for reply in replies if "document" in reply][-1]  # type: ignore[no-any-return]
+
+
+@pytest.mark.parametrize("asked", [pytest.param(case, id=name) for name, case in CASES])
+def test_every_door_gives_the_same_plan(
+    asked: dict[str, Any], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    asked = dict(asked)
+    makers = {"scan": scan_of, "cloud": cloud_of}
+    if asked["source"] in makers:
+        asked["source"] = str(makers[asked["source"]](tmp_path))
+    old = asked.pop("old", False)
+    found = []
+    for name, door in (("line", None), ("python", by_python), ("browser", by_browser)):
+        memory = tmp_path / f"{name}.sqlite"
+        if old:
+            taught_memory(memory, asked.get("hand", "utah_mit"))
+        mine = {**asked, "memory": str(memory)}
+        document = by_command_line(mine, capsys) if door is None else door(mine)
+        for one in (document, *document["alternatives"], document["best"] or document):
+            assert one["request"].pop("memory", str(memory)) == str(memory)
+        found.append(plain(document))
+    line, python, browser = found
+    assert line == python
+    assert line == browser
+    if old:
+        assert line["mode"] == 0
+    # The plan holds its request: asked again with a fresh memory it is the same plan.
+    memory = str(tmp_path / "again.sqlite")
+    if old:
+        taught_memory(Path(memory), asked.get("hand", "utah_mit"))
+    request = PlanRequest.from_json({**line["request"], "memory": memory})
+    with Session(memory) as session:
+        again = plan_to_json(session.run(request))
+    for one in (again, *again["alternatives"], again["best"] or again):
+        one["request"].pop("memory", None)
+    assert plain(again) == line
