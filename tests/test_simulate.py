@@ -23,7 +23,7 @@ from preshape.physics.protocol import HoldProtocol
 from preshape.physics.scene import Scene, build_scene
 from preshape.viewer.animation import animation, chosen_frames
 from preshape.viewer.film import Film
-from preshape.viewer.filmstrip import MOST, filmstrip, filmstrip_image, key_frames
+from preshape.viewer.filmstrip import MAX_KEY_FRAMES, filmstrip, filmstrip_image, key_frames
 from test_physics_scene import BOX, FAST, HAND, HERE, SIDE, clamp
 
 EXAMPLE = Path(__file__).parent.parent / "docs" / "plan.example.json"
@@ -200,23 +200,23 @@ class TestPictures:
         frames = key_frames(film)
         names = [film.stage_at(frame).name for frame in frames]
         assert names == ["pregrasp", "squeeze", *(probe.name for probe in FAST.loads())]
-        assert len(frames) == MOST
+        assert len(frames) == MAX_KEY_FRAMES
         assert frames == sorted(set(frames))
 
     def test_of_many_probes_those_that_were_lost_are_shown(self) -> None:
         recording = record(0.0055, replace(FAST, probes="all", checks=1))
         film = film_of(recording, scene_of(), HoldProtocol())
         assert len(film.stages) == 3 + 28
-        worse = replace(film, stages=(*film.stages[:30], replace(film.stages[30], good=False)))
+        worse = replace(film, stages=(*film.stages[:30], replace(film.stages[30], passed=False)))
         frames = key_frames(worse)
-        assert len(frames) == MOST
+        assert len(frames) == MAX_KEY_FRAMES
         assert worse.stage_at(frames[-1]).name == worse.stages[30].name
 
     def test_the_object_is_drawn_where_it_is(self, film: Film) -> None:
         later = film.stages[3].stop - 1
         [box] = [k for k, own in enumerate(film.is_object) if own]
         drawn = film.shapes(later)[box].vertices
-        shift = film.places[later, box, :3, 3] - film.places[0, box, :3, 3]
+        shift = film.poses[later, box, :3, 3] - film.poses[0, box, :3, 3]
         assert drawn.mean(axis=0) - film.shapes(0)[box].vertices.mean(axis=0) == pytest.approx(
             shift, abs=1e-5
         )
@@ -224,12 +224,12 @@ class TestPictures:
 
     def test_the_load_is_an_arrow_outside_the_object_along_the_force(self, film: Film) -> None:
         frame = film.stages[3].stop - 1  # force +x
-        stroke = film.stroke(frame, film.load[frame])
+        stroke = film.load_arrow(frame, film.load[frame])
         assert stroke is not None
         start, tip = stroke
         assert (tip - start) / np.linalg.norm(tip - start) == pytest.approx([1, 0, 0])
         assert start[0] > SIDE[0]
-        assert film.stroke(0, film.load[0]) is None
+        assert film.load_arrow(0, film.load[0]) is None
         assert len(film.shapes(frame)) == len(film.shapes(0)) + 1
 
     def test_filmstrip_is_written_whole_and_its_frames_differ(self, film: Film, tmp_path: Path) -> None:
@@ -282,7 +282,9 @@ def cut(film: Film, stages: int) -> Film:
     """The first stages of a film."""
     kept = film.stages[:stages]
     n = kept[-1].stop
-    arrays = {k: getattr(film, k)[:n] for k in ("times", "places", "load", "centre", "normal", "slip")}
+    arrays = {
+        k: getattr(film, k)[:n] for k in ("times", "poses", "load", "load_point", "normal_force", "slip")
+    }
     return replace(film, stages=kept, **arrays)
 
 
@@ -330,9 +332,10 @@ class TestCommand:
             assert gif.format == "GIF"
 
     def test_a_row_of_an_array(self, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-        from preshape.physics.grasps import STAGES, read_grasps
+        from preshape.physics.grasps import STAGES
+        from preshape.planning.grasp_sets import read_grasp_file
 
-        plan = read_grasps(EXAMPLE)
+        plan = read_grasp_file(EXAMPLE).grasps
         write_grasps(tmp_path / "g.npz", plan)
         run(["simulate", str(tmp_path / "g.npz"), "--row", "1", "--json"])
         by_row = json.loads(capsys.readouterr().out)

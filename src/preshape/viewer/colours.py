@@ -53,6 +53,8 @@ HAND: Final = from_hex("#8FA3B8")
 APPROACH: Final = BLUE
 OPPOSITION: Final = VERMILION
 TRANSVERSE: Final = GREEN
+TABLE: Final = from_hex("#B9A88C")
+AVOID: Final = PURPLE
 TASK: Final = from_hex("#4A4F57")
 WRENCH: Final = SKY
 

@@ -2,16 +2,30 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from ..types import Array
 from .canvas import Canvas
-from .colours import APPROACH, INK, OPPOSITION, QUIET, TASK, TRANSVERSE, WRENCH, Colour, finger_colour
+from .colours import (
+    APPROACH,
+    AVOID,
+    INK,
+    OPPOSITION,
+    QUIET,
+    TABLE,
+    TASK,
+    TRANSVERSE,
+    WRENCH,
+    Colour,
+    finger_colour,
+)
 from .hand_motion import HandMotion
 from .plan_scene import FORCE_LENGTH, PlaneCard, PlanScene, approach_arrow, axis_tips
 from .raycast import Shape
 from .shading import tangents
-from .shapes import arrow, card, card_border, cone, join, object_shape, sphere, tube
+from .shapes import arrow, box, card, card_border, cone, join, object_shape, sphere, tube
 
 GROUPS = {
     "object": "Object",
@@ -20,9 +34,10 @@ GROUPS = {
     "axes": "Approach, opposition, transverse",
     "rays": "Rays",
     "contacts": "Contacts and friction cones",
-    "forces": "Contact wrenches",
+    "forces": "Contact forces",
     "net": "Net wrench",
     "task": "Task screw",
+    "scene": "Table and boxes to avoid",
     "hand": "Hand",
 }
 """Groups of solids, by the first part of their names, and the groups' names to display."""
@@ -47,6 +62,7 @@ def draw_plan(scene: PlanScene, canvas: Canvas, *, selected: int | None = None) 
         if group not in ("hand", "object"):
             canvas.remove(group)
     _frame(scene, canvas)
+    draw_scenery(scene.table, scene.boxes, scene, canvas)
     for entry in scene.planes:
         draw_card(scene, canvas, entry, selected=entry.index == selected)
     _axes(scene, canvas)
@@ -91,6 +107,31 @@ def draw_card(scene: PlanScene, canvas: Canvas, entry: PlaneCard, *, selected: b
     canvas.label(f"planes/{entry.index}/number", str(entry.index), centre + 1.25 * v)
 
 
+def draw_scenery(table: float | None, boxes: Array, scene: PlanScene, canvas: Canvas) -> None:
+    """Draw table and boxes to avoid, in place of the ones drawn before.
+
+    Args:
+        table: Height of the table along z [m]; ``None`` without one.
+        boxes: (k, 2, 3) Lower and upper corners [m].
+        scene: The plan, whose object gives the size of the table that is drawn.
+        canvas: The canvas.
+    """
+    canvas.remove("scene")
+    size = scene.size
+    if table is not None:
+        low, high = scene.mesh.bounds
+        centre = np.array([*(low + high)[:2] / 2, table])
+        half = (high - low)[:2] / 2 + 0.8 * size
+        sides = half[0] * np.eye(3)[0], half[1] * np.eye(3)[1]
+        canvas.solid("scene/table", card(centre, *sides, TABLE, alpha=0.4))
+        canvas.solid("scene/table-edge", card_border(centre, *sides, 0.006 * size, TABLE))
+        canvas.label("scene/table-name", "table", centre + sides[0] - sides[1])
+    for i, (low, high) in enumerate(boxes, start=1):
+        solid = replace(box((low + high) / 2, (high - low) / 2, None, AVOID), alpha=0.35)
+        canvas.solid(f"scene/box {i}", solid)
+        canvas.label(f"scene/box {i}-name", f"box {i}", (low + high) / 2)
+
+
 def _frame(scene: PlanScene, canvas: Canvas) -> None:
     low = scene.mesh.bounds[0] - 0.25 * scene.size
     for i in range(3):
@@ -103,12 +144,14 @@ def _axes(scene: PlanScene, canvas: Canvas) -> None:
     if scene.plane is None:
         return
     size = scene.size
-    names = {"a": "approach", "o": "opposition", "t": "transverse"}
+    names = {"a": "approach axis", "o": "opposition", "t": "transverse"}
     colours = {"a": APPROACH, "o": OPPOSITION, "t": TRANSVERSE}
     for key, tip in axis_tips(scene).items():
         canvas.solid(f"axes/{key}", arrow(scene.cog, tip, 0.012 * size, colours[key]))
         canvas.label(f"axes/{key}-name", names[key], tip)
-    canvas.solid("axes/way", arrow(*approach_arrow(scene), 0.03 * size, APPROACH))
+    start, tip = approach_arrow(scene)
+    canvas.solid("axes/way", arrow(start, tip, 0.03 * size, APPROACH))
+    canvas.label("axes/way-name", "way in", start)
     a, o = scene.plane.approach_axis, scene.plane.opposition_axis
     u, v = (scene.half(a) + 0.3 * size) * a, (scene.half(o) + 0.3 * size) * o
     canvas.solid("axes/plane", card(scene.cog, u, v, APPROACH, alpha=0.16))

@@ -1,4 +1,4 @@
-"""A run in simulated physics as the viewer takes it: solids that move, numbers over time, and stages."""
+"""A run in simulated physics as plain values: moving solids, forces over time, and stages."""
 
 from __future__ import annotations
 
@@ -14,80 +14,80 @@ from .raycast import Image, Shape, render, visible
 from .shapes import arrow
 
 VIEWS = 6
-"""Directions all around from which the fingers are looked for; the one that sees most of them is taken."""
+"""Directions around the object that are compared; the camera stands where most of the fingers are visible."""
 RISE = 0.46
-"""Height of the eye above the object, over its distance on the ground."""
+"""Height of the eye above the object, divided by its horizontal distance."""
 LOAD: Colour = (0.78, 0.16, 0.16)
-"""Of the arrow that shows the load."""
+"""Colour of the arrow that shows the load."""
 ARROW = 0.85
-"""Length of the load's arrow, in half diagonals of the object."""
-GHOST = 0.3
-"""How much of that arrow shows through what hides it."""
+"""Length of that arrow, in half diagonals of the object."""
+SHOW_THROUGH = 0.3
+"""Opacity of that arrow where something hides it."""
 
 
 @value
 class Stage:
-    """A stretch of a film.
+    """A range of a film's frames.
 
     Attributes:
-        name: as a heading, ``squeeze``, ``force +x``.
-        start: its first frame.
-        stop: one past its last.
-        note: what came of it, as ``held · 0.4 mm``; may be empty.
-        good: whether it went well; ``None`` where that is no question.
+        name: Name to display, for example ``squeeze`` or ``force +x``.
+        start: First frame.
+        stop: Last frame plus one.
+        note: Result to display, for example ``held · 0.4 mm``; may be empty.
+        passed: Whether the hand held the object; ``None`` for a stage before the probes.
     """
 
     name: str
     start: int
     stop: int
     note: str = ""
-    good: bool | None = None
+    passed: bool | None = None
 
 
 @value
 class Film:
-    """A run: n frames, m solids, k parts of the hand that touch, and the object.
+    """A run with n frames, m solids, and k parts of the hand that can touch the object.
 
     Attributes:
-        title: the heading.
-        subtitle: a second line.
-        verdict: one sentence on how it ended.
-        good: whether it ended well.
-        times: (n,) [s].
-        stages: in their order, without gaps.
-        solids: (m) each in its own body's frame [m].
-        is_object: (m,) 1 for the object's solids, 0 for the hand's.
-        places: (n, m, 4, 4) pose of each solid's body in the world.
-        load: (n, 6) force [N] and torque [N m] on the object.
-        centre: (n, 3) where the load acts [m].
-        parts: (k) names of what can touch, as ``thumb``.
-        normal: (n, k) normal force [N].
-        slip: (n, k) [m].
+        title: Heading.
+        subtitle: Second line of the heading.
+        verdict: Result in one sentence.
+        passed: Whether the hand held the object.
+        times: (n,) Time of each frame [s].
+        stages: Stages in their order, without gaps.
+        solids: (m) Shape of each solid in the frame of its body [m].
+        is_object: (m) Whether each solid belongs to the object.
+        poses: (n, m, 4, 4) Pose of each solid's body in the world frame.
+        load: (n, 6) Force [N] and torque [N m] on the object in the world frame, about ``load_point``.
+        load_point: (n, 3) Point at which the load acts [m].
+        parts: (k) Names, for example ``thumb``.
+        normal_force: (n, k) Normal force of each part [N].
+        slip: (n, k) Slip of each part on the object [m].
 
     Raises:
-        InputError: arrays of other shapes; no frames, or stages that do not follow each other.
+        InputError: An array has the wrong shape, there are no frames, or the stages do not cover all frames.
     """
 
     title: str
     subtitle: str
     verdict: str
-    good: bool
+    passed: bool
     times: Array
     stages: tuple[Stage, ...]
     solids: tuple[Shape, ...]
     is_object: tuple[bool, ...]
-    places: Array
+    poses: Array
     load: Array
-    centre: Array
+    load_point: Array
     parts: tuple[str, ...]
-    normal: Array
+    normal_force: Array
     slip: Array
 
     def __post_init__(self) -> None:
         n, m, k = len(self.times), len(self.solids), len(self.parts)
         shapes: dict[str, tuple[int | None, ...]] = {
-            "times": (n,), "places": (n, m, 4, 4), "load": (n, 6), "centre": (n, 3),
-            "normal": (n, k), "slip": (n, k),
+            "times": (n,), "poses": (n, m, 4, 4), "load": (n, 6), "load_point": (n, 3),
+            "normal_force": (n, k), "slip": (n, k),
         }  # fmt: skip
         for name, shape in shapes.items():
             freeze(self, **{name: frozen_array(getattr(self, name), shape, f"film: {name}")})
@@ -95,111 +95,128 @@ class Film:
         if not n or [s.start for s in self.stages] != cuts[:-1] or cuts[-1] != n or cuts != sorted(set(cuts)):
             raise InputError("a film needs frames, and stages that follow each other and cover all of them")
         if len(self.is_object) != m or not any(self.is_object):
-            raise InputError("a film needs an object, and whether each solid belongs to it")
+            raise InputError("a film needs an object, and must say of each solid whether it belongs to it")
 
     def __len__(self) -> int:
         return len(self.times)
 
     def stage_at(self, frame: int) -> Stage:
-        """The stage that a frame belongs to."""
+        """The stage of a frame."""
         return next(stage for stage in self.stages if stage.start <= frame < stage.stop)
 
     @property
     def size(self) -> float:
-        """Half the diagonal of the object where it begins [m]."""
+        """Half the diagonal of the object's bounding box in the first frame [m]."""
         return float(np.linalg.norm(np.ptp(self._points(0, of_object=True), axis=0))) / 2
 
     def colours(self) -> tuple[Colour, ...]:
-        """One colour for each part; the palm is ink."""
+        """One colour for each part; the palm's is that of text."""
         fingers = [name for name in self.parts if name != "palm"]
         return tuple(INK if n == "palm" else finger_colour(n, fingers.index(n)) for n in self.parts)
 
     def shapes(self, frame: int) -> list[Shape]:
-        """What is to be drawn at a frame."""
+        """The shapes of a frame: solids where they are, and the arrow of the load."""
         result = [
             replace(solid, vertices=solid.vertices @ T[:3, :3].T + T[:3, 3])
-            for solid, T in zip(self.solids, self.places[frame], strict=True)
+            for solid, T in zip(self.solids, self.poses[frame], strict=True)
         ]
-        stroke = self.stroke(frame, self.load[frame])
-        if stroke is not None:
-            result.append(arrow(*stroke, 0.05 * self.size, LOAD))
+        ends = self.load_arrow(frame, self.load[frame])
+        if ends is not None:
+            result.append(arrow(*ends, 0.05 * self.size, LOAD))
         return result
 
-    def stroke(self, frame: int, load: Array) -> tuple[Array, Array] | None:
-        """Start and tip of a load's arrow: outside the object and away from it, as if it were pulled."""
-        way = load[:3] if load[:3].any() else load[3:]
-        if not way.any():
-            return None
-        way = way / np.linalg.norm(way)
-        start = self.centre[frame] + self._reach(frame, way) * way
-        return start, start + ARROW * self.size * way
-
-    def camera(self, frames: IntArray, aspect: float) -> Camera:
-        """One camera for all pictures: it has the hand in these frames, and the object where it begins.
+    def load_arrow(self, frame: int, load: Array) -> tuple[Array, Array] | None:
+        """Start and tip (3,) of a load's arrow, which begins outside the object and points away from it [m].
 
         Args:
-            frames: which frames; the fingers are seen best in the one before the first probe.
-            aspect: width of the picture divided by its height.
+            frame: Frame that gives the object's pose.
+            load: (6,) Force and torque; without a force the arrow shows the torque's axis.
+
+        Returns:
+            ``None`` without a load.
         """
-        begins = self._points(0, of_object=True)
-        middle, size = (begins.min(axis=0) + begins.max(axis=0)) / 2, self.size
+        direction = load[:3] if load[:3].any() else load[3:]
+        if not direction.any():
+            return None
+        direction = direction / np.linalg.norm(direction)
+        start = self.load_point[frame] + self._reach(frame, direction) * direction
+        return start, start + ARROW * self.size * direction
+
+    def camera(self, frames: IntArray, aspect: float) -> Camera:
+        """One camera for all pictures of a run.
+
+        1. The picture contains the object in the first frame, the arrows of all loads, and the hand in
+           ``frames``.
+        2. Of ``VIEWS`` directions around the object, the one that sees most of the fingers in the last frame
+           before the probes is taken.
+
+        Args:
+            frames: Frames in which the hand must be in the picture.
+            aspect: Width of the picture divided by its height.
+        """
+        at_start = self._points(0, of_object=True)
+        middle, size = (at_start.min(axis=0) + at_start.max(axis=0)) / 2, self.size
         around = [middle + 1.3 * size * np.concatenate([np.eye(3), -np.eye(3)])]
-        held = max((s.stop - 1 for s in self.stages if s.good is None), default=0)
-        strokes = [self.stroke(held, load) for load in np.unique(self.load, axis=0)]
-        around += [np.array(stroke) for stroke in strokes if stroke is not None]
+        squeezed = max((s.stop - 1 for s in self.stages if s.passed is None), default=0)
+        arrows = [self.load_arrow(squeezed, load) for load in np.unique(self.load, axis=0)]
+        around += [np.array(ends) for ends in arrows if ends is not None]
         alone = all(self.is_object)
         hand = [] if alone else [self._points(int(f), of_object=False) for f in frames]
-        # A long forearm, or an object that was thrown away, does not make the grasp small.
+        # Only what is near counts: a long forearm would make the grasp small.
         near = around + [p[np.linalg.norm(p - middle, axis=1) < 3 * size] for p in hand]
         points = np.concatenate([_outermost(p) for p in near if len(p)])
         angles = np.radians(-49.0) + 2 * np.pi * np.arange(1 if alone else VIEWS) / VIEWS
-        ways = np.column_stack([np.cos(angles), np.sin(angles), np.full(len(angles), RISE)])
-        cameras = [Camera.framing(points, way, aspect=aspect, margin=1.06) for way in ways]
+        directions = np.column_stack([np.cos(angles), np.sin(angles), np.full(len(angles), RISE)])
+        cameras = [Camera.framing(points, d, aspect=aspect, margin=1.06) for d in directions]
         if alone:
             return cameras[0]
-        shapes = [shape for shape in self.shapes(held) if shape.colour != LOAD]
-        seen = self._points(held, of_object=False)[::11]
-        seen = seen[np.linalg.norm(seen - middle, axis=1) < 1.5 * size]
-        # Whole per cents: of views that are as good as each other the first is taken, on every machine.
-        shares = [round(100 * float(visible(shapes, c, seen).mean())) if len(seen) else 0 for c in cameras]
-        return cameras[int(np.argmax(shares))]
+        shapes = [shape for shape in self.shapes(squeezed) if shape.colour != LOAD]
+        fingers = self._points(squeezed, of_object=False)[::11]
+        fingers = fingers[np.linalg.norm(fingers - middle, axis=1) < 1.5 * size]
+        # Whole per cents: of equally good views every machine takes the first.
+        scores = [
+            round(100 * float(visible(shapes, c, fingers).mean())) if len(fingers) else 0 for c in cameras
+        ]
+        return cameras[int(np.argmax(scores))]
 
     def picture(self, frame: int, camera: Camera, size: tuple[int, int], *, samples: int = 3) -> Image:
-        """Draw a frame (h, w, 3); the floor lies under everything at the first frame."""
+        """Draw a frame (h, w, 3); the floor lies below everything in the first frame."""
         floor = min(float(self._points(0, of_object=o).min(axis=0)[2]) for o in set(self.is_object))
         image = render(self.shapes(frame), camera, size, samples=samples, ground=floor - 0.02 * self.size)
-        stroke = self.stroke(frame, self.load[frame])
-        return image if stroke is None else _through_glass(image, camera, *stroke)
+        ends = self.load_arrow(frame, self.load[frame])
+        return image if ends is None else _with_faint_arrow(image, camera, *ends)
 
     def _points(self, frame: int, *, of_object: bool) -> Array:
+        """(v, 3) Vertices of the object's solids, or of the hand's, in the world frame [m]."""
         return np.concatenate(
             [
                 solid.vertices @ T[:3, :3].T + T[:3, 3]
-                for solid, own, T in zip(self.solids, self.is_object, self.places[frame], strict=True)
+                for solid, own, T in zip(self.solids, self.is_object, self.poses[frame], strict=True)
                 if own == of_object
             ]
         )
 
-    def _reach(self, frame: int, way: Array) -> float:
-        points = self._points(frame, of_object=True) - self.centre[frame]
-        # Along the arrow's own line, not the bounding box: a mug's handle does not push it away.
-        beside = np.linalg.norm(points - np.outer(points @ way, way), axis=1)
+    def _reach(self, frame: int, direction: Array) -> float:
+        """Distance from the load's point, along a unit direction, to just outside the object [m]."""
+        points = self._points(frame, of_object=True) - self.load_point[frame]
+        # Only the surface near the arrow's line counts: a mug's handle beside it does not matter.
+        beside = np.linalg.norm(points - np.outer(points @ direction, direction), axis=1)
         near = points[beside <= max(0.35 * self.size, float(beside.min()))]
-        return max(0.0, float((near @ way).max())) + 0.12 * self.size
+        return max(0.0, float((near @ direction).max())) + 0.12 * self.size
 
 
 def _outermost(points: Array) -> Array:
-    """The points that lie farthest in many directions: what a camera must have in its picture."""
+    """The points that lie farthest in 80 directions, which suffice to frame the picture."""
     points = points[:: max(1, len(points) // 4000)]
-    k = np.arange(80)  # spread evenly over the sphere
+    k = np.arange(80)  # a spiral that covers the sphere evenly
     height, turn = 1 - (2 * k + 1) / len(k), np.pi * (1 + np.sqrt(5.0)) * k
     flat = np.sqrt(1 - height**2)
-    ways = np.column_stack([flat * np.cos(turn), flat * np.sin(turn), height])
-    return points[np.unique(np.argmax(points @ ways.T, axis=0))]
+    directions = np.column_stack([flat * np.cos(turn), flat * np.sin(turn), height])
+    return points[np.unique(np.argmax(points @ directions.T, axis=0))]
 
 
-def _through_glass(image: Image, camera: Camera, start: Array, tip: Array) -> Image:
-    """The arrow once more, faintly, over whatever hides it."""
+def _with_faint_arrow(image: Image, camera: Camera, start: Array, tip: Array) -> Image:
+    """The image with the arrow drawn once more, faintly, over whatever hides it."""
     from PIL import Image as Pillow
     from PIL import ImageDraw
 
@@ -217,6 +234,8 @@ def _through_glass(image: Image, camera: Camera, start: Array, tip: Array) -> Im
         draw.polygon(
             [tuple(p) for p in (b, neck + 1.6 * wide * across, neck - 1.6 * wide * across)], fill=255
         )
-    share = GHOST / 255 * np.asarray(mask.resize(image.shape[1::-1], Pillow.Resampling.BOX))[:, :, None]
-    mixed = (1 - share) * image + share * 255 * np.array(LOAD)
+    opacity = (
+        SHOW_THROUGH / 255 * np.asarray(mask.resize(image.shape[1::-1], Pillow.Resampling.BOX))[:, :, None]
+    )
+    mixed = (1 - opacity) * image + opacity * 255 * np.array(LOAD)
     return np.asarray(np.round(mixed), dtype=np.uint8)

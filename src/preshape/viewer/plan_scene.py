@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import field
+
 import numpy as np
 
 from ..exceptions import InputError
@@ -53,22 +55,30 @@ class PlanScene:
         mode: Execution mode, 0..3.
         status: Status of the plan in a few words.
         reasons: Reasons, one sentence each.
-        plane: The chosen approach plane.
+        plane: The answer's approach plane.
+        way_in: (3,) Unit vector along which the hand comes in; ``None`` stands for the plane's approach axis.
         approach_value: Approach value v, -1..1.
         approach_set: Name of the fuzzy set of v.
         aim: (3,) Point that the grasp aims at [m].
         points: (n, 3) Contact points [m].
         normals_in: (n, 3) Inward unit normals.
         fingers: (n) Name of the finger at each contact.
-        forces: (n, 3) Contact forces per unit normal force.
+        forces: (n, 3) Contact forces as drawn: per unit normal force for a virtual grasp, relative to the
+            strongest one for a grip.
+        newtons: (n,) Magnitude of each contact force of a grip [N].
         friction: Friction coefficient of the cones that are drawn.
         ray_origins: (n, 3) Origins of the virtual grasp's rays [m].
         net_wrench: (6,) Net wrench about the centre of gravity, lengths in U.
         adi: (6,) Agreement of task and net wrench in each dimension (ADI).
         match: TFVADI, 0..6.
         quality: Grip quality, 0..6, for a real hand; ``None`` where TFVADI is the criterion.
+        margins: (2,) Margins of a grip for the task's load and for pushes from any side; 1 is just enough.
+        press: Sum of the normal forces of a grip [N].
         stability: Stability index, 0..6.
         manipulability: Manipulability index, 0..6.
+        facts: Names and values of what decided the answer.
+        table: Height of the table along z [m]; ``None`` in free space.
+        boxes: (k, 2, 3) Lower and upper corners of the boxes that the hand stays out of [m].
         hand: Links of the hand, placed.
         planes: All approach planes, for the overview.
 
@@ -85,6 +95,7 @@ class PlanScene:
     status: str
     reasons: tuple[str, ...] = ()
     plane: PlaneCard | None = None
+    way_in: Array | None = None
     approach_value: float | None = None
     approach_set: str = ""
     aim: Array | None = None
@@ -92,21 +103,28 @@ class PlanScene:
     normals_in: Array | None = None
     fingers: tuple[str, ...] = ()
     forces: Array | None = None
+    newtons: Array | None = None
     friction: float | None = None
     ray_origins: Array | None = None
     net_wrench: Array | None = None
     adi: Array | None = None
     match: float | None = None
     quality: float | None = None
+    margins: Array | None = None
+    press: float | None = None
     stability: int | None = None
     manipulability: int | None = None
+    facts: tuple[tuple[str, str], ...] = ()
+    table: float | None = None
+    boxes: Array = field(default_factory=lambda: np.zeros((0, 2, 3)))
     hand: tuple[LinkShape, ...] = ()
     planes: tuple[PlaneCard, ...] = ()
 
     def __post_init__(self) -> None:
         n = len(self.fingers)
-        shapes: dict[str, tuple[int, ...]] = {"cog": (3,), "task": (6,)}
-        shapes |= dict.fromkeys(("aim",), (3,)) | dict.fromkeys(("net_wrench", "adi"), (6,))
+        shapes: dict[str, tuple[int | None, ...]] = {"cog": (3,), "task": (6,), "boxes": (None, 2, 3)}
+        shapes |= dict.fromkeys(("aim", "way_in"), (3,)) | dict.fromkeys(("net_wrench", "adi"), (6,))
+        shapes |= {"newtons": (n,), "margins": (2,)}
         shapes |= dict.fromkeys(("points", "normals_in", "forces", "ray_origins"), (n, 3))
         for name, shape in shapes.items():
             given = getattr(self, name)
@@ -136,9 +154,9 @@ def axis_tips(scene: PlanScene) -> dict[str, Array]:
 
 
 def approach_arrow(scene: PlanScene) -> tuple[Array, Array]:
-    """Start and tip (3,) of the arrow along the approach axis, before the object [m]; needs a plane."""
+    """Start and tip (3,) of the arrow along the way in, before the object [m]; needs a plane."""
     assert scene.plane is not None
-    a = scene.plane.approach_axis
+    a = scene.plane.approach_axis if scene.way_in is None else scene.way_in
     tip = scene.cog - (scene.half(a) + 0.12 * scene.size) * a
     return tip - 0.85 * scene.size * a, tip
 
