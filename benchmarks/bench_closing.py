@@ -12,9 +12,9 @@ from typing import Any
 
 import numpy as np
 
+from preshape.closure.candidates import Region, draw_candidates
 from preshape.closure.hand_tables import hand_tables
 from preshape.closure.preshapes import preshapes
-from preshape.closure.sampling import sample
 from preshape.hands.load import load_hand
 from preshape.kernels.closing.host import ClosingKernel, Closings, Fate
 from preshape.kernels.closing.plain import close_plain
@@ -57,8 +57,8 @@ class _Scenes:
         self.fields = [prepare_field(mesh) for mesh in self.meshes]
         self.kernels = [ClosingKernel(self.tables, field, threads=threads) for field in self.fields]
         self.given = [
-            sample(
-                np.random.default_rng(0), pool, mesh.bounds.mean(axis=0), mesh.extents / 2, EACH
+            draw_candidates(
+                np.random.default_rng(0), pool, mesh.bounds.mean(axis=0), mesh.extents / 2, EACH, Region()
             ).candidates
             for mesh in self.meshes
         ]

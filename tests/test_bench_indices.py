@@ -13,7 +13,7 @@ import pytest
 
 from preshape.cli.main import run
 from preshape.closure.analyser import ClosureAnalyser
-from preshape.closure.search import Demand
+from preshape.closure.demand import Demand
 from preshape.closure.settings import ClosureSettings
 from preshape.dataset.index_values import (
     INDICES,

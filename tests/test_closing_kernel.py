@@ -8,9 +8,9 @@ from functools import cache
 import numpy as np
 import pytest
 
+from preshape.closure.candidates import Region, draw_candidates
 from preshape.closure.hand_tables import hand_tables, link_shapes
 from preshape.closure.preshapes import posture_at, preshapes
-from preshape.closure.sampling import sample
 from preshape.hands.kinematics import HandKinematics, LinkShape
 from preshape.hands.load import load_hand
 from preshape.kernels.chains import fingertips, joint_frames, rotations
@@ -38,7 +38,7 @@ def candidates(hand: str, name: str, count: int, seed: int = 0) -> Candidates:
     mesh = load_library_object(name)
     pool = preshapes(load_hand(hand), 32)
     rng = np.random.default_rng(seed)
-    return sample(rng, pool, mesh.bounds.mean(axis=0), mesh.extents / 2, count).candidates
+    return draw_candidates(rng, pool, mesh.bounds.mean(axis=0), mesh.extents / 2, count, Region()).candidates
 
 
 @cache
@@ -376,7 +376,7 @@ def test_a_quarter_turn_of_the_scene_turns_the_closings_exactly() -> None:
 
 
 def test_any_motion_of_the_scene_moves_the_closings_with_it() -> None:
-    from preshape.closure.sampling import quaternions
+    from preshape.closure.candidates import quaternions
     from preshape.spatial import rotation_from_vector
 
     tables, mesh = hand_tables(load_hand("shadow")), load_library_object("cube")

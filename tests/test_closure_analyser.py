@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 
 from preshape.closure.analyser import ClosureAnalyser, GripExploration
-from preshape.closure.holding import inner_centre
-from preshape.closure.ranked import Ranked, beside
+from preshape.closure.candidates import RankedCandidates, without_failed
+from preshape.closure.demand import inner_centre
+from preshape.closure.finish import FinishOptions
 from preshape.closure.settings import ClosureSettings, table_below
 from preshape.exceptions import InputError
 from preshape.hands.load import load_hand
@@ -21,7 +22,7 @@ from preshape.kernels.closing.host import Candidates
 from preshape.kernels.field.host import prepare_field
 from preshape.objects.library import load_library_object
 from preshape.objects.mesh import TriangleMesh
-from preshape.planner import layout_of
+from preshape.planning.session import layout_of
 from preshape.tasks import parse_task
 from preshape.types import Array, Attributes, Experience
 
@@ -208,9 +209,9 @@ def test_hands_like_those_that_cannot_be_executed_are_not_refined_again(
     element = analyser(solid("sphere"), persistence=2)
     rounds: list[Candidates] = []
 
-    def refuse(standing: Ranked, demand: object, *, firm: bool = False, **how: object) -> list[object]:
-        if not firm:
-            rounds.append(standing.sampled.candidates)
+    def refuse(found: RankedCandidates, demand: object, options: FinishOptions) -> list[object]:
+        if options.balanced and not options.firm:
+            rounds.append(found.drawn.candidates)
         return []
 
     monkeypatch.setattr(element.finisher, "finish", refuse)
@@ -227,11 +228,13 @@ def test_hands_like_those_that_cannot_be_executed_are_not_refined_again(
 
 
 def test_beside_keeps_what_is_nearer_to_a_hand_that_can_be_executed(sphere: ClosureAnalyser) -> None:
-    ranked = sphere._evaluate(sphere._draw(np.random.default_rng(3), EVERYWHERE, 300), sphere.demand(LIFT))
+    ranked = sphere.search.evaluate(
+        sphere._draw(np.random.default_rng(3), EVERYWHERE, 300), sphere.demand(LIFT)
+    )
     looked_at = ranked.take(np.array([0, 1]))
-    assert len(beside(ranked, looked_at, [0, 1])) == len(ranked)
-    left = beside(ranked, looked_at, [0])
-    wrists = ranked.sampled.candidates
+    assert len(without_failed(ranked, looked_at, [0, 1])) == len(ranked)
+    left = without_failed(ranked, looked_at, [0])
+    wrists = ranked.drawn.candidates
     away = np.stack(
         [wrist_distance(wrists.place, wrists.turn, wrists.place[k], wrists.turn[k]) for k in (0, 1)]
     )

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from preshape.closure.analyser import ClosureAnalyser
-from preshape.closure.grip import quality
+from preshape.closure.finish import quality
 from preshape.closure.pressing import grip_forces
 from preshape.closure.settings import ClosureSettings
 from preshape.hands.collision import ObjectCollision
@@ -30,7 +30,7 @@ from preshape.kernels.closing.host import Candidates, Obstacles
 from preshape.metrics import Contacts, ForceLimits, task_margin
 from preshape.objects.library import load_library_object
 from preshape.objects.mesh import TriangleMesh
-from preshape.planner import layout_of
+from preshape.planning.session import layout_of
 from preshape.tasks import parse_task
 from preshape.types import Array
 

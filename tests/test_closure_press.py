@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from preshape.closure.analyser import ClosureAnalyser
-from preshape.closure.grip import ENOUGH, FIRM
-from preshape.closure.ranked import apart
+from preshape.closure.candidates import distinct
+from preshape.closure.finish import ENOUGH, FIRM, FinishOptions
 from preshape.closure.settings import ClosureSettings
 from preshape.hands.hand import Hand
 from preshape.hands.load import load_hand
@@ -20,7 +20,7 @@ from preshape.hiis.fuzzy import FuzzySets
 from preshape.hiis.learning import experiences_of, explore
 from preshape.metrics import Contacts, ForceLimits, task_margin
 from preshape.objects.library import load_library_object
-from preshape.planner import layout_of
+from preshape.planning.session import layout_of
 from preshape.tasks import parse_task
 from preshape.types import Experience
 
@@ -178,10 +178,10 @@ def test_where_joints_are_weak_they_decide_what_is_worked_out_first() -> None:
     analyser = element(weak, mass=0.3, everywhere=1500, persistence=0)
     demand = analyser.demand(TASK.q)
     rng = np.random.default_rng(0)
-    found = analyser._evaluate(analyser._draw(rng, EVERYWHERE, 1500), demand)
-    standing = found.take(apart(found, 40))
-    how: dict[str, Any] = {"wanted": 2, "enough": 3}
-    usual = analyser.finisher.finish(standing, demand, **how)
-    by_joints = analyser.finisher.finish(standing, demand, by_joints=True, **how)
+    found = analyser.search.evaluate(analyser._draw(rng, EVERYWHERE, 1500), demand)
+    standing = found.take(distinct(found, 40))
+    options = FinishOptions(count=3)
+    usual = analyser.finisher.finish(standing, demand, options)
+    by_joints = analyser.finisher.finish(standing, demand, replace(options, by_joints=True))
     assert len(usual) == len(by_joints) == 3
     assert max(made.margin for made in by_joints) > 1.05 * max(made.margin for made in usual)

@@ -8,10 +8,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from preshape.closure.holding import inner_centre
+from preshape.closure.candidates import (
+    DrawnCandidates,
+    RankedCandidates,
+    Region,
+    distinct,
+    draw_candidates,
+    merged,
+    quaternions,
+)
+from preshape.closure.demand import Demand, inner_centre
 from preshape.closure.preshapes import posture_at
-from preshape.closure.sampling import Sampled, quaternions, sample, small_rotations
-from preshape.closure.search import ClosureSearch, Demand, Ranked, apart, best_of
+from preshape.closure.search import ClosureSearch
 from preshape.closure.settings import ClosureSettings
 from preshape.hands.load import load_hand
 from preshape.hiis.planes import plane
@@ -21,6 +29,7 @@ from preshape.kernels.field.host import prepare_field
 from preshape.metrics import Contacts, ForceLimits, task_margin
 from preshape.objects.library import load_library_object
 from preshape.objects.mesh import TriangleMesh
+from preshape.spatial import rotation_from_vector
 from preshape.types import Array, IntArray
 
 TRIDENT = str(Path(__file__).parent.parent / "examples" / "hands" / "trident.toml")
@@ -36,9 +45,10 @@ def searcher(mesh: TriangleMesh, **settings: object) -> ClosureSearch:
     return ClosureSearch(load_hand(TRIDENT), field, inner_centre(field, mesh), length, made)
 
 
-def drawn(search: ClosureSearch, mesh: TriangleMesh, seed: int = 0, **where: object) -> Sampled:
+def drawn(search: ClosureSearch, mesh: TriangleMesh, seed: int = 0, **where: object) -> DrawnCandidates:
     rng = np.random.default_rng(seed)
-    return sample(rng, search.pool, mesh.cog, mesh.extents / 2, DRAWN, **where)  # type: ignore[arg-type]
+    region = Region(**where)  # type: ignore[arg-type]
+    return draw_candidates(rng, search.pool, mesh.cog, mesh.extents / 2, DRAWN, region)
 
 
 @pytest.fixture(scope="module")
@@ -52,23 +62,23 @@ def search(box: TriangleMesh) -> ClosureSearch:
 
 
 @pytest.fixture(scope="module")
-def found(search: ClosureSearch, box: TriangleMesh) -> Ranked:
-    return search.evaluate(drawn(search, box), LIFT, wanted=2)
+def found(search: ClosureSearch, box: TriangleMesh) -> RankedCandidates:
+    return search.evaluate(drawn(search, box), LIFT)
 
 
-def path(search: ClosureSearch, s: Sampled, station: IntArray) -> Array:
+def path(search: ClosureSearch, s: DrawnCandidates, station: IntArray) -> Array:
     """(n, j) postures of the drawn preshapes at stations of their closing path."""
     share = station / (search.pool.pinch.shape[1] - 1)
     fingers = len(search.tables.fingers)
     return posture_at(search.tables, s.candidates.start, np.repeat(share[:, None], fingers, axis=1))
 
 
-def same(a: Ranked, b: Ranked) -> bool:
+def same(a: RankedCandidates, b: RankedCandidates) -> bool:
     """Whether all arrays of two rankings are equal, bit by bit."""
     pairs = [(getattr(a, n), getattr(b, n)) for n in ("score", "task", "hold")]
-    pairs += [(getattr(a.sampled, n), getattr(b.sampled, n)) for n in ("plane", "flip", "value")]
+    pairs += [(getattr(a.drawn, n), getattr(b.drawn, n)) for n in ("plane", "flip", "value")]
     pairs += [
-        (getattr(a.sampled.candidates, n), getattr(b.sampled.candidates, n))
+        (getattr(a.drawn.candidates, n), getattr(b.drawn.candidates, n))
         for n in ("place", "turn", "start", "mask")
     ]
     pairs += [(getattr(a.closings, n), getattr(b.closings, n)) for n in ("closing", "points", "counts")]
@@ -120,29 +130,29 @@ def test_draws_keep_to_planes_sides_and_finger_numbers(search: ClosureSearch, bo
     assert np.allclose(np.linalg.norm(s.candidates.turn, axis=1), 1.0)
 
 
-def test_small_rotations_are_the_exponential_map() -> None:
-    from scipy.spatial.transform import Rotation
-
+def test_quaternions_are_those_of_the_rotations() -> None:
     rng = np.random.default_rng(1)
     vectors = rng.normal(size=(60, 3)) * np.repeat([1e-9, 1e-3, 0.3, 1.7, 3.1], 12)[:, None]
-    assert np.abs(small_rotations(vectors) - Rotation.from_rotvec(vectors).as_matrix()).max() < 1e-12
-    assert np.abs(rotations(quaternions(small_rotations(vectors))) - small_rotations(vectors)).max() < 1e-12
+    R = rotation_from_vector(vectors)
+    assert np.abs(rotations(quaternions(R)) - R).max() < 1e-12
 
 
 # -- ranking -------------------------------------------------------------------------------------------
 
 
 def test_the_same_draws_give_the_same_ranking_on_one_thread_and_two(
-    search: ClosureSearch, box: TriangleMesh, found: Ranked
+    search: ClosureSearch, box: TriangleMesh, found: RankedCandidates
 ) -> None:
     assert len(found) > 50
-    assert same(found, search.evaluate(drawn(search, box), LIFT, wanted=2))
-    assert same(found, searcher(box, threads=2).evaluate(drawn(search, box), LIFT, wanted=2))
-    other = search.evaluate(drawn(search, box, seed=1), LIFT, wanted=2)
+    assert same(found, search.evaluate(drawn(search, box), LIFT))
+    assert same(found, searcher(box, threads=2).evaluate(drawn(search, box), LIFT))
+    other = search.evaluate(drawn(search, box, seed=1), LIFT)
     assert not np.array_equal(other.score[:5], found.score[:5])
 
 
-def test_ranked_best_first_by_the_smaller_of_two_margins(search: ClosureSearch, found: Ranked) -> None:
+def test_ranked_best_first_by_the_smaller_of_two_margins(
+    search: ClosureSearch, found: RankedCandidates
+) -> None:
     assert (np.diff(found.score) <= 0).all()
     assert found.tried == DRAWN
     expected = np.minimum(found.task / LIFT.load, found.hold / search.settings.hold)
@@ -155,7 +165,7 @@ def test_ranked_best_first_by_the_smaller_of_two_margins(search: ClosureSearch, 
     assert found.score[0] > 1.3 * np.median(holding)
 
 
-def test_the_task_margin_is_that_of_the_metrics(search: ClosureSearch, found: Ranked) -> None:
+def test_the_task_margin_is_that_of_the_metrics(search: ClosureSearch, found: RankedCandidates) -> None:
     s, agree = search.settings, 0
     rows = np.linspace(0, len(found) - 1, 12).astype(int)
     for i in rows:
@@ -176,7 +186,7 @@ def test_the_task_margin_is_that_of_the_metrics(search: ClosureSearch, found: Ra
     assert agree >= 10
 
 
-def test_more_friction_never_holds_less(box: TriangleMesh, found: Ranked) -> None:
+def test_more_friction_never_holds_less(box: TriangleMesh, found: RankedCandidates) -> None:
     low, high = searcher(box, friction=0.4), searcher(box, friction=0.8)
     weak, strong = (s.strengths(found.closings, LIFT) for s in (low, high))
     for a, b in zip(weak, strong, strict=True):
@@ -184,18 +194,20 @@ def test_more_friction_never_holds_less(box: TriangleMesh, found: Ranked) -> Non
         assert b.mean() > 1.3 * a.mean()
 
 
-def test_no_candidates_and_none_that_close(search: ClosureSearch, box: TriangleMesh, found: Ranked) -> None:
-    nothing = search.evaluate(drawn(search, box).__class__(**_far(drawn(search, box))), LIFT, wanted=2)
+def test_no_candidates_and_none_that_close(
+    search: ClosureSearch, box: TriangleMesh, found: RankedCandidates
+) -> None:
+    nothing = search.evaluate(drawn(search, box).__class__(**_far(drawn(search, box))), LIFT)
     assert len(nothing) == 0
     assert nothing.tried == DRAWN
     rng = np.random.default_rng(0)
-    assert len(search.refine(rng, nothing, LIFT, elite=4, each=2, rounds=2)) == 0
+    assert len(search.refine(rng, nothing, LIFT, elite=4, children=2, rounds=2)) == 0
     assert len(search.steady(rng, nothing, LIFT)) == 0
-    assert len(apart(nothing, 5)) == 0
-    assert same(best_of(nothing, found), found)
+    assert len(distinct(nothing, 5)) == 0
+    assert same(merged(nothing, found), found)
 
 
-def _far(s: Sampled) -> dict[str, object]:
+def _far(s: DrawnCandidates) -> dict[str, object]:
     c = s.candidates
     away = Candidates(place=c.place + 1.0, turn=c.turn, start=c.start, mask=c.mask)
     return {"candidates": away, "plane": s.plane, "flip": s.flip, "value": s.value, "preshape": s.preshape}
@@ -204,17 +216,17 @@ def _far(s: Sampled) -> dict[str, object]:
 # -- apart, near, refine, steady -----------------------------------------------------------------------
 
 
-def test_what_stands_apart_really_does_and_nothing_better_is_left_out(found: Ranked) -> None:
+def test_what_stands_apart_really_does_and_nothing_better_is_left_out(found: RankedCandidates) -> None:
     from scipy.spatial.transform import Rotation
 
     least = 0.8
-    rows = apart(found, 12, least)
+    rows = distinct(found, 12, least)
     assert len(rows) == 12
     assert rows[0] == 0
     assert (np.diff(rows) > 0).all()
 
     def distance(i: int, j: int) -> float:
-        c = found.sampled.candidates
+        c = found.drawn.candidates
         a, b = (Rotation.from_quat(c.turn[k], scalar_first=True) for k in (i, j))
         return float(np.linalg.norm(c.place[i] - c.place[j]) / 0.02 + (a.inv() * b).magnitude() / 0.35)
 
@@ -225,35 +237,35 @@ def test_what_stands_apart_really_does_and_nothing_better_is_left_out(found: Ran
             assert min(distance(i, j) for j in chosen if j < i) < least + 1e-6
 
 
-def test_children_turn_about_the_contacts(search: ClosureSearch, found: Ranked) -> None:
+def test_children_turn_about_the_contacts(search: ClosureSearch, found: RankedCandidates) -> None:
     parents = found.take(np.arange(6))
-    children = search.near(np.random.default_rng(2), parents, 5, 0.0, shift=0.0, turn=0.3)
+    children = search.perturbed(np.random.default_rng(2), parents, 5, 0.0, shift=0.0, turn=0.3)
     assert len(children.candidates) == 30
     moved = 0.0
     for k in range(30):
         i = k // 5
         n = parents.closings.counts[i]
         middle = parents.closings.points[i, :n].mean(axis=0)
-        old, new = parents.sampled.candidates, children.candidates
+        old, new = parents.drawn.candidates, children.candidates
         inside = rotations(old.turn[i]).T @ (middle - old.place[i])  # in the palm frame
         assert np.allclose(new.place[k] + rotations(new.turn[k]) @ inside, middle, atol=1e-6)
         moved = max(moved, float(np.linalg.norm(new.place[k] - old.place[i])))
     assert moved > 0.01
     low, high = search.ranges
-    wide = search.near(np.random.default_rng(2), parents, 5, 50.0)
+    wide = search.perturbed(np.random.default_rng(2), parents, 5, 50.0)
     assert (wide.candidates.start >= low).all()
     assert (wide.candidates.start <= high).all()
 
 
 def test_refinement_never_makes_the_best_worse_and_mostly_better(
-    search: ClosureSearch, found: Ranked
+    search: ClosureSearch, found: RankedCandidates
 ) -> None:
     gains = []
     for seed in range(3):
         best = found.score[0]
         for rounds in range(3):
             refined = search.refine(
-                np.random.default_rng(seed), found, LIFT, elite=8, each=4, rounds=rounds, wanted=2
+                np.random.default_rng(seed), found, LIFT, elite=8, children=4, rounds=rounds
             )
             assert refined.score[0] >= best - 1e-12
             assert (np.diff(refined.score) <= 0).all()
@@ -263,14 +275,16 @@ def test_refinement_never_makes_the_best_worse_and_mostly_better(
     assert refined.tried == DRAWN + 2 * 8 * 4
 
 
-def test_steady_counts_half_of_what_is_lost_when_all_is_lost(search: ClosureSearch, found: Ranked) -> None:
+def test_steady_counts_half_of_what_is_lost_when_all_is_lost(
+    search: ClosureSearch, found: RankedCandidates
+) -> None:
     few = found.take(np.arange(10))
     rng = np.random.default_rng(0)
-    nowhere = search.steady(rng, few, LIFT, shift=2.0, wanted=2)
+    nowhere = search.steady(rng, few, LIFT, shift=2.0)
     assert np.allclose(nowhere.score, few.score / 2)
-    exact = search.steady(rng, few, LIFT, shift=0.0, turn=0.0, wanted=2)
+    exact = search.steady(rng, few, LIFT, shift=0.0, turn=0.0)
     assert np.allclose(exact.score, few.score)
-    shaken = search.steady(rng, few, LIFT, wanted=2)
+    shaken = search.steady(rng, few, LIFT)
     assert (np.diff(shaken.score) <= 0).all()
     assert shaken.score.mean() < few.score.mean()
     assert same(replace(shaken, score=few.score).take(np.arange(0)), few.take(np.arange(0)))
@@ -284,13 +298,13 @@ ABOUT_X = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
 
 @pytest.mark.parametrize("Q", [ABOUT_Z, ABOUT_X @ ABOUT_Z], ids=["a quarter turn", "two of them"])
 def test_a_rigid_motion_of_object_and_hands_changes_no_margin(
-    search: ClosureSearch, box: TriangleMesh, found: Ranked, Q: Array
+    search: ClosureSearch, box: TriangleMesh, found: RankedCandidates, Q: Array
 ) -> None:
     shift = np.array([0.3, -0.2, 0.1])
     moved = replace(box, vertices=box.vertices @ Q.T + shift)
     there = searcher(moved)
     assert np.allclose(there.cog, Q @ search.cog + shift, atol=2e-4)
-    c = found.sampled.candidates
+    c = found.drawn.candidates
     turned = Candidates(
         place=c.place @ Q.T + shift, turn=quaternions(Q @ rotations(c.turn)), start=c.start, mask=c.mask
     )
@@ -311,6 +325,6 @@ def test_a_rigid_motion_of_object_and_hands_changes_no_margin(
 
 
 def test_plain_holding_is_ranked_by_holding_alone(search: ClosureSearch, box: TriangleMesh) -> None:
-    found = search.evaluate(drawn(search, box), PLAIN, wanted=2)
+    found = search.evaluate(drawn(search, box), PLAIN)
     assert np.array_equal(found.task, found.hold)
     assert (np.diff(found.hold) <= 0).all()

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from preshape.closure.compliance import BESIDE, GROUND, turn_when_beside
-from preshape.closure.grip import SOFT, TOO_SOFT, quality
+from preshape.closure.finish import SOFT, TOO_SOFT, quality
+from preshape.closure.pressing import CONTACT_COMPLIANCE, CONTACT_ERROR, turn_from_contact_error
 from preshape.types import Array
 
 Grasp = tuple[Array, Array, Array, list[Array], list[Array]]
@@ -48,7 +48,7 @@ def settled(grasp: Grasp, push: Array) -> Array:
         for arm, n, f, J, c, p in zip(arms, normals, forces, jacobians, compliances, passed, strict=True):
             moved = shift + np.cross(turn, arm)
             joints = c * (J[:3].T @ p[:3] + J[3:].T @ n * p[3])
-            skin = np.diag(GROUND) * p
+            skin = np.diag(CONTACT_COMPLIANCE) * p
             gaps.append(1e3 * (moved + J[:3] @ joints + skin[:3]))
             gaps.append([1e1 * (turn @ n + n @ (J[3:] @ joints) + skin[3])])
             force += p[:3]
@@ -66,11 +66,11 @@ def test_the_turn_is_that_of_springs_at_rest(seed: int, fingers: int) -> None:
     squares = 0.0
     for force in grasp[2]:
         for axis in np.eye(3):
-            push = np.concatenate([np.zeros(3), np.cross(BESIDE * axis, force)])
+            push = np.concatenate([np.zeros(3), np.cross(CONTACT_ERROR * axis, force)])
             turn = settled(grasp, push)[3:]
             squares += float(turn @ turn)
     # Internal torques of forces through the middle are symmetric, so nothing is lost by the symmetric part.
-    assert turn_when_beside(*grasp) == pytest.approx(np.sqrt(squares), rel=1e-5)
+    assert turn_from_contact_error(*grasp) == pytest.approx(np.sqrt(squares), rel=1e-5)
 
 
 @settings(deadline=None, max_examples=30)
@@ -79,28 +79,30 @@ def test_the_frame_does_not_matter(seed: int, fingers: int) -> None:
     arms, normals, forces, jacobians, compliances = random_grasp(seed, fingers)
     R = Rotation.random(random_state=seed).as_matrix()
     turned = [np.concatenate([R @ J[:3], R @ J[3:]]) for J in jacobians]
-    there = turn_when_beside(arms @ R.T, normals @ R.T, forces @ R.T, turned, compliances)
-    assert there == pytest.approx(turn_when_beside(arms, normals, forces, jacobians, compliances), rel=1e-6)
+    there = turn_from_contact_error(arms @ R.T, normals @ R.T, forces @ R.T, turned, compliances)
+    assert there == pytest.approx(
+        turn_from_contact_error(arms, normals, forces, jacobians, compliances), rel=1e-6
+    )
 
 
 @settings(deadline=None, max_examples=30)
 @given(seed=st.integers(0, 10_000), fingers=st.integers(3, 5))
 def test_softer_servos_never_turn_less(seed: int, fingers: int) -> None:
     arms, normals, forces, jacobians, compliances = random_grasp(seed, fingers)
-    stiff = turn_when_beside(arms, normals, forces, jacobians, compliances)
-    soft = turn_when_beside(arms, normals, forces, jacobians, [2.0 * c for c in compliances])
+    stiff = turn_from_contact_error(arms, normals, forces, jacobians, compliances)
+    soft = turn_from_contact_error(arms, normals, forces, jacobians, [2.0 * c for c in compliances])
     assert soft >= stiff * (1 - 1e-9)
 
 
 def test_two_fingers_lose_their_balance_where_they_press_more_than_they_are_stiff() -> None:
     inward = np.array([[-1.0, 0, 0], [1.0, 0, 0]])
     joints = [np.concatenate([0.1 * np.eye(3), np.eye(3)])] * 2
-    sideways = 1.0 / (0.2 * 0.1**2 + GROUND[0, 0])  # [N/m] of each finger
+    sideways = 1.0 / (0.2 * 0.1**2 + CONTACT_COMPLIANCE[0, 0])  # [N/m] of each finger
     for half in (0.005, 0.02):
         most = sideways * half  # K (2 h²) against f (2 h): the force that takes all stiffness away
         arms = -half * inward
-        held = turn_when_beside(arms, inward, 0.9 * most * inward, joints, [np.full(3, 0.2)] * 2)
-        lost = turn_when_beside(arms, inward, 1.1 * most * inward, joints, [np.full(3, 0.2)] * 2)
+        held = turn_from_contact_error(arms, inward, 0.9 * most * inward, joints, [np.full(3, 0.2)] * 2)
+        lost = turn_from_contact_error(arms, inward, 1.1 * most * inward, joints, [np.full(3, 0.2)] * 2)
         assert np.isfinite(held)
         assert lost == np.inf
 
@@ -109,8 +111,8 @@ def test_two_fingers_lose_their_balance_where_they_press_more_than_they_are_stif
 def test_where_more_can_be_looked_at_a_soft_grip_is_worth_less(
     margin: float, turn: float, more: float
 ) -> None:
-    there = quality(margin, turn, elsewhere=True)
-    assert quality(margin) >= there >= quality(margin, turn + more, elsewhere=True)
+    there = quality(margin, turn, unexplored=True)
+    assert quality(margin) >= there >= quality(margin, turn + more, unexplored=True)
     assert there == pytest.approx(quality(margin / (1 + turn / TOO_SOFT)))
     if there < 3.0 - 1e-9:
         assert there <= quality(margin, turn) + 1e-9

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from preshape.closure.hand_cache import digest
+from preshape.closure.hand_tables import digest
 from preshape.exceptions import EnvironmentFailure, HandError, PreshapeError, UnknownHand
 from preshape.hands import load_hand
 from preshape.hands.check import check_hand, inspect_hand

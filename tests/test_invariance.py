@@ -24,9 +24,10 @@ from hypothesis import HealthCheck, Phase, given
 from hypothesis import settings as how_many
 from hypothesis import strategies as st
 
+from preshape.closure.candidates import Region, draw_candidates
+from preshape.closure.demand import Demand
 from preshape.closure.preshapes import preshapes
-from preshape.closure.sampling import sample
-from preshape.closure.search import ClosureSearch, Demand
+from preshape.closure.search import ClosureSearch
 from preshape.closure.settings import ClosureSettings
 from preshape.hands.hand import Hand
 from preshape.hands.load import load_hand
@@ -205,7 +206,7 @@ def closed(mesh: TriangleMesh, hand: Hand, candidates: Candidates) -> tuple[Clos
 def drawn(mesh: TriangleMesh, hand: Hand) -> Candidates:
     """Hands round the object."""
     rng = np.random.default_rng(5)
-    return sample(rng, preshapes(hand), mesh.cog, mesh.extents / 2, DRAWS).candidates
+    return draw_candidates(rng, preshapes(hand), mesh.cog, mesh.extents / 2, DRAWS, Region()).candidates
 
 
 def compare(before: tuple[Closings, Array, float], after: tuple[Closings, Array, float], back: Array) -> None:

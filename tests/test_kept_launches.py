@@ -7,9 +7,9 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 
+from preshape.closure.candidates import Region, draw_candidates
 from preshape.closure.hand_tables import hand_tables
 from preshape.closure.preshapes import preshapes
-from preshape.closure.sampling import sample
 from preshape.hands import load_hand
 from preshape.kernels.closing.host import CLOSING_ARRAYS, Candidates, ClosingKernel, Closings, Fate
 from preshape.kernels.field.host import SurfaceQuery, prepare_field
@@ -41,7 +41,7 @@ def kernel(threads: int = 1) -> ClosingKernel:
 
 def drawn(seed: int, count: int) -> Candidates:
     rng = np.random.default_rng(seed)
-    return sample(rng, preshapes(HAND), MESH.cog, MESH.extents / 2, count).candidates
+    return draw_candidates(rng, preshapes(HAND), MESH.cog, MESH.extents / 2, count, Region()).candidates
 
 
 def same(left: Closings, right: Closings) -> None:

@@ -218,8 +218,8 @@ class ClosureAnalyser:
            (mode 3), draw more where too few close or the best margin is short.
         3. Refine the best, and rank those that differ from each other again under pose errors.
         4. Finish the best.
-        5. Over all planes, while the margin is short: remove candidates like those that could not be executed,
-           draw others in their place, and repeat from 3.
+        5. Over all planes, while the margin is short: remove candidates like those that failed, draw others in
+           their place, and repeat from 3.
         6. Where everything has been searched and no grip is enough, allow a firm press.
         7. Sort by quality. Without any grip, find the nearest miss and say what became of the candidates.
         """
@@ -228,8 +228,8 @@ class ClosureAnalyser:
             return grip_exploration(
                 [],
                 0,
-                f"the object is {1e3 * size:.2g} mm long, and fingers can be placed on {1e3 * THINNEST:.0f} mm "
-                "or more; check its unit",
+                f"the object is {1e3 * size:.2g} mm long, and fingers can be placed on "
+                f"{1e3 * THINNEST:.0f} mm or more; check its unit",
             )
         demand, settings, effort = self.demand(q), self.settings, self._effort(aim)
         one_plane = len(aim.planes) == 1
@@ -329,7 +329,7 @@ class ClosureAnalyser:
         return self.finisher.finish(examined, demand, options)
 
     def _is_explored(self, q: Array) -> bool:
-        """Whether all planes have been searched for a task: by this analyser, or when the object was taught."""
+        """Whether all planes have been searched for a task, here or when the object was taught."""
         task, extents = q.tobytes(), self.mesh.attributes.extents
         return task in self._explored or any(
             e.kind != KEPT

@@ -129,7 +129,7 @@ class Opener:
     def _way_in(
         self, candidates: Candidates, rows: IntArray, opened: Array, approach: Array
     ) -> tuple[Array, BoolArray]:
-        """(k,) least clearance of opened hands on the straight way along ``approach`` [m]; whether it is free."""
+        """(k,) least clearance of opened hands on the way along ``approach`` [m]; (k,) whether it is free."""
         steps = np.arange(1, int(WAY_IN / STRIDE) + 1) * STRIDE
         k, n = len(rows), len(steps)
         place = candidates.place[rows, None] - steps[:, None] * approach[:, None]

@@ -180,7 +180,7 @@ def turn_from_contact_error(
     jacobians: Sequence[Array],
     compliances: Sequence[Array],
 ) -> float:
-    """How far the object turns where each force of the squeeze acts ``CONTACT_ERROR`` beside its contact [rad].
+    """The object's turn where each force of the squeeze acts ``CONTACT_ERROR`` beside its contact [rad].
 
     1. The compliance of each contact: that of the joints behind it and of skin and surface.
     2. The stiffness of the grasp: the sum of the contacts' stiffness about the reference.

@@ -101,7 +101,7 @@ class ClosureSearch:
         return found.take(np.argsort(-score, kind="stable"))
 
     def _obstacle_free(self, drawn: DrawnCandidates, closings: Closings, rows: IntArray) -> BoolArray:
-        """(k,) whether the candidates of these rows are clear of table and boxes, closed and a little opened."""
+        """(k,) whether these candidates are clear of table and boxes, closed and a little opened."""
         c = drawn.candidates.take(rows)
         free = np.ones(len(rows), dtype=bool)
         for share in (1.0, OPENED):

@@ -7,18 +7,16 @@ depends on no other shard and needs no first training.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 
 import numpy as np
 
 from ..closure.analyser import ClosureAnalyser
-from ..closure.grip import counted_to
 from ..hands.hand import Hand
 from ..hiis.analyser import Aim, Grip
 from ..hiis.fuzzy import FuzzySets
 from ..hiis.learning import search_values
 from ..objects.mesh import TriangleMesh
-from ..planner import layout_of
+from ..planning.session import layout_of
 from ..tasks import Task
 from ..types import value
 from .random_grasps import draw_random_grasps, random_grasp_settings
@@ -112,11 +110,7 @@ def _unranked(analyser: ClosureAnalyser, task: Task, count: int, seed: int, fric
     found = draw_random_grasps(
         analyser.hand, analyser.mesh, count, np.random.default_rng(seed), random_grasp_settings(friction)
     )
-    finished = []
-    for one in found.grasps:
-        number, flip = counted_to(one.approach, one.points, one.plane, (one.plane,))
-        finished.append(replace(one, plane=number, flip=flip))
-    grasps = analyser.grips(task.q, finished)
+    grasps = analyser.grips(task.q, found.grasps)
     reason = ""
     if len(grasps) < count:
         reason = (

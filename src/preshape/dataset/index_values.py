@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from ..closure.holding import HOLD
-from ..closure.search import ClosureSearch, Demand
+from ..closure.demand import HOLD, Demand
+from ..closure.search import ClosureSearch
 from ..closure.settings import ClosureSettings
 from ..hiis.fuzzy import FuzzySets, approaching_degrees
 from ..hiis.planes import plane

@@ -18,11 +18,10 @@ import zlib
 
 import numpy as np
 
-from ..closure.analyser import WANTED
-from ..closure.grip import Finished, Finisher
-from ..closure.holding import inner_centre
-from ..closure.sampling import sample
-from ..closure.search import ClosureSearch, Demand
+from ..closure.candidates import Region, draw_candidates
+from ..closure.demand import Demand, inner_centre
+from ..closure.finish import FinishedGrip, Finisher, FinishOptions
+from ..closure.search import ClosureSearch
 from ..closure.settings import ClosureSettings
 from ..hands.hand import Hand
 from ..kernels.field.host import SurfaceQuery, prepare_field
@@ -50,7 +49,7 @@ class RandomGrasps:
         closed: Number of candidates that closed on the object.
     """
 
-    grasps: tuple[Finished, ...]
+    grasps: tuple[FinishedGrip, ...]
     search: ClosureSearch
     drawn: int
     closed: int
@@ -93,18 +92,18 @@ def draw_random_grasps(
     centre = inner_centre(field, mesh)
     search = _UnrankedSearch(hand, field, centre, float(mesh.extents.max()) / 2, settings)
     finisher = Finisher(search, SurfaceQuery(mesh))
-    finisher.unbalanced = math.inf  # the planner refuses unbalanced grips; the sample must contain them
-    finished: list[Finished] = []
+    finisher.max_imbalance = math.inf  # the planner refuses unbalanced grips; the sample must contain them
+    finished: list[FinishedGrip] = []
     drawn = closed = 0
     while len(finished) < count and drawn < MAX_ROUNDS * BATCH:
-        candidates = sample(rng, search.pool, mesh.cog, mesh.extents / 2, BATCH)
-        found = search.evaluate(candidates, Demand(), wanted=WANTED)
+        candidates = draw_candidates(rng, search.pool, mesh.cog, mesh.extents / 2, BATCH, Region())
+        found = search.evaluate(candidates, Demand())
         drawn, closed = drawn + BATCH, closed + len(found)
         found = found.take(rng.permutation(len(found)))
         step = FINISH_FACTOR * count
         for first in range(0, len(found), step):
             part = found.take(np.arange(first, min(first + step, len(found))))
-            finished += finisher.finish(part, Demand(), wanted=WANTED, enough=count - len(finished))
+            finished += finisher.finish(part, Demand(), FinishOptions(count=count - len(finished)))
             if len(finished) >= count:
                 break
     return RandomGrasps(grasps=tuple(finished), search=search, drawn=drawn, closed=closed)

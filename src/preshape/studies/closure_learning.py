@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from ..closure.analyser import ClosureAnalyser
-from ..closure.grip import margin_of, quality
+from ..closure.finish import margin_of, quality
 from ..closure.settings import ClosureSettings
 from ..closure_control import closure_controller
 from ..hands.load import load_hand
