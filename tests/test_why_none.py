@@ -34,26 +34,28 @@ def why(name: str, *, scale: float = 1.0, **closure: object) -> str:
 
 def test_the_table() -> None:
     said = why("domino", obstacles=table_below(-0.005))
-    assert "all of them in the table or a box to keep out of" in said
+    assert "all of these in collision with the table or a box to avoid" in said
 
 
 def test_the_load() -> None:
     said = why("sphere", friction=0.001)
-    assert "none balances the load at 0.00 friction" in said
+    assert "none balances the load with the planned share of the friction (0.35 of 0.001 = 0.00035)" in said
     assert "table" not in said
 
 
 def test_some_in_the_table_and_the_rest_too_weak() -> None:
     said = why("sphere", friction=0.001, obstacles=table_below(0.0))
-    assert "of them in the table or a box to keep out of; none of the rest balances the load" in said
+    assert (
+        "of these in collision with the table or a box to avoid; none of the others balances the load" in said
+    )
 
 
 def test_no_hand_closes_on_it() -> None:
-    assert "none closes on the object with thumb and finger" in why("sphere", scale=8.0)
+    assert "none of them closed on the object with the thumb and a finger" in why("sphere", scale=8.0)
 
 
 def test_the_answer_says_it(lesson: Callable[[str], Path]) -> None:
     made = plan("domino", "lift", hand="shadow", memory=lesson("shadow"), learn=False, table="auto")
     last = made.decision.transitions[-1]
     assert (made.decision.status, last.outcome) == (Status.NO_GRASP, "no grasp")
-    assert "in the table" in last.reason
+    assert "in collision with the table" in last.reason

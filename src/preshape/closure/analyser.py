@@ -218,7 +218,7 @@ class ClosureAnalyser:
            (mode 3), draw more where too few close or the best margin is short.
         3. Refine the best, and rank those that differ from each other again under pose errors.
         4. Finish the best.
-        5. Over all planes, while the margin is short: remove candidates like those that failed, draw others in
+        5. Over all planes, while the margin is short: drop candidates like those that failed, draw others in
            their place, and repeat from 3.
         6. Where everything has been searched and no grip is enough, allow a firm press.
         7. Sort by quality. Without any grip, find the nearest miss and say what became of the candidates.
@@ -308,7 +308,7 @@ class ClosureAnalyser:
             none = "none of the others balances" if found.blocked else "none balances"
             return (
                 f"{tried}; {none} the load with the planned share of the friction "
-                f"({s.friction_share:.2f} of {s.friction:.2f} = {s.mu:.2f})"
+                f"({s.friction_share:g} of {s.friction:g} = {s.mu:.2g})"
             )
         return f"{tried}; to those that balance the load the hand has no free way in"
 

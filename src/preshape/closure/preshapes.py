@@ -1,4 +1,4 @@
-"""Preshapes of a hand: postures to start closing from, and where each of them pinches."""
+"""Preshapes of a hand: postures from which it starts to close, and where each of them pinches."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from ..types import Array, IntArray, value
 from .hand_tables import cached, hand_tables
 
 POOL = 512
-"""Preshapes that the search draws from [C]."""
+"""Number of preshapes that the search draws from [C]."""
 BENDS = 0.3
-"""A joint of the closing path starts up to this far from the path's first angle [rad] [C]."""
+"""Largest random offset of a joint from the first angle of its closing path [rad] [C]."""
 SELF_DEPTH = 0.002
-"""A preshape whose links are deeper in each other than this on the way to its pinch is left out [m] [C]."""
-_DRAWS = 8  # at most, for a preshape that is kept
+"""Largest overlap of two links in a preshape, open and a quarter closed [m] [C]."""
+_DRAWS = 8  # random postures per preshape wanted, because some collide with themselves
 STATIONS = 11
-"""Points of the closing path at which the pinch is known."""
+"""Number of points of the closing path at which the pinch is computed."""
 
 
 @value
@@ -30,11 +30,11 @@ class Preshapes:
 
     Attributes:
         start: (n, j) joint angles at the beginning of the closing [rad].
-        mask: (n,) bit f is set where finger f (of the tables' order) closes.
-        fingers: (n,) how many close, the thumb included.
-        pinch: (n, STATIONS, 3) middle between the thumb's tip and the mean of the others, palm frame [m].
+        mask: (n,) bit f is set where finger f (in the order of the tables) closes.
+        fingers: (n,) number of fingers that close, the thumb included.
+        pinch: (n, STATIONS, 3) midpoint of the thumb's tip and the mean of the other tips, palm frame [m].
         opposition: (n, STATIONS, 3) unit vector from that mean towards the thumb's tip.
-        aperture: (n, STATIONS) distance between the two [m].
+        aperture: (n, STATIONS) distance of the two [m].
     """
 
     start: Array
@@ -46,7 +46,13 @@ class Preshapes:
 
 
 def posture_at(tables: HandTables, start: Array, closing: Array) -> Array:
-    """(n, j) joint angles [rad] of hands that started at ``start`` (n, j), fingers at ``closing`` (n, f)."""
+    """(n, j) joint angles [rad] of hands that closed from a preshape.
+
+    Args:
+        tables: Tables of the hand.
+        start: (n, j) joint angles at the beginning of the closing [rad].
+        closing: (n, f) closing of each finger along its path, 0..1.
+    """
     knots = len(tables.path)
     share = np.clip(closing, 0.0, 1.0) * (knots - 1)
     low = np.minimum(share.astype(np.int64), knots - 2)
@@ -62,27 +68,35 @@ def posture_at(tables: HandTables, start: Array, closing: Array) -> Array:
 
 @lru_cache(maxsize=16)
 def preshapes(hand: Hand, count: int = POOL, seed: int = 0) -> Preshapes:
-    """A pool of preshapes, spread over what the hand's description allows; the same for the same seed.
+    """A pool of preshapes, spread evenly over the ranges that the hand's description allows.
 
     Args:
-        hand: which hand.
-        count: how many.
-        seed: of the draws.
+        hand: The hand.
+        count: Number of preshapes.
+        seed: Seed of the draws; the same seed gives the same pool.
     """
     return cached(Preshapes, hand, f"preshapes {count} {seed}", lambda: _preshapes(hand, count, seed))
 
 
 def _preshapes(hand: Hand, count: int, seed: int) -> Preshapes:
+    """Compute the pool.
+
+    1. Draw start postures from a Sobol sequence and drop those whose links overlap.
+    2. Draw which fingers close.
+    3. At each station of the closing path, compute the pinch of thumb and other fingers.
+    """
     from scipy.stats import qmc
 
     tables = hand_tables(hand)
     joints = len(hand.joints)
     low, high = joint_ranges(hand, tables)
+    # 1. and 2.
     draws = qmc.Sobol(joints + 2, rng=np.random.default_rng(seed)).random(_DRAWS * count)
     start = low + (high - low) * draws[:, :joints]
-    sound = _clear(hand, tables, start, count)
+    sound = _collision_free(hand, tables, start, count)
     start = start[sound]
     mask = _finger_sets(tables, draws[sound, joints], draws[sound, joints + 1])
+    # 3.
     n = len(start)
     shares = np.linspace(0.0, 1.0, STATIONS)
     pinch, opposition = np.empty((n, STATIONS, 3)), np.empty((n, STATIONS, 3))
@@ -109,12 +123,12 @@ def _preshapes(hand: Hand, count: int, seed: int) -> Preshapes:
 
 
 def joint_ranges(hand: Hand, tables: HandTables) -> tuple[Array, Array]:
-    """(j,), (j,) range that each joint's first angle is drawn from [rad]."""
+    """(j,), (j,) lower and upper end of the range that each joint's first angle is drawn from [rad]."""
     low, high = tables.path[0].copy(), tables.path[0].copy()
     for finger in hand.fingers:
         columns = hand.columns(finger.name)
         low[columns], high[columns] = finger.preshape[:, 0], finger.preshape[:, 1]
-        # Joints that only the path moves may start more or less bent than it does.
+        # A joint that only the closing path moves may start more or less bent than the path.
         fixed = np.ptp(finger.preshape, axis=1) == 0
         moving = fixed & (np.ptp(finger.closing, axis=0) > 0.1)
         low[columns] -= np.where(moving, BENDS, 0.0)
@@ -123,11 +137,17 @@ def joint_ranges(hand: Hand, tables: HandTables) -> tuple[Array, Array]:
 
 
 def _finger_sets(tables: HandTables, kind: Array, shift: Array) -> IntArray:
-    """(n,) bits of the fingers that close: all in half of the draws, else some neighbours of the thumb."""
+    """(n,) masks of the fingers that close: all in half of the draws, otherwise some neighbouring fingers.
+
+    Args:
+        tables: Tables of the hand.
+        kind: (n,) random numbers in 0..1 that decide how many close.
+        shift: (n,) random numbers in 0..1 that decide which.
+    """
     others = [f for f in range(len(tables.fingers)) if f != tables.thumb]
     m = len(others)
     mask = np.full(len(kind), 1 << tables.thumb, dtype=np.int64)
-    # Share of each number of fingers beside the thumb: all of them as often as all the rest together.
+    # Cumulative share of each number of fingers beside the thumb; half of the draws close all of them.
     edges = np.concatenate([np.linspace(0.0, 0.5, m)[1:], [1.0]]) if m > 1 else np.array([1.0])
     size = np.minimum(np.searchsorted(edges, kind, side="right"), m - 1) + 1
     first = np.minimum((shift * (m - size + 1)).astype(np.int64), m - size)
@@ -136,10 +156,11 @@ def _finger_sets(tables: HandTables, kind: Array, shift: Array) -> IntArray:
     return mask
 
 
-def _clear(hand: Hand, tables: HandTables, start: Array, count: int) -> IntArray:
-    """Rows of the first ``count`` preshapes whose links are clear of each other, open and a quarter closed.
+def _collision_free(hand: Hand, tables: HandTables, start: Array, count: int) -> IntArray:
+    """Indices of the first ``count`` preshapes whose links do not overlap, open and a quarter closed.
 
-    All rows where none is: then the hand's own description is to blame, and later checks decide.
+    Where all of them overlap, the first ``count`` are returned: the hand's description is at fault, and later
+    checks decide.
     """
     kinematics = HandKinematics(hand)
     ways = [posture_at(tables, start, np.full((len(start), len(tables.fingers)), c)) for c in (0.0, 0.25)]

@@ -1,0 +1,274 @@
+"""Candidates: hands in a preshape that pinch at an aim point; how they are drawn, ranked and kept apart."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ..hands.kinematics import cross
+from ..hiis.analyser import wrist_distance
+from ..hiis.planes import APPROACH_AXES, OPPOSITION_AXES
+from ..kernels.closing.host import CLOSING_ARRAYS, Candidates, Closings
+from ..spatial import rotation_from_vector
+from ..types import Array, BoolArray, IntArray, value
+from .preshapes import STATIONS, Preshapes
+
+TILT = 1.2
+"""Largest angle from the fingers (+z of the palm) to the approach axis, towards the palm's side [rad]."""
+JITTER = 0.2
+"""Standard deviation of the random rotation off the approach plane [rad]."""
+REACH = 0.85
+"""Aim points lie within this share of the object's half-extents."""
+_BATCH = 64
+"""Candidates whose distances are computed together."""
+
+
+@value
+class Region:
+    """The part of the search space that candidates are drawn from.
+
+    Attributes:
+        planes: Approach planes, 1..12.
+        flips: Thumb sides: whether the thumb stands on the -o side.
+        values: Approach values to scatter around; ``None`` for any.
+        fingers: Numbers of fingers that close; ``None`` for any.
+    """
+
+    planes: Sequence[int] = tuple(range(1, 13))
+    flips: Sequence[bool] = (False, True)
+    values: Sequence[float] | None = None
+    fingers: Sequence[int] | None = None
+
+
+@value
+class DrawnCandidates:
+    """n candidates with their origin.
+
+    Attributes:
+        candidates: Wrist poses and preshapes.
+        plane: (n,) approach plane, 1..12.
+        flip: (n,) whether the thumb stands on the -o side.
+        value: (n,) approach value: position of the aim along the approach axis, in half-extents.
+        preshape: (n,) row in the pool of preshapes, -1 for none.
+    """
+
+    candidates: Candidates
+    plane: IntArray
+    flip: BoolArray
+    value: Array
+    preshape: IntArray
+
+    def __len__(self) -> int:
+        return len(self.plane)
+
+    def take(self, rows: IntArray) -> DrawnCandidates:
+        """The candidates with these indices, in that order."""
+        return DrawnCandidates(
+            candidates=self.candidates.take(rows),
+            plane=self.plane[rows],
+            flip=self.flip[rows],
+            value=self.value[rows],
+            preshape=self.preshape[rows],
+        )
+
+
+@value
+class RankedCandidates:
+    """n candidates that closed on the object, best first.
+
+    Attributes:
+        drawn: (n,) the candidates.
+        closings: How they closed.
+        score: (n,) margin that they are ranked by: strength over demand, per unit of grip.
+        task: (n,) strength along the task's wrench cone; plain holding's where there is no task.
+        hold: (n,) strength of plain holding, computed only as far as it can lower the score.
+        tried: Number of candidates that were closed.
+        blocked: Number of them that touched the object but collided with the table or a box.
+    """
+
+    drawn: DrawnCandidates
+    closings: Closings
+    score: Array
+    task: Array
+    hold: Array
+    tried: int
+    blocked: int = 0
+
+    def __len__(self) -> int:
+        return len(self.score)
+
+    def take(self, rows: IntArray) -> RankedCandidates:
+        """The candidates with these indices, in that order."""
+        return RankedCandidates(
+            drawn=self.drawn.take(rows),
+            closings=self.closings.take(rows),
+            score=self.score[rows],
+            task=self.task[rows],
+            hold=self.hold[rows],
+            tried=self.tried,
+            blocked=self.blocked,
+        )
+
+
+def draw_candidates(
+    rng: np.random.Generator, pool: Preshapes, centre: Array, half: Array, count: int, region: Region
+) -> DrawnCandidates:
+    """Draw candidates that pinch at random aim points.
+
+    1. Draw a preshape, an approach plane and a thumb side.
+    2. Draw an aim point in the object's bounding box, near the middle along the opposition axis.
+    3. Choose the station of the closing path whose aperture suits the object's width.
+    4. Turn the hand to the plane, tilted and jittered, and put the pinch of that station on the aim point.
+
+    Args:
+        rng: Random generator.
+        pool: Preshapes of the hand.
+        centre: (3,) middle of the object's bounding box [m].
+        half: (3,) half its extents [m].
+        count: Number of candidates.
+        region: Where to draw; without approach values, aims lie anywhere in ±``REACH``.
+    """
+    rows = np.arange(len(pool.start))
+    if region.fingers is not None:
+        rows = rows[np.isin(pool.fingers, region.fingers)]
+    # 1. Preshape, plane, thumb side.
+    pick = rows[rng.integers(len(rows), size=count)]
+    plane = np.asarray(region.planes)[rng.integers(len(region.planes), size=count)]
+    flip = np.asarray(region.flips)[rng.integers(len(region.flips), size=count)]
+    a, o = APPROACH_AXES[plane - 1], OPPOSITION_AXES[plane - 1]
+    t = cross(a, o)
+    along, across, aside = (np.abs(x) @ half for x in (a, o, t))
+    # 2. Aim point.
+    if region.values is None:
+        v = rng.uniform(-REACH, REACH, count)
+    else:
+        values = np.asarray(region.values)
+        v = values[rng.integers(len(values), size=count)] + rng.normal(0.0, 0.1, count)
+    u, w = rng.uniform(-REACH, REACH, count), rng.normal(0.0, 0.15, count)
+    aim = centre + (v * along)[:, None] * a + (u * aside)[:, None] * t + (w * across)[:, None] * o
+    # 3. Station.
+    station = _station(rng, pool.aperture[pick], 2 * across)
+    # 4. Palm pose.
+    R = _rotations(rng, pool.opposition[pick, station], a, np.where(flip[:, None], -o, o))
+    place = aim - np.einsum("nij,nj->ni", R, pool.pinch[pick, station])
+    return DrawnCandidates(
+        candidates=Candidates(place=place, turn=quaternions(R), start=pool.start[pick], mask=pool.mask[pick]),
+        plane=plane,
+        flip=flip,
+        value=v,
+        preshape=pick,
+    )
+
+
+def _station(rng: np.random.Generator, aperture: Array, width: Array) -> IntArray:
+    """(n,) the station of the closing path whose aperture is a random part of the object's width."""
+    wanted = width * rng.uniform(0.35, 1.15, len(width)) + 0.015
+    return np.abs(aperture[:, : STATIONS - 2] - wanted[:, None]).argmin(axis=1)
+
+
+def _rotations(rng: np.random.Generator, opposition: Array, approach: Array, thumb_side: Array) -> Array:
+    """(n, 3, 3) R_mesh_palm: a tilted +z along the approach axis, the thumb on its side, plus jitter."""
+    n = len(opposition)
+    tilt = rng.uniform(0.0, TILT, n)
+    d = np.stack([np.zeros(n), -np.sin(tilt), np.cos(tilt)], axis=1)
+    e = opposition - np.einsum("ni,ni->n", opposition, d)[:, None] * d
+    e /= np.maximum(np.linalg.norm(e, axis=1, keepdims=True), 1e-9)
+    palm = np.stack([d, e, cross(d, e)], axis=2)
+    mesh = np.stack([approach, thumb_side, cross(approach, thumb_side)], axis=2)
+    R = mesh @ palm.transpose(0, 2, 1)
+    return np.asarray(rotation_from_vector(rng.normal(0.0, JITTER, (n, 3))) @ R)
+
+
+def quaternions(R: Array) -> Array:
+    """(n, 4) unit quaternions wxyz of rotations (n, 3, 3), which are not checked."""
+    from scipy.spatial.transform import Rotation
+
+    return np.asarray(Rotation.from_matrix(R, assume_valid=True).as_quat(scalar_first=True))
+
+
+def concatenated(*batches: DrawnCandidates) -> DrawnCandidates:
+    """Several batches as one."""
+    return DrawnCandidates(
+        candidates=Candidates(
+            **{
+                name: np.concatenate([getattr(batch.candidates, name) for batch in batches])
+                for name in ("place", "turn", "start", "mask")
+            }
+        ),
+        **{
+            name: np.concatenate([getattr(batch, name) for batch in batches])
+            for name in ("plane", "flip", "value", "preshape")
+        },
+    )
+
+
+def merged(*batches: RankedCandidates, most: int | None = None) -> RankedCandidates:
+    """Several batches as one, best first; at most ``most`` candidates."""
+    parts = [batch for batch in batches if len(batch)] or [batches[0]]
+    score = np.concatenate([part.score for part in parts])
+    together = RankedCandidates(
+        drawn=concatenated(*(part.drawn for part in parts)),
+        closings=Closings(
+            **{
+                name: np.concatenate([getattr(part.closings, name) for part in parts])
+                for name in CLOSING_ARRAYS
+            }
+        ),
+        score=score,
+        task=np.concatenate([part.task for part in parts]),
+        hold=np.concatenate([part.hold for part in parts]),
+        tried=sum(batch.tried for batch in batches),
+        blocked=sum(batch.blocked for batch in batches),
+    )
+    order = np.argsort(-score, kind="stable")
+    return together.take(order if most is None else order[:most])
+
+
+def distinct(found: RankedCandidates, count: int, least: float = 1.0) -> IntArray:
+    """Indices of at most ``count`` candidates, best first, whose wrists differ from each other.
+
+    Args:
+        found: Best first.
+        count: Largest number of candidates.
+        least: Least :func:`~preshape.hiis.analyser.wrist_distance` between any two.
+    """
+    place, turn = found.drawn.candidates.place, found.drawn.candidates.turn
+    chosen: list[int] = []
+    for first in range(0, len(found), _BATCH):
+        rows = np.arange(first, min(first + _BATCH, len(found)))
+        others = np.concatenate([np.array(chosen, dtype=np.int64), rows])
+        far = wrist_distance(place[rows, None], turn[rows, None], place[others], turn[others]) >= least
+        free = np.asarray(far[:, : len(chosen)].all(axis=1))
+        far = far[:, len(chosen) :]
+        for k in range(len(rows)):
+            if len(chosen) == count:
+                break
+            if free[k]:
+                chosen.append(first + k)
+                free &= far[k]
+        if len(chosen) == count:
+            break
+    return np.array(chosen, dtype=np.int64)
+
+
+def without_failed(
+    found: RankedCandidates, examined: RankedCandidates, executable: Sequence[int]
+) -> RankedCandidates:
+    """Candidates without those whose nearest examined neighbour is close and cannot be executed.
+
+    Args:
+        found: Candidates.
+        examined: Candidates that were worked out in full.
+        executable: Indices of those of them that can be executed.
+    """
+    if not len(examined) or not len(found):
+        return found
+    own, other = found.drawn.candidates, examined.drawn.candidates
+    distance = np.stack(
+        [wrist_distance(own.place, own.turn, *wrist) for wrist in zip(other.place, other.turn, strict=True)],
+        axis=1,
+    )
+    nearest = distance.argmin(axis=1)
+    failed = ~np.isin(nearest, np.asarray(executable, dtype=np.int64)) & (distance.min(axis=1) < 1.0)
+    return found.take(np.flatnonzero(~failed))

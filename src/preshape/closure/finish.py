@@ -1,0 +1,380 @@
+"""From a candidate to a grip: exact contacts, squeeze, pregrasp, and a free way in (ENGINE §2)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import cache, partial
+from typing import NamedTuple
+
+import numpy as np
+
+from ..hands.kinematics import HandKinematics, joint_links
+from ..hiis.planes import APPROACH_AXES, OPPOSITION_AXES
+from ..kernels.chains import joint_frames, rotations
+from ..kernels.closing.host import Candidates, ClosingKernel, Closings, Fate
+from ..kernels.field.host import SurfaceQuery
+from ..kernels.hand_spheres import FINE
+from ..types import Array, value
+from .candidates import RankedCandidates
+from .demand import Demand
+from .hand_tables import hand_tables
+from .opening import ALONG, NEAREST, OPENING, Opener
+from .preshapes import posture_at
+from .pressing import Squeezer, UnitSqueeze, finger_order, turn_from_contact_error
+from .search import MIN_CONTACTS, ClosureSearch
+
+GAP = 0.0001
+"""Distance from the surface at which a finger stops in an answer [m] [C]."""
+DEEPEST = 0.0007
+"""Largest depth of any link in the object [m] [C]."""
+MAX_IMBALANCE = 0.03
+"""Largest share of the press that the forces of a squeeze may leave unbalanced; torques over ℓ."""
+SPARE = 2
+"""Candidates that are finished side by side beyond the number of grips wanted, because some fail."""
+FIRM = 3.0
+"""A firm grip presses up to this many times as hard as the settings' strongest press [C]."""
+ENOUGH = 3.0
+"""Quality of a grip that balances just the expected load."""
+SOFT, TOO_SOFT = float(np.radians(1.0)), float(np.radians(10.0))
+"""Turns of the object under a contact error. At the first, half of a grip's surplus quality counts; at the
+second, where stiffer grips may still be found elsewhere, half of its margin [C]."""
+
+
+@value
+class FinishOptions:
+    """How candidates are turned into grips.
+
+    Attributes:
+        count: Number of grips wanted; candidates after that are not finished.
+        planes: Approach planes that the way in may belong to.
+        unexplored: Whether other planes have not been searched for this task; a soft grip is then worth less.
+        by_joints: Whether to start with the candidates that the joints can press hardest, which the ranking
+            does not know.
+        firm: Whether grips may press harder, until just enough, where none is enough with the usual press.
+        balanced: Whether a grip must balance some of the load; without it the closest miss is found.
+    """
+
+    count: int = 1
+    planes: Sequence[int] = tuple(range(1, 13))
+    unexplored: bool = False
+    by_joints: bool = False
+    firm: bool = False
+    balanced: bool = True
+
+
+@value
+class FinishedGrip:
+    """What the hand does in a grip, the candidate that it came from, and its contacts.
+
+    The fields from ``approach`` on are those of :class:`preshape.hiis.analyser.Grip`.
+
+    Attributes:
+        row: Index of the candidate.
+        plane: Approach plane that the way in belongs to, 1..12.
+        flip: Whether the thumb stands on that plane's -o side.
+        points: (n, 3) contacts, the thumb's first [m].
+        normals_in: (n, 3) inward unit normals.
+        margin: Largest load that the strongest usual press can balance, divided by the expected load.
+    """
+
+    row: int
+    plane: int
+    flip: bool
+    points: Array
+    normals_in: Array
+    margin: float
+    approach: Array
+    palm_pose: Array
+    start: Array
+    mask: int
+    pregrasp: Array
+    grasp: Array
+    squeeze: Array
+    fingers_touching: tuple[str, ...]
+    links: tuple[str, ...]
+    forces: Array
+    torques: Array
+    task_margin: float
+    hold_margin: float
+    quality: float
+    clearance: float
+
+
+class _Executable(NamedTuple):
+    """A candidate whose squeeze, pregrasp and way in are known.
+
+    Attributes:
+        row: Index of the candidate.
+        squeeze: Its squeeze per newton of press.
+        grasp: (j,) joint angles at which the fingers touch [rad].
+        pregrasp: (j,) joint angles, opened [rad].
+        approach: (3,) unit vector of the way in.
+        clearance: Least distance to the object, opened and on the way in [m].
+        strengths: Strength for the task and for plain holding, over their loads, per newton of press.
+    """
+
+    row: int
+    squeeze: UnitSqueeze
+    grasp: Array
+    pregrasp: Array
+    approach: Array
+    clearance: float
+    strengths: tuple[float, float]
+
+
+class Finisher:
+    """Turns candidates into grips.
+
+    Args:
+        search: The search that found the candidates.
+        query: The object's exact surface.
+
+    Attributes:
+        max_imbalance: See :data:`MAX_IMBALANCE`.
+    """
+
+    def __init__(self, search: ClosureSearch, query: SurfaceQuery) -> None:
+        self.search, self.query = search, query
+        self.max_imbalance = MAX_IMBALANCE
+        self.hand, self.settings = search.hand, search.settings
+        self.tables = hand_tables(search.hand, FINE)
+        self.kernel = ClosingKernel(
+            self.tables, search.field, device=self.settings.device, threads=self.settings.threads
+        )
+        self.opener = Opener(self.tables, self.kernel, HandKinematics(search.hand), self.settings.obstacles)
+        self.squeezer = Squeezer(search.hand, self.tables, search.cog, search.length, self.settings.mu)
+        self._links = joint_links(search.hand)
+
+    def close(self, found: RankedCandidates) -> Closings:
+        """The candidates closed again with the fine spheres, a little off the surface."""
+        return self.kernel.close(
+            found.drawn.candidates,
+            wanted=MIN_CONTACTS,
+            clearance=GAP,
+            palm_clearance=NEAREST,
+            tolerance=5e-5,
+        )
+
+    def contacts(
+        self, candidates: Candidates, closings: Closings, frames: tuple[Array, Array]
+    ) -> tuple[Array, Array]:
+        """(n, f, 3), (n, f, 3) exact contact points and inward normals by finger; NaN where not in use."""
+        n, f = closings.sphere.shape
+        places, turns = frames
+        R = rotations(candidates.turn)
+        points, normals = np.full((n, f, 3), np.nan), np.full((n, f, 3), np.nan)
+        rows, fingers = np.nonzero(closings.sphere >= 0)
+        if len(rows):
+            spheres = closings.sphere[rows, fingers]
+            joints = np.searchsorted(self.tables.sphere_start, spheres, side="right") - 1
+            local = np.einsum("nij,nj->ni", turns[rows, joints], self.tables.sphere[spheres, :3])
+            centres = candidates.place[rows] + np.einsum("nij,nj->ni", R[rows], places[rows, joints] + local)
+            points[rows, fingers] = near = self.query.closest(centres).point
+            # The normal runs from the sphere's centre to the surface: on an edge, no face has the normal.
+            inward = near - centres
+            normals[rows, fingers] = inward / np.maximum(np.linalg.norm(inward, axis=1, keepdims=True), 1e-9)
+        return points, normals
+
+    def finish(
+        self, found: RankedCandidates, demand: Demand, options: FinishOptions | None = None
+    ) -> list[FinishedGrip]:
+        """The grips that candidates turn into, in order; candidates that cannot be executed drop out.
+
+        1. Close the candidates again with fine spheres, and find their exact contacts.
+        2. Drop those that do not close, penetrate the object, meet an obstacle, or balance none of the load.
+        3. In batches: drop hands whose links overlap, then find a pregrasp and a free way in.
+        4. For each with both, compute the thorough strength and the squeeze, until there are enough grips.
+        5. Where a firm press is allowed and no grip is enough, press harder.
+
+        Args:
+            found: A few dozen candidates at most.
+            demand: What the grip must produce.
+            options: How many grips are wanted, and which.
+        """
+        options = options or FinishOptions()
+        if not len(found):
+            return []
+        # 1. Exact contacts.
+        candidates = found.drawn.candidates
+        closings = self.close(found)
+        grasp = posture_at(self.tables, candidates.start, closings.closing)
+        frames = joint_frames(self.tables, grasp)
+        contacts = self._with_contacts(closings, *self.contacts(candidates, closings, frames))
+        # 2. Rough checks of all candidates at once.
+        task, hold = self.search.strengths(contacts, demand)
+        to_object, to_obstacles = self.kernel.clearances(
+            candidates.place, candidates.turn, grasp, self.settings.obstacles, enough=OPENING
+        )
+        sound = (closings.fate == Fate.CLOSED) & (to_object.min(axis=1) > -DEEPEST) & (to_obstacles > 0)
+        if options.balanced:
+            sound &= self.search.score(task, hold, demand) > 0
+        rows = np.flatnonzero(sound)
+        squeeze = cache(partial(self.squeezer.squeeze, candidates, contacts, frames))
+        if options.by_joints:
+            press = [min(self.settings.strongest, squeeze(int(row)).max_press) for row in rows]
+            rows = rows[np.argsort(-found.score[rows] * press, kind="stable")]
+        grips, executable = list[FinishedGrip](), list[_Executable]()
+        batch = options.count + SPARE
+        for part in (rows[first : first + batch] for first in range(0, len(rows), batch)):
+            if len(grips) == options.count:
+                break
+            # 3. Pregrasps and ways in of a batch.
+            free = part[[self.opener.links_apart(grasp[row]) for row in part]]
+            ways = self.opener.find(candidates, closings.closing, free, found.drawn.plane, options.planes)
+            strengths = np.zeros(0)
+            for k, row in enumerate(ways.row.tolist()):
+                if len(grips) == options.count:
+                    break
+                # 4. Thorough strengths, for as many as are still wanted at once. The weight is carried by a
+                # middling press, or by as much as the joints allow.
+                if k == len(strengths):
+                    more = ways.row[k : k + options.count - len(grips)]
+                    press = [min(self.settings.middling, squeeze(int(one)).max_press) for one in more]
+                    part_strengths = self.search.thorough_strengths(
+                        contacts.take(more), demand, np.array(press)
+                    )
+                    strengths = np.append(strengths, part_strengths)
+                candidate = _Executable(
+                    row=row,
+                    squeeze=squeeze(row),
+                    grasp=grasp[row],
+                    pregrasp=ways.pregrasp[k],
+                    approach=ways.approach[k],
+                    clearance=float(ways.clearance[k]),
+                    strengths=(float(strengths[k]) / demand.load, float(hold[row]) / self.settings.hold),
+                )
+                grip = self._grip(found, candidate, options, firm=False)
+                if grip is not None:
+                    grips.append(grip)
+                    executable.append(candidate)
+        # 5. Firm grips.
+        if options.firm and all(grip.quality < ENOUGH for grip in grips):
+            firm = [self._grip(found, candidate, options, firm=True) for candidate in executable]
+            return [grip for grip in firm if grip is not None]
+        return grips
+
+    def _with_contacts(self, closings: Closings, points: Array, normals: Array) -> Closings:
+        """The closings with exact contacts (n, f, 3) in place of the kernel's, the thumb's first."""
+        order = finger_order(self.tables)
+        used = closings.sphere[:, order] >= 0
+        place = np.argsort(~used, axis=1, kind="stable")
+        P = np.take_along_axis(points[:, order], place[:, :, None], axis=1)
+        N = np.take_along_axis(normals[:, order], place[:, :, None], axis=1)
+        full_p, full_n = np.zeros_like(closings.points), np.zeros_like(closings.normals_in)
+        f = P.shape[1]
+        full_p[:, :f], full_n[:, :f] = np.nan_to_num(P), np.nan_to_num(N)
+        counts = np.where(closings.fate == Fate.CLOSED, used.sum(axis=1), 0).astype(np.int64)
+        return replace(closings, points=full_p, normals_in=full_n, counts=counts)
+
+    def _grip(
+        self, found: RankedCandidates, candidate: _Executable, options: FinishOptions, *, firm: bool
+    ) -> FinishedGrip | None:
+        """The grip of one candidate; ``None`` where its forces do not balance.
+
+        The press is ``safety`` times what the load needs, between the settings' least and strongest press and
+        within the joint torques. A firm grip presses just enough where that is beyond the strongest press.
+        """
+        squeeze, settings, row = candidate.squeeze, self.settings, candidate.row
+        if squeeze.imbalance > self.max_imbalance:
+            return None
+        points, weakest = squeeze.points, min(candidate.strengths)
+        usual = min(settings.strongest, squeeze.max_press)
+        needed = settings.weight / max(weakest, 1e-9)
+        firm = firm and usual < needed <= min(FIRM * settings.strongest, squeeze.max_press)
+        press = needed if firm else min(max(settings.press_least, settings.safety * needed), usual)
+        # A target may lie beyond a joint's limit: a servo that is told the limit itself would not press.
+        compliance = 1.0 / (self.hand.gains * self.squeezer.sharing)
+        turn = turn_from_contact_error(
+            points - self.search.cog,
+            squeeze.normals_in,
+            press * squeeze.forces,
+            squeeze.jacobians,
+            [compliance[chain] for chain in squeeze.chains],
+        )
+        margin = weakest * usual / settings.weight
+        drawn = found.drawn
+        plane, flip = plane_of(candidate.approach, points, int(drawn.plane[row]), options.planes)
+        return FinishedGrip(
+            row=row,
+            plane=plane,
+            flip=flip,
+            points=points,
+            normals_in=squeeze.normals_in,
+            margin=margin,
+            approach=candidate.approach,
+            palm_pose=np.concatenate([drawn.candidates.place[row], drawn.candidates.turn[row]]),
+            start=drawn.candidates.start[row],
+            mask=int(drawn.candidates.mask[row]),
+            pregrasp=candidate.pregrasp,
+            grasp=candidate.grasp,
+            squeeze=candidate.grasp + press * squeeze.torques * compliance,
+            fingers_touching=tuple(self.tables.fingers[f] for f in squeeze.fingers),
+            links=tuple(self._links[chain.stop - 1] for chain in squeeze.chains),
+            forces=press * squeeze.forces,
+            torques=press * squeeze.torques,
+            task_margin=candidate.strengths[0] * press / settings.weight,
+            hold_margin=candidate.strengths[1] * press / settings.weight,
+            quality=ENOUGH if firm else quality(margin, turn, unexplored=options.unexplored),
+            clearance=candidate.clearance,
+        )
+
+
+def plane_of(approach: Array, points: Array, own: int, planes: Sequence[int]) -> tuple[int, bool]:
+    """The approach plane that a grip belongs to, and whether its thumb stands on the -o side.
+
+    It is the plane that the candidate was drawn for where the way in follows that plane's approach axis.
+    Otherwise it is the allowed plane whose approach axis the way in follows and along whose opposition axis
+    the thumb stands.
+
+    Args:
+        approach: (3,) unit vector of the way in.
+        points: (n, 3) contacts, the thumb's first.
+        own: Plane that the candidate was drawn for.
+        planes: Allowed planes.
+    """
+    thumb = points[0] - points[1:].mean(axis=0)
+    thumb = thumb / max(float(np.linalg.norm(thumb)), 1e-9)
+    plane = own
+    if APPROACH_AXES[own - 1] @ approach < ALONG:
+        allowed = np.asarray(planes)
+        along = APPROACH_AXES[allowed - 1] @ approach
+        fit = np.abs(OPPOSITION_AXES[allowed - 1] @ thumb)
+        plane = int(allowed[np.argmax(np.where(along > min(ALONG, along.max() - 1e-9), fit, -1.0))])
+    return plane, bool(OPPOSITION_AXES[plane - 1] @ thumb < 0.0)
+
+
+def quality(margin: float, turn: float = 0.0, *, unexplored: bool = False) -> float:
+    """What the critic judges, 0..6: 3 where the hand balances just the expected load, 4.5 for twice that.
+
+    A soft grip is worth less, because the squeeze itself turns the object in it.
+
+    Args:
+        margin: Largest load that can be balanced, over the expected load.
+        turn: Turn of the object under a contact error [rad].
+        unexplored: Whether a stiffer grip may be found on planes not searched yet. Softness then lowers the
+            whole margin instead of the surplus over 3.
+
+    >>> quality(0.0), quality(1.0), quality(2.0)
+    (0.0, 3.0, 4.5)
+    >>> quality(2.0, SOFT), quality(0.5, SOFT) == quality(0.5)
+    (3.75, True)
+    >>> quality(2.0, TOO_SOFT, unexplored=True)
+    3.0
+    """
+    if unexplored:
+        margin = margin / (1.0 + turn / TOO_SOFT)
+    stiff = float(6.0 * (1.0 - 2.0 ** -max(margin, 0.0)))
+    if unexplored:
+        return stiff
+    return min(stiff, ENOUGH + max(stiff - ENOUGH, 0.0) / (1.0 + turn / SOFT))
+
+
+def margin_of(judged: float) -> float:
+    """The margin of a stiff grip of that :func:`quality`.
+
+    >>> round(margin_of(quality(1.5)), 12)
+    1.5
+    """
+    return -math.log2(1.0 - min(judged, 6.0 - 1e-9) / 6.0)

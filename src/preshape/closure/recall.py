@@ -1,0 +1,120 @@
+"""Stored grips as candidates on the present object: its own, and those of objects about as large."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ..hiis.analyser import Aim
+from ..hiis.critic import attribute_distance
+from ..hiis.fuzzy import FuzzySets
+from ..hiis.virtual_grasp import MAX_FINGERS
+from ..kernels.closing.host import Candidates
+from ..objects.mesh import TriangleMesh
+from ..types import Array, BoolArray, Experience, value
+from .candidates import DrawnCandidates
+
+FEW_VALUES = 7
+"""An aim with at most this many approach values means these values; with more, everything between them."""
+SIZE_RATIO = 0.25
+"""Largest logarithm of the ratio of extents at which another object's grips are recalled [C]."""
+MOST_RECALLED, MOST_OF_ONE = 48, 16
+"""Largest number of recalled grips, those of the most similar objects first; and of one object [C]."""
+
+
+@value
+class Recalled:
+    """n stored grips on the present object, those of the most similar objects first.
+
+    Attributes:
+        drawn: (n,) the grips as candidates.
+        aimed: (n,) whether each lies where the aim is; the others are on other planes.
+        first: Number of grips from the most similar object, for this task where that object was asked for it.
+        best_quality: Quality that the best of these had on its object.
+    """
+
+    drawn: DrawnCandidates
+    aimed: BoolArray
+    first: int
+    best_quality: float
+
+
+def recalled(
+    known: Sequence[Experience], mesh: TriangleMesh, q: Array, aim: Aim, *, joints: int, sets: FuzzySets
+) -> Recalled | None:
+    """The stored grips that fit an object, a task and an aim; ``None`` where there are none.
+
+    1. Select grips of this hand from objects of about this size, on the aim's planes, or on those of
+       ``aim.recall``; grips that physics has refused are left out.
+    2. Sort by similarity of the object, then this task before others, then quality, then the latest.
+    3. Take each grip once, at most ``MOST_OF_ONE`` of one object and ``MOST_RECALLED`` in all.
+
+    Args:
+        known: Experiences of the hand, in the order in which they were stored.
+        mesh: The present object.
+        q: (6,) task Q.
+        aim: Where to look.
+        joints: Number of the hand's joints.
+        sets: Membership functions.
+    """
+    here, distances = mesh.attributes, dict[bytes, float]()
+    outcomes = {e.grip.tobytes(): e.outcome for e in known if e.grip is not None and e.outcome}
+    sizes = np.array([e.attributes.extents for e in known]).reshape(-1, 3)
+    with np.errstate(divide="ignore"):
+        near = np.abs(np.log(sizes / here.extents)).max(axis=1) < SIZE_RATIO
+    few = len(aim.values) <= FEW_VALUES
+    approach_sets = {sets.name_index(float(v)) for v in aim.values} if few else set(range(7))
+    # 1. and the keys of 2.
+    rows = []
+    for k in np.flatnonzero(near).tolist():
+        e = known[k]
+        if e.grip is None or len(e.grip) != 8 + joints or outcomes.get(e.grip.tobytes()) == "lost":
+            continue
+        aimed = e.plane in aim.planes and e.flip in aim.flips and e.approach_set in approach_sets
+        # The paper's estimator knows four virtual fingers: a hand's fifth counts as the fourth.
+        aimed = aimed and min(e.fingers, MAX_FINGERS) in aim.fingers
+        if not aimed and e.plane not in aim.recall:
+            continue
+        key = sizes[k].tobytes() + np.array([e.attributes.area, e.attributes.volume]).tobytes()
+        if key not in distances:
+            distances[key] = attribute_distance(here, e.attributes)
+        quality = e.match if e.quality is None else e.quality
+        rows.append((distances[key], e.task.tobytes() != q.tobytes(), -quality, -k, e, aimed))
+    if not rows:
+        return None
+    rows.sort(key=lambda row: row[:4])
+    # 3.
+    chosen, of_one = dict[bytes, tuple[Experience, bool]](), dict[float, int]()
+    first = 0
+    for distance, other_task, _, _, e, aimed in rows:
+        assert e.grip is not None
+        grip = e.grip.tobytes()
+        if grip in chosen or of_one.get(distance, 0) == MOST_OF_ONE or len(chosen) == MOST_RECALLED:
+            continue
+        chosen[grip] = e, aimed
+        of_one[distance] = of_one.get(distance, 0) + 1
+        first += (distance, other_task) == rows[0][:2]
+    return Recalled(
+        drawn=on_object([e for e, _ in chosen.values()], mesh),
+        aimed=np.array([aimed for _, aimed in chosen.values()]),
+        first=first,
+        best_quality=-rows[0][2],
+    )
+
+
+def on_object(experiences: Sequence[Experience], mesh: TriangleMesh) -> DrawnCandidates:
+    """The grips of experiences as candidates on the present object."""
+    grips = np.array([e.grip for e in experiences])
+    return DrawnCandidates(
+        candidates=Candidates(
+            place=grips[:, :3] + mesh.cog,
+            turn=grips[:, 3:7],
+            start=grips[:, 8:],
+            mask=grips[:, 7].astype(np.int64),
+        ),
+        plane=np.array([e.plane for e in experiences]),
+        flip=np.array([e.flip for e in experiences]),
+        value=np.array([e.approach_value for e in experiences]),
+        preshape=np.full(len(experiences), -1),
+    )
