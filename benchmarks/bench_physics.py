@@ -8,11 +8,10 @@ from __future__ import annotations
 
 import os
 import time
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from preshape.physics.grasps import STAGES, GraspSet, read_grasps
+from preshape.physics.grasps import read_grasps
 from preshape.physics.hand import hand_from_mjcf
 from preshape.physics.hold.runner import run_holds
 from preshape.physics.protocol import HoldProtocol
@@ -22,12 +21,6 @@ from .common import row
 
 PASSES = {"bottle": 80, "can": 52, "jar": 56, "Piano": 25, "ToyFigure": 71}  # of 80 each, MuJoCo 4.0.1
 SECONDS, ORIGINAL = 0.8, 0.90  # target; the original bench's 0.79 s and 0.11 s for model and geometry
-
-
-def sample(grasps: GraspSet, rows: list[int]) -> GraspSet:
-    """Some rows of a set."""
-    arrays = {name: getattr(grasps, name)[rows] for name in ("scale", "object_pose", *STAGES)}
-    return replace(grasps, objects=tuple(grasps.objects[k] for k in rows), **arrays)
 
 
 def run() -> list[dict[str, Any]]:
@@ -42,7 +35,7 @@ def run() -> list[dict[str, Any]]:
     whole = bool(os.environ.get("PRESHAPE_BENCH_ALL"))
     grasps = read_grasps(file)
     if not whole:
-        grasps = sample(grasps, list(range(3, len(grasps), 10)))
+        grasps = grasps.rows(range(3, len(grasps), 10))
     objects = folder / "dexgraspbench" / "objects"
     workers = usable_cores() if whole else 1
     rows = []

@@ -20,6 +20,7 @@ from preshape.memory import Memory
 from preshape.memory.transfer import read_document
 from preshape.objects.load import load_object
 from preshape.physics.grasps import read_grasps
+from preshape.planning.grasp_sets import read_grasp_file
 
 from . import pincer
 from .mutate import mutated_glb, mutated_json, mutated_memory, mutated_npz, mutated_toml, mutated_xml
@@ -181,7 +182,7 @@ READERS: dict[str, Reader] = {
     "hand-mjcf": Reader(file="pincer.xml", read=_hand_mjcf, mutate=mutated_xml, words=_XML),
     "hand-urdf": Reader(file="pincer.urdf", read=_hand_urdf, mutate=mutated_xml, words=_URDF),
     "grasps-npz": Reader(file="a.npz", read=read_grasps, largest=16384, mutate=mutated_npz),
-    "plan-json": Reader(file="a.json", read=read_grasps, largest=16384, mutate=mutated_json, words=_JSON),
+    "plan-json": Reader(file="a.json", read=read_grasp_file, largest=16384, mutate=mutated_json, words=_JSON),
     "memory": Reader(file="a.sqlite", read=_memory, largest=65536, mutate=mutated_memory),
     "memory-json": Reader(file="a.json", read=read_document, largest=16384, mutate=mutated_json, words=_JSON),
 }

@@ -15,9 +15,11 @@ from typing import Any
 import numpy as np
 
 from preshape import plan
+from preshape.files import dumps
 from preshape.memory import Memory
-from preshape.physics.grasps import grasps_from_plans, write_grasps
-from preshape.planning.document import dumps, plan_to_json
+from preshape.physics.grasps import write_grasps
+from preshape.planning.document import plan_to_json
+from preshape.planning.grasp_sets import grasps_from_plans
 
 from . import pincer
 
@@ -117,7 +119,7 @@ def _records() -> dict[str, dict[str, bytes | str]]:
             connection.execute("PRAGMA page_size = 1024")
             connection.execute("VACUUM")
         connection.close()
-        write_grasps(Path(folder) / "grasps.npz", grasps_from_plans([document], "plan"))
+        write_grasps(Path(folder) / "grasps.npz", grasps_from_plans([document], "plan").grasps)
         exported = json.loads((Path(folder) / "memory.json").read_text())
         exported["weights"][0] |= {"w1": [[0.5, -1.0]], "b1": [0.0], "w2": [[2.0]], "b2": [1e-9]}
         for one in (document, *document["alternatives"]):

@@ -22,6 +22,7 @@ from preshape.hands.load import load_hand, parse_hand
 from preshape.memory import Memory
 from preshape.objects.load import load_object
 from preshape.physics.grasps import GraspSet, read_grasps
+from preshape.planning.grasp_sets import read_grasp_file
 
 hardening = pytest.importorskip("hardening.readers", reason="the folder hardening is not here")
 
@@ -186,7 +187,7 @@ def test_plans_with_things_that_are_no_numbers(change, tmp_path: Path) -> None:
     file = tmp_path / "a.json"
     file.write_text(json.dumps(plan))
     with pytest.raises(InputError, match=r"numbers|not a plan|different hands") as caught:
-        read_grasps(file)
+        read_grasp_file(file)
     assert str(caught.value).isprintable()
 
 

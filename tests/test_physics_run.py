@@ -21,13 +21,14 @@ from preshape.objects.load import load_object
 from preshape.physics import pool
 from preshape.physics.grasps import STAGES, GraspSet, read_grasps, write_grasps
 from preshape.physics.hand import PhysicsHand, hand_from_mjcf
-from preshape.physics.hold.perturb import perturbed
+from preshape.physics.hold.runner import perturbed
 from preshape.physics.hold.report import result_from_json, result_to_json
 from preshape.physics.hold.runner import run_holds
 from preshape.physics.hold.six_directions import HoldStatus
 from preshape.physics.measures import diversity
 from preshape.physics.pieces import ConvexPieces
 from preshape.physics.protocol import HoldProtocol
+from preshape.planning.grasp_sets import read_grasp_file
 from test_physics_scene import BOX, CORNERS, FAST, HAND, HERE, clamp
 
 QUICK = replace(FAST, checks=1)
@@ -96,8 +97,9 @@ class TestFiles:
             read_grasps(tmp_path / "none.npz")
         for content in (b"PK nothing", b"text", b'{"a": 1}', b"[]"):
             (tmp_path / "g").write_bytes(content)
-            with pytest.raises(InputError):
-                read_grasps(tmp_path / "g")
+            for read in (read_grasps, read_grasp_file):
+                with pytest.raises(InputError):
+                    read(tmp_path / "g")
 
     def test_a_plan_palm_poses_and_joint_order(self, tmp_path: Path) -> None:
         pose = {"palm_pose": [0.0, 0, 0.1, 1, 0, 0, 0], "q": [0.1, 0.2]}
@@ -106,7 +108,7 @@ class TestFiles:
         plan = {"object": {"source": "mug", "extents": extents}, "hand": hand, "alternatives": []}
         plan["alternatives"] = [{"hand": {**hand, "squeeze": None}}]
         (tmp_path / "p.json").write_text(json.dumps(plan))
-        grasps = read_grasps(tmp_path / "p.json")
+        grasps = read_grasp_file(tmp_path / "p.json").grasps
         assert grasps.objects == ("mug", "mug")
         assert grasps.scale[0] == pytest.approx(2.0)
         assert [(fault.row, fault.reason) for fault in grasps.faults] == [(1, "the plan has no squeeze: far")]

@@ -288,6 +288,24 @@ def cut(film: Film, stages: int) -> Film:
     return replace(film, stages=kept, **arrays)
 
 
+def planned_with(folder: Path, *, mass: float | None = None, **request: object) -> Path:
+    """The example plan as if it had been made for another mass or request."""
+    document = json.loads(EXAMPLE.read_text())
+    document["request"] |= request
+    document["mass"] = mass or document["mass"]
+    file = folder / "changed.json"
+    file.write_text(json.dumps(document))
+    return file
+
+
+def without_answer(document: dict) -> dict:
+    """A plan whose answer is refused by the critic: its grasp is only the best that was found."""
+    hand = {**document["hand"], "reason": None, **dict.fromkeys(("pregrasp", "grasp", "squeeze"))}
+    refused = {"status": "deadlock", "reason": "too weak", "plane": None, "executable": False}
+    best = {**document, "status": "deadlock", "executable": False, "alternatives": []}
+    return {**document, **refused, "hand": hand, "alternatives": [], "best": best}
+
+
 class TestCommand:
     def test_the_example_plan(self, capsys: pytest.CaptureFixture[str]) -> None:
         code = run(["simulate", str(EXAMPLE), "--json"])
@@ -337,12 +355,15 @@ class TestCommand:
 
         plan = read_grasp_file(EXAMPLE).grasps
         write_grasps(tmp_path / "g.npz", plan)
-        run(["simulate", str(tmp_path / "g.npz"), "--row", "1", "--json"])
-        by_row = json.loads(capsys.readouterr().out)
         run(["simulate", str(EXAMPLE), "--answer", "1", "--json"])
         by_answer = json.loads(capsys.readouterr().out)
+        run(["simulate", str(tmp_path / "g.npz"), "--row", "1", "--mass", str(by_answer["mass"]), "--json"])
+        by_row = json.loads(capsys.readouterr().out)
         assert by_row["series"] == by_answer["series"]
         assert by_row["row"] == 1
+        run(["simulate", str(tmp_path / "g.npz"), "--json"])  # arrays do not say their load
+        plain = json.loads(capsys.readouterr().out)
+        assert (plain["mass"], plain["friction"]) == (0.1, 0.6)
         nameless = GraspSet(
             hand="", joints=(), objects=plan.objects, scale=plan.scale, object_pose=plan.object_pose,
             frame="palm", **{stage: getattr(plan, stage) for stage in STAGES},
@@ -350,6 +371,48 @@ class TestCommand:
         write_grasps(tmp_path / "n.npz", nameless)
         assert run(["simulate", str(tmp_path / "n.npz")]) == 2
         assert "give --hand" in capsys.readouterr().err
+
+    def test_the_load_is_the_plan_s_own(self, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+        """A plan for 0.25 kg and friction 0.5 is not tested with 0.1 kg and 0.6, unless that is asked for."""
+        file = planned_with(tmp_path, mass=0.25, friction=0.5)
+        runs = []
+        for options in ([], ["--mass", "0.25", "--friction", "0.5"], ["--mass", "0.1", "--friction", "0.6"]):
+            run(["simulate", str(file), *options, "--json"])
+            runs.append(json.loads(capsys.readouterr().out))
+        assert [(r["mass"], r["friction"]) for r in runs] == [(0.25, 0.5), (0.25, 0.5), (0.1, 0.6)]
+        assert runs[0]["series"] == runs[1]["series"] != runs[2]["series"]
+        run(["simulate", str(file)])
+        assert "simulated with 0.25 kg and friction 0.5" in capsys.readouterr().out
+
+    def test_a_plan_of_the_first_version(self, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+        document = json.loads(EXAMPLE.read_text())
+        for key in ("schema", "request", "mass", "mass_source"):
+            del document[key]
+        (tmp_path / "plan.json").write_text(json.dumps(document))
+        run(["simulate", str(tmp_path / "plan.json"), "--json"])
+        told = json.loads(capsys.readouterr().out)
+        assert (told["mass"], told["friction"], told["warnings"]) == (0.1, 0.6, [])
+
+    def test_a_table_is_left_out_and_said(self, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+        box = [1.0, 1.0, 1.0, 2.0, 2.0, 2.0]
+        run(["simulate", str(planned_with(tmp_path, table="auto")), "--json"])
+        assert json.loads(capsys.readouterr().out)["warnings"] == ["the table is left out of this test"]
+        run(["simulate", str(planned_with(tmp_path, table=0.0, avoid=[box, box]))])
+        assert "the table and 2 boxes are left out of this test" in capsys.readouterr().out
+
+    def test_the_best_grasp_of_a_plan_without_an_answer(
+        self, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    ) -> None:
+        file = tmp_path / "plan.json"
+        file.write_text(json.dumps(without_answer(json.loads(EXAMPLE.read_text()))))
+        assert run(["simulate", str(file), "--json"]) == 2
+        reason = json.loads(capsys.readouterr().out)["reason"]
+        assert "too weak; --best takes the best grasp that was found" in reason
+        run(["simulate", str(EXAMPLE), "--json"])
+        answer = json.loads(capsys.readouterr().out)
+        run(["simulate", str(file), "--best", "--json"])
+        best = json.loads(capsys.readouterr().out)
+        assert best["series"] == answer["series"]
 
     def test_plain_friction_matters(self, capsys: pytest.CaptureFixture[str]) -> None:
         slips = []

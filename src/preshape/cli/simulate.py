@@ -1,4 +1,4 @@
-"""``preshape simulate``: one planned grasp in simulated physics, shown as a table and as pictures."""
+"""``preshape simulate``: one planned grasp in simulated physics, as a table and as pictures."""
 
 from __future__ import annotations
 
@@ -8,93 +8,111 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from ..exceptions import InputError, PreshapeError
+from ..exceptions import InputError
 from .options import check_folder, json_option
 
 if TYPE_CHECKING:
     from ..objects.mesh import TriangleMesh
     from ..physics.grasps import GraspSet
     from ..physics.hold.recording import Recording
-    from ..physics.pieces import ConvexPieces
     from ..physics.protocol import HoldProtocol
     from ..physics.scene import Scene
 
 
 @click.command(epilog="Example: preshape simulate plan.json --out out/simulate")
 @click.argument("file", metavar="PLAN")
-@click.option("--answer", type=int, metavar="N", help="Of a plan: 0 its answer, 1 … the alternatives.")
-@click.option("--row", type=int, metavar="N", help="Of a grasp array (npz): which grasp, from 0.")
-@click.option("--hand", metavar="HAND", help="A name or your own TOML; default: what PLAN says.")
 @click.option(
-    "--objects", metavar="DIR", help="Folder of the objects, if they are neither files nor built in."
+    "--answer", type=int, metavar="N", help="Of a plan: 0 for the answer, 1 … for the alternatives."
 )
+@click.option("--best", is_flag=True, help="Of a plan without an answer: the best grasp that was found.")
+@click.option("--row", type=int, metavar="N", help="Of grasp arrays (npz): number of the grasp, from 0.")
+@click.option("--hand", metavar="HAND", help="Name or TOML file; default: the hand of PLAN.")
+@click.option("--objects", metavar="DIR", help="Folder of the objects that are neither files nor built in.")
 @click.option(
     "--probes", default="six", show_default=True, metavar="six|all", help="all: 14 forces and 14 torques."
 )
-@click.option("--friction", type=float, default=0.6, show_default=True, help="Sliding friction.")
-@click.option("--mass", type=float, default=0.1, show_default=True, help="Of the object [kg].")
-@click.option("--out", metavar="DIR", help="Also write filmstrip.png and run.gif there.")
+@click.option("--friction", type=float, help="Friction coefficient; default: the plan's (arrays: 0.6).")
+@click.option("--mass", type=float, help="Mass of the object [kg]; default: the plan's (arrays: 0.1).")
+@click.option("--out", metavar="DIR", help="Also write filmstrip.png and run.gif to this folder.")
 @json_option
 def simulate(
     file: str,
     answer: int | None,
+    best: bool,
     row: int | None,
     hand: str | None,
     objects: str | None,
     probes: str,
-    friction: float,
-    mass: float,
+    friction: float | None,
+    mass: float | None,
     out: str | None,
     as_json: bool,
 ) -> int:
-    """Grasp as PLAN says, in simulated physics: approach, squeeze, then a push from every side.
+    """Execute a grasp of PLAN in simulated physics: approach, squeeze, then a push from every side.
 
-    PLAN is a plan in JSON or a grasp array (docs/grasp-file.md). The grasp holds if the object stays within
-    50 mm and 15° under every push.
+    PLAN is a plan.json or an npz of grasp arrays (docs/grasp-file.md). The grasp holds if the object stays
+    within 50 mm and 15° under every push. The test is made in free space, without table and boxes.
 
-    Exit code 0: held. 1: not held. 2: bad input, as a plan whose hand has no posture.
+    Exit code 0: held. 1: not held. 2: bad input, such as a plan whose hand has no posture.
     """
+    from ..export.scene_object import FoundObject, object_parts
     from ..hands.load import load_hand
-    from ..physics.grasps import read_grasps
     from ..physics.hand import physics_hand
     from ..physics.locate import object_pieces
     from ..physics.protocol import HoldProtocol
+    from ..planning.grasp_sets import read_grasp_file
     from .simulate_film import recorded
 
     check_folder(out)
-    protocol = HoldProtocol(mass=mass, friction=friction, probes=probes)
-    grasps = read_grasps(file, objects=objects)
-    chosen = _chosen(grasps, file, answer, row)
-    name = hand or grasps.hand
+    read = read_grasp_file(file, objects=objects, best=best)
+    chosen = _chosen(read.grasps, file, answer, row)
+    planned = read.planned_for[chosen]
+    protocol = HoldProtocol(
+        mass=planned.mass if mass is None else mass,
+        friction=planned.friction if friction is None else friction,
+        probes=probes,
+    )
+    name = hand or read.grasps.hand
     if not name:
-        raise InputError(f"{file} does not say whose grasps they are; give --hand")
+        raise InputError(f"{file} does not name the hand of its grasps; give --hand")
     model = load_hand(name)
-    physics = physics_hand(model)
-    own = grasps.for_hand(physics)
-    thing, scale = own.objects[chosen], float(own.scale[chosen])
-    pieces = object_pieces(thing, objects)
-    recording, scene = recorded(own, chosen, model, pieces, protocol)
+    grasps = read.grasps.for_hand(physics_hand(model))
+    thing, scale = grasps.objects[chosen], float(grasps.scale[chosen])
+    recording, scene = recorded(grasps, chosen, model, object_pieces(thing, objects), protocol)
     written: list[Path] = []
     if out is not None:
-        mesh = _look(thing, objects, scale, pieces)
+        mesh, _ = object_parts(FoundObject(name=thing, scale=scale, folder=objects))
         written = _draw(recording, scene, mesh, protocol, Path(out))
+    left_out = f"{planned.obstacles} is left out of this test" if planned.obstacles else ""
+    if " and " in planned.obstacles:
+        left_out = left_out.replace(" is ", " are ")
     if as_json:
         from .main import emit
 
-        emit({**_document(recording, written), "file": file, "hand": model.name, "object": thing})
+        emit(
+            {
+                **_document(recording, written),
+                "file": file,
+                "hand": model.name,
+                "object": thing,
+                "mass": protocol.mass,
+                "friction": protocol.friction,
+                "warnings": [left_out] if left_out else [],
+            }
+        )
     else:
-        _show(recording, protocol, f"{Path(thing).stem} in the hand {model.name}", written)
+        _show(recording, protocol, f"{Path(thing).stem} in the hand {model.name}", left_out, written)
     return 0 if recording.result.held else 1
 
 
 def _chosen(grasps: GraspSet, file: str, answer: int | None, row: int | None) -> int:
-    """Which grasp of the file is meant.
+    """Number of the grasp to simulate.
 
     Raises:
-        InputError: there is none of that number, or it cannot be simulated.
+        InputError: The file has no grasp of that number, or it cannot be simulated.
     """
     if answer is not None and row is not None:
-        raise InputError("give --answer for a plan or --row for a grasp array, not both")
+        raise InputError("give --answer for a plan or --row for grasp arrays, not both")
     number = answer if answer is not None else row if row is not None else 0
     noun = "row" if answer is None and (row is not None or not file.endswith(".json")) else "answer"
     if not 0 <= number < len(grasps):
@@ -107,27 +125,8 @@ def _chosen(grasps: GraspSet, file: str, answer: int | None, row: int | None) ->
     return number
 
 
-def _look(name: str, folder: str | None, scale: float, pieces: ConvexPieces) -> TriangleMesh | None:
-    """The object's own surface, if it is where the pieces are; they are drawn where it is not."""
-    import numpy as np
-
-    from ..objects.load import load_object
-    from ..objects.mesh import TriangleMesh
-    from ..physics.pieces import SUFFIXES
-
-    places = [Path(folder) / name / f"mesh{s}" for s in SUFFIXES] if folder is not None else []
-    source = next((str(path) for path in places if path.is_file()), name)
-    try:
-        mesh = load_object(source)
-    except PreshapeError:
-        return None
-    if np.abs(mesh.bounds - pieces.bounds).max() > 0.1 * float(np.ptp(pieces.bounds, axis=0).max()):
-        return None
-    return TriangleMesh(name=mesh.name, vertices=scale * mesh.vertices, triangles=mesh.triangles)
-
-
 def _draw(
-    recording: Recording, scene: Scene, mesh: TriangleMesh | None, protocol: HoldProtocol, folder: Path
+    recording: Recording, scene: Scene, mesh: TriangleMesh, protocol: HoldProtocol, folder: Path
 ) -> list[Path]:
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
@@ -142,14 +141,15 @@ def _draw(
     write_whole(strip, lambda path: filmstrip(film, path))
     console = Console(stderr=True)
     columns = (TextColumn("drawing the run"), BarColumn(), TimeRemainingColumn())
-    said = [0]
+    quarters = 0
     with Progress(*columns, console=console, disable=not console.is_terminal, transient=True) as bar:
         task = bar.add_task("", total=None)
 
         def progress(done: int, total: int) -> None:
+            nonlocal quarters
             bar.update(task, completed=done, total=total)
-            if not console.is_terminal and 4 * done // total > said[0]:  # a log gets a line every quarter
-                said[0] = 4 * done // total
+            if not console.is_terminal and 4 * done // total > quarters:  # four lines in a log
+                quarters = 4 * done // total
                 click.echo(f"drawing the run: {done} of {total} frames", err=True)
 
         content = animation(film, progress=progress)
@@ -158,7 +158,7 @@ def _draw(
 
 
 def _rows(recording: Recording) -> list[dict[str, Any]]:
-    """One row a stage: what the object did, and the largest force and slip."""
+    """For each stage, how far the object moved, and the largest force and slip."""
     outcome = {probe.name: probe for probe in recording.result.probes}
     rows = []
     for stage in recording.stages:
@@ -203,7 +203,9 @@ def _document(recording: Recording, written: list[Path]) -> dict[str, Any]:
     }
 
 
-def _show(recording: Recording, protocol: HoldProtocol, title: str, written: list[Path]) -> None:
+def _show(
+    recording: Recording, protocol: HoldProtocol, title: str, left_out: str, written: list[Path]
+) -> None:
     from rich.console import Console
     from rich.table import Table
     from rich.text import Text
@@ -228,9 +230,11 @@ def _show(recording: Recording, protocol: HoldProtocol, title: str, written: lis
         )
     console = Console()
     console.print(table, highlight=False)
-    result = recording.result
-    colour = "green" if result.held else "red"
+    colour = "green" if recording.result.held else "red"
     console.print(Text(_verdict(recording, protocol), style=f"bold {colour}"), highlight=False)
+    console.print(f"simulated with {protocol.mass:g} kg and friction {protocol.friction:g}", highlight=False)
+    if left_out:
+        console.print(left_out, style="yellow", highlight=False)
     console.print(
         "force: the largest normal force of one part; slip: the farthest that one part slid on the object",
         style="dim",
@@ -241,7 +245,7 @@ def _show(recording: Recording, protocol: HoldProtocol, title: str, written: lis
 
 
 def _verdict(recording: Recording, protocol: HoldProtocol) -> str:
-    """One sentence on how it went."""
+    """One sentence on the outcome."""
     result = recording.result
     if not result.held:
         return f"Not held: {result.reason.removeprefix('lost the object: ')}."

@@ -1,7 +1,8 @@
-"""A planned grasp as one MuJoCo scene: the hand where the plan puts it, the object, and a keyframe a posture.
+"""A planned grasp as one MuJoCo scene: the hand at the plan's pose, the object, and a keyframe per posture.
 
-The text needs no other file. World and mesh frame are the same; the hand's root is fixed, the object free,
-and there is no gravity, as in the holding test (``docs/grasp-file.md``).
+The text needs no other file. The world frame is the mesh frame. The hand's root is fixed, the object is free,
+and there is no gravity, as in the holding test (``docs/grasp-file.md``). The table and boxes of a plan are
+left out.
 """
 
 from __future__ import annotations
@@ -13,27 +14,28 @@ import numpy as np
 from ..exceptions import HandError, ObjectError
 from ..objects.mesh import TriangleMesh
 from ..physics.pieces import ConvexPieces
+from ..physics.protocol import HoldProtocol
 from ..spatial import inverse, pose_from_seven, seven_from_pose
 from ..types import Array
 from .planned import PlannedGrasp
 
-MASS, FRICTION, TORSION = 0.1, 0.6, 0.02
-"""Of the object [kg], sliding and torsional [m], as in the holding test."""
 CLAY, CLEAR = "0.80 0.62 0.42 1", "0.80 0.62 0.42 0.3"
 
 
 def scene_mjcf(grasp: PlannedGrasp, mesh: TriangleMesh, pieces: ConvexPieces) -> str:
-    """The scene as MJCF text.
+    """The scene as MJCF text, with the mass and friction of the plan.
 
-    Keyframes: ``pregrasp``, ``grasp`` (fingers touch), ``squeeze`` (as ``grasp``, the servos told to press).
+    Keyframes: ``pregrasp``, ``grasp`` (the fingers touch) and ``squeeze`` (the posture of ``grasp`` with the
+    servo targets of the squeeze).
 
     Args:
-        grasp: hand and postures.
-        mesh: the object as planned with [m], for the eye.
-        pieces: the same object as convex pieces, for the physics.
+        grasp: Hand, postures, mass and friction.
+        mesh: The object as it was planned with [m]; drawn only.
+        pieces: The same object as convex pieces, which collide.
 
     Raises:
-        HandError: the hand's MJCF cannot be placed or MuJoCo refuses it.
+        InputError: Mass or friction is out of range.
+        HandError: The hand's MJCF has no body to place, or MuJoCo refuses it.
         ObjectError: MuJoCo refuses the object.
     """
     hand = grasp.hand
@@ -53,20 +55,20 @@ def scene_mjcf(grasp: PlannedGrasp, mesh: TriangleMesh, pieces: ConvexPieces) ->
         ("jacobian", "dense"),  # MuJoCo 4.0.0 factorises sparse ones wrongly
     ):
         option.set(name, setting)
-    # A squeeze may be aimed beyond a joint's limit: what presses is the torque, which stays limited.
+    # The target of a squeeze may lie beyond a joint's limit; the torque, which presses, stays limited.
     _child(option, "flag").set("clampctrl", "disable")
     seven = seven_from_pose(pose_from_seven(grasp.palm_pose) @ inverse(hand.T_root_palm))
     for name in ("euler", "axisangle", "xyaxes", "zaxis"):
         root.attrib.pop(name, None)
     root.set("pos", _text(seven[:3]))
     root.set("quat", _text(seven[3:]))
-    _add_object(tree, world, mesh, pieces)
+    _add_object(tree, world, grasp, mesh, pieces)
     _add_light(world, mesh)
     for old in tree.findall("keyframe"):
         tree.remove(old)
     frames = ElementTree.SubElement(tree, "keyframe")
-    rest = [0.0, 0, 0, 1, 0, 0, 0]  # of the object
-    for name, stands, told in (
+    object_pose = [0.0, 0, 0, 1, 0, 0, 0]
+    for name, posture, target in (
         ("pregrasp", grasp.pregrasp, grasp.pregrasp),
         ("grasp", grasp.grasp, grasp.grasp),
         ("squeeze", grasp.grasp, grasp.squeeze),
@@ -75,8 +77,8 @@ def scene_mjcf(grasp: PlannedGrasp, mesh: TriangleMesh, pieces: ConvexPieces) ->
             frames,
             "key",
             name=name,
-            qpos=_text(np.array([*stands, *rest])),
-            ctrl=_text(hand.controls(told)),
+            qpos=_text(np.array([*posture, *object_pose])),
+            ctrl=_text(hand.controls(target)),
         )
     ElementTree.indent(tree)
     credit = f"hand: {hand.credit}; {hand.licence}".replace("--", "-")
@@ -86,7 +88,11 @@ def scene_mjcf(grasp: PlannedGrasp, mesh: TriangleMesh, pieces: ConvexPieces) ->
 
 
 def _add_object(
-    tree: ElementTree.Element, world: ElementTree.Element, mesh: TriangleMesh, pieces: ConvexPieces
+    tree: ElementTree.Element,
+    world: ElementTree.Element,
+    grasp: PlannedGrasp,
+    mesh: TriangleMesh,
+    pieces: ConvexPieces,
 ) -> None:
     assets = _child(tree, "asset")
     body = ElementTree.SubElement(world, "body", name="object")
@@ -96,7 +102,7 @@ def _add_object(
         "mesh",
         name="object",
         scale="1 1 1",
-        inertia="shell",  # for the eye: it may be open
+        inertia="shell",  # the surface is drawn only, and may be open
         vertex=_text(mesh.vertices.ravel()),
         face=" ".join(map(str, mesh.triangles.ravel().tolist())),
     )
@@ -104,7 +110,8 @@ def _add_object(
         body, "geom", name="object", type="mesh", mesh="object", rgba=CLAY, group="2",
         contype="0", conaffinity="0", mass="0",
     )  # fmt: skip
-    density = MASS / pieces.volume
+    rules = HoldProtocol(mass=grasp.mass, friction=grasp.friction)
+    density = rules.mass / pieces.volume
     for index, corners in enumerate(pieces.pieces):
         name = f"object_piece_{index}"
         ElementTree.SubElement(
@@ -113,7 +120,7 @@ def _add_object(
         ElementTree.SubElement(
             body, "geom", name=name, type="mesh", mesh=name, rgba=CLEAR, group="3",
             contype="1", conaffinity="1", condim="4", density=repr(density),
-            friction=f"{FRICTION} {TORSION} 0.0001",
+            friction=f"{rules.friction} {rules.torsion} 0.0001",
         )  # fmt: skip
 
 
@@ -132,7 +139,7 @@ def _text(numbers: Array) -> str:
 
 
 def _check(text: str, grasp: PlannedGrasp, mesh: TriangleMesh) -> None:
-    """Compile the scene once: what leaves here, MuJoCo reads."""
+    """Compile the scene once, so that MuJoCo is known to read the text."""
     import mujoco
 
     try:

@@ -1,51 +1,58 @@
-"""From a plan's JSON to the grasps in it that a hand can execute."""
+"""The grasps of a plan that its hand can execute."""
 
 from __future__ import annotations
 
-import json
-import sys
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ..exceptions import EnvironmentFailure, InputError
+from ..exceptions import InputError
 from ..hands.hand import Hand
-from ..hands.load import load_hand
+from ..hands.load import load_hand, recorded_hand
+from ..planning.document import Document, answers_in, no_answer, planned_load, version_of
 from ..tasks import Task, parse_task
 from ..types import Array, freeze, frozen_array, value
 
 FULL = 6.0
-"""The largest quality and the largest TFVADI."""
+"""Largest quality of a grip and largest TFVADI of a virtual grasp."""
 
 
 @value
 class PlannedGrasp:
-    """One answer of a plan that the hand can execute; everything in the mesh frame.
+    """One grasp of a plan that the hand can execute; everything in the mesh frame.
 
     Attributes:
-        number: 0 the plan's answer, 1 … its alternatives.
-        hand: whose postures these are.
-        object_name: the object's name.
-        task: the task's label, as ``lift:+z``.
+        number: 0 for the plan's answer, 1 … for its alternatives.
+        hand: The hand.
+        object_name: Name of the object.
+        task: Label of the task, such as ``lift:+z``.
+        mass: Mass of the object that was planned for [kg].
+        friction: Friction coefficient that was planned for.
         up: (3,) unit vector against gravity.
         approach: (3,) unit vector along which the open hand comes straight in.
         palm_pose: (7,) palm frame at the grasp, xyz [m] and quaternion wxyz.
-        pregrasp: (j,) joint angles, open and clear of the object [rad].
-        grasp: (j,) where the fingers touch [rad].
+        pregrasp: (j,) joint angles of the open hand, clear of the object [rad].
+        grasp: (j,) joint angles at which the fingers touch [rad].
         squeeze: (j,) targets of the servos that press [rad]; they may lie beyond a joint's limit.
         efforts: (j,) torques of the squeeze within the hand's limits [N m].
-        points: (n, 3) contacts [m].
-        normals_in: (n, 3) inward unit normals there.
-        fingers: (n,) the finger at each contact.
-        forces: (n, 3) of each contact on the object in the squeeze [N]; ``None`` where the plan does not say.
+        points: (n, 3) contact points [m].
+        normals_in: (n, 3) inward unit normals at the contact points.
+        fingers: (n,) name of the finger at each contact.
+        forces: (n, 3) force of each contact on the object in the squeeze [N]; ``None`` where the plan does
+            not state it.
         quality: 0..1; 0.5 is just enough (see ``docs/ros.md``).
+
+    Raises:
+        InputError: An array of the wrong shape, a direction that is no unit vector, or a finger that the hand
+            does not have.
     """
 
     number: int
     hand: Hand
     object_name: str
     task: str
+    mass: float
+    friction: float
     up: Array
     approach: Array
     palm_pose: Array
@@ -92,68 +99,53 @@ class LeftOut:
     """An answer that cannot be exported.
 
     Attributes:
-        number: 0 the plan's answer, 1 … its alternatives.
-        reason: why not.
+        number: 0 for the plan's answer, 1 … for its alternatives.
+        reason: Why the hand has no posture for it.
     """
 
     number: int
     reason: str
 
 
-def read_plan(file: str | Path) -> dict[str, Any]:
-    """A plan's JSON from a file, or from standard input for ``-``.
-
-    Raises:
-        InputError: not JSON, or not one plan.
-        EnvironmentFailure: the file cannot be read.
-    """
-    try:
-        text = sys.stdin.read() if str(file) == "-" else Path(file).read_text(encoding="utf-8")
-    except OSError as error:
-        raise EnvironmentFailure(f"cannot read {file}: {error.strerror or error}") from error
-    except UnicodeDecodeError as error:
-        raise InputError(f"{file} is not text; expected a plan in JSON (preshape plan … --json)") from error
-    try:
-        document = json.loads(text)
-    except (ValueError, RecursionError) as error:
-        raise InputError(f"{file} is not JSON; expected a plan (preshape plan … --json)") from error
-    if not isinstance(document, dict):
-        raise InputError(f"{file} is not one plan but a {type(document).__name__}; give one plan at a time")
-    return document
-
-
 def planned_grasps(
-    document: dict[str, Any], name: str, *, hand: str | None = None, answer: int | None = None
+    document: Document,
+    name: str,
+    *,
+    hand: str | None = None,
+    answer: int | None = None,
+    best: bool = False,
 ) -> tuple[tuple[PlannedGrasp, ...], tuple[LeftOut, ...]]:
-    """What of a plan can be exported, best first, and what cannot.
+    """The grasps of a plan that can be exported, best first, and the answers that cannot.
 
     Args:
-        document: a parsed plan (``preshape/schema/plan.schema.json``).
-        name: where it comes from, for messages.
-        hand: a name or TOML file to use instead of the plan's own.
-        answer: only this one, 0 the answer, 1 … the alternatives; ``None`` all.
+        document: The plan (``preshape/schema/plan.schema.json``).
+        name: File of the plan, for messages.
+        hand: Name or TOML file of a hand to use instead of the plan's own.
+        answer: Number of the only answer to take, 0 for the answer, 1 … for the alternatives; ``None`` takes
+            all of them.
+        best: Whether a plan without an answer gives the best grasp that was found.
 
     Raises:
-        InputError: not a plan, no such answer, another hand's joints, or nothing that can be executed.
+        InputError: The document is no plan, has no such answer or none that the hand can execute, or was made
+            for another hand.
     """
-    if document.get("status") == "error":
-        raise InputError(f"{name} holds no plan but an error: {document.get('reason')}")
     try:
-        answers = [document, *document["alternatives"]] if document["status"] == "answer" else []
-        reason = str(document["reason"])
+        answers = answers_in(document, best=best)
         if not answers:
-            raise InputError(f"{name}: the plan has no grasp ({document['status']}: {reason})")
+            raise InputError(f"{name}: {no_answer(document)}")
         if answer is not None and not 0 <= answer < len(answers):
             raise InputError(f"--answer must be 0 to {len(answers) - 1} in {name}, got {answer}")
-        model = load_hand(hand or str(document["hand"]["name"]))
-        picked = range(len(answers)) if answer is None else [answer]
-        made = [_planned(answers[k], k, model, name) for k in picked]
+        model = load_hand(hand) if hand else recorded_hand(document["hand"])
+        chosen = range(len(answers)) if answer is None else [answer]
+        mass, friction = planned_load(document)
+        facts = {"mass": mass, "friction": friction, "up": _up(document)}
+        candidates = [_planned(answers[k], k, model, facts, name) for k in chosen]
     except (KeyError, TypeError, ValueError, AttributeError, IndexError, OverflowError) as error:
         raise InputError(f"{name} is not a plan of this program ({type(error).__name__}: {error})") from error
-    grasps = tuple(each for each in made if isinstance(each, PlannedGrasp))
-    left_out = tuple(each for each in made if isinstance(each, LeftOut))
+    grasps = tuple(each for each in candidates if isinstance(each, PlannedGrasp))
+    left_out = tuple(each for each in candidates if isinstance(each, LeftOut))
     if not grasps:
-        which = "none of its answers has" if len(made) > 1 else f"answer {made[0].number} has not"
+        which = "none of its answers has" if len(candidates) > 1 else f"answer {candidates[0].number} has not"
         raise InputError(
             f"{name}: {which} a posture that the hand can execute ({left_out[0].reason}); "
             "take another answer, or plan again with another hand or approach"
@@ -161,8 +153,11 @@ def planned_grasps(
     return grasps, left_out
 
 
-def _planned(answer: dict[str, Any], number: int, hand: Hand, name: str) -> PlannedGrasp | LeftOut:
-    tried, grip = answer["hand"], answer.get("grip") or {}
+def _planned(
+    answer: Document, number: int, hand: Hand, facts: dict[str, Any], name: str
+) -> PlannedGrasp | LeftOut:
+    tried = answer["hand"]
+    grip: Any = answer.get("grip") or {}
     if any(tried[stage] is None for stage in ("pregrasp", "grasp", "squeeze")):
         return LeftOut(number=number, reason=str(tried["reason"] or tried["status"]))
     if set(tried["joints"]) != set(hand.joints):
@@ -172,7 +167,7 @@ def _planned(answer: dict[str, Any], number: int, hand: Hand, name: str) -> Plan
         )
     order = [tried["joints"].index(joint) for joint in hand.joints]
     try:
-        q = {
+        q: dict[str, Any] = {
             stage: frozen_array(tried[stage]["q"], (len(order),), f"{stage} angles")[order]
             for stage in ("pregrasp", "grasp", "squeeze")
         }
@@ -181,27 +176,30 @@ def _planned(answer: dict[str, Any], number: int, hand: Hand, name: str) -> Plan
             hand=hand,
             object_name=str(answer["object"]["name"]),
             task=str(answer["task"]["name"]),
-            up=_up(str(answer["task"]["name"])),
-            # A hand that was closed may come in another way than along its plane's axis.
+            # A grip has its own way in, which may differ from the axis of its plane.
             approach=grip.get("approach", answer["approach_axis"]),
             palm_pose=tried["grasp"]["palm_pose"],
             efforts=_efforts(hand, q["squeeze"] - q["grasp"]),
             points=np.array([c["point"] for c in answer["contacts"]], dtype=np.float64).reshape(-1, 3),
             normals_in=np.array([c["normal_in"] for c in answer["contacts"]]).reshape(-1, 3),
             fingers=tuple(str(c["finger"]) for c in answer["contacts"]),
-            # What the critic judged: the grip's quality where a hand was closed, else TFVADI.
+            # The critic's own figure: quality of a grip, TFVADI of a virtual grasp.
             quality=float(np.clip(float(grip.get("quality", answer["tfvadi"])) / FULL, 0.0, 1.0)),
             forces=grip.get("forces"),
             **q,
+            **facts,
         )
     except InputError as error:
         raise InputError(f"{name}: answer {number}: {error}") from error
 
 
 def _efforts(hand: Hand, ahead: Array) -> Array:
-    """(j,) torques [N m] of servos whose targets are ``ahead`` (j,) [rad] of joints that are held.
+    """(j,) torques of the servos of a hand that is held fast [N m].
 
-    One drive of two joints is told the sum of their angles and pulls both alike.
+    Args:
+        hand: The hand.
+        ahead: (j,) target less angle of each joint [rad]. The drive of two coupled joints follows the sum of
+            their angles and turns both with the same torque.
     """
     lead = ahead.copy()
     for couple in hand.couplings:
@@ -210,11 +208,19 @@ def _efforts(hand: Hand, ahead: Array) -> Array:
     return np.clip(hand.gains * lead, -hand.torque_limits, hand.torque_limits)
 
 
-def _up(label: str) -> Array:
-    """(3,) against the task's gravity; +z for a task that has no name."""
-    try:
-        gravity = parse_task(label).gravity
-    except InputError:
-        gravity = Task(name="custom", q=np.zeros(6)).gravity
-    gravity = np.asarray(gravity, dtype=np.float64)
+def _up(document: Document) -> Array:
+    """(3,) unit vector against the gravity that was planned with; +z where there was none."""
+    if version_of(document) >= 2:
+        gravity = frozen_array(document["request"]["gravity"], (3,), "gravity")
+    else:
+        gravity = _gravity(str(document["task"]["name"]))
     return 0.0 - gravity if gravity.any() else np.array([0.0, 0.0, 1.0])
+
+
+def _gravity(label: str) -> Array:
+    """(3,) unit direction of gravity of a task by its label; that of a custom task where it is not known."""
+    try:
+        task = parse_task(label)
+    except InputError:
+        task = Task(name="custom", q=np.zeros(6))
+    return np.asarray(task.gravity, dtype=np.float64)

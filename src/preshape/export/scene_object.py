@@ -1,30 +1,31 @@
-"""The object of a plan as it was planned with: found again, and brought to the plan's size."""
+"""The object of a plan, found again and brought to the plan's size."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from ..exceptions import InputError, ObjectError, PreshapeError
 from ..objects.mesh import TriangleMesh
-from ..physics.grasps import GraspSet
-from ..physics.locate import object_extent, object_pieces, plan_object
-from ..physics.pieces import SUFFIXES, ConvexPieces
-from ..spatial import inverse, pose_from_seven, seven_from_pose
-from ..types import Array, value
+from ..physics.grasps import STAGES, GraspSet
+from ..physics.hand import physics_hand
+from ..physics.locate import mesh_in, object_extent, object_pieces, plan_object
+from ..physics.pieces import ConvexPieces
+from ..planning.document import Document
+from ..planning.grasp_sets import palm_grasps
+from ..types import value
 from .planned import PlannedGrasp
 
 
 @value
 class FoundObject:
-    """Where the object of a plan is.
+    """Where the object of a plan is found.
 
     Attributes:
-        name: by which it is found: of the library, in the folder of objects, or a path.
-        scale: factor on the numbers of its file.
-        folder: of objects, if one was given.
+        name: Name in the library or in the folder of objects, or a path.
+        scale: Factor on the numbers of its file.
+        folder: Folder of objects, where one was given.
     """
 
     name: str
@@ -32,19 +33,17 @@ class FoundObject:
     folder: str | None = None
 
 
-def find_object(
-    document: dict[str, Any], *, folder: str | None = None, beside: Path | None = None
-) -> FoundObject:
+def find_object(document: Document, *, folder: str | None = None, beside: Path | None = None) -> FoundObject:
     """The object that a plan is about, and its size.
 
     Args:
-        document: a parsed plan.
-        folder: of objects; goes first.
-        beside: the plan's own folder.
+        document: The plan.
+        folder: Folder of objects, which is searched first.
+        beside: Folder of the plan.
 
     Raises:
-        InputError: not a plan.
-        ObjectError: the object is not there.
+        InputError: The document is no plan.
+        ObjectError: The object is not found.
     """
     try:
         source, extent = str(document["object"]["source"]), float(max(document["object"]["extents"]))
@@ -60,22 +59,21 @@ def find_object(
 
 
 def object_parts(found: FoundObject) -> tuple[TriangleMesh, ConvexPieces]:
-    """The object's surface and its convex pieces, both at the plan's size; cut if that was not done before.
+    """The surface of an object and its convex pieces, both at the plan's size.
+
+    The pieces come from the cache where the object was cut before.
 
     Raises:
-        ObjectError: a mesh that cannot be used.
-        EnvironmentFailure: a file cannot be read.
+        ObjectError: The mesh cannot be used.
+        EnvironmentFailure: A file cannot be read.
     """
     from ..objects.load import load_object
 
     pieces = object_pieces(found.name, found.folder)
     scaled = ConvexPieces(name=pieces.name, pieces=tuple(found.scale * piece for piece in pieces.pieces))
-    base = Path(found.folder) if found.folder is not None else None
-    places = [base / found.name / f"mesh{s}" for s in SUFFIXES] if base is not None else []
-    places += [base / f"{found.name}{s}" for s in SUFFIXES] if base is not None else []
-    source = next((str(path) for path in places if path.is_file()), found.name)
+    file = mesh_in(found.folder, found.name) if found.folder is not None else None
     try:
-        mesh = load_object(source)
+        mesh = load_object(file or found.name)
     except PreshapeError:
         return _surface(scaled), scaled
     factor = float(np.ptp(scaled.bounds, axis=0).max() / mesh.extents.max())
@@ -85,32 +83,14 @@ def object_parts(found: FoundObject) -> tuple[TriangleMesh, ConvexPieces]:
 
 
 def grasp_set(grasps: tuple[PlannedGrasp, ...], found: FoundObject) -> GraspSet:
-    """The grasps as arrays (``docs/grasp-file.md``), poses of the hand's root, the object at the origin."""
-    hand = grasps[0].hand
-    T_palm_root = inverse(hand.T_root_palm)
-
-    def rows(stage: str) -> Array:
-        return np.array(
-            [
-                [*seven_from_pose(pose_from_seven(g.palm_pose) @ T_palm_root), *getattr(g, stage)]
-                for g in grasps
-            ]
-        )
-
-    return GraspSet(
-        hand=hand.source,
-        joints=hand.joints,
-        objects=(found.name,) * len(grasps),
-        scale=np.full(len(grasps), found.scale),
-        object_pose=np.tile([0.0, 0, 0, 1, 0, 0, 0], (len(grasps), 1)),
-        pregrasp=rows("pregrasp"),
-        grasp=rows("grasp"),
-        squeeze=rows("squeeze"),
-    )
+    """The grasps as arrays (``docs/grasp-file.md``), poses of the hand's root, object at the origin."""
+    hand, n = physics_hand(grasps[0].hand), len(grasps)
+    poses = {stage: np.array([[*g.palm_pose, *getattr(g, stage)] for g in grasps]) for stage in STAGES}
+    return palm_grasps(hand, [found.name] * n, [found.scale] * n, poses).for_hand(hand)
 
 
 def _surface(pieces: ConvexPieces) -> TriangleMesh:
-    """The pieces' own surfaces, where the object's is not to be had."""
+    """The surfaces of the pieces, for an object whose own surface cannot be read."""
     from scipy.spatial import ConvexHull
 
     vertices, triangles, start = [], [], 0

@@ -1,33 +1,31 @@
 """Grasps as arrays: the input of the physics tests.
 
-Two formats are read:
+An ``.npz`` without pickle holds one grasp in each row:
 
-- our plan JSON, one plan or a list of plans: every answer, the alternatives too;
-- ``.npz`` without pickle, one row a grasp:
+===========  ===========  ==================================================================
+array        shape        content
+===========  ===========  ==================================================================
+object       (n,) text    name of the object
+scale        (n,)         factor on its size
+obj_pose     (n, 7)       object in the world: x y z [m], quaternion w x y z
+pregrasp     (n, 7 + j)   hand's root in the world, as obj_pose, then j joint angles [rad]
+grasp        (n, 7 + j)
+squeeze      (n, 7 + j)
+joints       (j,) text    optional: joint names; default the hand's order
+frame        text         optional: ``root`` (default) or ``palm``, the frame of the hand poses
+hand         text         optional: name of the hand
+===========  ===========  ==================================================================
 
-  ===========  ===========  ==================================================================
-  array        shape        content
-  ===========  ===========  ==================================================================
-  object       (n,) text    name of the object
-  scale        (n,)         factor on its size
-  obj_pose     (n, 7)       object in the world: x y z [m], quaternion w x y z
-  pregrasp     (n, 7 + j)   hand's root in the world, as obj_pose, then j joint angles [rad]
-  grasp        (n, 7 + j)
-  squeeze      (n, 7 + j)
-  joints       (j,) text    optional: joint names; default the hand's order
-  frame        text         optional: ``root`` (default) or ``palm``, what the hand's pose is of
-  hand         text         optional: name of the hand
-  ===========  ===========  ==================================================================
-
-A grasp that cannot be tested (not finite, a quaternion of no direction, a bad scale) is a *fault* of its row:
-the others are tested all the same.
+A grasp that cannot be tested (numbers that are not finite, a quaternion that is not of unit length, a bad
+scale) is a *fault* of its row; the other rows are tested. Plans are read by
+:func:`preshape.planning.grasp_sets.read_grasp_file`.
 """
 
 from __future__ import annotations
 
-import json
 import warnings
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -39,7 +37,6 @@ from ..files import read_arrays, write_whole
 from ..objects.read_text import shown
 from ..types import Array, freeze, value
 from .hand import PhysicsHand
-from .locate import object_extent, plan_object
 
 STAGES = ("pregrasp", "grasp", "squeeze")
 FRAMES = ("root", "palm")
@@ -50,8 +47,8 @@ class Fault:
     """Why one grasp cannot be tested.
 
     Attributes:
-        row: of the grasp.
-        reason: one sentence, without the row.
+        row: Row of the grasp.
+        reason: One sentence, without the row.
     """
 
     row: int
@@ -63,20 +60,20 @@ class GraspSet:
     """Grasps of one hand on any objects.
 
     Attributes:
-        hand: What loads the hand: its name or its file; empty where it is not known.
-        joints: names in the order of the angles; empty for the hand's own order.
-        objects: (n,) names.
+        hand: Name or file that the hand is loaded from; empty where it is not known.
+        joints: Joint names in the order of the angles; empty for the hand's own order.
+        objects: (n,) names of the objects.
         scale: (n,) factor on each object's size.
-        object_pose: (n, 7) in the world; quaternions are normalised.
-        pregrasp: (n, 7 + j) hand pose in the world, and angles.
-        grasp: (n, 7 + j).
-        squeeze: (n, 7 + j).
-        frame: what the hand poses are of, ``root`` or ``palm``.
-        faults: rows that cannot be tested; their numbers are zero.
-        origin: file and row of each grasp, where they come from several files; else empty.
+        object_pose: (n, 7) pose of the object in the world [m], with unit quaternions wxyz.
+        pregrasp: (n, 7 + j) pose of the hand in the world [m] and joint angles [rad].
+        grasp: (n, 7 + j) the same where the hand touches.
+        squeeze: (n, 7 + j) the same as targets that press.
+        frame: Frame of the hand that the poses are given for, ``root`` or ``palm``.
+        faults: Rows that cannot be tested; their numbers are zero.
+        origin: File and row of each grasp where they come from several files; otherwise empty.
 
     Raises:
-        InputError: an array of the wrong shape; the message names it.
+        InputError: An array has the wrong shape; the message names it.
     """
 
     hand: str
@@ -122,11 +119,24 @@ class GraspSet:
     def __len__(self) -> int:
         return len(self.objects)
 
+    def rows(self, rows: Sequence[int]) -> GraspSet:
+        """Some of the grasps, in the order of ``rows``."""
+        chosen = list(rows)
+        reasons = {fault.row: fault.reason for fault in self.faults}
+        arrays = ("scale", "object_pose", *STAGES)
+        return replace(
+            self,
+            objects=tuple(self.objects[row] for row in chosen),
+            faults=tuple(Fault(row=k, reason=reasons[row]) for k, row in enumerate(chosen) if row in reasons),
+            origin=tuple(self.origin[row] for row in chosen) if self.origin else (),
+            **{name: getattr(self, name)[chosen] for name in arrays},
+        )
+
     def for_hand(self, hand: PhysicsHand) -> GraspSet:
-        """The same grasps as root poses and in the joint order of ``hand``.
+        """The same grasps with poses of the root and in the joint order of ``hand``.
 
         Raises:
-            InputError: other joints than the hand has.
+            InputError: The grasps have other joints than the hand.
         """
         width = self.grasp.shape[1] - 7
         if self.joints and set(self.joints) != set(hand.joints):
@@ -168,11 +178,11 @@ def joined(sets: Sequence[tuple[str, GraspSet]], hand: PhysicsHand) -> GraspSet:
     """The grasps of several files as one set, each with its file and row.
 
     Args:
-        sets: name of the file, and its grasps.
-        hand: whose they are.
+        sets: Name and grasps of each file.
+        hand: The hand of all grasps.
 
     Raises:
-        InputError: grasps of another hand; the message names the file.
+        InputError: The grasps of a file are for another hand; the message names the file.
     """
     own = []
     for name, grasps in sets:
@@ -200,37 +210,29 @@ def joined(sets: Sequence[tuple[str, GraspSet]], hand: PhysicsHand) -> GraspSet:
     )
 
 
-def read_grasps(path: str | Path, *, objects: str | Path | None = None) -> GraspSet:
-    """Read grasps from a plan JSON or an npz.
-
-    Args:
-        path: the file.
-        objects: folder of objects; a plan's object is looked for there first.
+def read_grasps(path: str | Path) -> GraspSet:
+    """Read grasp arrays from an npz.
 
     Raises:
-        InputError: not such a file; an array is missing or has the wrong shape.
-        EnvironmentFailure: the file cannot be read.
+        InputError: The file is no npz of grasps; an array is missing or has the wrong shape.
+        EnvironmentFailure: The file cannot be read.
     """
     path = Path(path)
     try:
-        content = path.read_bytes()
+        with path.open("rb") as file:
+            start = file.read(2)
     except OSError as error:
         raise EnvironmentFailure(f"cannot read {path}: {error.strerror}") from error
-    if content[:2] == b"PK":
-        return _read_npz(path)
-    try:
-        document = json.loads(content)
-    except (ValueError, RecursionError) as error:
-        raise InputError(f"{path}: neither an npz of grasps nor a plan in JSON") from error
-    plans = document if isinstance(document, list) else [document]
-    return grasps_from_plans(plans, str(path), folder=objects, beside=path.parent)
+    if start != b"PK":
+        raise InputError(f"{path}: not an npz of grasps, which docs/grasp-file.md describes")
+    return _read_npz(path)
 
 
 def write_grasps(path: str | Path, grasps: GraspSet) -> None:
     """Write grasps as npz (see the module), whole or not at all.
 
     Raises:
-        EnvironmentFailure: the file cannot be written.
+        EnvironmentFailure: The file cannot be written.
     """
     arrays: dict[str, Any] = {
         "object": np.array(grasps.objects, dtype=np.str_),
@@ -250,84 +252,27 @@ def write_grasps(path: str | Path, grasps: GraspSet) -> None:
     write_whole(Path(path), write)
 
 
-def grasps_from_plans(
-    documents: list[Any], name: str, *, folder: str | Path | None = None, beside: Path | None = None
-) -> GraspSet:
-    """The grasps in plans (see ``preshape/schema/plan.schema.json``), object at the origin of the world.
-
-    A plan whose hand did not reach is a fault of its row.
-
-    Args:
-        documents: parsed plans.
-        name: where they come from, for messages.
-        folder: of objects, see :func:`preshape.physics.locate.plan_object`, as the next.
-        beside: the plans' own folder.
-
-    Raises:
-        InputError: not a plan, plans for different hands, or no answer in any of them.
-    """
-    rows: list[dict[str, Any]] = []
-    hands: list[tuple[str, tuple[str, ...]]] = []
-    faults: list[Fault] = []
-    extents: dict[str, float] = {}
-    for index, document in enumerate(documents):
-        try:
-            thing, answers = document["object"], [document, *document.get("alternatives", [])]
-            source = plan_object(str(thing["source"]), folder, beside)
-            if source not in extents:  # an object that is not there gets any factor: the runner says so
-                extents[source] = object_extent(source, folder) or 1.0
-            scale = float(max(thing["extents"])) / extents[source]
-            for answer in answers:
-                hand = answer["hand"]
-                hands.append((str(hand.get("source") or hand["name"]), tuple(map(str, hand["joints"]))))
-                row = {"object": source, "scale": scale}
-                for stage in STAGES:
-                    pose = hand[stage]
-                    if pose is None:
-                        row[stage] = [0.0, 0, 0, 1, 0, 0, 0] + [0.0] * len(hand["joints"])
-                        why = f"the plan has no {stage}: {hand.get('reason') or document.get('reason')}"
-                        if not faults or faults[-1].row != len(rows):
-                            faults.append(Fault(row=len(rows), reason=why))
-                    else:
-                        row[stage] = [*pose["palm_pose"], *pose["q"]]
-                rows.append(row)
-        except (KeyError, TypeError, ValueError, AttributeError, OverflowError, OSError) as error:
-            raise InputError(
-                f"{name}: plan {index} is not a plan of this program ({type(error).__name__}: {shown(error)})"
-            ) from error
-    if not rows:
-        raise InputError(f"{name}: no plan in it")
-    if len(set(hands)) > 1:
-        names = shown(", ".join(sorted({hand for hand, _ in hands})))
-        raise InputError(f"{name}: plans for different hands ({names}); give the plans of one hand")
-    stages: dict[str, Any] = {stage: _ragged([row[stage] for row in rows], stage) for stage in STAGES}
-    return GraspSet(
-        hand=hands[0][0],
-        joints=hands[0][1],
-        objects=tuple(row["object"] for row in rows),
-        scale=np.array([row["scale"] for row in rows]),
-        object_pose=np.tile([0.0, 0, 0, 1, 0, 0, 0], (len(rows), 1)),
-        frame="palm",
-        faults=tuple(faults),
-        **stages,
-    )
-
-
 def _read_npz(path: Path) -> GraspSet:
     try:
-        with warnings.catch_warnings(action="ignore"):  # how old the file looks is no matter
+        with warnings.catch_warnings(action="ignore"):  # NumPy warns about old formats, which are read
             arrays = read_arrays(path)
     except (OSError, ValueError) as error:
-        raise InputError(f"{path}: not an npz without pickle, or a damaged one ({shown(error)})") from error
+        raise InputError(
+            f"{path}: expected an npz without pickle, this is another file or a damaged one ({shown(error)})"
+        ) from error
     missing = [name for name in ("object", "scale", "obj_pose", *STAGES) if name not in arrays]
     if missing:
         raise InputError(f"{path}: missing arrays {', '.join(missing)}; it has {shown(sorted(arrays), 400)}")
-    strange = [name for name, array in arrays.items() if not isinstance(array, np.ndarray)]
-    if strange:
-        raise InputError(f"{path}: {shown(', '.join(map(repr, strange)))}: no array; use numpy.savez")
+    others = [name for name, array in arrays.items() if not isinstance(array, np.ndarray)]
+    if others:
+        raise InputError(
+            f"{path}: {shown(', '.join(map(repr, others)))} cannot be read as arrays; use numpy.savez"
+        )
     names = arrays["object"]
     if names.ndim != 1 or names.dtype.kind not in "US":
-        raise InputError(f"{path}: object must be n names as text, got {names.dtype} of shape {names.shape}")
+        raise InputError(
+            f"{path}: object must be n names as text, got {names.dtype} with shape {names.shape}"
+        )
     try:
         return GraspSet(
             hand=_word(arrays, "hand", ""),
@@ -347,8 +292,8 @@ def _read_npz(path: Path) -> GraspSet:
 def _words(array: Any) -> tuple[str, ...]:
     try:
         words = np.asarray(array).ravel().tolist()
-    except SystemError as error:  # letters that there are not
-        raise InputError(f"text is damaged ({shown(error)}); write the file again") from error
+    except SystemError as error:  # code points that do not exist
+        raise InputError(f"a text array is damaged ({shown(error)}); write the file again") from error
     return tuple(word.decode(errors="replace") if isinstance(word, bytes) else str(word) for word in words)
 
 
@@ -361,15 +306,8 @@ def _word(arrays: dict[str, Any], name: str, default: str) -> str:
     return words[0]
 
 
-def _ragged(rows: list[list[float]], name: str) -> Array:
-    try:
-        return np.array(rows, dtype=np.float64)
-    except (TypeError, ValueError, OverflowError) as error:
-        raise InputError(f"{name}: no numbers, or different numbers of joint angles in the plans") from error
-
-
 def _array(data: Any, name: str, shape: tuple[int, ...]) -> Array:
-    """A float64 copy, which may hold numbers that are not finite."""
+    """A float64 copy with the wanted shape; its numbers need not be finite."""
     try:
         array = np.array(data, dtype=np.float64)
     except (TypeError, ValueError, OverflowError, SystemError) as error:
@@ -384,15 +322,15 @@ def _array(data: Any, name: str, shape: tuple[int, ...]) -> Array:
 def _fault(row: dict[str, Array]) -> str:
     """Why a row cannot be tested; empty where it can."""
     for name, numbers in row.items():
-        shown = "obj_pose" if name == "object_pose" else name
+        key = "obj_pose" if name == "object_pose" else name
         if not np.isfinite(numbers).all():
-            return f"{shown} is not finite"
+            return f"{key} is not finite"
         if name == "scale":
             if not numbers > 0:
                 return f"scale must be positive, got {float(numbers):g}"
         else:
-            with np.errstate(over="ignore"):  # a length that is infinite is not 1 either
+            with np.errstate(over="ignore"):  # an infinite length is not 1 either
                 length = float(np.linalg.norm(numbers[3:7]))
             if abs(length - 1.0) > 0.01:
-                return f"{shown}: the quaternion's length is {length:.3g}, not 1"
+                return f"{key}: the quaternion's length is {length:.3g}, not 1"
     return ""

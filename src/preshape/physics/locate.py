@@ -1,9 +1,9 @@
-"""Where the objects of grasps are, and how large they are before the factor of a grasp.
+"""Where the objects of grasps are found, and how large they are at scale 1.
 
-A name is looked for in the folder of objects, if one is given (``NAME/convex/``, ``NAME/mesh.*``,
-``NAME.*``); then it is a library object or a file. A plan names the object's file as it was called when the
-plan was made: that name and the file's bare name are looked for in the folder, then the library, the file as
-named, and the plan's own folder.
+An object's name is looked for in the folder of objects first, where there is one (``NAME/convex/``,
+``NAME/mesh.*``, ``NAME.*``); otherwise it is a library object or a file. A plan names the file of its object
+as it was called when the plan was made. That name, and the file name alone, are looked for in the folder of
+objects, in the library, as a file, and in the folder of the plan.
 """
 
 from __future__ import annotations
@@ -16,16 +16,22 @@ from ..exceptions import ObjectError, PreshapeError, UnknownObject
 from ..objects.mesh import TriangleMesh
 from .pieces import SUFFIXES, ConvexPieces, decompose, load_pieces, pieces_from_folder
 
-MILLI = 1000.0  # a file in millimetres is too large to be read as metres; read so, its numbers are put back
+MILLI = 1000.0
+"""Millimetres in a metre. A mesh in millimetres is too large to be read as metres; it is read as millimetres
+and then multiplied by this, which gives the numbers of its file."""
 
 
 def object_pieces(name: str, folder: str | Path | None) -> ConvexPieces:
-    """The pieces of an object by its name, in the numbers of its file, be they metres or millimetres.
+    """Convex pieces of an object, in the numbers of its file, whether metres or millimetres.
+
+    Args:
+        name: Name of the object in a grasp array.
+        folder: Folder of objects, or ``None``.
 
     Raises:
-        UnknownObject: nothing of that name.
-        ObjectError: a mesh that cannot be used.
-        EnvironmentFailure: a file cannot be read.
+        UnknownObject: There is no object of that name.
+        ObjectError: The mesh cannot be used.
+        EnvironmentFailure: A file cannot be read.
     """
     try:
         return load_pieces(name, folder)
@@ -42,12 +48,12 @@ def object_pieces(name: str, folder: str | Path | None) -> ConvexPieces:
 
 
 def plan_object(source: str, folder: str | Path | None, beside: Path | None) -> str:
-    """The name under which a plan's object is found; ``source`` itself where it is not.
+    """The name under which the object of a plan is found; ``source`` itself where it is not found.
 
     Args:
-        source: as the plan names it: a library object, or a file.
-        folder: of objects; goes first.
-        beside: the plan's own folder.
+        source: Library object or file, as the plan names it.
+        folder: Folder of objects, searched first; ``None`` for none.
+        beside: Folder of the plan, searched last; ``None`` for none.
     """
     from ..objects.library import names
 
@@ -55,7 +61,7 @@ def plan_object(source: str, folder: str | Path | None, beside: Path | None) -> 
     if folder is not None:
         for name in (source, bare.stem):
             if not Path(name).is_absolute() and (
-                (Path(folder) / name / "convex").is_dir() or _mesh_in(folder, name)
+                (Path(folder) / name / "convex").is_dir() or mesh_in(folder, name)
             ):
                 return name
     if source in names() or bare.is_file() or beside is None:
@@ -64,10 +70,10 @@ def plan_object(source: str, folder: str | Path | None, beside: Path | None) -> 
 
 
 def object_extent(name: str, folder: str | Path | None) -> float | None:
-    """Largest extent in the numbers of the object's file; ``None`` where it cannot be had."""
+    """Largest extent of an object in the numbers of its file; ``None`` where it cannot be read."""
     from ..objects.load import load_object
 
-    file = _mesh_in(folder, name) if folder is not None else None
+    file = mesh_in(folder, name) if folder is not None else None
     try:
         if file is None and folder is not None and (Path(folder) / name / "convex").is_dir():
             pieces = pieces_from_folder(Path(folder) / name / "convex", name)
@@ -80,7 +86,7 @@ def object_extent(name: str, folder: str | Path | None) -> float | None:
         return None if mesh is None else MILLI * float(mesh.extents.max())
 
 
-def _mesh_in(folder: str | Path, name: str) -> Path | None:
+def mesh_in(folder: str | Path, name: str) -> Path | None:
     base = Path(folder)
     candidates = [base / name / f"mesh{s}" for s in SUFFIXES] + [base / f"{name}{s}" for s in SUFFIXES]
     return next((file for file in candidates if file.is_file()), None)

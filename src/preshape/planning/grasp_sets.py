@@ -136,6 +136,7 @@ def grasps_from_plans(
     if len(set(hands)) > 1:
         names = shown(", ".join(sorted({hand for hand, _ in hands})))
         raise InputError(f"{name}: plans for different hands ({names}); give the plans of one hand")
+    stages: dict[str, Any] = {stage: _matrix([row[stage] for row in rows], stage) for stage in STAGES}
     grasps = GraspSet(
         hand=hands[0][0],
         joints=hands[0][1],
@@ -144,7 +145,7 @@ def grasps_from_plans(
         object_pose=np.tile(_ORIGIN, (len(rows), 1)),
         frame="palm",
         faults=tuple(faults),
-        **{stage: _matrix([row[stage] for row in rows], stage) for stage in STAGES},
+        **stages,
     )
     return GraspFile(grasps=grasps, planned_for=tuple(planned_for))
 
