@@ -39,7 +39,7 @@ def met(
         assert isinstance(element, ClosureAnalyser)
         decision = controller.teach(element, TASK)
         assert decision.grasp is not None
-        everything = next(iter(element._kept.values()))
+        everything = next(iter(element._cache.values()))
         assert len(everything.grips) >= 2
         yield controller, element, list(everything.grips)
 

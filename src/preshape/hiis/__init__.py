@@ -1,1 +1,1 @@
-"""The paper: Hybrid Intelligent Inference System (HIIS), each part under the paper's name."""
+"""The paper's Hybrid Intelligent Inference System (HIIS); each part has the paper's name."""

@@ -1,7 +1,7 @@
 """The approach estimator (AE): a 13-45-9 multilayer perceptron (§2.2, fig. 5, tables 2-3).
 
-From a task and an object's attributes it says where to grasp: approach plane, fuzzy set of the
-approach value, and number of virtual fingers, all in binary.
+From a task and an object's attributes it estimates where to grasp: the approach plane, the fuzzy set of
+the approach value, and the number of virtual fingers, each in binary.
 """
 
 from __future__ import annotations
@@ -19,24 +19,24 @@ INPUTS, HIDDEN, OUTPUTS = 13, 45, 9
 LAYERS = (INPUTS, HIDDEN, OUTPUTS)
 
 InputKind = Literal["paper", "shape"]
-"""What the network is told of an object, the paper's seven attributes, or extents and descriptor [C]."""
+"""Inputs that describe the object: the paper's seven attributes, or extents and shape descriptor [C]."""
 
 INPUT_COUNTS: dict[str, int] = {"paper": INPUTS, "shape": 6 + 3 + LENGTH}
-"""Number of inputs of each kind, 13 and 37."""
+"""Number of inputs of each kind: 13 and 37."""
 
-_LARGEST = 4.0  # U, the largest extent of an object [P]
-_COUNT_DECADES = 6.0  # counts up to a million come to about 1 [C]
+_LARGEST = 4.0  # largest extent of an object in U [P]
+_COUNT_DECADES = 6.0  # scales counts up to a million to about 1 [C]
 
 
 @value
 class Estimate:
-    """What the estimator says.
+    """What the estimator estimates.
 
     Attributes:
-        plane: approach plane index, 1..12.
-        approach_set: index of the fuzzy set of the approach value, 0 = RWD-H … 6 = FWD-H.
-        fingers: virtual fingers, thumb included, 2..4.
-        confidence: probability of this code among all legal ones, 0..1.
+        plane: Index of the approach plane, 1..12.
+        approach_set: Index of the fuzzy set of the approach value, 0 = RWD-H … 6 = FWD-H.
+        fingers: Virtual fingers, thumb included, 2..4.
+        confidence: Probability of this code among all legal ones, 0..1.
         outputs: (9,) raw outputs Y0..Y8.
     """
 
@@ -50,21 +50,21 @@ class Estimate:
 def inputs(task: Array, attributes: Attributes, u: float, kind: InputKind = "paper") -> Array:
     """The input vector IV (eq. 5), scaled to about unit range [C].
 
-    Lengths are taken in U and divided by 4, counts as logarithms divided by six decades; task components
-    are cut at ±10, far beyond any presence. The kind ``shape`` has the shape descriptor in place of the
-    counts, which change whenever an object is meshed anew [C].
+    Extents are divided by 4 U, the logarithms of counts by six decades. Task components are clipped at ±10,
+    far beyond the largest value that a task has. The kind ``shape`` has the shape descriptor in place of the
+    counts, because the counts change with every new triangulation of the object [C].
 
     Args:
         task: (6,) Q.
-        attributes: of the object [m].
-        u: the hand's U [m].
+        attributes: Attributes of the object [m].
+        u: The hand's U [m].
         kind: ``paper`` or ``shape``.
 
     Returns:
         (13,) Tx Ty Tz Rx Ry Rz | W H D #Vert #VNorm #Faces #Triang, or (37,) Tx … Rz | W H D | descriptor.
 
     Raises:
-        InputError: an unknown kind, or ``shape`` for attributes without a descriptor.
+        InputError: The kind is unknown, or it is ``shape`` and the attributes have no descriptor.
     """
     if kind not in INPUT_COUNTS:
         raise InputError(f"no kind of inputs {kind!r}; known: {', '.join(INPUT_COUNTS)}")
@@ -72,7 +72,7 @@ def inputs(task: Array, attributes: Attributes, u: float, kind: InputKind = "pap
     sizes = attributes.extents / (u * _LARGEST)
     if kind == "shape":
         if attributes.shape is None:
-            raise InputError("inputs of kind shape need a shape descriptor; use described(mesh)")
+            raise InputError("inputs of kind shape need a shape descriptor, got none: use described(mesh)")
         return np.concatenate([np.clip(task, -10.0, 10.0), sizes, attributes.shape])
     return np.concatenate(
         [np.clip(task, -10.0, 10.0), sizes, np.log10(np.maximum(counts, 1)) / _COUNT_DECADES]
@@ -88,26 +88,28 @@ def encode(plane: int, approach_set: int, fingers: int) -> Array:
     [1, 0, 0, 1, 0, 1, 1, 0, 1]
     """
     if not (1 <= plane <= 12 and 0 <= approach_set <= 6 and 2 <= fingers <= 4):
-        raise InputError(f"no code for plane {plane}, set {approach_set}, {fingers} fingers")
+        raise InputError(
+            f"no code for plane {plane}, set {approach_set}, {fingers} fingers: planes are 1..12, sets 0..6, "
+            "fingers 2..4"
+        )
     return np.concatenate([_bits(plane - 1, 4), _bits(approach_set, 3), _bits(fingers - 1, 2)])
 
 
 def decode(outputs: Array, allowed: BoolArray | None = None) -> Estimate:
-    """The legal code that the nine outputs make most probable [C].
+    """The most probable legal code for nine outputs [C].
 
-    A code that names nothing (plane 13-16, set 7, one finger) never wins; nor does a plane that is
-    not allowed.
+    Codes without a meaning (planes 13-16, set 7, one finger) and planes that are not allowed are excluded.
 
     Args:
-        outputs: (9,) each bit's probability of being 1.
-        allowed: (12,) which planes may be named; all by default.
+        outputs: (9,) probability of each bit to be 1.
+        allowed: (12,) which planes are allowed; all by default.
 
     Raises:
-        InputError: no plane is allowed.
+        InputError: No plane is allowed.
     """
     planes = np.arange(12) if allowed is None else np.flatnonzero(allowed)
     if not len(planes):
-        raise InputError("no approach plane is allowed: allow at least one approach")
+        raise InputError("no approach plane is allowed: allow at least one approach axis")
     p = _code_probabilities(outputs[0:4], planes)
     s = _code_probabilities(outputs[4:7], np.arange(7))
     f = _code_probabilities(outputs[7:9], np.arange(1, 4))
@@ -121,13 +123,13 @@ def decode(outputs: Array, allowed: BoolArray | None = None) -> Estimate:
 
 
 def predict(weights: NetworkWeights, x: Array) -> Array:
-    """(..., 9) outputs of the network for (..., n) inputs, n as many as it was trained on."""
+    """(..., 9) outputs of the network for inputs (..., n) of the kind that it was trained on."""
     hidden = sigmoid(x @ weights.w1.T + weights.b1)
     return sigmoid(hidden @ weights.w2.T + weights.b2)
 
 
 def sigmoid(x: Array) -> Array:
-    """Logistic activation 1 / (1 + exp(-x)) [P], safe for any x."""
+    """Logistic activation 1 / (1 + exp(-x)) [P], without overflow."""
     return 0.5 * (1.0 + np.tanh(0.5 * x))
 
 
@@ -141,7 +143,7 @@ def _patterns(codes: tuple[int, ...], width: int) -> Array:
 
 
 def _code_probabilities(bits: Array, codes: IntArray) -> Array:
-    """Probability of each code, renormalised over the legal ones."""
+    """Probability of each legal code, normalised over the legal codes."""
     patterns = _patterns(tuple(codes.tolist()), len(bits))
     p = np.clip(bits, 1e-9, 1 - 1e-9)
     log = (patterns * np.log(p) + (1 - patterns) * np.log1p(-p)).sum(axis=1)

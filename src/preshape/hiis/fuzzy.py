@@ -1,8 +1,8 @@
 """Fuzzy matching of a task with a net wrench (§2.4, eq. 17-22).
 
-Seven fuzzy sets name a quantity from "high in the negative direction" to "high in the positive
-direction" (fig. 8, fig. 16). Two numbers are alike when they belong to the same sets; two wrenches
-are alike component by component:
+Seven fuzzy sets divide a quantity from "high in the negative direction" to "high in the positive
+direction" (fig. 8, fig. 16). Two numbers match as far as they belong to the same sets. A task and a
+wrench are matched component by component:
 
 >>> q1 = [1.0, 1.0, 0.1, 0.05, 0.8, 0.05]
 >>> float(tfvadi(q1, q1))
@@ -21,7 +21,7 @@ from ..exceptions import InputError
 from ..types import Array, freeze, frozen_array, value
 
 SET_NAMES = ("RWD-H", "RWD-M", "RWD-L", "ZERO", "FWD-L", "FWD-M", "FWD-H")
-"""The seven sets, in order of their index (§2.4, table 5; the paper swaps two descriptions)."""
+"""Names of the seven sets, in the order of their index (§2.4, table 5; the paper swaps two descriptions)."""
 
 SHAPES = ("trapezoid", "triangle", "gaussian")
 
@@ -36,7 +36,7 @@ _TRAPEZOIDS = (
 )  # fig. 16 [P]
 
 CLIP = 0.95
-"""Crisp approach values stay inside ±0.95; unclipped, the two H sets would miss the object [C]."""
+"""Largest crisp approach value; without this limit the two H sets would aim beside the object [C]."""
 
 
 @value
@@ -44,12 +44,11 @@ class FuzzySets:
     """Seven membership functions.
 
     Attributes:
-        corners: (7, 4) a ≤ b ≤ c ≤ d of each trapezoid. A triangle peaks at the middle of the core
-            and has the feet a, d; a Gaussian has the same centre and half its height where the
-            trapezoid has.
+        corners: (7, 4) a ≤ b ≤ c ≤ d of each trapezoid. A triangle has its peak at the middle of the core
+            b..c and its feet at a and d. A Gaussian has the same centre, and is 1/2 where the trapezoid is.
         shape: ``trapezoid`` (the paper's choice), ``triangle`` or ``gaussian`` [P].
 
-    The outermost two are shoulders: beyond their core membership stays 1 [R].
+    The two outermost sets are shoulders: beyond their core the membership stays 1 [R].
     """
 
     corners: Array = field(default_factory=lambda: np.array(_TRAPEZOIDS))
@@ -64,7 +63,7 @@ class FuzzySets:
         freeze(self, corners=corners)
 
     def changed(self, sets: Mapping[str, ArrayLike]) -> FuzzySets:
-        """The same sets with some replaced by name, as fig. 16 does.
+        """A copy with some sets replaced by name, as in fig. 16.
 
         >>> FuzzySets().changed({"ZERO": [-0.08, -0.03, 0.03, 0.08]}).corners[3]
         array([-0.08, -0.03,  0.03,  0.08])
@@ -80,20 +79,20 @@ class FuzzySets:
         """Membership of numbers in the seven sets.
 
         Args:
-            x: (...) any numbers.
+            x: (...) numbers.
 
         Returns:
-            (..., 7) values in 0..1.
+            (..., 7) memberships, 0..1.
         """
         return np.moveaxis(self.layers(x), 0, -1)
 
     def layers(self, x: ArrayLike) -> Array:
-        """As :meth:`membership`, one layer a set: (7, ...). The faster layout for many numbers."""
-        # Far beyond the shoulders nothing changes any more, and the largest numbers would overflow.
+        """(7, ...) as :meth:`membership`, with the sets first, which is faster for many numbers."""
+        # Clipped far beyond the shoulders, where nothing changes, because the largest numbers would overflow.
         x = np.clip(np.asarray(x, dtype=np.float64), -_FAR, _FAR)
         a, b, c, d = (corner.reshape(7, *[1] * x.ndim) for corner in self.corners.T)
         if self.shape == "trapezoid":
-            # A foot of no width is a step, closed at its corner.
+            # A flank without width is a step that includes its corner.
             inside = np.minimum(_ramp(x - a, b - a), _ramp(d - x, d - c))
             peak_low, peak_high = self.corners[0, 2], self.corners[-1, 1]
         else:
@@ -109,7 +108,7 @@ class FuzzySets:
         return inside
 
     def crisp(self) -> Array:
-        """(7,) the crisp value of each set: the midpoint of its core, clipped to ±0.95 [C].
+        """(7,) crisp value of each set: the midpoint of its core, clipped to ±0.95 [C].
 
         >>> FuzzySets().crisp().tolist()
         [-0.925, -0.65, -0.25, 0.0, 0.25, 0.65, 0.925]
@@ -129,7 +128,7 @@ _FAR = 1e6
 
 
 def _ramp(rise: Array, width: Array) -> Array:
-    """0..1: how far up a flank of that width; a flank without width is a step, closed at its foot."""
+    """Membership 0..1 on a flank of a width; a flank without width is a step that includes its foot."""
     step = np.where(width > 0, 0.0, _STEP)
     steep = (rise + step) * (1.0 / np.maximum(width, _STEP))
     return np.clip(steep, 0.0, 1.0, out=steep if steep.ndim else None)
@@ -158,15 +157,15 @@ def adi(a: Array, b: Array) -> Array:
 
 
 def approaching_degrees(q: ArrayLike, w: ArrayLike, sets: FuzzySets | None = None) -> Array:
-    """The ADI of each of the six components of a task and a wrench.
+    """ADI of each component of a task and a wrench (eq. 19).
 
     Args:
         q: (..., 6) task Q.
         w: (..., 6) net wrench about the COG, axes x y z, lengths in U.
-        sets: membership functions; the paper's by default.
+        sets: Membership functions; the paper's by default.
 
     Returns:
-        (..., 6) values in 0..1.
+        (..., 6) degrees, 0..1.
     """
     sets = sets or FuzzySets()
     q, w = np.asarray(q, dtype=np.float64), np.asarray(w, dtype=np.float64)
@@ -176,15 +175,15 @@ def approaching_degrees(q: ArrayLike, w: ArrayLike, sets: FuzzySets | None = Non
 
 
 def tfvadi(q: ArrayLike, w: ArrayLike, sets: FuzzySets | None = None) -> Array:
-    """Total fuzzy vector approaching degree index (eq. 22): the sum of the six ADIs, 0..6, symmetric.
+    """Total fuzzy vector approaching degree index (eq. 22): the sum of the six ADIs, 0..6.
 
-    Arguments as of :func:`approaching_degrees`.
+    It is symmetric in task and wrench; the arguments are those of :func:`approaching_degrees`.
 
     Raises:
-        InputError: the last axis of either is not six numbers.
+        InputError: The last axis of either is not six numbers.
     """
     for name, pattern in (("task", q), ("wrench", w)):
         shape = np.shape(pattern)
         if not shape or shape[-1] != 6:
-            raise InputError(f"a {name} is six numbers, got shape {shape}")
+            raise InputError(f"a {name} must be six numbers, got shape {shape}")
     return approaching_degrees(q, w, sets).sum(axis=-1)

@@ -1,4 +1,4 @@
-"""The twelve approach planes (fig. 4) and what a hand does on one.
+"""The twelve approach planes (fig. 4).
 
 An approach plane is a signed approach axis a and an opposition axis o; the transverse axis is
 t = a × o. "Approach +X" means that the hand moves along +X towards the object.
@@ -16,10 +16,10 @@ AXIS_NAMES = ("+x", "-x", "+y", "-y", "+z", "-z")
 
 @value
 class ApproachPlane:
-    """One of the twelve.
+    """One of the twelve approach planes.
 
     Attributes:
-        index: 1..12.
+        index: Number of the plane, 1..12.
         approach_axis: (3,) signed unit vector a, along which the hand moves.
         opposition_axis: (3,) unit vector o; thumb and fingers oppose each other along it.
     """
@@ -36,7 +36,7 @@ class ApproachPlane:
 
     @property
     def label(self) -> str:
-        """Short name for people.
+        """Short name for messages.
 
         >>> plane(5).label
         'plane 5: approach +X, opposition Y'
@@ -46,16 +46,16 @@ class ApproachPlane:
 
 
 def axis_name(axis: Array) -> str:
-    """``+x`` … ``-z`` of a signed unit vector along a coordinate axis."""
+    """Name, ``+x`` … ``-z``, of a signed unit vector along a coordinate axis."""
     i = int(np.argmax(np.abs(axis)))
     return ("+" if axis[i] > 0 else "-") + "xyz"[i]
 
 
 def axis_vector(name: str) -> Array:
-    """(3,) signed unit vector of ``+x`` … ``-z``.
+    """(3,) signed unit vector of a name ``+x`` … ``-z``.
 
     Raises:
-        InputError: not one of the six names.
+        InputError: The name is not one of the six.
     """
     if name.lower() not in AXIS_NAMES:
         raise InputError(f"an axis must be one of {', '.join(AXIS_NAMES)}, got {name!r}")
@@ -64,7 +64,7 @@ def axis_vector(name: str) -> Array:
     return vector
 
 
-# 1, 5, 6, 7 are fixed by the text, 9 and 10 by their tasks, 11 is doubtful, the rest is ours [R].
+# The paper's text fixes planes 1, 5, 6 and 7, its tasks 9 and 10; 11 is doubtful, the rest is ours [R].
 _TABLE = ("-xy", "-xz", "-zy", "-yz", "+xy", "+yx", "+zy", "+yz", "+xz", "+zx", "-yx", "-zx")
 
 PLANES: tuple[ApproachPlane, ...] = tuple(
@@ -82,10 +82,10 @@ TRANSVERSE_AXES: Array = read_only(np.array([p.transverse_axis for p in PLANES])
 
 
 def plane(index: int) -> ApproachPlane:
-    """The approach plane of that index.
+    """The approach plane with an index.
 
     Raises:
-        InputError: not 1..12.
+        InputError: The index is not 1..12.
     """
     if not 1 <= index <= 12:
         raise InputError(f"an approach plane index must be 1 to 12, got {index}")
@@ -93,16 +93,16 @@ def plane(index: int) -> ApproachPlane:
 
 
 def allowed_planes(approaches: str | None) -> BoolArray:
-    """Which planes have one of the allowed approach axes.
+    """Which planes have an allowed approach axis.
 
     Args:
-        approaches: comma-separated signed axes, as ``+z,-x``; ``None`` allows all.
+        approaches: Comma-separated signed axes, as ``+z,-x``; ``None`` allows all.
 
     Returns:
         (12,) booleans, in the order of :data:`PLANES`.
 
     Raises:
-        InputError: a name that is not an axis, or no name at all.
+        InputError: A name is not an axis, or there is no name.
 
     >>> [p.index for p, ok in zip(PLANES, allowed_planes("+z,-x")) if ok]
     [1, 2, 7, 10]

@@ -1,6 +1,6 @@
-"""Training the approach estimator: back-propagation as in the paper, L-BFGS for use (§2.2, §3.5).
+"""Training of the approach estimator: L-BFGS for use, back-propagation as in the paper (§2.2, §3.5).
 
-The error reported is always the paper's: the squared error, averaged over samples and outputs.
+The reported error is always the paper's: the squared error, averaged over samples and outputs.
 """
 
 from __future__ import annotations
@@ -15,15 +15,16 @@ from ..types import Array, NetworkWeights
 from .estimator import LAYERS, predict, sigmoid
 
 TARGET_ERROR = 5e-4
-"""Mean-square error to train to, the smallest of table 4 [P]."""
+"""Mean-square error at which training stops: the smallest of table 4 [P]."""
 
 _DECAYS = (1e-5, 1e-6, 1e-7)
-"""Weight decays, in turn until the target is met: more tolerates disturbed tasks better [C]."""
-_SURE = 0.45  # no output may be further than this from its bit, or the code reads wrong
+"""Weight decays, tried in this order until the target is met. A larger decay makes the network more
+tolerant of disturbed tasks [C]."""
+_SURE = 0.45  # largest distance of an output from its bit; at 0.5 the code would be read wrongly
 
 
 def initial_weights(seed: int, layers: tuple[int, int, int] = LAYERS) -> NetworkWeights:
-    """Small random weights, normal with the inverse square root of the fan-in as deviation."""
+    """Random weights: normal, with the inverse square root of the fan-in as standard deviation."""
     rng = np.random.default_rng(seed)
     n_in, n_hidden, n_out = layers
     return NetworkWeights(
@@ -38,7 +39,7 @@ def initial_weights(seed: int, layers: tuple[int, int, int] = LAYERS) -> Network
 
 
 def mean_square_error(weights: NetworkWeights, x: Array, y: Array) -> float:
-    """The paper's error: mean of (output - bit)² over samples and outputs."""
+    """The paper's error: the mean of (output - bit)² over samples and outputs."""
     return float(np.mean((predict(weights, x) - y) ** 2))
 
 
@@ -48,11 +49,11 @@ def loss_and_gradient(
     """Loss of the network and its exact gradient.
 
     Args:
-        theta: (p,) all weights in a row: w1, b1, w2, b2.
-        x: (n, 13) inputs.
+        theta: (p,) all weights: w1, b1, w2, b2, flattened.
+        x: (n, i) inputs.
         y: (n, 9) bits.
-        loss: ``squared`` = mean-square error, or ``entropy`` = mean cross-entropy.
-        decay: factor of half the sum of squared weights.
+        loss: ``squared`` for the mean-square error, or ``entropy`` for the mean cross-entropy.
+        decay: Factor on half the sum of the squared weights.
     """
     n_in, n_out = x.shape[1], y.shape[1]
     w1, b1, w2, b2 = _unpack(theta, n_in, n_out)
@@ -78,17 +79,17 @@ def loss_and_gradient(
 def train(
     x: Array, y: Array, *, start: NetworkWeights | None = None, seed: int = 0, target: float = TARGET_ERROR
 ) -> NetworkWeights:
-    """Train for use: L-BFGS on cross-entropy, from earlier weights where there are some.
+    """Train for use: L-BFGS on cross-entropy, with the earlier weights as warm start.
 
-    Stops when the mean-square error is at the target and every output is on its bit's side. Falls
-    back to fresh weights when the earlier ones cannot be led there.
+    Training stops where the mean-square error is at the target and every output is on its bit's side.
+    Where the earlier weights do not lead there, it starts again from fresh weights, up to three times.
 
     Args:
         x: (n, i) inputs, 13 in the paper.
         y: (n, 9) bits.
-        start: weights to continue from (incremental learning, §3.5).
-        seed: of the fresh weights.
-        target: mean-square error to stop at.
+        start: Weights to continue from (incremental learning, §3.5).
+        seed: Seed of the fresh weights.
+        target: Mean-square error at which training stops.
     """
     _check_samples(x, y)
     layers = (x.shape[1], LAYERS[1], y.shape[1])
@@ -120,20 +121,20 @@ def back_propagation(
 ) -> tuple[list[int | None], NetworkWeights]:
     """Plain back-propagation on the squared error, sample by sample, as for table 4 [P].
 
-    An epoch shows every sample once, in an order drawn anew.
+    Each epoch uses every sample once, in a new random order.
 
     Args:
         x: (n, 13) inputs.
         y: (n, 9) bits.
-        targets: mean-square errors, largest first.
-        seed: of weights and orders.
-        rate: learning rate.
-        momentum: share of the last step that is kept.
-        max_epochs: where to give up.
-        progress: called now and then with epoch and error.
+        targets: Mean-square errors, largest first.
+        seed: Seed of the initial weights and of the orders.
+        rate: Learning rate.
+        momentum: Share of the previous step that is added.
+        max_epochs: Number of epochs after which training ends in any case.
+        progress: Called every 100 epochs with epoch and error.
 
     Returns:
-        The epoch at which each target was reached (``None``: not within ``max_epochs``) and the weights.
+        The epoch at which each target was reached, ``None`` where it was not, and the weights.
     """
     _check_samples(x, y)
     rng = np.random.default_rng(seed)
@@ -171,7 +172,7 @@ def back_propagation(
 
 
 class _Reached(Exception):
-    """Raised inside the optimiser to stop it at the target."""
+    """Stops the optimiser at the target."""
 
     def __init__(self, theta: Array) -> None:
         self.theta = theta
@@ -197,7 +198,7 @@ def _descend(x: Array, y: Array, begin: NetworkWeights, target: float, decay: fl
     if _learned(pack(theta), x, y, target):
         return pack(theta)
     try:
-        # Matrices this small lose more to a second thread than they gain.
+        # For matrices this small, a second BLAS thread costs more than it gains.
         with threadpool_limits(1, user_api="blas"):
             theta = minimize(  # type: ignore[call-overload]
                 lambda now: loss_and_gradient(now, x, y, loss="entropy", decay=decay),
@@ -213,7 +214,7 @@ def _descend(x: Array, y: Array, begin: NetworkWeights, target: float, decay: fl
 
 
 def _measured(w1: Array, b1: Array, w2: Array, b2: Array, x: Array, y: Array, epochs: int) -> NetworkWeights:
-    """Weights with their error on the training set."""
+    """Weights with their mean-square error on the training set."""
     bare = NetworkWeights(w1=w1, b1=b1, w2=w2, b2=b2, mean_square_error=1.0, trained_on=len(x), epochs=epochs)
     return replace(bare, mean_square_error=mean_square_error(bare, x, y))
 
@@ -233,4 +234,6 @@ def _unpack(theta: Array, n_in: int, n_out: int) -> tuple[Array, Array, Array, A
 
 def _check_samples(x: Array, y: Array) -> None:
     if x.ndim != 2 or y.ndim != 2 or len(x) != len(y) or len(x) == 0:
-        raise InputError(f"training needs n inputs and n outputs, got shapes {x.shape} and {y.shape}")
+        raise InputError(
+            f"training needs as many rows of inputs as of outputs, got shapes {x.shape} and {y.shape}"
+        )

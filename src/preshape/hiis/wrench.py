@@ -1,8 +1,8 @@
 """Contact wrenches, the net wrench, and the screw measures (§2.3).
 
-A contact pushes with a soft finger: a normal force, two tangential forces and a moment about the
-normal, scaled by the contact coefficients (eq. 9-12). All contact wrenches moved to the COG and
-added are the net wrench (eq. 13-14), the pattern that stands for a virtual grasp.
+A soft-finger contact exerts a normal force, two tangential forces and a moment about the normal, scaled by
+the contact coefficients (eq. 9-12). The sum of all contact wrenches about the COG is the net wrench
+(eq. 13-14), the pattern that represents a virtual grasp.
 
 Lengths are in U here, forces in units of the normal force.
 """
@@ -16,7 +16,7 @@ from ..exceptions import InputError
 from ..types import Array, ContactCoefficients
 
 RANK_TOLERANCE = 1e-9
-"""Singular values under this fraction of the largest count as zero."""
+"""Singular values below this fraction of the largest count as zero."""
 
 
 def contact_wrenches(
@@ -27,7 +27,7 @@ def contact_wrenches(
     transverse_sign: Array,
     coefficients: ContactCoefficients,
 ) -> Array:
-    """The soft-finger wrench of each contact, moved to the COG.
+    """The soft-finger wrench of each contact about the COG.
 
     Args:
         positions: (..., n, 3) contact positions from the COG, in U (eq. 7).
@@ -55,19 +55,19 @@ def contact_wrenches(
 
 
 def _cross(a: Array, b: Array) -> Array:
-    """a × b over the last axis; for a few vectors several times quicker than ``np.cross``."""
+    """a × b over the last axis; several times faster than ``np.cross`` for a few vectors."""
     ax, ay, az = a[..., 0], a[..., 1], a[..., 2]
     bx, by, bz = b[..., 0], b[..., 1], b[..., 2]
     return np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=-1)
 
 
 def net_wrench(wrenches: Array) -> Array:
-    """(..., 6) the sum of (..., n, 6) contact wrenches, all about the COG (eq. 14)."""
+    """(..., 6) sum of the contact wrenches (..., n, 6), all about the COG (eq. 14)."""
     return wrenches.sum(axis=-2)
 
 
 def rank(matrix: ArrayLike, tolerance: float = RANK_TOLERANCE) -> int:
-    """Rank by singular values, relative to the largest."""
+    """Rank of a matrix: the number of singular values above ``tolerance`` times the largest."""
     singular = np.linalg.svd(np.atleast_2d(np.asarray(matrix, dtype=np.float64)), compute_uv=False)
     if singular.size == 0 or singular[0] == 0:
         return 0
@@ -77,13 +77,13 @@ def rank(matrix: ArrayLike, tolerance: float = RANK_TOLERANCE) -> int:
 def reciprocal_twists(wrench_union: ArrayLike, tolerance: float = RANK_TOLERANCE) -> Array:
     """A basis of the twists reciprocal to a set of wrenches (Adams & Whitney's construction).
 
-    A twist (angular, linear) is reciprocal to a wrench (force, torque) when it does no work against
-    it: force · linear + torque · angular = 0. That is the null space of the wrench union after the
-    swap of its halves.
+    A twist (angular, linear) is reciprocal to a wrench (force, torque) where it does no work against it:
+    force · linear + torque · angular = 0. These twists are the null space of the wrench union with its
+    halves swapped.
 
     Args:
         wrench_union: (n, 6) wrenches about one point.
-        tolerance: relative, for the singular values.
+        tolerance: Relative tolerance for the singular values.
 
     Returns:
         (k, 6) orthonormal twists (angular, linear), k = 6 - rank.
@@ -92,12 +92,12 @@ def reciprocal_twists(wrench_union: ArrayLike, tolerance: float = RANK_TOLERANCE
     swapped = union[:, [3, 4, 5, 0, 1, 2]]
     _, singular, right = np.linalg.svd(swapped, full_matrices=True)
     top = singular[0] if singular.size else 0.0
-    kept = int((singular > tolerance * top).sum()) if top > 0 else 0
-    return right[kept:]
+    nonzero = int((singular > tolerance * top).sum()) if top > 0 else 0
+    return right[nonzero:]
 
 
 def soft_finger_basis(positions: ArrayLike, normals_in: ArrayLike) -> Array:
-    """Four unit wrenches a contact: three forces and the moment about the normal.
+    """Four unit wrenches for each contact: three forces and the moment about the normal.
 
     Args:
         positions: (n, 3) from the COG, in U.
@@ -109,9 +109,9 @@ def soft_finger_basis(positions: ArrayLike, normals_in: ArrayLike) -> Array:
     positions, normals = np.atleast_2d(positions), np.atleast_2d(normals_in)
     rows = []
     for r, n in zip(positions, normals, strict=True):
-        # Tangents come from the contact, not from the world axes.
-        seed = np.eye(3)[np.argmin(np.abs(n))]
-        t1 = np.cross(n, seed)
+        # Tangents come from the contact, so that a rotation of the scene changes nothing.
+        helper = np.eye(3)[np.argmin(np.abs(n))]
+        t1 = np.cross(n, helper)
         t1 /= np.linalg.norm(t1)
         for f in (n, t1, np.cross(n, t1)):
             rows.append(np.concatenate([f, np.cross(r, f)]))
@@ -120,7 +120,7 @@ def soft_finger_basis(positions: ArrayLike, normals_in: ArrayLike) -> Array:
 
 
 READINGS = ("net", "basis")
-"""``net`` takes one wrench a finger, as the paper; ``basis`` the full soft-finger basis."""
+"""``net`` uses one wrench per finger, as the paper does; ``basis`` the full soft-finger basis."""
 
 
 def screw_measures(
@@ -133,23 +133,23 @@ def screw_measures(
 ) -> tuple[int, int]:
     """Stability index and manipulability index of a grasp (§2.3).
 
-    manipulability = rank(WU), stability = rank(WU) - rank(TI), not below 0; both 0..6 [P]. TI is the
-    set of twists reciprocal to WU: the hidden freedoms that the grasp does not hold.
+    manipulability = rank(WU) and stability = rank(WU) - rank(TI), not below 0; both 0..6 [P]. TI is the set
+    of twists reciprocal to WU: the freedoms of motion that the grasp does not hold.
 
     Args:
-        wrenches: (n, 6) contact wrenches about the COG, one a finger.
-        positions: (n, 3) from the COG, in U; needed for ``basis``.
-        normals_in: (n, 3); needed for ``basis``.
-        reading: ``net`` takes WU as the stacked contact wrenches, one a finger [P]: small for few
-            fingers. ``basis`` takes all four wrenches that a soft finger can exert: 6 for almost
-            any two contacts [C].
-        tolerance: relative, for the singular values.
+        wrenches: (n, 6) contact wrenches about the COG, one per finger.
+        positions: (n, 3) contacts from the COG, in U; needed for ``basis``.
+        normals_in: (n, 3) inward unit normals; needed for ``basis``.
+        reading: With ``net``, WU is the stacked contact wrenches, one per finger [P]; its rank is small for
+            few fingers. With ``basis``, WU has all four wrenches that a soft finger can exert; its rank is 6
+            for almost any two contacts [C].
+        tolerance: Relative tolerance for the singular values.
 
     Returns:
         (stability, manipulability).
 
     Raises:
-        InputError: an unknown reading, or ``basis`` without contacts.
+        InputError: The reading is unknown, or it is ``basis`` and the contacts are missing.
     """
     if reading not in READINGS:
         raise InputError(f"a reading must be one of {', '.join(READINGS)}, got {reading!r}")
