@@ -217,6 +217,32 @@ class TestVerdicts:
             "report.md",
         ]
 
+    def test_each_plan_with_its_own_load(self, capsys: pytest.CaptureFixture[str]) -> None:
+        """Plans are tested with the mass and friction that they were made for, arrays with 0.1 kg and 0.6."""
+        heavy = {"schema": 2, "mass": 5.0, "request": {"friction": 0.5}}
+        Path("heavy.json").write_text(json.dumps({**plan(2), **heavy}))
+        Path("plan.json").write_text(json.dumps(plan(1)))
+        words = ("plan.json", "heavy.json", save("g.npz", "o"))
+        code, document = as_json(capsys, *words, "--out", "out")
+        assert code == 0
+        assert [
+            (hand["hand"], hand["mass"], hand["friction"], [row["status"] for row in hand["grasps"]])
+            for hand in document["hands"]
+        ] == [("utah_mit", 0.1, 0.6, ["held", "lost"]), ("utah_mit", 5.0, 0.5, ["lost", "lost"])]
+        assert [(row["file"], row["file_row"]) for row in document["hands"][0]["grasps"]] == [
+            ("plan.json", 0),
+            ("g.npz", 0),
+        ]
+        assert (document["protocol"]["mass"], document["protocol"]["friction"]) == (None, None)
+        assert document["protocol"]["torsion"] == 0.02
+        page = Path("out/report.md").read_text()
+        assert "## utah_mit, 5 kg, friction 0.5: 0 of 2 held" in page
+        assert "six directions, 50 N on 5 kg, friction 0.5." in page
+        _, alike = as_json(capsys, *words, "--mass", "0.1", "--friction", "0.6")
+        [hand] = alike["hands"]
+        assert (hand["mass"], alike["protocol"]["mass"], len(hand["grasps"])) == (0.1, 0.1, 4)
+        assert [row["status"] for row in hand["grasps"]] == ["held", "held", "held", "lost"]
+
     def test_harder_is_harder(self, capsys: pytest.CaptureFixture[str]) -> None:
         file = save("g.npz", "g")
         _, hard = as_json(capsys, file, "--probes", "all", "--ladder", "--turn-error", "5", "--seed", "3")
@@ -291,7 +317,7 @@ class TestBadInput:
         ("changes", "options", "code", "sentence"),
         [
             ({"hand": np.array("shadw")}, (), 2, "no hand 'shadw'; did you mean shadow"),
-            ({"hand": None}, (), 2, "does not say whose grasps they are; add --hand"),
+            ({"hand": None}, (), 2, "does not name the hand of its grasps; add --hand"),
             ({"grasp": np.zeros((2, 9))}, (), 2, "g.npz: grasp must be 2×23 numbers, got 2×9"),
             ({"squeeze": np.zeros((3, 23))}, (), 2, "g.npz: squeeze must be 2×23 numbers, got 3×23"),
             ({"grasp": None}, (), 2, "g.npz: missing arrays grasp; it has"),
@@ -332,7 +358,7 @@ class TestBadInput:
         for name, code, sentence in (
             ("text", 2, "neither an npz of grasps nor a plan"),
             ("other.json", 2, "is not a plan of this program"),
-            ("pickled.npz", 2, "not an npz without pickle"),
+            ("pickled.npz", 2, "expected an npz without pickle"),
             (save("empty.npz", "", pregrasp=np.zeros((0, 23)), grasp=np.zeros((0, 23)),
                   squeeze=np.zeros((0, 23)), object=np.array([], dtype=np.str_)), 2, "no grasp in it"),
             ("none.npz", 3, "cannot read none.npz"),

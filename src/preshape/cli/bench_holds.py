@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 import time
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
 
-from ..exceptions import InputError
+from ..exceptions import EnvironmentFailure, InputError
 from ..report.terminal import print_table, report_console
 from .options import check_folder, json_option
 from .progress import GOES_ON, duration, steps
@@ -20,61 +20,85 @@ if TYPE_CHECKING:
     from ..physics.hand import PhysicsHand
     from ..physics.hold.report import HoldReport
     from ..physics.protocol import HoldProtocol
+    from ..planning.grasp_sets import GraspFile
 
 MODELS = (".xml", ".mjcf")
-KEPT = "unfinished.jsonl"  # the file of results in --out, while a run goes on
+UNFINISHED = "unfinished.jsonl"
+"""File in the folder of ``--out`` that holds the results of a run that is not finished."""
+
+
+class Group(NamedTuple):
+    """Grasps of one hand that are tested with one load.
+
+    Attributes:
+        title: Name of the hand, with the load where the hand is tested with several.
+        model: The hand.
+        grasps: The grasps.
+        protocol: Settings of the test.
+    """
+
+    title: str
+    model: PhysicsHand
+    grasps: GraspSet
+    protocol: HoldProtocol
 
 
 @click.command(
     epilog="Example: preshape bench holds grasps.npz --objects objects --probes all --out out/holds"
 )
 @click.argument("files", metavar="GRASPS...", nargs=-1, required=True)
-@click.option("--hand", metavar="HAND", help="A name, a TOML or an MJCF file; default: what GRASPS say.")
-@click.option("--root", metavar="BODY", help="With an MJCF: the body that hand poses are given for.")
-@click.option(
-    "--fixed", multiple=True, metavar="JOINT", help="With an MJCF: a joint to leave out; repeatable."
-)
+@click.option("--best", is_flag=True, help="Of a plan without an answer: the best grasp that was found.")
+@click.option("--hand", metavar="HAND", help="Name, TOML or MJCF file; default: the hand of GRASPS.")
+@click.option("--root", metavar="BODY", help="With an MJCF: body whose poses the grasps give.")
+@click.option("--fixed", multiple=True, metavar="JOINT", help="With an MJCF: joint to leave out; repeatable.")
 @click.option(
     "--objects", metavar="DIR", help="Folder of the objects: NAME/convex/*.obj or a mesh of that name."
 )
-@click.option("--friction", type=float, default=0.6, show_default=True, help="Sliding friction; harder: 0.3.")
-@click.option("--mass", type=float, default=0.1, show_default=True, help="Of every object [kg].")
+@click.option(
+    "--friction", type=float, help="Friction coefficient; default: each plan's (arrays: 0.6). Harder: 0.3."
+)
+@click.option("--mass", type=float, help="Mass of every object [kg]; default: each plan's (arrays: 0.1).")
 @click.option(
     "--probes", default="six", show_default=True, metavar="six|all", help="all: 14 forces and 14 torques."
 )
 @click.option(
-    "--ladder", is_flag=True, help="Also the last strength held: the probes again, each rung × 1.4."
+    "--ladder", is_flag=True, help="Repeat the probes 1.4 times stronger each time, until the grasp is lost."
 )
 @click.option(
     "--position-error",
     type=float,
     default=0.0,
     show_default=True,
-    help="Object off by this much [m]; harder: 0.005.",
+    help="Error of the object's position [m]; harder: 0.005.",
 )
 @click.option(
-    "--turn-error", type=float, default=0.0, show_default=True, help="… and turned by [degrees]; harder: 5."
+    "--turn-error",
+    type=float,
+    default=0.0,
+    show_default=True,
+    help="Error of the object's orientation [degrees]; harder: 5.",
 )
 @click.option(
     "--size-error",
     type=float,
     default=0.0,
     show_default=True,
-    help="… and larger or smaller, a share; harder: 0.05.",
+    help="Error of the object's size, as a share; harder: 0.05.",
 )
-@click.option("--seed", type=int, default=0, show_default=True, help="Of these errors.")
-@click.option("--workers", type=int, metavar="N", help="Processes; default: one for each core.")
-@click.option("--checkpoint", metavar="FILE", help="Results as they come; the same command goes on from it.")
-@click.option("--out", metavar="DIR", help="Write report.json, .md and .html there; resumable as well.")
+@click.option("--seed", type=int, default=0, show_default=True, help="Seed of these errors.")
+@click.option("--workers", type=int, metavar="N", help="Number of processes; default: one for each core.")
+@click.option("--checkpoint", metavar="FILE", help="File of results, from which the same command resumes.")
+@click.option("--out", metavar="DIR", help="Folder for report.json, .md and .html; resumable as well.")
 @json_option
 def holds(
     files: tuple[str, ...],
+    best: bool,
     hand: str | None,
     root: str | None,
     fixed: tuple[str, ...],
     objects: str | None,
-    friction: float,
-    mass: float,
+    friction: float | None,
+    mass: float | None,
     probes: str,
     ladder: bool,
     position_error: float,
@@ -89,19 +113,22 @@ def holds(
     """Put the grasps of GRASPS, plans or arrays (docs/grasp-file.md), to the holding test.
 
     The hand goes from pregrasp to grasp to squeeze, then the object is pushed; a grasp holds if the object
-    stays within 50 mm and 15° under every push. Files for one hand are counted together.
+    stays within 50 mm and 15° under every push. The grasps of all files are counted together for each hand
+    and each load that they were planned for.
 
-    Exit code 0: all were tested, held or not. 2: some could not be; the others were, and are reported.
+    Exit code 0: all were tested, held or not. 2: some could not be tested; the others were, and are reported.
     """
     from ..physics.hold.runner import run_holds
     from ..physics.protocol import HoldProtocol
+    from ..planning.grasp_sets import read_grasp_file
+    from ..types import FIELD_MASS, FRICTION
 
     check_folder(out)
     if workers is not None and workers < 1:
         raise InputError(f"--workers must be 1 or more, got {workers}")
     protocol = HoldProtocol(
-        mass=mass,
-        friction=friction,
+        mass=FIELD_MASS if mass is None else mass,
+        friction=FRICTION if friction is None else friction,
         probes=probes,
         ladder=ladder,
         position_error=position_error,
@@ -109,31 +136,34 @@ def holds(
         size_error=size_error,
         seed=seed,
     )
-    sets = _read(files, hand, root, fixed, objects)
-    kept = _kept([model.name for model, _ in sets], checkpoint, out)
+    if objects is not None and not Path(objects).is_dir():
+        raise EnvironmentFailure(f"no folder {objects}; --objects is the one that holds the objects")
+    read = [(file, read_grasp_file(file, objects=objects, best=best)) for file in files]
+    groups = _groups(read, protocol, mass, friction, hand, root, fixed)
+    kept = _kept([group.title for group in groups], checkpoint, out)
     start, reports = time.perf_counter(), []
-    total = sum(len(grasps) for _, grasps in sets)
+    total = sum(len(group.grasps) for group in groups)
     with steps(GOES_ON if checkpoint or out else "with --out or --checkpoint they would be kept") as told:
         before = 0
 
         def progress(done: int, _: int) -> None:
             told.step("grasps", before + done, total)
 
-        for (model, grasps), file in zip(sets, kept, strict=True):
+        for group, file in zip(groups, kept, strict=True):
             report = run_holds(
-                grasps,
-                model,
-                protocol=protocol,
+                group.grasps,
+                group.model,
+                protocol=group.protocol,
                 objects=objects,
                 workers=workers,
                 progress=progress,
                 checkpoint=file,
             )
-            reports.append((model.name, report))
-            before += len(grasps)
+            reports.append((group, report))
+            before += len(group.grasps)
     seconds = time.perf_counter() - start
-    document = _document(reports, protocol)
-    written = _write(document, reports, protocol, out)
+    document = _document(reports)
+    written = _write(document, reports, out)
     if out is not None and checkpoint is None:  # the report holds everything now
         for file in kept:
             if file is not None:
@@ -143,31 +173,59 @@ def holds(
 
         emit({**document, "files": [str(path) for path in written]})
         return 2 if document["status"] == "error" else 0
-    _show(reports, protocol, seconds, written)
+    _show(reports, seconds, written)
     if document["status"] == "error":
         raise InputError(document["reason"])
     return 0
 
 
-def _read(
-    files: tuple[str, ...], hand: str | None, root: str | None, fixed: tuple[str, ...], objects: str | None
-) -> list[tuple[PhysicsHand, GraspSet]]:
-    """The grasps of all files, put together by hand, in the order in which the hands first come."""
-    from ..exceptions import EnvironmentFailure
-    from ..physics.grasps import joined, read_grasps
+def _groups(
+    files: list[tuple[str, GraspFile]],
+    protocol: HoldProtocol,
+    mass: float | None,
+    friction: float | None,
+    hand: str | None,
+    root: str | None,
+    fixed: tuple[str, ...],
+) -> list[Group]:
+    """The grasps of all files by hand and load, in the order in which these first occur.
 
-    if objects is not None and not Path(objects).is_dir():
-        raise EnvironmentFailure(f"no folder {objects}; --objects is the one that holds the objects")
-    groups: dict[str, list[tuple[str, GraspSet]]] = {}
-    for file in files:
-        grasps = read_grasps(file, objects=objects)
-        if not len(grasps):
-            raise InputError(f"{file}: no grasp in it")
-        if not (hand or grasps.hand):
-            raise InputError(f"{file} does not say whose grasps they are; add --hand, see preshape hands")
-        groups.setdefault(hand or grasps.hand, []).append((file, grasps))
-    models = {name: _hand(name, root, fixed) for name in groups}
-    return [(models[name], joined(group, models[name])) for name, group in groups.items()]
+    Args:
+        files: Name and content of each file.
+        protocol: Settings of the test; the load of the plans replaces its own.
+        mass: Mass of every object [kg]; ``None`` takes the plan's.
+        friction: Friction coefficient; ``None`` takes the plan's.
+        hand: Hand of all files; ``None`` takes the one that a file names.
+        root: Body whose poses the grasps give, for a hand that is an MJCF.
+        fixed: Joints to leave out, for a hand that is an MJCF.
+
+    Raises:
+        InputError: A file has no grasp, or does not name its hand.
+    """
+    from ..physics.grasps import joined
+
+    by_hand: dict[str, list[tuple[str, GraspFile]]] = {}
+    for name, file in files:
+        if not len(file.grasps):
+            raise InputError(f"{name}: no grasp in it")
+        if not (hand or file.grasps.hand):
+            raise InputError(f"{name} does not name the hand of its grasps; add --hand, see preshape hands")
+        by_hand.setdefault(hand or file.grasps.hand, []).append((name, file))
+    groups = []
+    for hand_name, own in by_hand.items():
+        model = _hand(hand_name, root, fixed)
+        grasps = joined([(name, file.grasps) for name, file in own], model)
+        loads = [
+            (planned.mass if mass is None else mass, planned.friction if friction is None else friction)
+            for _, file in own
+            for planned in file.planned_for
+        ]
+        for load in dict.fromkeys(loads):
+            with_load = f", {load[0]:g} kg, friction {load[1]:g}" if len(set(loads)) > 1 else ""
+            rows = [row for row, other in enumerate(loads) if other == load]
+            rules = replace(protocol, mass=load[0], friction=load[1])
+            groups.append(Group(model.name + with_load, model, grasps.rows(rows), rules))
+    return groups
 
 
 def _hand(name: str, root: str | None, fixed: tuple[str, ...]) -> PhysicsHand:
@@ -176,31 +234,29 @@ def _hand(name: str, root: str | None, fixed: tuple[str, ...]) -> PhysicsHand:
 
     if Path(name).suffix.lower() in MODELS:
         if root is None:
-            raise InputError(
-                f"{name} is a model: add --root BODY, the body that the hand poses are given for"
-            )
+            raise InputError(f"{name} is a model: add --root BODY, the body whose poses the grasps give")
         return hand_from_mjcf(name, root=root, fixed=fixed)
     if root is not None or fixed:
         raise InputError(f"--root and --fixed belong to a model (--hand FILE.xml), got the hand {name!r}")
     return physics_hand(load_hand(name))
 
 
-def _kept(hands: list[str], checkpoint: str | None, out: str | None) -> list[Path | None]:
-    """Where the results of each hand are kept while the run goes on."""
+def _kept(titles: list[str], checkpoint: str | None, out: str | None) -> list[Path | None]:
+    """File for the results of each group while the run goes on."""
     if checkpoint is not None:
         base = Path(checkpoint)
     elif out is not None:
-        base = Path(out) / KEPT
+        base = Path(out) / UNFINISHED
     else:
-        return [None for _ in hands]
-    if len(hands) == 1:
+        return [None for _ in titles]
+    if len(titles) == 1:
         return [base]
-    plain = ["".join(c if c.isalnum() else "_" for c in hand) for hand in hands]
+    plain = ["".join(c if c.isalnum() else "_" for c in title) for title in titles]
     return [base.with_name(f"{base.stem}-{name}{base.suffix}") for name in plain]
 
 
-def _document(reports: list[tuple[str, HoldReport]], protocol: HoldProtocol) -> dict[str, Any]:
-    """Everything but the time it took: the same input gives the same document."""
+def _document(reports: list[tuple[Group, HoldReport]]) -> dict[str, Any]:
+    """Everything but the time it took, so that the same input gives the same document."""
     import mujoco
 
     from .._version import __version__
@@ -214,22 +270,31 @@ def _document(reports: list[tuple[str, HoldReport]], protocol: HoldProtocol) -> 
         reason = f"{bad} of {total} grasps could not be tested, the other {total - bad} were: " + "; ".join(
             lines
         )
+    protocols = [asdict(group.protocol) for group, _ in reports]
+    shared = {
+        key: number if all(p[key] == number for p in protocols) else None
+        for key, number in protocols[0].items()
+    }
     return {
         "status": "error" if bad else "answer",
         "reason": reason,
         "version": __version__,
         "mujoco": mujoco.__version__,
-        "protocol": asdict(protocol),
+        "protocol": shared,
         "hands": [
-            {"hand": name, "warnings": list(warnings(report, protocol)), **report.to_json()}
-            for name, report in reports
+            {
+                "hand": group.model.name,
+                "mass": group.protocol.mass,
+                "friction": group.protocol.friction,
+                "warnings": list(warnings(report, group.protocol)),
+                **report.to_json(),
+            }
+            for group, report in reports
         ],
     }
 
 
-def _write(
-    document: dict[str, Any], reports: list[tuple[str, HoldReport]], protocol: HoldProtocol, out: str | None
-) -> list[Path]:
+def _write(document: dict[str, Any], reports: list[tuple[Group, HoldReport]], out: str | None) -> list[Path]:
     if out is None:
         return []
     from ..files import write_json
@@ -237,20 +302,19 @@ def _write(
     from ..report import write_report
 
     versions = f"MuJoCo {document['mujoco']}, preshape {document['version']}."
+    chapters = [(group.title, group.protocol, report) for group, report in reports]
     write_json(Path(out) / "report.json", document)
-    return [Path(out) / "report.json", *write_report(Path(out), hold_report(reports, protocol, versions))]
+    return [Path(out) / "report.json", *write_report(Path(out), hold_report(chapters, versions))]
 
 
-def _show(
-    reports: list[tuple[str, HoldReport]], protocol: HoldProtocol, seconds: float, written: list[Path]
-) -> None:
+def _show(reports: list[tuple[Group, HoldReport]], seconds: float, written: list[Path]) -> None:
     from rich.text import Text
 
     from ..physics.hold.tables import ALL, settings_line, tables, warnings
 
     console = report_console(100)
-    for hand, report in reports:
-        console.print(Text.assemble((f"{hand}: ", "bold"), settings_line(protocol)))
+    for group, report in reports:
+        console.print(Text.assemble((f"{group.model.name}: ", "bold"), settings_line(group.protocol)))
         for content in tables(report):
             several = len(content.rows) > 1
             print_table(
@@ -259,7 +323,7 @@ def _show(
                 unbroken=content.columns[1:],
                 bold=lambda row, several=several: several and row[0] == ALL,  # type: ignore[misc]
             )
-        for sentence in warnings(report, protocol):
+        for sentence in warnings(report, group.protocol):
             console.print(Text(f"! {sentence}", style="yellow"))
     tested = sum(report.figures().tested for _, report in reports)
     console.print(f"{tested} grasps tested in {duration(seconds)}")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from pathlib import Path
 
 from ...objects.load import SUFFIXES
@@ -89,27 +90,23 @@ def settings_line(protocol: HoldProtocol) -> str:
     return ", ".join(parts)
 
 
-def hold_report(reports: list[tuple[str, HoldReport]], protocol: HoldProtocol, versions: str) -> Report:
-    """The report: for each hand its tables, its warnings, and every grasp that did not hold.
+def hold_report(reports: Sequence[tuple[str, HoldProtocol, HoldReport]], versions: str) -> Report:
+    """The report: for each hand and load the tables, the warnings, and every grasp that did not hold.
 
     Args:
-        reports: Name and results of each hand.
-        protocol: Settings of all tests.
+        reports: Title, settings and results of each chapter; the title names the hand.
         versions: Sentence that names the versions of the programs.
     """
     return Report(
         title="Holding test",
-        preface=(
-            f"{settings_line(protocol)}. {versions}",
-            "Every measure and option is explained in `docs/grasp-file.md`.",
-        ),
-        chapters=tuple(_chapter(hand, report, protocol) for hand, report in reports),
+        preface=(versions, "Every measure and option is explained in `docs/grasp-file.md`."),
+        chapters=tuple(_chapter(title, report, protocol) for title, protocol, report in reports),
     )
 
 
 def _chapter(hand: str, report: HoldReport, protocol: HoldProtocol) -> Chapter:
     figures = report.figures()
-    blocks: list[Block] = [*tables(report, full_names=True)]
+    blocks: list[Block] = [f"{settings_line(protocol)}.", *tables(report, full_names=True)]
     if found := warnings(report, protocol):
         blocks.append(Bullets(items=tuple(f"{sentence}." for sentence in found)))
     blocks += [Heading(text=f"Failures of {hand}"), _failures(report)]
