@@ -17,7 +17,7 @@ from preshape.hiis.fuzzy import FuzzySets, tfvadi
 from preshape.hiis.virtual_grasp import RayAnalyser
 from preshape.objects.library import load_library_object
 from preshape.objects.mesh import TriangleMesh
-from preshape.planner import layout_of
+from preshape.planning.session import layout_of
 from preshape.types import Attributes, Experience
 
 LAYOUT = layout_of(load_hand("utah_mit"))
@@ -91,7 +91,7 @@ def test_without_a_virtual_grasp_there_is_a_penalty_even_at_threshold_zero():
     verdict = judge(None, 0.0)
     assert not verdict.reward
     assert verdict.match is None
-    assert "no virtual grasp" in verdict.reason
+    assert "no grasp found" in verdict.reason
 
 
 def test_the_thresholds_of_the_paper_are_the_defaults():

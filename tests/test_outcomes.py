@@ -58,7 +58,7 @@ def again(controller: Controller, element: ClosureAnalyser) -> tuple[int, Grasp 
 
 def test_what_is_remembered_is_the_answer_at_once(met) -> None:
     controller, element, _ = met
-    element._kept.clear()
+    element._cache.clear()
     mode, grasp = again(controller, element)
     assert mode == 0
     assert start(grasp) == controller.experiences[-3].grip[8:].tobytes()

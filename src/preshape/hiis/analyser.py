@@ -1,6 +1,7 @@
-"""What every performance element promises (§3.3), and the values that it answers with.
+"""The interface of a performance element (§3.3), and the values that it returns.
 
-The ray analyser (:mod:`preshape.hiis.virtual_grasp`) is the paper's. The controller knows only this page.
+The paper's performance element is the ray analyser (:mod:`preshape.hiis.virtual_grasp`); the closure analyser
+closes a real hand. The controller depends on this module only.
 """
 
 from __future__ import annotations
@@ -19,13 +20,13 @@ from .planes import PLANES, ApproachPlane
 
 @value
 class HandLayout:
-    """What the analyser must know of a hand.
+    """What an analyser must know of a hand.
 
     Attributes:
-        name: the hand's name.
+        name: Name of the hand.
         u: U, length of the proximal phalanx of the middle finger [m].
-        finger_pitch: distance of neighbouring fingers [m].
-        fingertip_width: [m]; fingers are never drawn closer than this.
+        finger_pitch: Distance of neighbouring fingers [m].
+        fingertip_width: Least distance of neighbouring fingers [m].
     """
 
     name: str
@@ -100,11 +101,11 @@ class Grasp(ABC):
     @property
     @abstractmethod
     def description(self) -> str:
-        """The grasp in part of a sentence: plane, fingers, and how good it is."""
+        """The grasp as part of a sentence: plane, fingers, and how good it is."""
 
     @abstractmethod
     def same_as(self, other: Grasp) -> bool:
-        """Whether another answer would offer the user nothing new beside this one."""
+        """Whether the two are too similar to be given as different answers."""
 
 
 @value
@@ -209,13 +210,13 @@ class Grip(Grasp):
 
 
 def wrist_distance(places: Array, turns: Array, place: Array, turn: Array) -> Array:
-    """How far wrists are from one of them: 1 is 20 mm, or a turn of 0.35 rad, or a mixture [C].
+    """Distance of wrist poses, without a unit: the sum of position over 20 mm and rotation over 0.35 rad [C].
 
     Args:
-        places: (..., 3) [m].
-        turns: (..., 4) quaternions.
-        place: (3,) [m], or as many as of the first.
-        turn: (4,) quaternion, or as many.
+        places: (..., 3) positions [m].
+        turns: (..., 4) unit quaternions.
+        place: (3,) or (..., 3) the other positions [m].
+        turn: (4,) or (..., 4) their unit quaternions.
     """
     angle = 2.0 * np.arccos(np.minimum(1.0, np.abs((turns * turn).sum(axis=-1))))
     return np.asarray(np.linalg.norm(places - place, axis=-1) / 0.02 + angle / 0.35)
@@ -223,15 +224,15 @@ def wrist_distance(places: Array, turns: Array, place: Array, turn: Array) -> Ar
 
 @value
 class Aim:
-    """Where an analyser looks: all combinations of these.
+    """Where an analyser searches: all combinations of the following.
 
     Attributes:
-        planes: approach plane indices, 1..12.
-        values: approach values.
-        fingers: virtual fingers, thumb included.
-        flips: thumb sides.
-        recall: planes of which remembered grips are tried too, whatever else they are; only analysers that
-            keep grips look.
+        planes: Indices of approach planes, 1..12.
+        values: Approach values, -1..1.
+        fingers: Numbers of virtual fingers, thumb included.
+        flips: Thumb sides.
+        recall: Planes whose stored grips are tried as well, with any value and fingers; only for analysers
+            that store grips.
     """
 
     planes: Sequence[int] = tuple(p.index for p in PLANES)
@@ -269,24 +270,24 @@ class Exploration(ABC):
         return len(self.match)
 
     def best_first(self) -> Self:
-        """The best match first; among equals the plainest [C].
+        """Sorted by match, best first; equal matches by simplicity [C].
 
-        Plainest = aimed nearest to the object's middle, then more fingers, thumb on +o, lower plane
-        index. Matches closer than 1e-9 count as equal.
+        Simpler is: aimed nearer to the object's middle, then more fingers, thumb on +o, lower plane index.
+        Matches closer than 1e-9 count as equal.
         """
         nearness = np.round(np.abs(self.value), 9)
         keys = (self.plane, self.flip, -self.fingers, nearness, -np.round(self.match, 9))
         return self.where(np.lexsort(keys))
 
     def where(self, keep: BoolArray | IntArray) -> Self:
-        """The grasps picked by a mask or by indices, in that order."""
+        """The grasps selected by a mask or by indices, in that order."""
         columns = ("plane", "flip", "value", "fingers", "wrench", "match")
         return replace(self, **{name: getattr(self, name)[keep] for name in columns})
 
     @property
     @abstractmethod
     def summary(self) -> str:
-        """How many grasps were found of how many candidates, in part of a sentence."""
+        """Number of candidates tried and of grasps found, as part of a sentence."""
 
     @abstractmethod
     def grasp(self, index: int = 0) -> Grasp:
@@ -294,12 +295,12 @@ class Exploration(ABC):
 
     @property
     def nearest_miss(self) -> Grasp | None:
-        """Where nothing was found, the best grasp that the hand can at least execute; else ``None``."""
+        """Where nothing was found, the best grasp that the hand can at least execute; otherwise ``None``."""
         return None
 
 
 class Analyser(Protocol):
-    """A performance element's preshape analyser (PA), prepared for one object."""
+    """The preshape analyser (PA) of a performance element, prepared for one object."""
 
     @property
     def mesh(self) -> TriangleMesh:
@@ -315,20 +316,20 @@ class Analyser(Protocol):
 
     @property
     def measure(self) -> str:
-        """What the critic judges its grasps by, for people."""
+        """Name of the quantity that the critic judges, for messages."""
 
     @property
     def patience(self) -> int:
-        """How many other tasks are tried before task correction gives up."""
+        """Number of other tasks that task correction tries."""
 
     def explore(self, q: Array, aim: Aim) -> Exploration:
         """All grasps of an aim, matched with the task, best first."""
 
     def recall(self, q: Array, lessons: Sequence[Experience]) -> Sequence[Grasp]:
-        """The grasps of lessons of this very object and task, evaluated again on the present mesh."""
+        """The stored grasps of this very object and task, evaluated again on the present mesh."""
 
     def heaviest(self, q: Array, grasp: Grasp) -> float | None:
-        """Heaviest mass for which the grasp would still be good enough [kg]; ``None`` of a virtual grasp."""
+        """Heaviest mass for which the grasp would still be good enough [kg]; ``None`` for virtual grasps."""
 
     def shortfall(self, q: Array, grasp: Grasp) -> str:
-        """What a grasp that is not good enough lacks, and what would help; empty where nothing is known."""
+        """What a grasp that is not good enough lacks, and what would help; empty for virtual grasps."""

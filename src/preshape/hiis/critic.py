@@ -1,6 +1,6 @@
 """The internal critic (IC, §3.4): rewards and penalties by fuzzy matching, and recognition (§3.6).
 
-The critic compares with a threshold and says why; it decides nothing else.
+The critic only compares with a threshold and gives the reason.
 """
 
 from __future__ import annotations
@@ -16,24 +16,23 @@ from .analyser import Aim, Analyser
 from .fuzzy import FuzzySets, tfvadi
 
 SLACK = 1e-9
-"""A match this close under a threshold still meets it."""
+"""A match that is below a threshold by at most this still meets it."""
 
 SAME_OBJECT = 0.05
-"""Attribute distance within which two objects may be the same one [C]."""
+"""Largest attribute distance of two objects that may be the same [C]."""
 
 SAME_SHAPE = 0.045
-"""Distance of shape descriptors within which two objects of the same extents have the same shape [C].
+"""Largest distance of the shape descriptors of two objects with the same extents and the same shape [C].
 
-Measured (distance as of :func:`~preshape.objects.shape.shape_distance`):
+Measured with :func:`~preshape.objects.shape.shape_distance`:
 
-- the 41 library objects against themselves cut finer: under 1e-6; simplified within 0.2 % of their largest
-  extent, to 40 % of their triangles: 0.003 in the median, 0.032 at most (the phone);
-- two different library objects: 0.098 at least (hexagonal prism and cylinder);
+- the 41 library objects and the same with smaller triangles: below 1e-6; simplified to 40 % of their
+  triangles, within 0.2 % of the largest extent: median 0.003, at most 0.032 (the phone);
+- two different library objects: at least 0.098 (hexagonal prism and cylinder);
 - a cylinder and a hexagonal prism of equal extents, six sizes: 0.057 to 0.107.
 
-A mesh simplified so far that a thin wall loses a tenth of its thickness is not recognised; nor is a scan that
-lacks a side. Where a turn by 180° changes an object but little (teapot 0.031, scissors 0.012) it is taken for
-the turned one.
+A mesh is not recognised where simplification has removed a tenth of a thin wall, nor is a scan that lacks a
+side. An object that a turn by 180° changes only a little (teapot 0.031, scissors 0.012) is recognised turned.
 """
 
 
@@ -42,7 +41,7 @@ class Thresholds:
     """What meta control sets (§3.4).
 
     Attributes:
-        estimation: TFVADI that a preshape must reach; the paper's execution threshold too.
+        estimation: TFVADI or quality that a preshape must reach; also the paper's execution threshold.
         recognition: TFVADI at which an object counts as known.
     """
 
@@ -58,12 +57,12 @@ class Thresholds:
 
 @value
 class Verdict:
-    """The critic's signal to performance and learning element.
+    """The critic's signal to the performance element and the learning element.
 
     Attributes:
-        reward: True for success, False for a penalty.
-        match: what was judged, 0..6; ``None`` where there was nothing to judge.
-        reason: one sentence.
+        reward: True for a reward, False for a penalty.
+        match: The number that was judged, 0..6; ``None`` where there was none.
+        reason: One sentence.
     """
 
     reward: bool
@@ -76,9 +75,9 @@ class Recognition:
     """Whether the object is known (mode 2).
 
     Attributes:
-        verdict: reward when it is known.
-        candidates: how many experiences lay within the attribute distance.
-        nearest: the name of the experience that matched best.
+        verdict: A reward where it is known.
+        candidates: Number of experiences within the attribute distance.
+        nearest: Object name of the experience that matched best.
     """
 
     verdict: Verdict
@@ -87,27 +86,27 @@ class Recognition:
 
 
 def judge(match: float | None, threshold: float, *, subject: str = "TFVADI", why: str = "") -> Verdict:
-    """Reward when the match meets the threshold, else a penalty.
+    """A reward where the match meets the threshold, otherwise a penalty.
 
     Args:
-        match: 0..6, or ``None`` when there is no virtual grasp.
-        threshold: to be met, with 1e-9 of slack.
-        subject: what the number is called in the reason.
-        why: there is no virtual grasp.
+        match: 0..6, or ``None`` where there is no grasp.
+        threshold: Threshold to meet, with a slack of 1e-9.
+        subject: Name of the number in the reason.
+        why: Why there is no grasp.
     """
     if match is None:
-        return Verdict(reward=False, match=None, reason=f"no virtual grasp: {why or 'none was found'}")
+        return Verdict(reward=False, match=None, reason=f"no grasp found{f': {why}' if why else ''}")
     met = match >= threshold - SLACK
-    relation = "meets" if met else "is under"
+    relation = "meets" if met else "is below"
     reason = f"{subject} {match:.2f} {relation} the threshold {threshold:.2f}"
     return Verdict(reward=met, match=match, reason=reason)
 
 
 def attribute_distance(a: Attributes, b: Attributes) -> float:
-    """How unlike two objects are: the largest ratio of W, H, D, area or volume, as a logarithm [C].
+    """Distance of two objects' attributes: the largest logarithmic ratio of W, H, D, area and volume [C].
 
-    The counts of table 2 are left out: they change whenever the same object is exported anew. A volume
-    under a thousandth of the bounding box (an open sheet) says nothing and is left out as well.
+    The counts of table 2 are left out, because they change with every new export of the same object. A volume
+    below a thousandth of the bounding box (an open sheet) means nothing and is left out as well.
     """
     ratios = [np.abs(np.log(a.extents / b.extents)).max(), abs(np.log(a.area / b.area))]
     box_a, box_b = float(np.prod(a.extents)), float(np.prod(b.extents))
@@ -125,19 +124,19 @@ def recognise(
     distance: Callable[[Attributes, Attributes], float] = attribute_distance,
     within: float = SAME_OBJECT,
 ) -> Recognition:
-    """Mode 2: is the present object one that the memory knows?
+    """Mode 2: whether the memory knows the present object.
 
-    For each experience of an object within the attribute distance, the analyser runs on the
-    **present** mesh at the stored plane, flip, approach value and fingers; recognition is the largest
-    TFVADI between that new net wrench and the stored one, no contact counting 0 [R].
+    For each experience of an object within the attribute distance, the analyser makes the stored virtual
+    grasp (plane, flip, approach value, fingers) on the **present** mesh. Recognition is the largest TFVADI of
+    the new net wrench and the stored one; without contact it is 0 [R].
 
     Args:
-        analyser: prepared for the present object.
-        experiences: of the present hand.
-        threshold: to be met.
-        sets: membership functions.
-        distance: between two objects' attributes.
-        within: largest distance of a candidate.
+        analyser: Analyser of the present object.
+        experiences: Experiences of the present hand.
+        threshold: Threshold to meet.
+        sets: Membership functions.
+        distance: Distance of two objects' attributes.
+        within: Largest distance of a candidate.
     """
     here = analyser.mesh.attributes
     near = [e for e in experiences if distance(here, e.attributes) <= within]
@@ -161,23 +160,22 @@ def recognise(
 def recognise_shape(
     attributes: Attributes, experiences: Sequence[Experience], within: float = SAME_SHAPE
 ) -> Recognition:
-    """Recognition by size and shape alone, without an analyser (mode 2 for hands of more than rays) [C].
+    """Recognition by size and shape alone, without an analyser (mode 2 of real hands) [C].
 
-    Known is an object of which an experience has W, H and D within 5 % and a shape descriptor within
-    ``within``; the name is that of the nearest shape among these. Experiences from before there were
-    descriptors do not count.
+    An object is known where an experience has W, H and D within 5 % and a shape descriptor at a distance of
+    at most ``within``; its name is that of the nearest shape. Experiences without a descriptor do not count.
 
     Args:
-        attributes: of the present object, with its descriptor.
-        experiences: of the present hand.
-        within: largest distance of descriptors.
+        attributes: Attributes of the present object, with its descriptor.
+        experiences: Experiences of the present hand.
+        within: Largest distance of the descriptors.
 
     Returns:
-        Candidates are the experiences with a descriptor and W, H, D within 5 %. The verdict has no match: a
-        distance is not a TFVADI.
+        The candidates are the experiences with a descriptor and W, H, D within 5 %. The verdict has no match,
+        because a distance is not a TFVADI.
 
     Raises:
-        InputError: the attributes have no descriptor, or one of another length.
+        InputError: The attributes have no descriptor, or one of another length.
     """
     here = attributes.shape
     if here is None or here.shape != (LENGTH,):
@@ -199,15 +197,15 @@ def recognise_shape(
     first = int(np.argmin(distances))
     name, distance = known[near[first]][0], float(distances[first])
     met = distance <= within
-    relation = "is within" if met else "is over"
-    reason = f"its shape's distance to {name}, {distance:.3f}, {relation} {within:.3f}"
+    relation = "is within" if met else "is above"
+    reason = f"the distance of its shape to {name}, {distance:.3f}, {relation} {within:.3f}"
     return Recognition(
         verdict=Verdict(reward=met, match=None, reason=reason), candidates=len(near), nearest=name
     )
 
 
 def _distinct(experiences: Sequence[Experience]) -> list[Experience]:
-    """One experience for each way of grasping: repeated ones would be tried for nothing."""
+    """One experience for each way of grasping; repetitions would give the same result."""
     ways = {
         (e.plane, e.flip, round(e.approach_value, 6), e.fingers, e.wrench.round(6).tobytes()): e
         for e in experiences

@@ -1,4 +1,4 @@
-"""What meta control sets, and what the controller reports to it (§3.4, §3.6)."""
+"""Settings of the controller, and its report (§3.4, §3.6)."""
 
 from __future__ import annotations
 
@@ -23,15 +23,15 @@ class Status(Enum):
 
     @property
     def help(self) -> str:
-        """What it means and what to do, one sentence."""
+        """What the status means and what to do, in one sentence."""
         return _HELP[self]
 
 
 _HELP = {
     Status.ANSWER: "The preshape below matches the task.",
-    Status.CORRECTION: "The object is known, but the task does not fit: ask for another, or teach this one.",
-    Status.DEADLOCK: "No grasp that is good enough was found and recalled: ask for another task, or less.",
-    Status.NO_GRASP: "Nothing that was tried holds it: allow other approaches or more room, or another size.",
+    Status.CORRECTION: "The object is known, but this task does not fit it: ask for another, or teach it.",
+    Status.DEADLOCK: "No grasp is good enough for this task: ask for another task, or for less.",
+    Status.NO_GRASP: "No grasp was found: allow other approach axes, more room, or another size.",
 }
 
 
@@ -40,10 +40,10 @@ class Settings:
     """Meta control's settings.
 
     Attributes:
-        thresholds: of the internal critic.
-        sets: membership functions.
-        coefficients: of the contact model.
-        seed: of fresh network weights.
+        thresholds: Thresholds of the internal critic.
+        sets: Membership functions.
+        coefficients: Coefficients of the contact model.
+        seed: Seed of fresh network weights and of the analysers.
     """
 
     thresholds: Thresholds = field(default_factory=Thresholds)
@@ -57,10 +57,10 @@ class Transition:
     """One step of the state machine.
 
     Attributes:
-        mode: 0..3.
+        mode: Execution mode, 0..3.
         outcome: ``reward``, ``penalty``, ``known``, ``unknown``, ``explored``, ``learned``,
             ``no grasp`` or ``deadlock``.
-        reason: one sentence.
+        reason: One sentence.
     """
 
     mode: int
@@ -70,13 +70,13 @@ class Transition:
 
 @value
 class Offer:
-    """A task that does fit, offered in place of one that does not (mode 2).
+    """A task with a grasp that fits, offered in place of one without (mode 2).
 
     Attributes:
-        task: the task.
-        match: TFVADI that it reaches.
-        mode: the mode that would answer it, 0 or 1.
-        distance: from the task asked for, Euclidean between the two Q.
+        task: The task.
+        match: TFVADI or quality that its grasp reaches.
+        mode: The mode that would answer it, 0 or 1.
+        distance: Euclidean distance of its Q from the Q of the requested task.
     """
 
     task: Task
@@ -90,16 +90,16 @@ class Decision:
     """The controller's report.
 
     Attributes:
-        status: how it ended.
-        reason: the last transition's.
-        mode: the execution mode it ended in, 0..3.
-        task: what was asked.
-        grasp: the answer; ``None`` without one.
-        best: the answer, or the best grasp found where that was not good enough.
-        alternatives: further answers, best first.
-        offers: tasks that fit, nearest first (mode 2).
-        transitions: every step with its reason.
-        estimate: what the estimator said; ``None`` after mode 3.
+        status: How the run ended.
+        reason: Reason of the last transition.
+        mode: Execution mode in which the run ended, 0..3.
+        task: The requested task.
+        grasp: The answer; ``None`` without one.
+        best: The answer, or the best grasp found where it is not good enough.
+        alternatives: Further answers, best first.
+        offers: Tasks with a grasp that fits, nearest first (mode 2).
+        transitions: Every step with its reason.
+        estimate: The estimator's estimate; ``None`` after mode 3.
     """
 
     status: Status
@@ -131,7 +131,7 @@ def decided(
     alternatives: tuple[Grasp, ...] = (),
     offers: tuple[Offer, ...] = (),
 ) -> Decision:
-    """How a run ended, with the last step's reason."""
+    """The report of a run; its reason is that of the last step."""
     return Decision(
         status=status,
         reason=steps[-1].reason,

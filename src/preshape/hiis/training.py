@@ -234,6 +234,4 @@ def _unpack(theta: Array, n_in: int, n_out: int) -> tuple[Array, Array, Array, A
 
 def _check_samples(x: Array, y: Array) -> None:
     if x.ndim != 2 or y.ndim != 2 or len(x) != len(y) or len(x) == 0:
-        raise InputError(
-            f"training needs n inputs and n outputs, n > 0, got shapes {x.shape} and {y.shape}"
-        )
+        raise InputError(f"training needs n inputs and n outputs, n > 0, got shapes {x.shape} and {y.shape}")

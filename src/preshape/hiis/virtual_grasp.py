@@ -1,8 +1,8 @@
 """The ray analyser: virtual grasps by ray casting (§2.3, §3.3), the paper's performance element.
 
-Each finger aims along the opposition axis at (v · half-extent along a, tᵢ along t): the thumb at
-t = 0 from the +o side, the fingers from the -o side; flipped, the reverse. The first triangle that a
-ray meets from outside is the contact. All aimed fingers must hit, or there is no virtual grasp.
+Each finger is a ray along the opposition axis, aimed at (v · half-extent along a, tᵢ along t): the thumb
+at t = 0 from the +o side, the fingers from the -o side; flipped, the reverse. The first triangle that a
+ray meets from outside is the contact. A virtual grasp exists where the rays of all its fingers hit.
 """
 
 from __future__ import annotations
@@ -22,18 +22,19 @@ from .planes import APPROACH_AXES, OPPOSITION_AXES, TRANSVERSE_AXES, plane
 from .wrench import contact_wrenches, net_wrench, screw_measures
 
 MAX_EXTENT = 4.0
-"""No extent of the object may exceed this many U [P]."""
+"""Largest extent of an object in U [P]."""
 
 MAX_FINGERS = 4
+"""Largest number of virtual fingers, thumb included [P]."""
 
-_KEPT = 40
-"""Aims that are kept: the offers of mode 2 go to and fro between the planes."""
+_CACHED_AIMS = 40
+"""Number of cached aims: task correction alternates between the planes."""
 
-# Aimed exactly, a symmetric object is hit exactly on its edges, where either neighbour's normal would do. So
-# the triangle is picked by a ray that stands this much aside (of the largest extent: a micrometre or two).
+# On a symmetric object, an exact ray hits an edge, where the normals of both neighbours are equally right.
+# Therefore the triangle is chosen by a ray shifted by this share of the largest extent: a micrometre or two.
 _NUDGE = 1e-5 * np.array([0.62, 0.48, 0.62])
 
-# Places along t that a finger can aim at: the middle, two beside each other, two with one between.
+# Places along t that a finger can aim at: the middle, two side by side, and two with one between them.
 _MIDDLE, _PAIR, _OUTER = [0], [1, 2], [3, 4]
 _PLACES = {2: _MIDDLE, 3: _PAIR, 4: [3, 0, 4]}
 _SIGNS = np.array([0, 1, -1, 1, -1])
@@ -41,7 +42,7 @@ _SIGNS = np.array([0, 1, -1, 1, -1])
 
 @value
 class _Field:
-    """Contacts at every place aimed at; axes: plane P, value V, side 2 (+o, -o), place 5."""
+    """Contacts at every place aimed at. Array axes: plane P, value V, side 2 (+o, -o), place 5."""
 
     origin: Array  # (P, V, 2, 5, 3)
     point: Array  # (P, V, 2, 5, 3)
@@ -55,7 +56,7 @@ class _Field:
 
 @value
 class _Survey:
-    """What an aim found; the last few are kept, as modes and tasks often share them."""
+    """The virtual grasps of an aim, whatever the task."""
 
     index: IntArray
     values: Array
@@ -76,12 +77,12 @@ class RayExploration(Exploration):
 
     analyser: RayAnalyser
     task: Array
-    reason: str = "fingers and thumb never meet the object together"
+    reason: str = "at no aim do the rays of the thumb and of all fingers hit the object"
 
     @property
     def summary(self) -> str:
         """How many virtual grasps were found."""
-        return f"{len(self)} virtual grasps of {self.tried} aimed at"
+        return f"{self.tried} aims were tried and {len(self)} virtual grasps found"
 
     def grasp(self, index: int = 0) -> VirtualGrasp:
         """One virtual grasp in full: contacts, wrenches, matching degrees, screw measures."""
@@ -98,14 +99,14 @@ class RayAnalyser:
     """Virtual grasps of one object with one hand.
 
     Args:
-        mesh: the object.
-        layout: the hand.
-        coefficients: Ka, Ko, Kn, Mn.
-        sets: membership functions.
-        cast: first hits of rays; Embree unless given.
+        mesh: The object.
+        layout: The hand.
+        coefficients: Contact coefficients Ka, Ko, Kn, Mn.
+        sets: Membership functions.
+        cast: Returns the first hits of rays; by default the ray caster of the object.
 
     Raises:
-        ObjectError: an extent of the object is over 4U.
+        ObjectError: An extent of the object is over 4U.
     """
 
     def __init__(
@@ -124,7 +125,7 @@ class RayAnalyser:
         self.sets = sets or FuzzySets()
         self._cast = cast or RayCaster(mesh).cast
         self._nudge = mesh.extents.max() * _NUDGE
-        self._kept: dict[tuple[bytes, ...], _Survey] = {}
+        self._cache: dict[tuple[bytes, ...], _Survey] = {}
 
     measure = "TFVADI"
     patience = 1000
@@ -134,10 +135,10 @@ class RayAnalyser:
 
         Args:
             q: (6,) task Q.
-            aim: where to look.
+            aim: Where to look.
 
         Raises:
-            InputError: a plane, finger count or approach value that does not exist.
+            InputError: A plane, finger count or approach value that does not exist.
         """
         survey = self._survey(aim)
         index, flip, values, fingers = survey.rows
@@ -154,11 +155,11 @@ class RayAnalyser:
         ).best_first()
 
     def forget(self) -> None:
-        """Drop what is kept from earlier aims."""
-        self._kept.clear()
+        """Clear the cache of aims."""
+        self._cache.clear()
 
     def recall(self, q: Array, lessons: Sequence[Experience]) -> list[VirtualGrasp]:
-        """The virtual grasps of lessons on the present mesh; a lesson without contact there is left out."""
+        """The virtual grasps of lessons on the present mesh; those without contacts there are left out."""
         found = []
         for e in lessons:
             aim = Aim(planes=[e.plane], values=[e.approach_value], fingers=[e.fingers], flips=[e.flip])
@@ -166,21 +167,21 @@ class RayAnalyser:
         return [each.grasp() for each in found if len(each)]
 
     def heaviest(self, q: Array, grasp: Grasp) -> None:
-        """A virtual grasp knows no loads."""
+        """``None``: a virtual grasp says nothing about loads."""
 
     def shortfall(self, q: Array, grasp: Grasp) -> str:
-        """The net wrench beside the task says what is lacking; see the plan's warnings."""
+        """Empty: the net wrench beside the task shows what is lacking; see the plan's warnings."""
         return ""
 
     def _survey(self, aim: Aim) -> _Survey:
-        """All virtual grasps of an aim, not matched yet."""
+        """All virtual grasps of an aim, without their match; the last few aims are cached."""
         index = np.array(aim.planes, dtype=np.int64)
         values = np.array(aim.values, dtype=np.float64)
         counts = np.array(aim.fingers, dtype=np.int64)
         flips = np.array(aim.flips, dtype=bool)
         key = (index.tobytes(), values.tobytes(), counts.tobytes(), flips.tobytes())
-        if key in self._kept:
-            return self._kept[key]
+        if key in self._cache:
+            return self._cache[key]
         _check_aim(index, values, counts)
         field = self._aim(index, values)
         shape = (len(index), len(values), len(flips), len(counts))
@@ -197,9 +198,9 @@ class RayAnalyser:
                 & field.fits[:, :, counts[j] - 2]
             )
         p, v, f, c = np.nonzero(valid)
-        if len(self._kept) >= _KEPT:
-            del self._kept[next(iter(self._kept))]
-        self._kept[key] = survey = _Survey(
+        if len(self._cache) >= _CACHED_AIMS:
+            del self._cache[next(iter(self._cache))]
+        self._cache[key] = survey = _Survey(
             index=index,
             values=values,
             field=field,
@@ -253,8 +254,8 @@ class RayAnalyser:
         )
 
     def _at(self, number: int, v: float) -> tuple[_Field, tuple[int, int]]:
-        """A field that holds this plane and approach value, and where in it they are."""
-        for survey in reversed(self._kept.values()):
+        """A cached field with this plane and approach value, else a new one, and their indices in it."""
+        for survey in reversed(self._cache.values()):
             p = np.flatnonzero(survey.index == number)
             i = np.flatnonzero(survey.values == v)
             if len(p) and len(i):
@@ -295,34 +296,34 @@ class RayAnalyser:
         )
 
     def _room(self, target: Array, t: Array, half_t: Array) -> Array:
-        """(P, V) half the object's width along t at each aim [m]; its extent where it is not met."""
+        """(P, V) half the object's width along t at each aim [m]; half its extent where the rays miss."""
         sides = np.stack([t, -t], axis=1)  # (P, 2, 3)
         origin = target[:, :, None] + (sides * (2.0 * half_t)[:, None, None])[:, None]
         direction = np.broadcast_to(-sides[:, None], origin.shape)
         point, triangle = self._hit(origin, direction)
         aside = np.einsum("pvsi,pvsi->pvs", point - target[:, :, None], -direction)
-        reach = aside.min(axis=2)  # of the nearer side
+        reach = aside.min(axis=2)  # the nearer side
         met = (triangle != MISS).all(axis=2) & (reach > 0)
         return np.where(met, reach, half_t[:, None])
 
     def _hit(self, origin: Array, direction: Array) -> tuple[Array, IntArray]:
-        """Where each ray first hits [m], and the triangle; without one, its origin and -1."""
+        """First hit of each ray [m] and its triangle; where a ray misses, its origin and -1."""
         origins, directions = origin.reshape(-1, 3), direction.reshape(-1, 3)
         aside = origins + self._nudge
         picked = self._cast(aside, directions)
         hit = (picked.triangle != MISS)[:, None]
         reach = np.where(hit, picked.distance[:, None], 0.0)
         true = np.where(hit, distance_to(self.mesh, picked.triangle, origins, directions)[:, None], 0.0)
-        # Beside a wall along the ray the picked triangle's plane says nothing about the true ray.
+        # Beside a wall parallel to the ray, the plane of the chosen triangle says nothing about the true ray.
         flat = np.abs(true - reach) <= 10 * self._nudge.max()
         point = np.where(flat, origins + true * directions, aside + reach * directions)
         return np.where(hit, point, origins).reshape(origin.shape), picked.triangle.reshape(origin.shape[:-1])
 
     def _spread(self, room: Array, half_t: Array) -> tuple[Array, BoolArray]:
-        """Offsets along t of the five places, and which finger counts fit.
+        """(P, V, 5) offsets of the places along t [m], and (P, V, 3) whether 1, 2, 3 fingers fit.
 
-        Fingers stand at the hand's pitch, drawn closer where the object is narrower, but never closer
-        than a fingertip's width [C].
+        Fingers stand at the hand's pitch, or closer where the object is narrower, but at least a fingertip's
+        width apart [C].
         """
         width, pitch = self.layout.fingertip_width, self.layout.finger_pitch
         across = 2.0 * np.minimum(room, half_t[:, None])
@@ -335,7 +336,7 @@ class RayAnalyser:
         return offsets, fits
 
     def _wrenches(self, point: Array, normal: Array, a: Array, t: Array) -> tuple[Array, Array]:
-        """Contact wrenches about the COG: of every place as a finger, of the middle as the thumb."""
+        """Contact wrenches about the COG: of every place as a finger's, and of the middle as the thumb's."""
         r = (point - self.mesh.cog) / self.layout.u
         axes = (a[:, None, None], t[:, None, None])
         as_finger = contact_wrenches(r, normal, *axes, -_SIGNS, self.coefficients)
@@ -368,6 +369,6 @@ def _refuse_large(mesh: TriangleMesh, layout: HandLayout) -> None:
 
 
 def _rounded_down(number: float) -> str:
-    """Three digits, never more than the number itself."""
+    """A number rounded down to three digits."""
     power = 10.0 ** (2 - math.floor(math.log10(number)))
     return f"{math.floor(number * power) / power:.3g}"
