@@ -1,14 +1,13 @@
-"""Learning that lasts: experiences and network weights in one SQLite file.
+"""The memory: experiences and network weights in one SQLite file.
 
 >>> with Memory.open(":memory:") as memory:
 ...     memory.count()
 0
 
-What :meth:`Memory.add` has acknowledged survives the death of the process at any moment; several
-processes may use one file at once. The parts: :mod:`.checks` and :mod:`.records` (values to
-plain fields and back), :mod:`.failures` (SQLite's errors in our words), :mod:`.schema` (tables,
-versions, opening), :mod:`.store` (the :class:`Memory`), :mod:`.summary` (what it holds, in numbers) and
-:mod:`.transfer` (the exported document).
+What :meth:`Memory.add` has stored survives if the process is killed at any moment, and several processes may
+use one file at once. The modules: :mod:`.checks` and :mod:`.records` (values to plain fields and back),
+:mod:`.failures` (SQLite's errors as errors of this package), :mod:`.schema` (tables, versions, opening),
+:mod:`.store` (the class :class:`Memory`), :mod:`.summary` (counts) and :mod:`.transfer` (export and import).
 """
 
 from __future__ import annotations

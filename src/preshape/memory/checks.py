@@ -1,4 +1,4 @@
-"""Checks of plain data: what JSON or a database cell may hold, with a sentence for what it may not."""
+"""Checks of plain data from JSON or database cells; an error message says what was expected."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ from ..types import Array
 LARGEST = 2**63 - 1
 Fields = Mapping[str, Any]
 
-_SHORTEST_GRIP = 9  # a pose, the fingers, one joint
+_SHORTEST_GRIP = 9  # numbers: a pose, the finger mask, one joint
 _UNIT_SLACK = 1e-6
 _MOST_FINGERS = 2**16
 
 
 def exactly(fields: object, names: Sequence[str], what: str) -> Fields:
-    """``fields`` if it is a mapping with exactly these names.
+    """Return ``fields`` if it is a mapping with exactly these names.
 
     Raises:
-        InputError: anything else; the first missing or surplus name is in the message.
+        InputError: It is anything else; the message has the first missing or unknown name.
     """
     if not isinstance(fields, Mapping):
         raise InputError(f"{what} must be an object with {', '.join(names)}, got {fields!r:.60}")
@@ -39,10 +39,10 @@ def exactly(fields: object, names: Sequence[str], what: str) -> Fields:
 
 
 def text(data: object, name: str) -> str:
-    """``data`` if it is text that is not empty and can be written as UTF-8.
+    """Return ``data`` if it is text that is not empty and can be encoded as UTF-8.
 
     Raises:
-        InputError: anything else.
+        InputError: It is anything else.
     """
     if not isinstance(data, str) or not data:
         raise InputError(f"{name} must be text, got {data!r:.60}")
@@ -54,10 +54,10 @@ def text(data: object, name: str) -> str:
 
 
 def whole(data: object, name: str, low: int = 0, high: int = LARGEST) -> int:
-    """``data`` as a whole number from ``low`` to ``high``.
+    """Return ``data`` as a whole number from ``low`` to ``high``.
 
     Raises:
-        InputError: anything else, truth values included.
+        InputError: It is anything else; a truth value is no number.
     """
     try:
         number = -1 if isinstance(data, bool) else operator.index(data)  # type: ignore[arg-type]
@@ -70,10 +70,10 @@ def whole(data: object, name: str, low: int = 0, high: int = LARGEST) -> int:
 
 
 def number(data: object, name: str, low: float = -math.inf, high: float = math.inf) -> float:
-    """``data`` as a finite number from ``low`` to ``high``.
+    """Return ``data`` as a finite number from ``low`` to ``high``.
 
     Raises:
-        InputError: anything else, truth values and text included.
+        InputError: It is anything else; neither a truth value nor text is a number.
     """
     if type(data) is float and math.isfinite(data) and low <= data <= high:  # the common case, fast
         return data
@@ -90,10 +90,10 @@ def number(data: object, name: str, low: float = -math.inf, high: float = math.i
 
 
 def numbers(data: object, name: str, depth: int = 1) -> list[Any]:
-    """``data`` as a list of finite numbers, or a list of such lists for ``depth`` 2.
+    """Return ``data`` as a list of finite numbers, or for ``depth`` 2 as a list of such lists.
 
     Raises:
-        InputError: anything else.
+        InputError: It is anything else.
     """
     if not isinstance(data, list | tuple):
         raise InputError(f"{name} must be a list of numbers, got {data!r:.60}")
@@ -103,12 +103,12 @@ def numbers(data: object, name: str, depth: int = 1) -> list[Any]:
 
 
 def vector(data: object, name: str, length: int | None = None) -> Array:
-    """``data`` as an array if it is a list of finite numbers, or as it is if it is an array in one row.
+    """Return a list of finite numbers as an array, and a one-dimensional array as it is.
 
-    Whether an array is finite is left to the value that it becomes part of.
+    The value that an array becomes part of checks that it is finite.
 
     Raises:
-        InputError: anything else, or another length.
+        InputError: It is anything else, or has another length.
     """
     content = data if isinstance(data, np.ndarray) else np.array(numbers(data, name), dtype=np.float64)
     if content.ndim != 1 or (length is not None and len(content) != length):
@@ -117,10 +117,10 @@ def vector(data: object, name: str, length: int | None = None) -> Array:
 
 
 def grip(data: object) -> Array:
-    """``data`` as a grip of :class:`~preshape.types.Experience`: palm pose, fingers, joint angles.
+    """Return ``data`` as the grip of an :class:`~preshape.types.Experience`: palm pose, finger mask, angles.
 
     Raises:
-        InputError: too short, no unit quaternion, or fingers that are not a whole number from 1.
+        InputError: It is too short, has no unit quaternion, or the finger mask is not a whole number from 1.
     """
     content = vector(data, "grip")
     if len(content) < _SHORTEST_GRIP:
@@ -136,10 +136,10 @@ def grip(data: object) -> Array:
 
 
 def utc(data: object, name: str = "created") -> str:
-    """``data`` if it is an ISO 8601 time in UTC.
+    """Return ``data`` if it is an ISO 8601 time in UTC.
 
     Raises:
-        InputError: anything else.
+        InputError: It is anything else.
     """
     moment = None
     if isinstance(data, str):

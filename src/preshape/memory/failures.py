@@ -1,4 +1,4 @@
-"""SQLite's errors in the words of this package; no ``sqlite3`` error leaves ``preshape.memory``."""
+"""SQLite's errors as errors of this package; no ``sqlite3`` error leaves ``preshape.memory``."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from contextlib import contextmanager, suppress
 from ..exceptions import EnvironmentFailure, MemoryFileError, PreshapeError
 
 BUSY_SECONDS = 10.0
+"""Longest wait for a lock of another process [s]."""
 ELSEWHERE = "choose another file with --memory OTHER"
 
 _BUSY = {sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED, sqlite3.SQLITE_PROTOCOL}
@@ -21,15 +22,15 @@ _DENIED = {
 
 
 def primary_code(error: sqlite3.Error) -> int:
-    """SQLite's primary result code, 0 where Python gave none."""
+    """SQLite's primary result code; 0 where Python reports none."""
     return int(getattr(error, "sqlite_errorcode", None) or 0) & 0xFF
 
 
 def describe(error: sqlite3.Error, where: str) -> PreshapeError:
-    """The error of ours that says the same about the memory at ``where``."""
-    code, said = primary_code(error), one_line(error)
+    """The error of this package that corresponds to an SQLite error of the memory at ``where``."""
+    code, message = primary_code(error), one_line(error)
     if isinstance(error, sqlite3.ProgrammingError):
-        return EnvironmentFailure(f"the memory {where} is closed or belongs to another thread: {said}")
+        return EnvironmentFailure(f"the memory {where} is closed or belongs to another thread: {message}")
     if code in _BUSY:
         return EnvironmentFailure(
             f"the memory {where} was locked by another process for over {BUSY_SECONDS:.0f} s; try again"
@@ -40,33 +41,34 @@ def describe(error: sqlite3.Error, where: str) -> PreshapeError:
         )
     if code in _DENIED:
         return EnvironmentFailure(
-            f"the memory {where} cannot be opened or written ({said}); check its permissions or {ELSEWHERE}"
+            f"the memory {where} cannot be opened or written ({message});"
+            f" check its permissions or {ELSEWHERE}"
         )
     if code == sqlite3.SQLITE_NOTADB:
         return MemoryFileError(f"{where} is not a memory of preshape (not a SQLite file); {ELSEWHERE}")
     if code in {sqlite3.SQLITE_IOERR, sqlite3.SQLITE_NOMEM, sqlite3.SQLITE_INTERRUPT}:
-        return EnvironmentFailure(f"the memory {where} could not be read or written ({said}); try again")
-    return MemoryFileError(f"the memory {where} is damaged ({said}); restore a copy or {ELSEWHERE}")
+        return EnvironmentFailure(f"the memory {where} could not be read or written ({message}); try again")
+    return MemoryFileError(f"the memory {where} is damaged ({message}); restore a copy or {ELSEWHERE}")
 
 
 def one_line(error: Exception) -> str:
-    """What an error says, which may quote the damaged file, as text that prints in one line."""
+    """An error's message as one printable line; it may quote the damaged file."""
     return " ".join("".join(c if c.isprintable() else " " for c in str(error)).split())[:200]
 
 
 @contextmanager
 def translated(where: str) -> Iterator[None]:
-    """Turn what SQLite and the file system raise inside into errors of ours.
+    """Raise errors of this package in place of those of SQLite and the file system.
 
     Raises:
-        MemoryFileError: the file is damaged or not a memory.
-        EnvironmentFailure: locked, full, denied or any other fault of the surroundings.
+        MemoryFileError: The file is damaged or not a memory.
+        EnvironmentFailure: The file is locked, the disk is full, permission is denied, or similar.
     """
     try:
         yield
     except sqlite3.Error as error:
         raise describe(error, where) from error
-    except MemoryError as error:  # SQLite's answer to a record that says it is longer than all memory
+    except MemoryError as error:  # from SQLite, where a damaged record claims an impossible length
         raise MemoryFileError(
             f"the memory {where} is damaged (a record of no possible length); restore a copy or {ELSEWHERE}"
         ) from error
@@ -79,10 +81,10 @@ def translated(where: str) -> Iterator[None]:
 
 @contextmanager
 def transaction(connection: sqlite3.Connection, begin: str = "BEGIN IMMEDIATE") -> Iterator[None]:
-    """All of what happens inside, or nothing; durable once left without an error.
+    """Execute everything inside or nothing; it is on disk once the block is left without an error.
 
-    The write lock is taken at the start, so that a transaction never fails half-way for having read
-    what another process has changed since.
+    The write lock is taken at the start. Otherwise a transaction could fail half-way, because another process
+    has changed what it has read.
     """
     connection.execute(begin)
     try:

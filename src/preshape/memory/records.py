@@ -1,10 +1,9 @@
 """Experiences and weights as plain fields: one set of checks for everything stored, read or imported.
 
-*Fields* are what JSON can say: text, whole numbers, numbers, truth values and lists of numbers, under
-the names of :class:`~preshape.types.Experience`, :class:`~preshape.types.Attributes` and
-:class:`~preshape.types.NetworkWeights`; what is not known is ``None``. A *row* is the same, flattened into
-the columns of the table. Numbers are IEEE doubles throughout, so that a value comes back with the bits it
-had.
+*Fields* are JSON values with the names of :class:`~preshape.types.Experience`,
+:class:`~preshape.types.Attributes` and :class:`~preshape.types.NetworkWeights`; an unknown value is ``None``.
+A *row* has the same values as columns of the table. All numbers are IEEE doubles, so that a value is read
+back bit for bit.
 """
 
 from __future__ import annotations
@@ -22,7 +21,7 @@ from .checks import exactly, grip, number, numbers, text, utc, vector, whole
 KINDS = ("seed", "task", "best", "landmark", "grip")
 OUTCOMES = ("", "held", "lost")
 SCENE_LENGTH = 4000
-"""Longest description of a scene in characters."""
+"""Largest number of characters of a scene description."""
 
 EXPERIENCE_COLUMNS = (
     *("hand", "kind", "object_name", "extent_x", "extent_y", "extent_z"),
@@ -42,7 +41,7 @@ _EXPERIENCE = (
     *("approach_set", "fingers", "wrench", "match", "created", "grip", "quality", "outcome", "scene"),
 )
 _SINCE: dict[int, dict[str, Any]] = {2: {"grip": None, "quality": None, "outcome": ""}, 3: {"scene": ""}}
-"""Fields that a format version added, and what they are in an older document."""
+"""For each format version the fields that it added, with their values for older documents."""
 _WEIGHTS = ("hand", "w1", "b1", "w2", "b2", "mean_square_error", "trained_on", "epochs")
 _MATCH_SLACK = 1e-9
 
@@ -50,7 +49,7 @@ Row = tuple[Any, ...]
 
 
 def experience_fields(experience: Experience) -> dict[str, Any]:
-    """The fields of an experience, in the order in which they are exported."""
+    """Fields of an experience, in the order of the export."""
     fields: dict[str, Any] = {name: getattr(experience, name) for name in _EXPERIENCE}
     attributes = {name: getattr(experience.attributes, name) for name in _ATTRIBUTES}
     attributes["extents"] = experience.attributes.extents.tolist()
@@ -63,14 +62,14 @@ def experience_fields(experience: Experience) -> dict[str, Any]:
 
 
 def older_experience_from(fields: object, version: int) -> Experience:
-    """The experience that the fields of an older export format describe.
+    """The experience of the fields of a document of any format version.
 
     Args:
         fields: The fields of one experience.
-        version: Format version of the document; what later versions added gets its default.
+        version: Format version of the document; fields that later versions added get their defaults.
 
     Raises:
-        InputError: as :func:`experience_from`.
+        InputError: See :func:`experience_from`.
     """
     later: dict[str, Any] = {}
     for since, added in _SINCE.items():
@@ -84,10 +83,10 @@ def older_experience_from(fields: object, version: int) -> Experience:
 
 
 def experience_from(fields: object) -> Experience:
-    """The experience that these fields describe, everything checked.
+    """The experience of these fields, after checks of all of them.
 
     Raises:
-        InputError: a field is missing, unknown, of another type or out of its range.
+        InputError: A field is missing, unknown, of another type or out of range.
     """
     found = exactly(fields, _EXPERIENCE, "an experience")
     shape = exactly(found["attributes"], _ATTRIBUTES, "attributes")
@@ -136,14 +135,14 @@ def experience_from(fields: object) -> Experience:
 
 
 def experience_row(experience: Experience, created: str) -> Row:
-    """The row that stores an experience, in the order of ``EXPERIENCE_COLUMNS``.
+    """The row of an experience, in the order of ``EXPERIENCE_COLUMNS``.
 
     Args:
-        experience: what to store.
-        created: ISO 8601 time in UTC, used where the experience has none.
+        experience: The experience.
+        created: ISO 8601 time in UTC, for an experience without one.
 
     Raises:
-        InputError: a field is of another type or out of its range.
+        InputError: A field is of another type or out of range.
     """
     fields = experience_fields(experience)
     fields["created"] = fields["created"] or created
@@ -162,10 +161,10 @@ def experience_row(experience: Experience, created: str) -> Row:
 
 
 def experience_from_row(row: Row) -> Experience:
-    """The experience in a row of ``EXPERIENCE_COLUMNS``, everything checked again.
+    """The experience of a row of ``EXPERIENCE_COLUMNS``, after checks of all fields.
 
     Raises:
-        InputError: the row holds what :func:`experience_row` would not have written.
+        InputError: The row has a value that :func:`experience_row` would not have written.
     """
     cell = dict(zip(EXPERIENCE_COLUMNS, row, strict=True))
     fields = {name: cell[name] for name in _EXPERIENCE if name in cell}
@@ -181,7 +180,7 @@ def experience_from_row(row: Row) -> Experience:
 
 
 def weights_fields(hand: str, weights: NetworkWeights) -> dict[str, Any]:
-    """The fields of a hand's weights, in the order in which they are exported."""
+    """Fields of a hand's weights, in the order of the export."""
     fields: dict[str, Any] = {"hand": hand}
     for name in _WEIGHTS[1:]:
         content = getattr(weights, name)
@@ -190,10 +189,10 @@ def weights_fields(hand: str, weights: NetworkWeights) -> dict[str, Any]:
 
 
 def weights_from(fields: object) -> tuple[str, NetworkWeights]:
-    """The hand and the weights that these fields describe, everything checked.
+    """The hand and the weights of these fields, after checks of all of them.
 
     Raises:
-        InputError: a field is missing, unknown or of another type, or the layers do not fit together.
+        InputError: A field is missing, unknown or of another type, or the layers do not fit together.
     """
     found = exactly(fields, _WEIGHTS, "weights")
     weights = NetworkWeights(
@@ -210,10 +209,10 @@ def weights_from(fields: object) -> tuple[str, NetworkWeights]:
 
 
 def layers(weights: NetworkWeights) -> tuple[int, int, int]:
-    """Numbers of inputs, hidden units and outputs.
+    """Number of inputs, hidden units and outputs.
 
     Raises:
-        InputError: the layers do not fit together, or one is empty.
+        InputError: The layers do not fit together, or one is empty.
     """
     (hidden, inputs), outputs = weights.w1.shape, weights.b2.shape[0]
     if weights.b1.shape != (hidden,) or weights.w2.shape != (outputs, hidden) or not weights.w1.size:
@@ -223,10 +222,10 @@ def layers(weights: NetworkWeights) -> tuple[int, int, int]:
 
 
 def weights_row(hand: str, weights: NetworkWeights) -> Row:
-    """The row that stores a hand's weights: arrays as little-endian float64, row by row.
+    """The row of a hand's weights, with arrays as little-endian float64 in row-major order.
 
     Raises:
-        InputError: the layers do not fit together or a number is out of its range.
+        InputError: The layers do not fit together, or a number is out of range.
     """
     return (
         text(hand, "hand"),
@@ -239,10 +238,10 @@ def weights_row(hand: str, weights: NetworkWeights) -> Row:
 
 
 def weights_from_row(row: Row) -> NetworkWeights:
-    """The weights in a row of ``WEIGHT_COLUMNS``, shapes and numbers checked again.
+    """The weights of a row of ``WEIGHT_COLUMNS``, after checks of shapes and numbers.
 
     Raises:
-        InputError: an array has another length than its shape, or holds what is not finite.
+        InputError: An array does not have the length of its shape, or a number is not finite.
     """
     cell = dict(zip(WEIGHT_COLUMNS, row, strict=True))
     inputs, hidden, outputs = (whole(cell[name], name, 1) for name in ("inputs", "hidden", "outputs"))
@@ -270,7 +269,7 @@ def _optional_blob(array: Array | None) -> bytes | None:
 
 
 def _optional_array(blob: object, name: str) -> Array | None:
-    """A row of numbers of any length, ``None`` for NULL."""
+    """An array of any length from a cell; ``None`` for NULL."""
     if blob is None:
         return None
     if not isinstance(blob, bytes) or len(blob) % 8:

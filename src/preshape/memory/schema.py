@@ -1,22 +1,22 @@
-"""The tables, their versions, and how a file is opened without harming it.
+"""The tables, their versions, and how a file is opened without damage to it.
 
-A new file is version 1 brought up to date by ``MIGRATIONS``, so that old and new files cannot differ.
+A new file is created in version 1 and migrated by ``MIGRATIONS``, so that old and new files cannot differ.
 
 ======= ==================================================================================
 version what changed
 ======= ==================================================================================
 1       experiences and weights
 2       surface area [m²] and volume [m³] of the object, used by recognition
-3       the object's shape descriptor; the grip of a real hand, its quality, what physics said of it
+3       the object's shape descriptor; the grip of a real hand, its quality, its outcome in physics
 4       the scene of the lesson: table and boxes, empty for free space
 ======= ==================================================================================
 
-A file is looked at before it is opened for writing: a file that is not a memory, or that a newer
-version wrote, is refused with every byte as it was. The first transaction of a new file runs with a
-rollback journal and only then does the file turn to write-ahead logging; its header therefore names
-this application from the first committed byte on.
+A file is inspected before it is opened for writing. A file that is not a memory, or that a newer version
+wrote, is refused and not changed. The first transaction of a new file uses a rollback journal, and the file
+switches to write-ahead logging only after it; its header therefore names this application from the first
+committed byte.
 
-Columns of numbers have no declared type: a REAL column would lose the sign of -0.0.
+Columns of numbers have no declared type, because a REAL column would lose the sign of -0.0.
 """
 
 from __future__ import annotations
@@ -60,8 +60,8 @@ _VERSION_1 = (
 def _add_area_and_volume(connection: sqlite3.Connection) -> None:
     """Version 1 to 2: area [m²] and volume [m³]; old rows get those of the bounding box.
 
-    Version 1 did not keep them, and the mesh is gone: the box's are upper bounds for a convex object,
-    and exact for a box.
+    Version 1 did not store them, and the mesh is not available. The values of the box are upper bounds for a
+    convex object, and exact for a box.
     """
     connection.execute("ALTER TABLE experiences ADD COLUMN area NOT NULL DEFAULT 0")
     connection.execute("ALTER TABLE experiences ADD COLUMN volume NOT NULL DEFAULT 0")
@@ -72,13 +72,13 @@ def _add_area_and_volume(connection: sqlite3.Connection) -> None:
 
 
 def _add_shape_and_grip(connection: sqlite3.Connection) -> None:
-    """Version 2 to 3: columns that are NULL where there is nothing to say, as in every old row."""
+    """Version 2 to 3: columns that are NULL where a value is unknown, as in every old row."""
     for name in ("shape", "grip", "quality", "outcome"):
         connection.execute(f"ALTER TABLE experiences ADD COLUMN {name}")
 
 
 def _add_scene(connection: sqlite3.Connection) -> None:
-    """Version 3 to 4: the scene; older lessons did not record it and count as learnt in free space."""
+    """Version 3 to 4: the scene; older lessons did not store it and count as learnt in free space."""
     connection.execute("ALTER TABLE experiences ADD COLUMN scene TEXT NOT NULL DEFAULT ''")
 
 
@@ -90,7 +90,7 @@ MIGRATIONS: dict[int, Callable[[sqlite3.Connection], None]] = {
     2: _add_shape_and_grip,
     3: _add_scene,
 }
-"""For each version, what makes the next one of it; runs inside a transaction."""
+"""For each version the migration to the next one, which runs inside a transaction."""
 
 
 def connect(uri: str) -> sqlite3.Connection:
@@ -99,11 +99,11 @@ def connect(uri: str) -> sqlite3.Connection:
 
 
 def open_writable(path: Path) -> sqlite3.Connection:
-    """Open the memory at ``path``, made or migrated where that is needed.
+    """Open the memory at ``path``; it is created or migrated where necessary.
 
     Raises:
-        MemoryFileError: not a memory, damaged, or of a newer version; the file is untouched.
-        sqlite3.Error, OSError: for :func:`~preshape.memory.failures.translated` to name.
+        MemoryFileError: The file is not a memory, damaged, or of a newer version; it is not changed.
+        sqlite3.Error, OSError: To be converted by :func:`~preshape.memory.failures.translated`.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     _inspect(path)
@@ -113,7 +113,7 @@ def open_writable(path: Path) -> sqlite3.Connection:
         connection.execute("PRAGMA trusted_schema = OFF")
         if _snapshot_version(connection, path) < SCHEMA_VERSION:
             with transaction(connection):
-                _bring_up_to_date(connection, path)
+                _migrate(connection, path)
         _write_ahead(connection)
     except BaseException:
         connection.close()
@@ -124,13 +124,13 @@ def open_writable(path: Path) -> sqlite3.Connection:
 def open_readable(path: Path) -> sqlite3.Connection:
     """Open the memory at ``path`` for reading; an older version is migrated in a copy in main memory.
 
-    On a file system that cannot be written, SQLite cannot make the files beside a memory that it
-    wants; the file is then read as one that does not change, unless a log beside it holds more.
+    On a read-only file system, SQLite cannot create the files that it needs beside a memory. The file is then
+    read as immutable, unless a write-ahead log beside it has further changes.
 
     Raises:
-        MemoryFileError: not a memory, damaged, or of a newer version.
-        EnvironmentFailure: the log beside the file can be read only with write permission.
-        sqlite3.Error, OSError: for :func:`~preshape.memory.failures.translated` to name.
+        MemoryFileError: The file is not a memory, damaged, or of a newer version.
+        EnvironmentFailure: The log beside the file can be read only with write permission.
+        sqlite3.Error, OSError: To be converted by :func:`~preshape.memory.failures.translated`.
     """
     _inspect(path)
     try:
@@ -156,7 +156,7 @@ def _readable(path: Path, way: str) -> sqlite3.Connection:
         copy = connect("file::memory:")
         _copy(connection, copy)
         with transaction(copy):
-            _bring_up_to_date(copy, None)
+            _migrate(copy, None)
     except BaseException:
         connection.close()
         raise
@@ -165,28 +165,28 @@ def _readable(path: Path, way: str) -> sqlite3.Connection:
 
 
 def open_transient() -> sqlite3.Connection:
-    """A memory that lives and dies with its connection."""
+    """A memory in main memory; it is lost when the connection is closed."""
     connection = connect("file::memory:")
     with transaction(connection):
-        _bring_up_to_date(connection, None)
+        _migrate(connection, None)
     return connection
 
 
 def _inspect(path: Path) -> None:
-    """Refuse what is not a memory of ours before anything could change it.
+    """Refuse a file that is not a memory before anything could change it.
 
-    SQLite reads the file as unchanging: no lock, no file beside it. Never by opening the file here:
-    closing it would drop the locks that this process already holds on it.
+    SQLite reads the file as immutable, without a lock and without files beside it. The file must not be
+    opened with ``open`` here: closing it would release the locks that this process already holds on it.
 
     Raises:
-        MemoryFileError: not a memory, or of a newer version.
-        EnvironmentFailure: not a regular file.
+        MemoryFileError: The file is not a memory, or of a newer version.
+        EnvironmentFailure: It is not a regular file.
     """
     if not path.exists() or (path.is_file() and path.stat().st_size == 0):
         return
     if not path.is_file():
         raise EnvironmentFailure(f"the memory {path} is not a regular file; {ELSEWHERE}")
-    if path.stat().st_size < _SMALLEST_DATABASE:  # SQLite would take such a file for an empty database
+    if path.stat().st_size < _SMALLEST_DATABASE:  # to SQLite, such a file is an empty database
         raise MemoryFileError(f"{path} is not a memory of preshape (not a SQLite file); {ELSEWHERE}")
     for way in ("mode=ro&immutable=1", "mode=ro"):
         try:
@@ -194,22 +194,22 @@ def _inspect(path: Path) -> None:
                 if _snapshot_version(connection, path) or not _has_log(path):
                     return
         except sqlite3.DatabaseError as error:
-            # Another process may be making the file or writing its log back: look again, with locks.
+            # Another process may be creating the file or checkpointing its log: read again, with locks.
             if primary_code(error) not in _UNSETTLED or way == "mode=ro":
                 raise
 
 
 def _snapshot_version(connection: sqlite3.Connection, path: Path) -> int:
-    """:func:`_version` in a transaction of its own: another process may be making the file just now."""
+    """:func:`_version` in its own transaction, because another process may be creating the file."""
     with transaction(connection, "BEGIN"):
         return _version(connection, path)
 
 
 def _version(connection: sqlite3.Connection, path: Path) -> int:
-    """The schema version, 0 for an empty database; inside a transaction, since it looks twice.
+    """The schema version, 0 for an empty database; called inside a transaction, because it reads twice.
 
     Raises:
-        MemoryFileError: another application's file, or one of a newer version.
+        MemoryFileError: The file is of another application, or of a newer version.
     """
     (application,) = connection.execute("PRAGMA application_id").fetchone()
     (version,) = connection.execute("PRAGMA user_version").fetchone()
@@ -238,12 +238,12 @@ def _has_log(path: Path) -> bool:
     return log.exists() and log.stat().st_size > 0
 
 
-def _bring_up_to_date(connection: sqlite3.Connection, path: Path | None) -> None:
-    """Create or migrate inside the transaction that is open; another process may have been quicker.
+def _migrate(connection: sqlite3.Connection, path: Path | None) -> None:
+    """Create or migrate the tables inside the open transaction, unless another process already has.
 
     Args:
-        connection: inside a transaction.
-        path: where the file lies, for the copy kept beside it; None for main memory.
+        connection: A connection inside a transaction.
+        path: Path of the file, for the backup copy beside it; None for main memory.
     """
     version = _version(connection, path or Path(":memory:"))
     if version == 0:
@@ -252,17 +252,17 @@ def _bring_up_to_date(connection: sqlite3.Connection, path: Path | None) -> None
         connection.execute(f"PRAGMA application_id = {APPLICATION_ID}")
         version = 1
     elif version < SCHEMA_VERSION and path is not None:
-        _keep_copy(path, version)
+        _back_up(path, version)
     for step in range(version, SCHEMA_VERSION):
         MIGRATIONS[step](connection)
     connection.execute(f"PRAGMA user_version = {SCHEMA_VERSION}")
 
 
-def _keep_copy(path: Path, version: int) -> Path:
-    """Copy the database to ``NAME.v1-backup`` (then ``NAME.v1-backup-2`` …) before it is migrated.
+def _back_up(path: Path, version: int) -> Path:
+    """Copy the database to ``NAME.v1-backup`` (then ``NAME.v1-backup-2`` …) before its migration.
 
-    The caller holds the write lock, so that what is copied is what is migrated. A connection cannot be
-    copied inside its own write transaction; another one reads.
+    The caller holds the write lock, so that the copy is what is migrated. A connection cannot be copied
+    inside its own write transaction; therefore a second one reads.
     """
     target = path.with_name(f"{path.name}.v{version}-backup")
     count = 1
@@ -284,7 +284,7 @@ def _keep_copy(path: Path, version: int) -> Path:
 
 
 def _copy(source: sqlite3.Connection, target: sqlite3.Connection) -> None:
-    """Copy a whole database, trying again while it is locked, but not for ever as Python would."""
+    """Copy a whole database; retry while it is locked, up to ``BUSY_SECONDS`` (Python has no limit)."""
     deadline = time.monotonic() + BUSY_SECONDS
 
     def progress(status: int, remaining: int, total: int) -> None:
@@ -298,7 +298,7 @@ def _copy(source: sqlite3.Connection, target: sqlite3.Connection) -> None:
 
 
 def _write_ahead(connection: sqlite3.Connection) -> None:
-    """Turn to write-ahead logging, which a file keeps; SQLite does not wait for the lock by itself."""
+    """Switch the file to write-ahead logging; SQLite does not wait for this lock by itself."""
     deadline = time.monotonic() + BUSY_SECONDS
     while True:
         try:

@@ -1,4 +1,4 @@
-"""The memory itself: what a process asks of it, one transaction for each change."""
+"""The memory's interface; each change is one transaction."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _UPSERT = (
 
 
 def default_path() -> Path:
-    """Where the memory lies unless told otherwise: ``PRESHAPE_MEMORY``, or the user's data directory."""
+    """Default path of the memory: ``PRESHAPE_MEMORY``, or a file in the user's data directory."""
     chosen = os.environ.get("PRESHAPE_MEMORY")
     if chosen:
         return Path(chosen)
@@ -39,14 +39,14 @@ def default_path() -> Path:
 
 
 class Memory:
-    """Experiences and weights that last; a context manager. One memory serves one thread.
+    """Experiences and weights on disk; a context manager, to be used by one thread.
 
-    Make one with :meth:`open`. Every method may raise ``EnvironmentFailure`` (locked for over 10 s,
-    disk full, permission denied, closed) and ``MemoryFileError`` (the file is damaged).
+    Open it with :meth:`open`. Every method may raise ``EnvironmentFailure`` (locked for over 10 s, disk full,
+    permission denied, closed) and ``MemoryFileError`` (the file is damaged).
 
     Attributes:
-        where: the file's path as text, or ``:memory:``.
-        read_only: whether changes are refused.
+        where: Path of the file as text, or ``:memory:``.
+        read_only: Whether changes are refused.
     """
 
     def __init__(self, connection: sqlite3.Connection, where: str, *, read_only: bool) -> None:
@@ -56,19 +56,19 @@ class Memory:
 
     @classmethod
     def open(cls, path: Path | str | None = None, *, read_only: bool = False) -> Self:
-        """Open a memory; the file and its directories are made where they are missing.
+        """Open a memory; a missing file and its directories are created.
+
+        A file that the user may not write is opened read-only; the result's ``read_only`` says so.
 
         Args:
-            path: the file; ``":memory:"`` for one that is forgotten when closed; None for
+            path: The file; ``":memory:"`` for a memory that is lost when closed; None for
                 :func:`default_path`.
-            read_only: change nothing on disk. Where there is no file yet this gives an empty memory
-                that exists only until it is closed. An older version is brought up to date in a copy.
-
-        A file that this user may not write is opened read-only too: see ``read_only`` on the result.
+            read_only: Whether to change nothing on disk. Without a file, the memory is empty and lost when
+                closed. An older version is migrated in a copy.
 
         Raises:
-            MemoryFileError: not a memory, damaged, or written by a newer version; the file is untouched.
-            EnvironmentFailure: it cannot be opened or made.
+            MemoryFileError: The file is not a memory, damaged, or of a newer version; it is not changed.
+            EnvironmentFailure: It cannot be opened or created.
         """
         where = os.fspath(default_path() if path is None else path)
         if not where or "\0" in where:
@@ -86,7 +86,7 @@ class Memory:
             return cls(schema.open_readable(file), str(file), read_only=True)
 
     def close(self) -> None:
-        """Close; the last process to close writes the log back into the file. May be called twice."""
+        """Close the memory; may be called twice. The last process to close writes the log into the file."""
         with translated(self.where):
             self._connection.close()
 
@@ -104,14 +104,14 @@ class Memory:
         """Store experiences, and the weights trained with them, in one transaction.
 
         Args:
-            experiences: what was met; ``created`` is stamped where it is empty.
-            weights: of the one hand that all these experiences share; kept as by :meth:`save_weights`.
+            experiences: Experiences; an empty ``created`` is set to the present time.
+            weights: Weights of the hand that all these experiences share; see :meth:`save_weights`.
 
         Returns:
-            The experiences' numbers in the memory, never used twice. Once returned they are on disk.
+            Numbers of the experiences in the memory, which are never reused. On return they are on disk.
 
         Raises:
-            InputError: an experience is out of its ranges, or weights come without one single hand.
+            InputError: An experience is out of range, or the weights' experiences are not of one hand.
         """
         now = datetime.now(UTC).isoformat(timespec="microseconds")
         rows = [records.experience_row(experience, now) for experience in experiences]
@@ -120,7 +120,7 @@ class Memory:
         if weights is not None:
             if len(hands) != 1:
                 raise InputError(
-                    f"weights go with experiences of one hand, got {len(hands)} hands; use save_weights"
+                    f"weights need experiences of one hand, got {len(hands)} hands; use save_weights"
                 )
             trained = records.weights_row(hands.pop(), weights)
         with self._writing():
@@ -135,12 +135,12 @@ class Memory:
         """The experiences in the order in which they were stored.
 
         Args:
-            hand: only those of this hand.
-            kinds: only those of these kinds; see ``KINDS``.
-            gripped: only those with the grip of a real hand.
+            hand: Only those of this hand.
+            kinds: Only those of these kinds; see ``KINDS``.
+            gripped: Only those with the grip of a real hand.
 
         Raises:
-            InputError: a kind that does not exist.
+            InputError: A kind does not exist.
         """
         query, values = f"SELECT id, {_COLUMNS} FROM experiences WHERE 1", list[str]()
         if hand is not None:
@@ -158,22 +158,22 @@ class Memory:
         return tuple(self._experience(number, tuple(row)) for number, *row in rows)
 
     def state(self) -> tuple[int, int]:
-        """A value that changes whenever the memory's content does, by this process or another."""
+        """A value that changes whenever this or another process changes the memory."""
         with translated(self.where):
             version = int(self._connection.execute("PRAGMA data_version").fetchone()[0])
         return version, self._connection.total_changes
 
     def count(self, hand: str | None = None) -> int:
-        """How many experiences there are, or how many of one hand."""
+        """Number of experiences, of all hands or of one."""
         with translated(self.where):
             query = "SELECT count(*) FROM experiences WHERE ?1 IS NULL OR hand = ?1"
             return int(self._connection.execute(query, (hand,)).fetchone()[0])
 
     def weights(self, hand: str) -> NetworkWeights | None:
-        """The network weights of a hand, None before any were stored.
+        """The network weights of a hand; None where there are none.
 
         Raises:
-            MemoryFileError: what is stored does not have its shape.
+            MemoryFileError: The stored arrays do not have their shapes.
         """
         with translated(self.where):
             query = f"SELECT {_WEIGHT_COLUMNS} FROM weights WHERE hand = ?"
@@ -181,34 +181,34 @@ class Memory:
         return None if row is None else self._weights(tuple(row))
 
     def save_weights(self, hand: str, weights: NetworkWeights) -> bool:
-        """Store a hand's weights unless those there were trained on more samples.
+        """Store a hand's weights, unless the stored ones were trained on more samples.
 
         Another process may have learnt more in the meantime; its weights stay.
 
         Returns:
-            Whether these weights are now the stored ones.
+            Whether these weights are now stored.
 
         Raises:
-            InputError: the layers do not fit together or a number is not finite.
+            InputError: The layers do not fit together, or a number is not finite.
         """
         row = records.weights_row(hand, weights)
         with self._writing():
             return self._connection.execute(_UPSERT, row).rowcount > 0
 
     def reset(self, hand: str | None = None) -> int:
-        """Forget everything, or everything of one hand; returns how many experiences that were."""
+        """Delete everything, or everything of one hand; returns the number of experiences deleted."""
         where = "WHERE ?1 IS NULL OR hand = ?1"
         with self._writing():
             self._connection.execute(f"DELETE FROM weights {where}", (hand,))
             return self._connection.execute(f"DELETE FROM experiences {where}", (hand,)).rowcount
 
     def objects(self, hand: str | None = None) -> tuple[ObjectSummary, ...]:
-        """What is known about each object, sorted by name; of one hand or of all."""
+        """One summary for each object, sorted by name, of all hands or of one."""
         with translated(self.where), transaction(self._connection, "BEGIN"):
             return summary.objects(self._connection, hand)
 
     def statistics(self) -> MemoryStatistics:
-        """The memory in numbers, all of the same moment."""
+        """Counts and sizes, all of the same moment."""
         with translated(self.where), transaction(self._connection, "BEGIN"):
             return summary.statistics(self._connection, self.where)
 
@@ -217,7 +217,7 @@ class Memory:
 
         Raises:
             InputError: ``path`` is the memory itself.
-            EnvironmentFailure: it cannot be written.
+            EnvironmentFailure: The file cannot be written.
         """
         target = Path(path)
         with translated(str(target)):
@@ -231,17 +231,17 @@ class Memory:
         )
 
     def import_(self, path: Path | str) -> int:
-        """Add what a document of :meth:`export` holds; all of it is checked first, one transaction.
+        """Add the content of a document of :meth:`export` in one transaction, after checks of all of it.
 
-        Experiences that are here already, the time included, are skipped. Weights are kept as by
+        Experiences that the memory already has, with the same time, are skipped. For weights see
         :meth:`save_weights`.
 
         Returns:
-            How many experiences were added.
+            Number of experiences added.
 
         Raises:
-            MemoryFileError: not such a document, or of a newer format; nothing was added.
-            EnvironmentFailure: it cannot be read.
+            MemoryFileError: The file is not such a document, or of a newer format; nothing was added.
+            EnvironmentFailure: It cannot be read.
         """
         experiences, weights = transfer.read_document(Path(path))
         rows = [records.experience_row(experience, experience.created) for experience in experiences]

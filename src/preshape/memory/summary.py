@@ -1,4 +1,4 @@
-"""The memory in numbers: what ``memory show`` prints."""
+"""Counts of the memory, as ``memory show`` prints them."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ class ObjectSummary:
     """What the memory holds about one object.
 
     Attributes:
-        name: the object's name.
-        hands: the hands that have met it, sorted.
-        experiences: how many experiences.
-        tasks: how many different tasks among them.
-        best_match: the largest TFVADI among them, 0..6.
-        last_seen: when the newest was stored, ISO 8601 in UTC.
+        name: Name of the object.
+        hands: Hands with experiences of it, sorted.
+        experiences: Number of experiences.
+        tasks: Number of different tasks among them.
+        best_match: Largest TFVADI among them, 0..6.
+        last_seen: Time at which the newest was stored, ISO 8601 in UTC.
     """
 
     name: str
@@ -33,19 +33,19 @@ class ObjectSummary:
 
 @value
 class MemoryStatistics:
-    """The memory in numbers.
+    """Counts and sizes of the memory.
 
     Attributes:
-        path: the file, or ``:memory:``.
-        version: schema version.
-        size: of the database [bytes].
-        experiences: how many experiences.
-        objects: how many different objects.
-        kinds: kind and number of experiences of it, in the order of ``KINDS``.
-        hands: hand and number of experiences of it, sorted.
-        trained: hand and number of samples behind its weights, sorted.
-        oldest: when the oldest experience was stored; empty without any.
-        newest: when the newest was.
+        path: The file, or ``:memory:``.
+        version: Schema version.
+        size: Size of the database [bytes].
+        experiences: Number of experiences.
+        objects: Number of different objects.
+        kinds: Each kind with its number of experiences, in the order of ``KINDS``.
+        hands: Each hand with its number of experiences, sorted.
+        trained: Each hand with the number of samples that its weights were trained on, sorted.
+        oldest: Time at which the oldest experience was stored; empty without any.
+        newest: Time at which the newest was stored.
     """
 
     path: str
@@ -61,7 +61,7 @@ class MemoryStatistics:
 
 
 def objects(connection: sqlite3.Connection, hand: str | None) -> tuple[ObjectSummary, ...]:
-    """One summary for each object, sorted by name; inside a transaction, so that they agree."""
+    """One summary for each object, sorted by name; called inside a transaction, so that they agree."""
     hands: dict[str, list[str]] = {}
     for name, owner in connection.execute(
         f"SELECT DISTINCT object_name, hand FROM experiences {_OF_HAND} ORDER BY hand", (hand,)
@@ -93,7 +93,7 @@ def objects(connection: sqlite3.Connection, hand: str | None) -> tuple[ObjectSum
 
 
 def statistics(connection: sqlite3.Connection, where: str) -> MemoryStatistics:
-    """The memory in numbers; inside a transaction, so that they agree."""
+    """Counts and sizes; called inside a transaction, so that they agree."""
     run = connection.execute
     total, names, oldest, newest = run(
         "SELECT count(*), count(DISTINCT object_name), min(created), max(created) FROM experiences"

@@ -1,4 +1,4 @@
-"""The exported memory: one JSON document, to be kept, sent and read by people.
+"""The exported memory: one JSON document.
 
 ::
 
@@ -25,10 +25,10 @@
       ]
     }
 
-Experiences stand in the order in which they were stored. The fields are those of
-:class:`~preshape.types.Experience` and :class:`~preshape.types.NetworkWeights`, all present, no others.
-Numbers are written with the digits that give the same double back. Older versions are read too: version 1 has
-neither shape, grip, quality nor outcome, version 2 has no scene.
+Experiences are in the order in which they were stored. The fields are exactly those of
+:class:`~preshape.types.Experience` and :class:`~preshape.types.NetworkWeights`. Numbers have enough digits to
+give the same double when read. Older versions are read too: version 1 has neither shape, grip, quality nor
+outcome, version 2 has no scene.
 """
 
 from __future__ import annotations
@@ -55,10 +55,10 @@ _T = TypeVar("_T")
 def write_document(
     path: Path, experiences: Iterable[Experience], weights: Iterable[tuple[str, NetworkWeights]]
 ) -> None:
-    """Write a document, whole or not at all: beside its place first, to disk, then renamed.
+    """Write a document whole or not at all: to a temporary file beside ``path``, which is then renamed.
 
     Raises:
-        EnvironmentFailure: it cannot be written; what was at ``path`` is still there.
+        EnvironmentFailure: The file cannot be written; an old file at ``path`` is unchanged.
     """
     document = {
         "format": FORMAT_NAME,
@@ -90,11 +90,11 @@ def write_document(
 def read_document(
     path: Path,
 ) -> tuple[tuple[Experience, ...], tuple[tuple[str, NetworkWeights], ...]]:
-    """Read a document and check every field of it.
+    """Read a document and check all its fields.
 
     Raises:
-        MemoryFileError: not such a document; the message says where it departs from the format.
-        EnvironmentFailure: the file cannot be read.
+        MemoryFileError: The file is not such a document; the message says where it violates the format.
+        EnvironmentFailure: The file cannot be read.
     """
     try:
         raw = path.read_bytes()
@@ -156,7 +156,7 @@ def _unique_names(pairs: Sequence[tuple[str, Any]]) -> dict[str, Any]:
 
 
 def _sync_directory(directory: Path) -> None:
-    """Make the rename durable where the system can; elsewhere it comes a little later."""
+    """Make the rename durable now, on systems that can; on others it becomes durable a little later."""
     with suppress(OSError):
         handle = os.open(directory, os.O_RDONLY)
         try:
