@@ -17,8 +17,8 @@ from preshape.closure.demand import Demand
 from preshape.closure.settings import ClosureSettings
 from preshape.dataset.index_values import (
     INDICES,
-    GraspContacts,
     Index,
+    IndexInput,
     column,
     index_values,
     planner_score,
@@ -32,10 +32,11 @@ from preshape.objects.load import load_object
 from preshape.physics.protocol import HoldProtocol
 from preshape.physics.task.motion import task_motion
 from preshape.physics.task.protocol import TaskProtocol
-from preshape.planner import layout_of
+from preshape.planning.session import layout_of
+from preshape.report.markdown import markdown
 from preshape.studies import indices
-from preshape.studies.index_figures import QUESTIONS, asked, figures
-from preshape.studies.index_report import findings, markdown
+from preshape.studies.index_figures import QUESTIONS, index_figures, rows_of
+from preshape.studies.index_report import findings, index_report
 from preshape.studies.index_statistics import area, calibration, difference, within, within_difference
 from preshape.studies.indices import IndexRows, IndexRun, run_indices
 from preshape.tasks import named_task
@@ -218,9 +219,9 @@ def test_statistics_refuse_nan_and_odd_lengths() -> None:
 SETTINGS = ClosureSettings(press_least=PRESS, press_most=PRESS, threads=1)
 
 
-def pinch(normals: float = 1.0, centre: tuple[float, float, float] = (0.0, 0, 0)) -> GraspContacts:
+def pinch(normals: float = 1.0, centre: tuple[float, float, float] = (0.0, 0, 0)) -> IndexInput:
     """Two fingers against each other along x."""
-    return GraspContacts(
+    return IndexInput(
         points=np.array([[0.03, 0, 0], [-0.03, 0, 0]]),
         normals_in=np.array([[-1.0, 0, 0], [normals, 0, 0]]),
         centre=np.array(centre),
@@ -231,7 +232,7 @@ def pinch(normals: float = 1.0, centre: tuple[float, float, float] = (0.0, 0, 0)
     )
 
 
-def values(grasp: GraspContacts, label: str) -> dict[str, tuple[float | None, str]]:
+def values(grasp: IndexInput, label: str) -> dict[str, tuple[float | None, str]]:
     task = named_task(label)
     motion = task_motion(task, np.zeros(3), 0.05)
     settings = ClosureSettings(torsion=0.01, threads=1)
@@ -302,7 +303,7 @@ def test_paper_indices_are_the_analysers_own() -> None:
     found = analyser.explore(task.q, aim)
     assert len(found.grips) >= 2
     for grasp in found.grips:
-        one = GraspContacts(
+        one = IndexInput(
             points=grasp.contacts.points,
             normals_in=grasp.contacts.normals_in,
             centre=analyser.middle,
@@ -380,7 +381,7 @@ def test_quick_run(found: IndexRows) -> None:
 
 
 def test_figures_are_those_of_the_rows(found: IndexRows) -> None:
-    document = figures(found)
+    document = index_figures(found)
     json.dumps(document, allow_nan=False)
     questions = {question["name"]: question for question in document["questions"]}
     held = np.array([row["held"] for row in found.rows])
@@ -390,10 +391,10 @@ def test_figures_are_those_of_the_rows(found: IndexRows) -> None:
     assert sum(b["count"] for b in one["bins"]) == 12
     assert questions["held"]["successes"] == held.sum()
     assert questions["done_if_held"]["grasps"] == held.sum()
-    closed = asked(found.rows, next(q for q in QUESTIONS if q.name == "held_if_closed"))
+    closed = rows_of(found.rows, next(q for q in QUESTIONS if q.name == "held_if_closed"))
     assert all(row["indices"]["closed"][0] == 1.0 for row in closed)
     assert questions["held_if_closed"]["grasps"] == len(closed) < 12
-    page = markdown(document)
+    page = markdown(index_report(document))
     assert all(index.title in page for index in INDICES)
     assert any("TFVADI of the task" in sentence for sentence in findings(document))
     assert sum(rate["held"] for rate in document["rates"]) == held.sum()

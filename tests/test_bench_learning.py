@@ -12,7 +12,7 @@ from PIL import Image
 
 from preshape.cli.main import run
 from preshape.closure.settings import ClosureSettings
-from preshape.studies.closure_learning import SAME, LearningStudy, Met, _nearly, study, table
+from preshape.studies.closure_learning import SAME, LearningStudy, PairResult, _same_margin, study, table
 
 pytestmark = pytest.mark.usefixtures("session_cache")
 QUICK = ClosureSettings(everywhere=400, elite=8, rounds=1, finished=2, persistence=0, threads=1)
@@ -63,8 +63,8 @@ def test_the_same_seed_shows_the_same(found: LearningStudy) -> None:
         assert rows[0] == rows[1]
 
 
-def met(tried: int, *, answered: bool = True, mode: int = 0) -> Met:
-    return Met(name="a@1", task="t", mode=mode, answered=answered, quality=4.0, tried=tried)
+def met(tried: int, *, answered: bool = True, mode: int = 0) -> PairResult:
+    return PairResult(name="a@1", task="t", mode=mode, answered=answered, quality=4.0, tried=tried)
 
 
 def test_candidates_are_counted_to_the_end() -> None:
@@ -80,14 +80,14 @@ def test_candidates_are_counted_to_the_end() -> None:
     assert figures["same_margin_within_a_tenth"] == 1
     assert (figures["fresh_answered"], figures["held_out"]) == (2, 3)
     rows = dict(table(made).rows)
-    assert rows["... a tenth or less"] == "1 of 2"
+    assert rows["ratio of a tenth or less"] == "1 of 2"
 
 
 @pytest.mark.parametrize("margin", [0.2, 1.0, 3.7])
 def test_the_same_margin_is_a_share_of_the_margin_not_of_the_quality(margin: float) -> None:
     quality = 6 * (1 - 2**-margin)
-    assert _nearly(quality) == pytest.approx(6 * (1 - 2 ** -(SAME * margin)))
-    assert _nearly(6.0) < 6.0
+    assert _same_margin(quality) == pytest.approx(6 * (1 - 2 ** -(SAME * margin)))
+    assert _same_margin(6.0) < 6.0
 
 
 def test_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

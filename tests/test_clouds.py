@@ -10,10 +10,10 @@ from dataclasses import replace
 import jsonschema
 import numpy as np
 import pytest
+from preshape.cli.show import show_plan
 
 from preshape.cli import main as cli
 from preshape.cli.plan import written_surface
-from preshape.cli.show import show_plan
 from preshape.closure.settings import ClosureSettings
 from preshape.exceptions import InputError, ObjectError
 from preshape.kernels.field.host import SurfaceQuery
@@ -30,11 +30,12 @@ from preshape.objects.scans.sight import HIDDEN, hidden_share, sight_of
 from preshape.objects.scans.symmetry import symmetries
 from preshape.objects.scans.trust import UNSEEN, trust_of, worth
 from preshape.physics.pieces import ConvexPieces
-from preshape.planner import Plan, plan, scan_trust, seen_first
+from preshape.planner import plan
 from preshape.planning.document import plan_schema, plan_to_json
+from preshape.planning.plan import Plan, scan_trust, seen_first
 from preshape.planning.planner_bench import Case
-from preshape.studies.partial_report import figures, tables, write_report
-from preshape.studies.partial_views import CloudRun, alike, depth_view, guessed, run_clouds
+from preshape.studies.partial_report import cloud_figures, cloud_tables, write_cloud_report
+from preshape.studies.partial_views import CloudRun, agreement, completed, depth_view, run_clouds
 
 FEW = np.random.default_rng(0).uniform(0.01, 0.05, (7, 3)).round(4)
 
@@ -64,7 +65,7 @@ def box() -> tuple[TriangleMesh, np.ndarray, np.ndarray]:
 @pytest.fixture(scope="module")
 def surfaces() -> dict[str, TriangleMesh]:
     """What becomes of one view of some objects."""
-    return {name: guessed("symmetry", name, *seen(name)[1:]) for name in ("box", "bottle")}
+    return {name: completed("symmetry", name, *seen(name)[1:]) for name in ("box", "bottle")}
 
 
 # -- reading -------------------------------------------------------------------------------------------
@@ -285,9 +286,9 @@ def test_one_view_becomes_a_closed_body_that_is_exact_where_it_was_seen(name, su
 
 def test_symmetry_guesses_better_than_the_hull_and_than_straight_back(box, surfaces):
     true, points, camera = box
-    found = alike(true, surfaces["box"])
+    found = agreement(true, surfaces["box"])
     for method in ("straight", "hull"):
-        other = alike(true, guessed(method, "box", points, camera))
+        other = agreement(true, completed(method, "box", points, camera))
         assert found["iou"] > other["iou"] + 0.03
         assert found["chamfer"] < other["chamfer"]
 
@@ -447,7 +448,7 @@ def test_a_plan_on_a_cloud_says_which_contacts_were_seen_and_prefers_them(on_clo
 
 def test_the_surface_that_was_planned_with_is_written_whole(tmp_path, box):
     _, points, camera = box
-    made = plan(guessed("hull", "box", points, camera), "lift", memory=":memory:", learn=False)
+    made = plan(completed("hull", "box", points, camera), "lift", memory=":memory:", learn=False)
     file = written_surface(made, tmp_path)
     assert file == tmp_path / "box-surface.obj"
     again = load_object(file)
@@ -503,7 +504,7 @@ def test_the_figures_count_what_they_say(tmp_path):
     run = CloudRun(hands=("shadow",), cases=cases, views=2, methods=("symmetry",))
     rows = [row(0, True, 0.9), row(1, False, 0.2), row(0, True, 1.0, whole=False, case="b@1")]
     lost = {"hand": "shadow", "case": "b@1", "view": 1, "whole": False, "held": False, "by_margin": False}
-    document = figures(run, [*rows, {**lost, "refused": "two things"}])
+    document = cloud_figures(run, [*rows, {**lost, "refused": "two things"}])
     hand = document["hands"]["shadow"]
     assert (hand["whole_mesh"]["held"], hand["whole_mesh"]["tested"]) == (1, 2)
     assert (hand["cloud"]["held"], hand["cloud"]["tested"]) == (2, 4)
@@ -516,8 +517,8 @@ def test_the_figures_count_what_they_say(tmp_path):
         "chamfer": pytest.approx(0.002),
     }
     assert document["refused"] == [{"hand": "shadow", "case": "b@1", "view": 1, "reason": "two things"}]
-    assert all(len(line) == len(t.columns) for t in tables(document) for line in t.rows)
-    written = write_report(document, tmp_path)
+    assert all(len(line) == len(t.columns) for t in cloud_tables(document) for line in t.rows)
+    written = write_cloud_report(document, tmp_path)
     assert "shadow, b@1, view 1: two things" in written[1].read_text()
 
 

@@ -17,17 +17,17 @@ from preshape.physics import measures
 from preshape.studies import (
     EXPERIMENTS,
     ReportResult,
-    cases,
     fig_14,
     fig_15,
     fig_16,
+    figs_11_13,
     learning_study,
     odd_cases,
     printed,
     run_all,
 )
-from preshape.studies.bench import Bench
-from preshape.studies.values import Section
+from preshape.studies.experiment import Section
+from preshape.studies.setup import Setup
 
 STOP_AT = f"odd cases: experiment {odd_cases.QUICK_EACH + 4} of"
 """In the middle of the second session."""
@@ -91,14 +91,14 @@ def test_an_interrupted_run_goes_on_where_it_stopped(run: Run) -> None:
 
 
 def test_resuming_changes_no_number(run: Run, tmp_path: Path) -> None:
-    whole = odd_cases.measure(Bench(0, quick=True), tmp_path / "part", lambda fraction, label: None)
+    whole = odd_cases.measure(Setup(0, quick=True), tmp_path / "part", lambda fraction, label: None)
     assert without_times(json.loads(json.dumps(whole))) == run.data("odd_cases")
 
 
 def test_the_numbers_follow_from_the_seed(run: Run, tmp_path: Path) -> None:
-    bench = Bench(0, quick=True)
-    for experiment in (cases.FIG_11, fig_14.FIG_14, fig_16.FIG_16, learning_study.LEARNING):
-        again = experiment.measure(bench, tmp_path / "part", lambda fraction, label: None)
+    setup = Setup(0, quick=True)
+    for experiment in (figs_11_13.FIG_11, fig_14.FIG_14, fig_16.FIG_16, learning_study.LEARNING):
+        again = experiment.measure(setup, tmp_path / "part", lambda fraction, label: None)
         assert without_times(json.loads(json.dumps(again))) == without_times(run.data(experiment.name))
 
 
@@ -120,7 +120,7 @@ def test_golden_wrenches_of_fig_14(run: Run) -> None:
     assert rows[0]["typed"] == pytest.approx(3.967, abs=5e-4)
     assert all(row["box"]["answer"]["plane"] == 5 for row in rows)
     section = fig_14._present(run.data("fig14"))
-    assert not [x for x in section.disagreements if x.startswith("Row 3")]
+    assert not [x for x in section.remarks if x.startswith("Row 3")]
     assert "Row 3 of the paper is left out" in section.text[1]
 
 
@@ -182,7 +182,7 @@ def test_the_report_holds_everything(run: Run) -> None:
     assert str(run.out) not in markdown
 
 
-def _as_printed(figure: tuple[printed.Case, ...]) -> dict[str, Any]:
+def _as_printed(figure: tuple[printed.TaskRow, ...]) -> dict[str, Any]:
     """What would be measured if everything were as the paper prints it."""
     rows = []
     for case in figure:
@@ -203,22 +203,22 @@ def _as_printed(figure: tuple[printed.Case, ...]) -> dict[str, Any]:
     }
 
 
-def _sections(figure: tuple[printed.Case, ...], data: dict[str, Any]) -> Section:
+def _sections(figure: tuple[printed.TaskRow, ...], data: dict[str, Any]) -> Section:
     present = {
-        id(printed.FIG_11): cases.FIG_11,
-        id(printed.FIG_12): cases.FIG_12,
-        id(printed.FIG_13): cases.FIG_13,
+        id(printed.FIG_11): figs_11_13.FIG_11,
+        id(printed.FIG_12): figs_11_13.FIG_12,
+        id(printed.FIG_13): figs_11_13.FIG_13,
     }
     return present[id(figure)].present(data)
 
 
 @pytest.mark.parametrize("figure", [printed.FIG_11, printed.FIG_12, printed.FIG_13])
-def test_sentences_follow_the_numbers(figure: tuple[printed.Case, ...]) -> None:
+def test_sentences_follow_the_numbers(figure: tuple[printed.TaskRow, ...]) -> None:
     data = _as_printed(figure)
-    assert _sections(figure, data).disagreements == ()
+    assert _sections(figure, data).remarks == ()
     data["cases"][1]["answer"] = {**data["cases"][1]["answer"], "plane": 12}
-    (sentence,) = _sections(figure, data).disagreements
-    assert sentence.startswith(f"Case 2: the paper has plane {figure[1].plane}; preshape plane 12.")
+    (sentence,) = _sections(figure, data).remarks
+    assert sentence.startswith(f"Case 2: the paper has plane {figure[1].plane}; preshape has plane 12.")
 
 
 def test_other_settings_and_damaged_files_are_measured_anew(tmp_path: Path) -> None:

@@ -27,7 +27,7 @@ def learning(hand: str, length: int, held_out: int, seed: int, out: str | None, 
 
     Exit code 0: the study ran.
     """
-    from ..studies.closure_learning import study, table, write
+    from ..studies.closure_learning import study, table, write_learning_report
 
     for name, number in (("--length", length), ("--held-out", held_out)):
         if number < 1:
@@ -43,7 +43,7 @@ def learning(hand: str, length: int, held_out: int, seed: int, out: str | None, 
             seed=seed,
             progress=lambda done, of: told.step("questions", done, of),
         )
-    written = [] if out is None else write(found, Path(out))
+    written = [] if out is None else write_learning_report(found, Path(out))
     if as_json:
         from .main import emit
 

@@ -86,7 +86,7 @@ Number = tuple[float | None, str]
 
 
 @value
-class GraspContacts:
+class IndexInput:
     """What the indices need to know of one grasp; everything is in the mesh frame.
 
     Attributes:
@@ -109,7 +109,7 @@ class GraspContacts:
 
 
 def index_values(
-    grasp: GraspContacts,
+    grasp: IndexInput,
     q: Array,
     motion: TaskMotion,
     *,
@@ -165,7 +165,7 @@ def index_values(
     return found
 
 
-def task_wrench(grasp: GraspContacts, motion: TaskMotion, mass: float) -> tuple[Array, Array]:
+def task_wrench(grasp: IndexInput, motion: TaskMotion, mass: float) -> tuple[Array, Array]:
     """The wrench that the hand must apply at the start of the task, and the weight of the object.
 
     Returns:
@@ -177,7 +177,7 @@ def task_wrench(grasp: GraspContacts, motion: TaskMotion, mass: float) -> tuple[
     return wanted, np.concatenate([motion.weight(mass), np.zeros(3)])
 
 
-def _hold_margin(grasp: GraspContacts, settings: ClosureSettings) -> Number:
+def _hold_margin(grasp: IndexInput, settings: ClosureSettings) -> Number:
     """Smallest load along any axis, force or torque over ℓ, that one newton of squeeze balances."""
     points, normals, counts = packed_contacts(grasp.points, grasp.normals_in)
     found = margins(
@@ -206,7 +206,7 @@ def packed_contacts(points: Array, normals_in: Array) -> tuple[Array, Array, Int
     return out[0], out[1], np.array([n])
 
 
-def planner_score(search: ClosureSearch, grasp: GraspContacts, demand: Demand) -> float:
+def planner_score(search: ClosureSearch, grasp: IndexInput, demand: Demand) -> float:
     """The number by which the planner ranks a candidate: the smaller of its task and holding margins."""
     points, normals, counts = packed_contacts(grasp.points, grasp.normals_in)
     fingers = np.zeros((1, CONTACTS))
@@ -227,7 +227,7 @@ SIX_LIFTS = tuple(f"lift:{sign}{axis}" for axis in "xyz" for sign in "+-")
 """Tasks that correspond to the six pushes of the holding test: a translation along each axis."""
 
 
-def _paper_indices(grasp: GraspContacts, q: Array) -> dict[str, Number]:
+def _paper_indices(grasp: IndexInput, q: Array) -> dict[str, Number]:
     """TFVADI, stability and manipulability, computed as the analyser does."""
     p = plane(grasp.plane)
     arms = (grasp.points - grasp.cog) / grasp.u

@@ -218,13 +218,13 @@ def _shard(
     settings: DatasetSettings,
 ) -> Shard:
     key = json.dumps(
-        [settings.seed, case.thing, mesh, case.scale, hand_name, parsed.q.tolist(), task_label(parsed), part]
+        [settings.seed, case.object_name, mesh, case.scale, hand_name, parsed.q.tolist(), task_label(parsed), part]
     )
     state = hashlib.sha256(key.encode()).hexdigest()
-    plain = "-".join((case.thing, f"{case.scale:g}", hand_name, task_label(parsed), f"{part:04d}"))
+    plain = "-".join((case.object_name, f"{case.scale:g}", hand_name, task_label(parsed), f"{part:04d}"))
     return Shard(
         name=f"{re.sub('[^A-Za-z0-9.+-]+', '_', plain)}-{state[:8]}",
-        object_name=case.thing,
+        object_name=case.object_name,
         source=case.source,
         mesh=mesh,
         scale=case.scale,

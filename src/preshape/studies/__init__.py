@@ -1,13 +1,15 @@
-"""``preshape reproduce``: the paper's results beside ours, as one report.
+"""Studies: the paper's results reproduced (``preshape reproduce``), and ``bench indices``, ``learning``,
+``clouds``.
 
-One module an experiment; each measures (plain JSON values, kept on disk) and presents (tables, plots, and a
-sentence on every disagreement). :mod:`.printed` has the paper's numbers, :mod:`.bench` what all stand on,
-:mod:`.run` the order and the resuming, :mod:`.report` the two forms of the report.
+:mod:`.run` runs the experiments of ``preshape reproduce`` and writes their report. Each experiment is one
+module, which measures plain JSON values and presents them; :mod:`.printed` has the paper's numbers and
+:mod:`.setup` what all experiments share. The studies of ``preshape bench`` are :mod:`.indices`,
+:mod:`.closure_learning` and :mod:`.partial_views`.
 """
 
 from __future__ import annotations
 
+from .experiment import Progress
 from .run import EXPERIMENTS, ReportResult, run_all
-from .values import Progress as ProgressCallback
 
-__all__ = ["EXPERIMENTS", "ProgressCallback", "ReportResult", "run_all"]
+__all__ = ["EXPERIMENTS", "Progress", "ReportResult", "run_all"]

@@ -1,72 +1,39 @@
-"""What an experiment of ``preshape reproduce`` is made of: measurement, section, tables, pictures."""
+"""The parts of an experiment of ``preshape reproduce``, and the text helpers of its report."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TypeAlias
 
+from ..report import Block, Bullets, Chapter, Figure, Heading, Table
 from ..types import value
-from .bench import Bench, Data
-
-__all__ = [
-    "Cell", "Data", "Experiment", "Measurement", "Picture", "Progress", "Section", "Table", "joined",
-]  # fmt: skip
+from .setup import Data, Setup
 
 Progress: TypeAlias = Callable[[float, str], None]
-"""Called with the fraction done, 0..1, and what is being done; may raise to stop the work."""
-
-Cell: TypeAlias = str | int | float | None
-
-
-@value
-class Table:
-    """A table of the report.
-
-    Attributes:
-        caption: one line above it.
-        columns: headings.
-        rows: as long as ``columns`` each; numbers are written with two decimals, ``None`` as a dash;
-            text may have more than one line.
-    """
-
-    caption: str
-    columns: tuple[str, ...]
-    rows: tuple[tuple[Cell, ...], ...]
-
-
-@value
-class Picture:
-    """A picture of the report.
-
-    Attributes:
-        name: file name without ``.png``.
-        caption: what it shows, for readers who do not see it as well.
-        draw: writes it to a path.
-    """
-
-    name: str
-    caption: str
-    draw: Callable[[Path], None]
+"""Called with the completed fraction, 0..1, and what is being done; an exception that it raises stops the
+work."""
 
 
 @value
 class Section:
-    """An experiment as the report tells it.
+    """Content of an experiment's chapter in the report.
 
     Attributes:
-        headline: the outcome in one sentence.
-        text: paragraphs: what was done and what came of it.
-        tables: the paper's values beside ours.
-        pictures: the same as plots.
-        disagreements: one sentence for each place where the two differ, with the reason where there is one.
+        headline: The outcome in one sentence.
+        text: Paragraphs on what was done and found.
+        tables: The paper's values beside ours.
+        figures: The same as plots.
+        remarks: One sentence for each disagreement with the paper, with its reason where it is known.
+        remarks_title: Heading of the remarks.
     """
 
     headline: str
     text: tuple[str, ...]
     tables: tuple[Table, ...]
-    pictures: tuple[Picture, ...]
-    disagreements: tuple[str, ...]
+    figures: tuple[Figure, ...] = ()
+    remarks: tuple[str, ...] = ()
+    remarks_title: str = "Disagreements"
 
 
 @value
@@ -74,38 +41,53 @@ class Experiment:
     """One experiment.
 
     Attributes:
-        name: as typed.
-        title: heading.
-        version: counts up when ``measure`` changes; older results are then measured anew.
-        cost: rough seconds that it takes in full; shares out the progress.
-        measure: does it. The path is a file for what is half done; whoever uses it removes it.
-        present: tells it.
+        name: Name on the command line.
+        title: Title in the report.
+        version: Increased when ``measure`` changes; results of older versions are measured again.
+        cost: Rough duration of the full form [s], which sets the experiment's share of the progress.
+        measure: Measures. Its path is a file for partial results.
+        present: Turns the measured values into the content of the chapter.
     """
 
     name: str
     title: str
     version: int
     cost: float
-    measure: Callable[[Bench, Path, Progress], Data]
+    measure: Callable[[Setup, Path, Progress], Data]
     present: Callable[[Data], Section]
 
+    def chapter(self, data: Data) -> Chapter:
+        """The measured values as a chapter of the report."""
+        section = self.present(data)
+        blocks: tuple[Block, ...] = (*section.text, *section.figures, *section.tables)
+        if section.remarks:
+            blocks += (Heading(text=section.remarks_title), Bullets(items=section.remarks))
+        return Chapter(name=self.name, title=self.title, headline=section.headline, blocks=blocks)
 
-@value
-class Measurement:
-    """What an experiment measured, and under what settings.
 
-    Attributes:
-        name: the experiment's.
-        settings: what must be equal for the measurement to be used again.
-        data: the measured values.
+def joined(parts: Sequence[str]) -> str:
+    """The parts as a list in a sentence.
+
+    >>> joined(["a"]), joined(["a", "b", "c"])
+    ('a', 'a, b and c')
     """
-
-    name: str
-    settings: Data
-    data: Data
+    return parts[0] if len(parts) == 1 else f"{', '.join(parts[:-1])} and {parts[-1]}"
 
 
-def joined(parts: Iterator[str] | list[str]) -> str:
-    """``a, b and c``."""
-    words = list(parts)
-    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"
+def numbers_text(numbers: Sequence[float]) -> str:
+    """Numbers separated by blanks.
+
+    >>> numbers_text([1.0, 0.25])
+    '1 0.25'
+    """
+    return " ".join(f"{x:g}" for x in numbers)
+
+
+def or_none(number: float | None) -> str:
+    """A number with two decimals, or ``none``."""
+    return "none" if number is None else f"{number:.2f}"
+
+
+def status_text(status: str) -> str:
+    """A status of the controller in words."""
+    return status.replace("_", " ")

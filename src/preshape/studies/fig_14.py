@@ -2,54 +2,52 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from ..hiis.analyser import Aim, Analyser
 from ..hiis.decision import Settings
 from ..hiis.fuzzy import tfvadi
-from ..objects.library import load_library_object
-from ..tasks import task_from_numbers
+from ..objects.mesh import TriangleMesh
+from ..report import Cell, Figure, Table
 from ..types import Array, ContactCoefficients
 from . import printed
-from .bench import Bench, box_mesh, grasp_data, run_case
+from .experiment import Experiment, Progress, Section, joined, numbers_text
 from .plots import COMPONENTS, OURS, PAPER, THIRD, Canvas, grouped_bars
-from .values import Cell, Data, Experiment, Picture, Progress, Section, Table, joined
+from .setup import Q1, Data, Setup, box_mesh, grasp_data, run_case, teach
 
 BOX_IN_U = (1.0, 0.4, 1.0)
-"""Extents of the box of the paper's proportions [U]: half-height 0.2 along plane 5's opposition axis [R]."""
+"""Extents of the box with the paper's proportions [U]: half-height 0.2 along plane 5's opposition axis
+[R]."""
+BOX_SIZE = " × ".join(f"{x:g}" for x in BOX_IN_U)
 
 LEFT_OUT = 2
-"""Index of the row that fits no number of contacts; not compared [R]."""
+"""Index of the row that fits no number of contacts and is not compared [R]."""
 
 
-def paper_box(bench: Bench) -> Any:
-    """The box of the paper's proportions, for this hand."""
-    return box_mesh("paper's box", np.array(BOX_IN_U) * bench.layout.u)
+def paper_box(setup: Setup) -> TriangleMesh:
+    """The box with the paper's proportions, for this hand [m]."""
+    return box_mesh("paper's box", np.array(BOX_IN_U) * setup.hand.u)
 
 
-def _measure(bench: Bench, part: Path, progress: Progress) -> Data:
-    task = task_from_numbers(" ".join(str(x) for x in printed.Q1))
+def _measure(setup: Setup, part: Path, progress: Progress) -> Data:
     rows: list[Data] = []
     for i, row in enumerate(printed.FIG_14):
         progress(i / len(printed.FIG_14), f"coefficient set {i + 1} of {len(printed.FIG_14)}")
         ka, ko, kn, mn = row.coefficients
-        settings = Settings(coefficients=ContactCoefficients(ka=ka, ko=ko, kn=kn, mn=mn), seed=bench.seed)
-        cube = bench.controller(settings)
-        box = bench.controller(settings)
-        on_cube = cube.prepare(load_library_object("cube"))
-        on_box = box.prepare(paper_box(bench))
-        aimed = at_paper(on_box, task.q)
-        box.teach(on_box, task)
-        box.reset()
+        settings = Settings(coefficients=ContactCoefficients(ka=ka, ko=ko, kn=kn, mn=mn), seed=setup.seed)
+        cube = setup.prepare(setup.system(), "cube", settings=settings)
+        box = setup.prepare(setup.system(), paper_box(setup), settings=settings)
+        aimed = at_paper(box.element, Q1.q)
+        teach(box)
         rows.append(
             {
                 "aimed": aimed,
-                "box": run_case(box, on_box, task, may_learn=False),
-                "cube": run_case(cube, on_cube, task, may_learn=False),
+                "box": run_case(box, may_learn=False),
+                "cube": run_case(cube, may_learn=False),
                 "typed": float(tfvadi(printed.Q1, row.wrench)),
             }
         )
@@ -57,71 +55,72 @@ def _measure(bench: Bench, part: Path, progress: Progress) -> Data:
 
 
 def at_paper(element: Analyser, q: Array) -> Data | None:
-    """The virtual grasp at the paper's plane and approach value, a thumb and two fingers."""
+    """The virtual grasp at the paper's plane and approach value, with a thumb and two fingers."""
     aim = Aim(planes=[printed.FIG_14_PLANE], values=[printed.FIG_14_VALUE], fingers=[3], flips=[False])
     found = element.explore(q, aim)
     return grasp_data(found.grasp()) if len(found) else None
 
 
 def wrench_text(w: Sequence[float] | None) -> str:
-    """Six numbers in two lines, force and torque."""
+    """Force and torque in one line each."""
     if w is None:
         return "none"
     return "\n".join(" ".join(f"{x:.2f}" for x in half) for half in (w[:3], w[3:]))
 
 
-def _numbers(row: Data, key: str) -> tuple[str, float | None]:
-    grasp = row[key]
-    return (wrench_text(grasp["wrench"]), grasp["tfvadi"]) if grasp else ("none", None)
+def _compared(data: Data) -> Iterator[tuple[int, printed.CoefficientRow, Data, float | None]]:
+    """Number, paper's row and ours of the compared rows, and the largest difference of their net wrenches."""
+    for i, (row, ours) in enumerate(zip(printed.FIG_14, data["rows"], strict=True)):
+        if i != LEFT_OUT:
+            yield i + 1, row, ours, _difference(row.wrench, ours["aimed"])
+
+
+def _difference(theirs: Sequence[float], ours: Data | None) -> float | None:
+    return None if ours is None else float(np.abs(np.subtract(theirs, ours["wrench"])).max())
 
 
 def _present(data: Data) -> Section:
     wrenches: list[tuple[Cell, ...]] = []
     pipeline: list[tuple[Cell, ...]] = []
     for i, (row, ours) in enumerate(zip(printed.FIG_14, data["rows"], strict=True)):
-        coefficients = " ".join(f"{x:g}" for x in row.coefficients)
-        off = None if i == LEFT_OUT else _off(row.wrench, ours["aimed"])
-        wrench, match = _numbers(ours, "aimed")
+        aimed = ours["aimed"]
         wrenches.append(
             (
-                i + 1, coefficients, wrench_text(row.wrench), wrench,
-                "left out" if i == LEFT_OUT else off, row.tfvadi, ours["typed"], match,
+                i + 1, numbers_text(row.coefficients), wrench_text(row.wrench),
+                wrench_text(aimed and aimed["wrench"]),
+                "left out" if i == LEFT_OUT else _difference(row.wrench, aimed),
+                row.tfvadi, ours["typed"], aimed and aimed["tfvadi"],
             )
         )  # fmt: skip
-        for name in ("box", "cube"):
-            case = ours[name]
-            answer = case["answer"]
+        for name, noun in (("box", "paper's box"), ("cube", "trained cube")):
+            answer = ours[name]["answer"] or {}
             pipeline.append(
                 (
-                    i + 1, "paper's box" if name == "box" else "trained cube", case["mode"],
-                    answer and answer["plane"], answer and answer["value"], answer and answer["tfvadi"],
-                    wrench_text(answer and answer["wrench"]),
+                    i + 1, noun, ours[name]["mode"], answer.get("plane"), answer.get("value"),
+                    answer.get("tfvadi"), wrench_text(answer.get("wrench")),
                 )
             )  # fmt: skip
-    offs = [
-        off
-        for i, (row, ours) in enumerate(zip(printed.FIG_14, data["rows"], strict=True))
-        if i != LEFT_OUT and (off := _off(row.wrench, ours["aimed"])) is not None
-    ]
-    size = " × ".join(f"{x:g}" for x in BOX_IN_U)
+    largest = [difference for *_, difference in _compared(data) if difference is not None]
+    headline = "There is no virtual grasp at the paper's plane and value."
+    if largest:
+        headline = (
+            "At the paper's plane and value every component of the net wrench is within "
+            f"{max(largest):.2f} of the paper's."
+        )
     return Section(
-        headline=f"At the paper's aim every component of its net wrenches is met within {max(offs):.2f}."
-        if offs
-        else "There is no virtual grasp at the paper's aim.",
+        headline=headline,
         text=(
-            f"Task Q1 with three sets of contact coefficients Ka Ko Kn Mn. The paper's object is not "
-            "given; its net wrenches fit a box whose "
-            f"half-height is 0.2 U, so a box of {size} U is made. The first table aims where the paper "
-            "says, plane "
-            f"{printed.FIG_14_PLANE} at value {printed.FIG_14_VALUE:g} with a thumb and two fingers; "
-            "the second is "
-            "the whole pipeline: the box learnt with Q1 and then asked, and the cube as first trained.",
-            f"Row {LEFT_OUT + 1} of the paper is left out of the comparison: {row_3()}",
+            "Task Q1 with three sets of contact coefficients Ka Ko Kn Mn. The paper does not describe its "
+            f"object. Its net wrenches fit a box with a half-height of 0.2 U, so a box of {BOX_SIZE} U is "
+            f"used. The first table is for the paper's plane {printed.FIG_14_PLANE} and value "
+            f"{printed.FIG_14_VALUE:g} with a thumb and two fingers. The second is for the whole pipeline: "
+            "the box after it was learnt with Q1, and the cube of the first training.",
+            f"Row {LEFT_OUT + 1} of the paper is left out of the comparison: {row_3_fault()}",
         ),
         tables=(
             Table(
-                caption="Net wrench Tx Ty Tz Rx Ry Rz at the paper's plane and value. Its own wrench "
-                "typed in gives the TFVADI of the last column but one.",
+                caption="Net wrench Tx Ty Tz Rx Ry Rz at the paper's plane and value. The last column but "
+                "one is the TFVADI of the paper's net wrench.",
                 columns=(
                     "row", "Ka Ko Kn Mn", "W_net, paper", "W_net, preshape", "largest difference",
                     "TFVADI, paper", "of the paper's W_net", "TFVADI, preshape",
@@ -129,98 +128,84 @@ def _present(data: Data) -> Section:
                 rows=tuple(wrenches),
             ),
             Table(
-                caption="The pipeline's answers; the paper has mode 0, plane 5, value 0.01 in every row.",
+                caption="Answers of the pipeline; the paper has mode 0, plane 5 and value 0.01 in every row.",
                 columns=("row", "object", "mode", "plane", "value", "TFVADI", "W_net"),
                 rows=tuple(pipeline),
             ),
         ),
-        pictures=(
-            Picture(
-                name="fig14",
-                caption="Net wrenches of the three sets, the paper's beside ours on the box and on the "
-                "cube.",
-                draw=lambda path: _draw(data, path),
+        figures=(
+            Figure(
+                file="figures/fig14.png",
+                caption="Net wrenches of the three sets: the paper's, and ours on the box and on the cube.",
+                draw=partial(_draw, data),
             ),
         ),
-        disagreements=tuple(_disagreements(data)),
+        remarks=tuple(_disagreements(data)),
     )  # fmt: skip
 
 
-def _off(theirs: Sequence[float], ours: Data | None) -> float | None:
-    return None if ours is None else float(np.abs(np.subtract(theirs, ours["wrench"])).max())
-
-
-def row_3() -> str:
-    """Why no number of contacts fits: the normal forces do not add up."""
+def row_3_fault() -> str:
+    """Why row 3 of the paper fits no number of contacts: its normal forces do not add up."""
     row = printed.FIG_14[LEFT_OUT]
     ka, _, kn, _ = row.coefficients
     contacts = max(2, round(row.wrench[0] / ka))
     return (
-        f"its Tx {row.wrench[0]:g} is that of {contacts} contacts ({contacts} Ka = "
-        f"{contacts * ka:.2f}), for which Ty "
-        f"would be {contacts - 2} Kn = {(contacts - 2) * kn:.1f}, not {row.wrench[1]:g}."
+        f"its Tx {row.wrench[0]:g} is that of {contacts} contacts ({contacts} Ka = {contacts * ka:.2f}), "
+        f"but then Ty would be {contacts - 2} Kn = {(contacts - 2) * kn:.1f} and not {row.wrench[1]:g}."
     )
 
 
-def _disagreements(data: Data) -> list[str]:
-    out = []
-    for i, (row, ours) in enumerate(zip(printed.FIG_14, data["rows"], strict=True)):
-        if i == LEFT_OUT:
+def _disagreements(data: Data) -> Iterator[str]:
+    for number, row, ours, difference in _compared(data):
+        aimed = ours["aimed"]
+        if difference is None:
+            yield f"Row {number}: there is no virtual grasp at the paper's plane and value."
             continue
-        off = _off(row.wrench, ours["aimed"])
-        if off is None:
-            out.append(f"Row {i + 1}: there is no virtual grasp at the paper's plane and value.")
-        elif off > 0.005:
-            worst = int(np.argmax(np.abs(np.subtract(row.wrench, ours["aimed"]["wrench"]))))
-            out.append(
-                f"Row {i + 1}: the net wrench differs by at most {off:.2f} ({COMPONENTS[worst]}: "
-                f"{row.wrench[worst]:g} in the paper, "
-                f"{ours['aimed']['wrench'][worst]:.2f} here); the paper's contacts were measured on a "
-                "model whose size is not given."
+        if difference > 0.005:
+            worst = int(np.argmax(np.abs(np.subtract(row.wrench, aimed["wrench"]))))
+            yield (
+                f"Row {number}: the net wrench differs by {difference:.2f} or less ({COMPONENTS[worst]}: "
+                f"{row.wrench[worst]:g} in the paper, {aimed['wrench'][worst]:.2f} here). The paper "
+                "measured its contacts on a model whose size is not given."
             )
-        if row.tfvadi is not None and ours["aimed"] and abs(ours["aimed"]["tfvadi"] - row.tfvadi) > 0.05:
-            out.append(
-                f"Row {i + 1}: TFVADI is {row.tfvadi:g} in the paper and {ours['aimed']['tfvadi']:.2f} "
-                "here, from the "
-                f"wrenches' difference alone: the paper's own wrench typed in gives {ours['typed']:.2f}."
+        if row.tfvadi is not None and abs(aimed["tfvadi"] - row.tfvadi) > 0.05:
+            yield (
+                f"Row {number}: TFVADI is {row.tfvadi:g} in the paper and {aimed['tfvadi']:.2f} here. The "
+                f"net wrenches are the only reason: the paper's own net wrench gives {ours['typed']:.2f}."
             )
-    for name, noun in (("box", "box"), ("cube", "cube")):
-        odd = [
-            f"row {i + 1}: mode {case['mode']}, "
+    for name in ("box", "cube"):
+        cases = [row[name] for row in data["rows"]]
+        others = [
+            f"row {i}: mode {case['mode']}, "
             + (
                 f"plane {case['answer']['plane']} at {case['answer']['value']:g}"
                 if case["answer"]
                 else "no answer"
             )
-            for i, case in enumerate(row[name] for row in data["rows"])
+            for i, case in enumerate(cases, start=1)
             if case["mode"] != 0 or not case["answer"] or case["answer"]["plane"] != printed.FIG_14_PLANE
         ]
-        if odd:
-            out.append(
-                f"On the {noun} the pipeline departs from the paper's mode 0 and plane 5 in {joined(odd)}."
-            )
-        values = {case["answer"]["value"] for row in data["rows"] if (case := row[name])["answer"]}
+        if others:
+            yield f"On the {name} the pipeline departs from the paper's mode 0 and plane 5: {joined(others)}."
+        values = {case["answer"]["value"] for case in cases if case["answer"]}
         if values - {printed.FIG_14_VALUE}:
-            shown = joined([f"{v:g}" for v in sorted(values)])
-            out.append(
-                f"On the {noun} the pipeline answers at value {shown} where the paper has "
-                f"{printed.FIG_14_VALUE:g}: mode 0 answers at the crisp value of a fuzzy set."
+            yield (
+                f"On the {name} the pipeline answers at value {joined([f'{v:g}' for v in sorted(values)])}, "
+                f"the paper at {printed.FIG_14_VALUE:g}: mode 0 answers at the crisp value of a fuzzy set."
             )
-    return out
 
 
 def _draw(data: Data, path: Path) -> None:
     with Canvas(path, size=(10.5, 3.9), columns=3, sharey=True) as panels:
         for i, (axes, row, ours) in enumerate(zip(panels, printed.FIG_14, data["rows"], strict=True)):
             series: list[tuple[str, Sequence[float | None], str]] = [("paper", row.wrench, PAPER)]
-            for key, label, colour in (
-                ("aimed", "box, at the paper's aim", OURS),
-                ("cube", "cube, pipeline", THIRD),
+            for grasp, label, colour in (
+                (ours["aimed"], "preshape, box, at the paper's plane and value", OURS),
+                (ours["cube"]["answer"], "preshape, cube, pipeline", THIRD),
             ):
-                grasp = ours[key] if key == "aimed" else ours[key]["answer"]
-                series.append((f"preshape, {label}", grasp["wrench"] if grasp else [None] * 6, colour))
+                series.append((label, grasp["wrench"] if grasp else [None] * 6, colour))
             grouped_bars(axes, COMPONENTS, series, numbers=False)
-            title = f"row {i + 1}: " + " ".join(f"{x:g}" for x in row.coefficients)
+            title = f"row {i + 1}: {numbers_text(row.coefficients)}"
             axes.set_title(title + (" (left out)" if i == LEFT_OUT else ""))
             axes.axhline(0, color="black", lw=0.8)
         panels[0].set_ylabel("net wrench (lengths in U)")

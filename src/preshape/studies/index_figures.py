@@ -1,4 +1,4 @@
-"""From rows of grasps to figures: areas, calibration and comparisons, as plain JSON values."""
+"""The figures of the index study: areas, calibration and comparisons, from the rows of its grasps."""
 
 from __future__ import annotations
 
@@ -10,22 +10,24 @@ import numpy as np
 
 from .._version import __version__
 from ..dataset.index_values import INDICES, Index, column
+from ..dataset.outcomes import Row
 from ..types import Array, BoolArray, value
-from .index_statistics import Area, Bin, area, calibration, difference, within, within_difference
-from .indices import IndexRows, Row
+from .index_statistics import Bin, area, calibration, difference, within, within_difference
+from .indices import IndexRows
 
 Figures = dict[str, Any]
+"""Plain JSON values."""
 
 
 @value
 class Question:
-    """What is to be predicted, and over which grasps.
+    """A test outcome to predict, and the grasps that it is predicted for.
 
     Attributes:
-        name: as in the files.
-        title: for people.
-        verdict: key of the rows.
-        among: key of the rows that must be true, or an index that must be above zero; ``None``: all grasps.
+        name: Name in the files.
+        title: Name in reports.
+        verdict: Key of the rows that holds the outcome.
+        among: Key of the rows that must be true; ``closed`` for force closure, ``None`` for all grasps.
     """
 
     name: str
@@ -37,14 +39,12 @@ class Question:
 QUESTIONS = (
     Question(name="held", title="holding test", verdict="held"),
     Question(name="done", title="task test", verdict="done"),
-    Question(
-        name="held_if_closed", title="holding test, of the force closed", verdict="held", among="closed"
-    ),
-    Question(name="done_if_closed", title="task test, of the force closed", verdict="done", among="closed"),
-    Question(name="done_if_held", title="task test, of those that hold", verdict="done", among="held"),
+    Question(name="held_if_closed", title="holding test, with force closure", verdict="held", among="closed"),
+    Question(name="done_if_closed", title="task test, with force closure", verdict="done", among="closed"),
+    Question(name="done_if_held", title="task test, of grasps that hold", verdict="done", among="held"),
 )
 
-DUELS = (
+COMPARISONS = (
     ("task_margin", "tfvadi", "done"),
     ("task_margin", "tfvadi", "done_if_closed"),
     ("task_margin", "tfvadi", "done_if_held"),
@@ -55,10 +55,10 @@ DUELS = (
     ("hold_margin", "tfvadi_six", "held"),
     ("contacts", "tfvadi_six", "held"),
 )
-"""Index, index, question: whose area is larger, and by how much."""
+"""First index, second index and question of each difference of areas."""
 
 
-def asked(rows: tuple[Row, ...], question: Question) -> list[Row]:
+def rows_of(rows: tuple[Row, ...], question: Question) -> list[Row]:
     """The rows that a question is about."""
     known = [row for row in rows if row[question.verdict] is not None]
     if question.among is None:
@@ -68,8 +68,8 @@ def asked(rows: tuple[Row, ...], question: Question) -> list[Row]:
     return [row for row in known if row[question.among]]
 
 
-def figures(found: IndexRows) -> Figures:
-    """Everything that the report tells; the same rows give the same document."""
+def index_figures(found: IndexRows) -> Figures:
+    """All figures of the report; the same rows give the same document."""
     import mujoco
 
     run, rows = found.run, found.rows
@@ -86,19 +86,19 @@ def figures(found: IndexRows) -> Figures:
         "protocol": run.protocol.to_json(),
         "statuses": {key: dict(Counter(row[key] for row in rows)) for key in ("hold_status", "task_status")},
         "questions": [_question(rows, question, run.hands) for question in QUESTIONS],
-        "rates": [_rates(rows, hand, thing) for hand in run.hands for thing in run.objects],
-        "duels": [_duel(rows, *duel) for duel in DUELS],
+        "rates": [_rates(rows, hand, name) for hand in run.hands for name in run.objects],
+        "comparisons": [_comparison(rows, *names) for names in COMPARISONS],
     }
 
 
-def _rates(rows: tuple[Row, ...], hand: str, thing: str) -> Figures:
-    cell = [row for row in rows if (row["hand"], row["object"]) == (hand, thing)]
-    counts = {key: sum(bool(row[key]) for row in cell) for key in ("held", "done")}
-    return {"hand": hand, "object": thing, "grasps": len(cell), **counts}
+def _rates(rows: tuple[Row, ...], hand: str, object_name: str) -> Figures:
+    own = [row for row in rows if (row["hand"], row["object"]) == (hand, object_name)]
+    counts = {key: sum(bool(row[key]) for row in own) for key in ("held", "done")}
+    return {"hand": hand, "object": object_name, "grasps": len(own), **counts}
 
 
 def _question(rows: tuple[Row, ...], question: Question, hands: tuple[str, ...]) -> Figures:
-    chosen = asked(rows, question)
+    chosen = rows_of(rows, question)
     return {
         "name": question.name,
         "title": question.title,
@@ -109,56 +109,54 @@ def _question(rows: tuple[Row, ...], question: Question, hands: tuple[str, ...])
 
 
 def _index(rows: list[Row], question: Question, index: Index, hands: tuple[str, ...]) -> Figures:
-    one = Answers(rows, question, index)
+    scored = _ScoredGrasps(rows, question, index)
+    (scores,) = scored.scores
+    own = {hand: np.array([name == hand for name in scored.hands], dtype=np.bool_) for hand in hands}
     return {
         "name": index.name,
-        "left_out": len(rows) - len(one.scores),
-        "all": asdict(area(one.scores, one.passed)),
-        "within": asdict(within(one.scores, one.passed, one.groups, one.objects)),
-        "hands": {hand: asdict(_of_hand(one, hand)) for hand in hands},
-        "bins": [_bin(b, index) for b in calibration(one.scores, one.passed)],
+        "left_out": len(rows) - len(scores),
+        "all": asdict(area(scores, scored.passed)),
+        "within": asdict(within(scores, scored.passed, scored.groups, scored.objects)),
+        "hands": {
+            hand: asdict(
+                within(scores[mask], scored.passed[mask], scored.objects[mask], scored.objects[mask])
+            )
+            for hand, mask in own.items()
+        },
+        "bins": [_bin(one, index) for one in calibration(scores, scored.passed)],
     }
 
 
-class Answers:
-    """One index over the grasps of one question, without those where it could not be computed."""
+class _ScoredGrasps:
+    """Indices and outcomes of one question's grasps; those with an index that has no value are left out."""
 
     def __init__(self, rows: list[Row], question: Question, *indices: Index) -> None:
-        numbers = [column(rows, index) for index in indices]
-        known = np.array(~np.isnan(numbers).any(axis=0), dtype=np.bool_)
-        kept = [rows[k] for k in np.flatnonzero(known)]
-        self.all: list[Array] = [each[known] for each in numbers]
-        self.scores = self.all[0]
-        self.passed: BoolArray = np.array([bool(row[question.verdict]) for row in kept], dtype=np.bool_)
-        self.hands = [row["hand"] for row in kept]
-        self.objects = [row["object"] for row in kept]
-        self.groups = [f"{row['hand']} {row['object']}" for row in kept]
+        columns = [column(rows, index) for index in indices]
+        known = np.array(~np.isnan(columns).any(axis=0), dtype=np.bool_)
+        used = [rows[k] for k in np.flatnonzero(known)]
+        self.scores: list[Array] = [one[known] for one in columns]
+        self.passed: BoolArray = np.array([bool(row[question.verdict]) for row in used], dtype=np.bool_)
+        self.hands = np.array([row["hand"] for row in used])
+        self.objects = np.array([row["object"] for row in used])
+        self.groups = np.array([f"{row['hand']} {row['object']}" for row in used])
 
 
-def _of_hand(one: Answers, hand: str) -> Area:
-    """Within the objects of one hand; its groups are the objects."""
-    rows = np.array([name == hand for name in one.hands], dtype=bool)
-    objects = [name for name, mine in zip(one.objects, rows, strict=True) if mine]
-    return within(one.scores[rows], one.passed[rows], objects, objects)
-
-
-def _duel(rows: tuple[Row, ...], first: str, second: str, name: str) -> Figures:
+def _comparison(rows: tuple[Row, ...], first: str, second: str, name: str) -> Figures:
     by_name: dict[str, Index] = {index.name: index for index in INDICES}
-    question = next(q for q in QUESTIONS if q.name == name)
-    both = Answers(asked(rows, question), question, by_name[first], by_name[second])
-    over_all = difference(both.all[0], both.all[1], both.passed)
-    inside = within_difference(both.all[0], both.all[1], both.passed, both.groups, both.objects)
+    question = next(one for one in QUESTIONS if one.name == name)
+    both = _ScoredGrasps(rows_of(rows, question), question, by_name[first], by_name[second])
+    one, other = both.scores
     return {
         "first": first,
         "second": second,
         "question": name,
-        "all": asdict(over_all),
-        "within": asdict(inside),
+        "all": asdict(difference(one, other, both.passed)),
+        "within": asdict(within_difference(one, other, both.passed, both.groups, both.objects)),
     }
 
 
 def _bin(found: Bin, index: Index) -> Figures:
-    """Limits as the index counts, undefined ones as ``None``."""
+    """A bin with the limits in the sign of the index; an undefined limit is ``None``."""
     low, high = (None if np.isinf(x) else index.sign * x for x in (found.low, found.high))
     return {
         "from": low,

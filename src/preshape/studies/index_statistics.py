@@ -1,29 +1,30 @@
-"""How well a number sorts successes from failures: areas under the ROC curve, intervals, calibration.
+"""Statistics of a score that predicts success: areas under the ROC curve, their intervals, and calibration.
 
 The area (AUC) is the share of pairs of one success and one failure in which the success has the larger
-number, ties counting half: the statistic of Mann and Whitney (1947). Its variance, and that of the difference
-of two areas over the same grasps, is DeLong's (1988). Grasps of one object succeed or fail together more
-often than grasps of different ones, so a number that only tells easy objects from hard ones has a high area
-over all of them. The area *within objects* compares only grasps of the same hand on the same object; its
-interval is a bootstrap over objects and says how the figure would vary with other objects.
+score; a tie counts half (Mann and Whitney 1947). The variance of an area, and of the difference of two
+areas over the same grasps, is that of DeLong (1988).
+
+Grasps on one object succeed or fail together more often than grasps on different objects. A score that only
+tells easy objects from hard ones therefore has a large area over all grasps. The area *within objects*
+compares only grasps of the same hand on the same object. Its interval is a bootstrap over objects and shows
+how much the area would vary with other objects.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..exceptions import InputError
 from ..physics.measures import wilson
 from ..types import Array, BoolArray, IntArray, value
 
 Z = 1.959964
-"""Of 95 %."""
+"""Quantile of the normal distribution for two-sided intervals of 95 %."""
 DRAWS = 4000
-"""Of the bootstrap."""
-FEWEST_OBJECTS = 5
-"""With fewer objects the bootstrap over objects says nothing."""
+"""Number of bootstrap draws."""
+MIN_OBJECTS = 5
+"""Least number of objects for the bootstrap over objects; with fewer there is no interval."""
 
 
 @value
@@ -31,10 +32,10 @@ class Area:
     """An area under the ROC curve.
 
     Attributes:
-        area: 0..1; 0.5 is no better than chance. ``None`` where there are not both successes and failures.
-        interval: 95 %; ``None`` where there are too few to say.
-        successes: grasps, or groups' grasps, that succeeded.
-        failures: … that did not.
+        area: The area, 0..1; 0.5 is chance. ``None`` unless there are both successes and failures.
+        interval: 95 % interval; ``None`` where there are too few grasps or objects.
+        successes: Number of grasps that succeeded.
+        failures: Number of grasps that failed.
     """
 
     area: float | None
@@ -44,13 +45,13 @@ class Area:
 
 
 @value
-class Difference:
-    """How much larger the area of one number is than that of another over the same grasps.
+class AreaDifference:
+    """Difference of the areas of two scores over the same grasps.
 
     Attributes:
-        difference: of the areas; ``None`` where there are none.
-        interval: 95 %; ``None`` where there are too few to say.
-        p: that a difference as large comes of chance alone, two-sided; ``None`` with the interval.
+        difference: First area less the second; ``None`` where there is no area.
+        interval: 95 % interval; ``None`` where there are too few grasps or objects.
+        p: Two-sided p-value of no difference; ``None`` where there is no interval.
     """
 
     difference: float | None
@@ -60,14 +61,14 @@ class Difference:
 
 @value
 class Bin:
-    """Grasps of neighbouring numbers.
+    """Grasps with neighbouring scores.
 
     Attributes:
-        low: smallest number; minus infinity for an undefined one.
-        high: largest.
-        count: grasps.
-        successes: of them.
-        interval: of the rate, 95 % (Wilson).
+        low: Smallest score; minus infinity where it is undefined.
+        high: Largest score.
+        count: Number of grasps.
+        successes: Number of grasps that succeeded.
+        interval: 95 % interval of the success rate (Wilson).
     """
 
     low: float
@@ -78,7 +79,7 @@ class Bin:
 
     @property
     def rate(self) -> float:
-        """Share that succeeded."""
+        """Share of the grasps that succeeded."""
         return self.successes / self.count
 
 
@@ -86,24 +87,24 @@ def _checked(scores: Array, passed: BoolArray) -> tuple[Array, BoolArray]:
     x, y = np.asarray(scores, dtype=np.float64), np.asarray(passed)
     if x.ndim != 1 or y.shape != x.shape or y.dtype != np.bool_:
         raise InputError(
-            f"an area needs as many numbers as verdicts (true or false), got {x.shape} and {y.shape}"
+            f"scores and verdicts (true or false) must be as many, got {x.shape} and {y.shape} {y.dtype}"
         )
     if np.isnan(x).any():
-        raise InputError("an area cannot be computed from numbers that are nan; leave those grasps out")
+        raise InputError("a score must not be nan; leave those grasps out")
     return x, y
 
 
 def placements(scores: Array, passed: BoolArray) -> tuple[Array, Array]:
-    """For each success the share of failures below it, for each failure the share of successes above it.
+    """For each success the share of failures below it, and for each failure the share of successes above it.
 
-    Ties count half. Both have the area as their mean.
+    Ties count half. The mean of either array is the area.
 
     Args:
-        scores: (n,) numbers, infinite ones too; more is better.
-        passed: (n,) verdicts.
+        scores: (n,) scores, infinite ones too; more is better.
+        passed: (n,) whether each grasp succeeded.
 
     Returns:
-        (successes,) and (failures,).
+        Arrays (successes,) and (failures,).
     """
     from scipy.stats import rankdata
 
@@ -111,7 +112,7 @@ def placements(scores: Array, passed: BoolArray) -> tuple[Array, Array]:
     good, bad = x[y], x[~y]
     if not len(good) or not len(bad):
         return np.zeros(0), np.zeros(0)
-    ranks = rankdata(x)  # infinite numbers have ranks like any other
+    ranks = rankdata(x)  # infinite scores are ranked like any other
     above = (ranks[y] - rankdata(good)) / len(bad)
     below = 1.0 - (ranks[~y] - rankdata(bad)) / len(good)
     return above, below
@@ -120,8 +121,8 @@ def placements(scores: Array, passed: BoolArray) -> tuple[Array, Array]:
 def area(scores: Array, passed: BoolArray) -> Area:
     """The area over all grasps, with DeLong's interval on the logit scale.
 
-    Where one number sorts perfectly DeLong's variance is zero; the interval is then the score interval of
-    Newcombe (2006, method 5), which has a width.
+    DeLong's variance is zero where the score sorts perfectly. The interval is then the score interval of
+    Newcombe (2006, method 5), which is not empty.
 
     >>> area(np.array([1.0, 2.0, 3.0, 4.0]), np.array([False, True, False, True])).area
     0.75
@@ -149,7 +150,7 @@ def _logit_interval(found: float, deviation: float) -> tuple[float, float]:
 
 
 def _score_interval(found: float, successes: int, failures: int) -> tuple[float, float]:
-    """The areas θ from which ``found`` is no farther than Z standard deviations, by Newcombe's variance."""
+    """All areas θ at most Z standard deviations from ``found``, with Newcombe's variance."""
     from scipy.optimize import brentq
 
     n = (successes + failures) / 2 - 1
@@ -165,47 +166,45 @@ def _score_interval(found: float, successes: int, failures: int) -> tuple[float,
     return low, high
 
 
-def difference(first: Array, second: Array, passed: BoolArray) -> Difference:
+def difference(first: Array, second: Array, passed: BoolArray) -> AreaDifference:
     """Area of ``first`` minus area of ``second``, with DeLong's paired interval.
 
     Args:
-        first: (n,) numbers; more is better.
-        second: (n,) other numbers of the same grasps.
-        passed: (n,) verdicts.
+        first: (n,) scores; more is better.
+        second: (n,) other scores of the same grasps.
+        passed: (n,) whether each grasp succeeded.
     """
     from scipy.stats import norm
 
     above_1, below_1 = placements(first, passed)
     above_2, below_2 = placements(second, passed)
     if not len(above_1):
-        return Difference(difference=None, interval=None, p=None)
-    found = float(above_1.mean() - above_2.mean())
-    if min(len(above_1), len(below_1)) < 2:
-        return Difference(difference=found, interval=None, p=None)
-    variance = (above_1 - above_2).var(ddof=1) / len(above_1) + (below_1 - below_2).var(ddof=1) / len(below_1)
-    deviation = float(np.sqrt(variance))
+        return AreaDifference(difference=None, interval=None, p=None)
+    found, deviation = float(above_1.mean() - above_2.mean()), 0.0
+    if min(len(above_1), len(below_1)) > 1:
+        above, below = above_1 - above_2, below_1 - below_2
+        deviation = float(np.sqrt(above.var(ddof=1) / len(above) + below.var(ddof=1) / len(below)))
     if deviation == 0:
-        return Difference(difference=found, interval=None, p=None)
-    return Difference(
+        return AreaDifference(difference=found, interval=None, p=None)
+    return AreaDifference(
         difference=found,
         interval=(found - Z * deviation, found + Z * deviation),
         p=float(2 * norm.sf(abs(found) / deviation)),
     )
 
 
-def within(
-    scores: Array, passed: BoolArray, groups: Sequence[str], objects: Sequence[str], *, seed: int = 0
-) -> Area:
-    """The mean area over groups, grasps compared within their group only, and a bootstrap over objects.
+def within(scores: Array, passed: BoolArray, groups: ArrayLike, objects: ArrayLike, *, seed: int = 0) -> Area:
+    """The mean area over groups, in which only grasps of one group are compared.
 
-    A group of s successes and f failures has the weight s·f/(s + f), about the inverse of its variance.
+    A group with s successes and f failures has the weight s·f/(s + f), about the inverse of its variance. The
+    interval is a bootstrap over objects.
 
     Args:
-        scores: (n,) numbers; more is better.
-        passed: (n,) verdicts.
-        groups: (n,) what must be the same for two grasps to be compared: hand and object.
-        objects: (n,) what is drawn anew by the bootstrap.
-        seed: of the bootstrap.
+        scores: (n,) scores; more is better.
+        passed: (n,) whether each grasp succeeded.
+        groups: (n,) group of each grasp: its hand and object.
+        objects: (n,) object of each grasp, the unit of the bootstrap.
+        seed: Seed of the bootstrap.
     """
     found, draws, used = _within((scores,), passed, groups, objects, seed)
     good = int(np.sum(np.asarray(passed)[used]))
@@ -221,23 +220,23 @@ def within_difference(
     first: Array,
     second: Array,
     passed: BoolArray,
-    groups: Sequence[str],
-    objects: Sequence[str],
+    groups: ArrayLike,
+    objects: ArrayLike,
     *,
     seed: int = 0,
-) -> Difference:
-    """As :func:`difference`, within objects: the same bootstrap draws serve both numbers."""
+) -> AreaDifference:
+    """As :func:`difference`, but within objects; both scores use the same bootstrap draws."""
     found, draws, _ = _within((first, second), passed, groups, objects, seed)
     if not found:
-        return Difference(difference=None, interval=None, p=None)
+        return AreaDifference(difference=None, interval=None, p=None)
     if draws is None:
-        return Difference(difference=found[0] - found[1], interval=None, p=None)
+        return AreaDifference(difference=found[0] - found[1], interval=None, p=None)
     gap = draws[0] - draws[1]
     beyond = min(float((gap <= 0).mean()), float((gap >= 0).mean()))
-    return Difference(
+    return AreaDifference(
         difference=found[0] - found[1],
         interval=_percentiles(gap),
-        # A bootstrap of this many draws cannot tell a smaller chance from none.
+        # This many draws cannot show a smaller p-value.
         p=min(1.0, max(2 * beyond, 2 / DRAWS)),
     )
 
@@ -245,11 +244,14 @@ def within_difference(
 def _within(
     scores: tuple[Array, ...],
     passed: BoolArray,
-    groups: Sequence[str],
-    objects: Sequence[str],
+    groups: ArrayLike,
+    objects: ArrayLike,
     seed: int,
 ) -> tuple[list[float], Array | None, BoolArray]:
-    """Mean areas, (numbers, draws) of the bootstrap, and which grasps are in a group with both verdicts."""
+    """Mean areas of the scores, areas (scores, draws) of the bootstrap, and the grasps that were used.
+
+    A grasp is used where its group has both successes and failures.
+    """
     y, of_group, of_object = np.asarray(passed), np.asarray(groups), np.asarray(objects)
     names = np.unique(of_object)
     weight = np.zeros(len(names))
@@ -262,20 +264,20 @@ def _within(
         if not good or not bad:
             continue
         used |= rows
-        share = good * bad / (good + bad)
+        group_weight = good * bad / (good + bad)
         at = int(np.searchsorted(names, of_object[rows][0]))
-        weight[at] += share
-        for k, numbers in enumerate(scores):
-            total[k, at] += share * placements(np.asarray(numbers)[rows], y[rows])[0].mean()
+        weight[at] += group_weight
+        for k, one in enumerate(scores):
+            total[k, at] += group_weight * placements(np.asarray(one)[rows], y[rows])[0].mean()
     if not weight.any():
         return [], None, used
     found = [float(x) for x in total.sum(axis=1) / weight.sum()]
-    there = weight > 0
-    if there.sum() < FEWEST_OBJECTS:
+    counted = weight > 0
+    m = int(counted.sum())
+    if m < MIN_OBJECTS:
         return found, None, used
-    m = int(there.sum())
     drawn: IntArray = np.random.default_rng(seed).multinomial(m, np.full(m, 1 / m), size=DRAWS)
-    return found, (total[:, there] @ drawn.T) / (weight[there] @ drawn.T), used
+    return found, (total[:, counted] @ drawn.T) / (weight[counted] @ drawn.T), used
 
 
 def _percentiles(draws: Array) -> tuple[float, float]:
@@ -284,22 +286,22 @@ def _percentiles(draws: Array) -> tuple[float, float]:
 
 
 def calibration(scores: Array, passed: BoolArray, bins: int = 10) -> tuple[Bin, ...]:
-    """Rate of success by tenths of the number, worst first.
+    """Success rate by tenths of the score, worst first.
 
-    Equal numbers stay together, so that a number which is often the same, as the epsilon of grasps that are
-    not closed, gives fewer and larger bins.
+    Grasps with the same score stay in one bin. A score with many equal values, such as the epsilon of grasps
+    without force closure, therefore gives fewer and larger bins.
 
     Args:
-        scores: (n,) numbers; more is better.
-        passed: (n,) verdicts.
-        bins: how many, at most.
+        scores: (n,) scores; more is better.
+        passed: (n,) whether each grasp succeeded.
+        bins: Largest number of bins.
     """
     x, y = _checked(scores, passed)
     if bins < 1:
-        raise InputError(f"the bins must be 1 or more, got {bins}")
+        raise InputError(f"the number of bins must be 1 or more, got {bins}")
     values, where = np.unique(x, return_inverse=True)
     counts = np.bincount(where, minlength=len(values))
-    middle = np.cumsum(counts) - (counts + 1) / 2  # mean rank of each number, from 0
+    middle = np.cumsum(counts) - (counts + 1) / 2  # mean rank of each score, from 0
     label = np.minimum((middle * bins / max(len(x), 1)).astype(int), bins - 1)
     out = []
     for k in np.unique(label):

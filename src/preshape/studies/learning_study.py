@@ -3,72 +3,71 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from ..hiis.learning import explore
-from ..objects.library import load_library_object, names
+from ..objects.library import names
+from ..planning.session import Prepared
+from ..report import Cell, Figure, Table
 from ..tasks import family_names, parse_task
-from .bench import Bench
+from .experiment import Experiment, Progress, Section, status_text
 from .plots import OURS, PAPER, THIRD, Canvas
-from .values import Cell, Data, Experiment, Picture, Progress, Section, Table
+from .setup import Data, Setup, teach
 
-OBJECTS, TASKS = 20, 2
+OBJECTS, QUICK_OBJECTS, TASKS = 20, 4, 2
 _MODES = ("mode 0", "mode 1", "neither")
 
 
-def _measure(bench: Bench, part: Path, progress: Progress) -> Data:
-    count = 4 if bench.quick else OBJECTS
-    rng = np.random.default_rng(bench.seed)
+def _measure(setup: Setup, part: Path, progress: Progress) -> Data:
+    count = QUICK_OBJECTS if setup.quick else OBJECTS
+    rng = np.random.default_rng(setup.seed)
     drawn = [str(name) for name in rng.permutation(np.array(names()))[:count]]
-    asked = [sorted(map(str, rng.choice(family_names(), TASKS, replace=False))) for _ in drawn]
-    controller = bench.controller()
-    start = controller.weights
+    tasks = [sorted(map(str, rng.choice(family_names(), TASKS, replace=False))) for _ in drawn]
+    system = setup.system()
+    start = setup.prepare(system, "cube").controller.weights
     learning: list[Data] = []
-    elements: list[Any] = []
-    for i, (name, families) in enumerate(zip(drawn, asked, strict=True)):
+    for i, (name, families) in enumerate(zip(drawn, tasks, strict=True)):
         progress(i / (2 * count), f"learning {name}, object {i + 1} of {count}")
-        element = controller.prepare(load_library_object(name))
-        elements.append(element)
+        ready = setup.prepare(system, name)
         begin = time.perf_counter()
-        statuses = []
-        for family in families:
-            statuses.append(controller.teach(element, parse_task(family)).status.value)
-            controller.reset()
+        statuses = [teach(ready, parse_task(family)) for family in families]
+        weights = ready.controller.weights
         learning.append(
             {
                 "object": name,
                 "tasks": families,
                 "statuses": statuses,
-                "error": controller.weights.mean_square_error,
-                "samples": controller.weights.trained_on,
+                "error": weights.mean_square_error,
+                "samples": weights.trained_on,
                 "seconds": time.perf_counter() - begin,
             }
         )
     answers: list[Data] = []
-    for i, (name, families) in enumerate(zip(drawn, asked, strict=True)):
+    for i, (name, families) in enumerate(zip(drawn, tasks, strict=True)):
         progress(0.5 + i / (2 * count), f"asking again about {name}")
         for family in families:
-            answers.append(
-                {"order": i, "object": name, "task": family, **_ask(controller, elements[i], family)}
-            )
+            ready = setup.prepare(system, name, parse_task(family))
+            answers.append({"order": i, "object": name, "task": family, **_answer(ready)})
     return {
         "objects": count,
-        "families": len({family for families in asked for family in families}),
+        "families": len({family for families in tasks for family in families}),
         "start": {"error": start.mean_square_error, "samples": start.trained_on},
         "learning": learning,
         "answers": answers,
     }
 
 
-def _ask(controller: Any, element: Any, family: str) -> Data:
-    """The mode that answers now, and whether its plane is the explorer's best."""
-    task, settings = parse_task(family), controller.settings
-    decision = controller.run(element, task, may_learn=False)
+def _answer(ready: Prepared) -> Data:
+    """The mode that answers now, and the explorer's best for comparison."""
+    controller, task = ready.controller, ready.request.asked
+    decision = controller.run(ready.element, task, may_learn=False)
     controller.reset()
-    found = explore(element, task.q, settings.sets, enough=settings.thresholds.estimation)
+    s = controller.settings
+    found = explore(ready.element, task.q, s.sets, enough=s.thresholds.estimation)
     grasp = decision.grasp
     return {
         "mode": decision.mode,
@@ -81,17 +80,17 @@ def _ask(controller: Any, element: Any, family: str) -> Data:
     }
 
 
-def _shares(answers: list[Data]) -> tuple[int, int, int]:
-    """How many mode 0 answers, how many mode 1 answers, how many neither."""
-    zero = sum(a["mode"] == 0 for a in answers)
-    one = sum(a["mode"] == 1 for a in answers)
+def _counts(answers: list[Data]) -> tuple[int, int, int]:
+    """Number of answers at mode 0, at mode 1, and of the others."""
+    zero = sum(one["mode"] == 0 for one in answers)
+    one = sum(one["mode"] == 1 for one in answers)
     return zero, one, len(answers) - zero - one
 
 
 def _groups(data: Data) -> list[tuple[str, list[Data]]]:
     half = data["objects"] // 2
-    first = [a for a in data["answers"] if a["order"] < half]
-    last = [a for a in data["answers"] if a["order"] >= data["objects"] - half]
+    first = [one for one in data["answers"] if one["order"] < half]
+    last = [one for one in data["answers"] if one["order"] >= data["objects"] - half]
     return [("all", data["answers"]), (f"first {half} objects", first), (f"last {half} objects", last)]
 
 
@@ -102,95 +101,98 @@ def _percent(part: int, whole: int) -> str:
 def _present(data: Data) -> Section:
     groups: list[tuple[Cell, ...]] = []
     for label, answers in _groups(data):
-        zero, one, _ = _shares(answers)
-        at_zero = [a for a in answers if a["mode"] == 0]
-        same = sum(a["plane"] == a["best_plane"] for a in at_zero)
+        zero, one, _ = _counts(answers)
+        at_zero = [answer for answer in answers if answer["mode"] == 0]
+        same = sum(answer["plane"] == answer["best_plane"] for answer in at_zero)
         n = len(answers)
         groups.append((label, _percent(zero, n), _percent(zero + one, n), _percent(same, len(at_zero))))
     rows = tuple(
         (
-            i, one["object"], " and ".join(one["tasks"]), one["samples"],
-            f"{one['error']:.1e}", f"{one['seconds']:.2f}",
-            ", ".join(_shown(a) for a in data["answers"] if a["order"] == i - 1),
+            i, lesson["object"], " and ".join(lesson["tasks"]), lesson["samples"],
+            f"{lesson['error']:.1e}", f"{lesson['seconds']:.2f}",
+            ", ".join(_answer_text(answer) for answer in data["answers"] if answer["order"] == i - 1),
         )
-        for i, one in enumerate(data["learning"], start=1)
+        for i, lesson in enumerate(data["learning"], start=1)
     )  # fmt: skip
-    slowest = max(one["seconds"] for one in data["learning"])
-    zero, one, _ = _shares(data["answers"])
+    slowest = max(lesson["seconds"] for lesson in data["learning"])
+    zero, one, _ = _counts(data["answers"])
     total = len(data["answers"])
     return Section(
         headline=f"Of {total} tasks learnt, {_percent(zero, total)} are answered at mode 0 and "
         f"{_percent(zero + one, total)} at mode 0 or 1.",
         text=(
-            f"{data['objects']} library objects, drawn by the seed, with {TASKS} task families each "
-            f"drawn from {len(family_names())} "
-            f"({data['families']} occur, each along its default axis), are taught one after the other "
-            "to a system that knows the cube "
-            f"only. Then every task is asked again, in order, without learning. The longest time for "
-            f"one object was {slowest:.1f} s. "
-            "The paper has no such study; it says that old data stay in the training set (§3.5).",
+            f"The seed draws {data['objects']} library objects and for each of them {TASKS} of the "
+            f"{len(family_names())} task families ({data['families']} families occur, each along its "
+            "default axis). They are taught one after the other to a system that knows only the cube. Then "
+            "every task is asked again in the same order, without learning. The longest time for one "
+            f"object was {slowest:.1f} s. The paper has no such study; it says that old data stay in the "
+            "training set (§3.5).",
         ),
         tables=(
             Table(
-                caption="What the system answers once all have been learnt.",
-                columns=("objects", "at mode 0", "at mode 0 or 1", "mode-0 answers on the explorer's "
-                "best plane"),
+                caption="Answers after all objects were learnt.",
+                columns=(
+                    "objects", "at mode 0", "at mode 0 or 1", "mode-0 answers on the explorer's best plane",
+                ),
                 rows=tuple(groups),
             ),
             Table(
-                caption="In the order of learning; the error is the network's after the object was learnt.",
+                caption="Objects in the order of learning; the error is the network's after the object was "
+                "learnt.",
                 columns=(
                     "", "object", "tasks", "samples", "mean-square error", "time [s]", "answered at the end",
                 ),
                 rows=rows,
             ),
         ),
-        pictures=(
-            Picture(
-                name="learning",
-                caption="Left: answers at the end, first objects against last. Middle: error after each "
-                "object. Right: time for each object.",
-                draw=lambda path: _draw(data, path),
+        figures=(
+            Figure(
+                file="figures/learning.png",
+                caption="Left: answers at the end, for the first and the last objects. Middle: error after "
+                "each object. Right: time for each object.",
+                draw=partial(_draw, data),
             ),
         ),
-        disagreements=tuple(_remarks(data)),
+        remarks=tuple(_remarks(data)),
+        remarks_title="Remarks",
     )  # fmt: skip
 
 
-def _shown(answer: Data) -> str:
-    return f"mode {answer['mode']}" if answer["plane"] else answer["status"].replace("_", " ")
+def _answer_text(answer: Data) -> str:
+    return f"mode {answer['mode']}" if answer["plane"] else status_text(answer["status"])
 
 
-def _remarks(data: Data) -> list[str]:
-    out = []
-    (_, _), (first_name, first), (last_name, last) = _groups(data)
-    a, b = _shares(first)[0], _shares(last)[0]
+def _remarks(data: Data) -> Iterator[str]:
+    _, (first_name, first), (last_name, last) = _groups(data)
+    a, b = _counts(first)[0], _counts(last)[0]
     if a < b:
-        out.append(
-            f"Of the {first_name} {a} of {len(first)} tasks are answered at mode 0, of the {last_name} "
-            f"{b} of {len(last)}: "
-            f"{'a difference of one task' if b - a == 1 else 'some forgetting cannot be ruled out'}."
+        meaning = "this is a difference of one task" if b - a == 1 else "the system may have forgotten some"
+        yield (
+            f"Of the {first_name} {a} of {len(first)} tasks are answered at mode 0, of the {last_name} {b} "
+            f"of {len(last)}: {meaning}."
         )
-    elsewhere = [x for x in data["answers"] if x["mode"] == 0 and x["plane"] != x["best_plane"]]
+    elsewhere = [
+        answer
+        for answer in data["answers"]
+        if answer["mode"] == 0 and answer["plane"] != answer["best_plane"]
+    ]
     if elsewhere:
-        short = [x["best"] - x["tfvadi"] for x in elsewhere]
-        out.append(
-            f"{len(elsewhere)} mode-0 answers stand on another plane than the explorer's best; their "
-            "TFVADI is lower "
-            f"by {sum(short) / len(short):.2f} on average and by {max(short):.2f} at most. What is "
-            "taught must be "
-            "recalled at the crisp value of a fuzzy set, so it may stand on another plane than the best "
-            "of all."
+        lower = [answer["best"] - answer["tfvadi"] for answer in elsewhere]
+        yield (
+            f"{len(elsewhere)} mode-0 answers are on another plane than the explorer's best. Their TFVADI "
+            f"is lower by {sum(lower) / len(lower):.2f} on average and by {max(lower):.2f} at most. A grasp "
+            "is taught at the crisp value of a fuzzy set, because only that can be recalled, so it may be "
+            "on another plane than the best of all."
         )
-    unanswered = [x for x in data["answers"] if x["plane"] is None]
-    for x in unanswered:
-        reach = (
-            "no virtual grasp exists" if x["best"] is None else f"the best of all planes is {x['best']:.2f}"
-        )
-        if x["best_crisp"] is not None and x["best_crisp"] < x["best"]:
-            reach += f", and {x['best_crisp']:.2f} at the crisp value that was taught"
-        out.append(f"{x['object']}, {x['task']}: {x['status'].replace('_', ' ')}; {reach}.")
-    return out
+    for answer in data["answers"]:
+        if answer["plane"] is not None:
+            continue
+        reach = "no virtual grasp exists"
+        if answer["best"] is not None:
+            reach = f"the best of all planes is {answer['best']:.2f}"
+        if answer["best_crisp"] is not None and answer["best_crisp"] < answer["best"]:
+            reach += f", and {answer['best_crisp']:.2f} at the crisp value that was taught"
+        yield f"{answer['object']}, {answer['task']}: {status_text(answer['status'])}; {reach}."
 
 
 def _draw(data: Data, path: Path) -> None:
@@ -198,7 +200,7 @@ def _draw(data: Data, path: Path) -> None:
         groups = _groups(data)[1:]
         bottom = [0.0] * len(groups)
         for k, (mode, colour) in enumerate(zip(_MODES, (OURS, PAPER, "#9AA3AD"), strict=True)):
-            counts = [_shares(answers)[k] for _, answers in groups]
+            counts = [_counts(answers)[k] for _, answers in groups]
             left.bar(range(len(groups)), counts, 0.6, bottom=bottom, color=colour, label=mode)
             for i, count in enumerate(counts):
                 if count:
@@ -214,13 +216,13 @@ def _draw(data: Data, path: Path) -> None:
         left.set(ylabel="tasks answered at the end", ylim=(0, max(bottom) * 1.3), xlim=(-0.6, 1.6))
         left.grid(axis="x", visible=False)
         left.legend(loc="upper center", ncols=3, fontsize=9, columnspacing=1.0, handlelength=1.2)
-        errors = [data["start"]["error"], *(one["error"] for one in data["learning"])]
+        errors = [data["start"]["error"], *(lesson["error"] for lesson in data["learning"])]
         middle.plot(range(len(errors)), errors, "o-", color=OURS, ms=4)
         middle.axhline(5e-4, color="black", lw=0.9, ls="--")
         middle.annotate("target 5e-04", (0, 5e-4), (0, 3), textcoords="offset points", fontsize=8.5)
         middle.set(yscale="log", xlabel="objects learnt after the cube", ylabel="mean-square error")
         middle.set_ylim(min(errors) / 2, 2e-3)
-        seconds = [one["seconds"] for one in data["learning"]]
+        seconds = [lesson["seconds"] for lesson in data["learning"]]
         right.bar(range(1, len(seconds) + 1), seconds, color=THIRD)
         right.set(xlabel="object", ylabel="time to learn it [s]")
         right.grid(axis="x", visible=False)

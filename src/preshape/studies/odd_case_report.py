@@ -1,37 +1,39 @@
-"""Figs. 17-18 in the report: counts, causes, the rate, and two odd cases as pictures."""
+"""Figs. 17-18: odd cases, preshapes that the hand cannot take (§4.7). The report."""
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
-from ..hands.load import load_hand
 from ..hiis.analyser import Aim
-from ..hiis.decision import Decision, Settings, Status, Transition
-from ..hiis.virtual_grasp import RayAnalyser
-from ..objects.library import load_library_object, names
+from ..hiis.decision import Decision, Status, Transition
+from ..objects.library import names
 from ..physics.measures import wilson
-from ..planner import RAY_HAND, Plan, execute, layout_of
-from ..planning.hand_simulation import HandStatus
+from ..planning.hand_simulation import HandStatus, execute
+from ..planning.plan import Answer, Plan
+from ..report import Cell, Figure, Table
 from ..tasks import all_named_tasks, parse_task
-from . import odd_cases, printed
-from .odd_cases import SCALES, is_odd, preshapes
+from . import printed
+from .experiment import Experiment, Section
+from .odd_cases import REFUSED, SCALES, is_odd, measure, with_preshape
 from .plots import FOURTH, OURS, PAPER, QUIET, THIRD, Canvas
-from .values import Cell, Data, Experiment, Picture, Section, Table
+from .setup import Data, Setup
 
+_RED, _YELLOW = "#D55E00", "#F0E442"
 CAUSES = {
-    HandStatus.OUT_OF_REACH.name: ("out of reach", "#D55E00"),
+    HandStatus.OUT_OF_REACH.name: ("out of reach", _RED),
     HandStatus.JOINT_LIMIT.name: ("joint limit", PAPER),
     HandStatus.COLLISION.name: ("link in the object", FOURTH),
-    HandStatus.SELF_COLLISION.name: ("links in each other", "#F0E442"),
+    HandStatus.SELF_COLLISION.name: ("links in each other", _YELLOW),
 }
+"""Text and colour of each cause of an odd case."""
 
 _OUTCOMES = {
-    odd_cases.REFUSED: "refused: an extent over 4U (the sampler draws none)",
+    REFUSED: "refused: an extent above 4U (not drawn by the sampler)",
     Status.NO_GRASP.value: "no virtual grasp on any plane",
     Status.DEADLOCK.value: "deadlock: the best grasp does not match the task",
     Status.CORRECTION.value: "mode 2: task correction asked for",
@@ -39,14 +41,15 @@ _OUTCOMES = {
 }
 
 _SIZE, _QUICK_SIZE = (1400, 900), (840, 540)
-"""Of the pictures of odd cases [pixels]."""
+"""Size of the pictures of odd cases, in the full and the quick form [pixels]."""
+_MAX_LISTED = 15
 
 LIMIT = printed.ODD_RATE
-"""The paper's rate, which ours must not exceed."""
+"""The paper's rate, which ours should not exceed."""
 
 
 def _interval(odd: int, whole: int) -> tuple[float, float]:
-    """95 % interval of the share; of nothing it is all that can be."""
+    """95 % interval of a share; all of 0..1 where there are no cases."""
     return wilson(odd, whole) or (0.0, 1.0)
 
 
@@ -58,69 +61,63 @@ def _rate(odd: int, whole: int) -> str:
 
 
 def _present(data: Data) -> Section:
-    rows, found = data["rows"], preshapes(data)
+    rows, found = data["rows"], with_preshape(data)
     odd = [row for row in found if is_odd(row)]
     outcomes = Counter(row["outcome"] for row in rows)
     causes = Counter(row["hand"] for row in odd)
-    share = len(odd) / len(found) if found else 0.0
     counts: list[tuple[Cell, ...]] = [(text, outcomes[key]) for key, text in _OUTCOMES.items()]
     counts += [
         ("of these: reached by the hand", len(found) - len(odd)),
         ("of these: odd cases, fingers retracted", len(odd)),
+        *((f"odd cases: {text}", causes[key]) for key, (text, _) in CAUSES.items()),
+        ("rate of odd cases (95 % interval, Wilson), preshape", _rate(len(odd), len(found))),
+        ("rate of odd cases, paper", f"about {100 * LIMIT:.0f} % of {printed.ODD_EXPERIMENTS}"),
     ]
-    counts += [(f"odd cases: {text}", causes[key]) for key, (text, _) in CAUSES.items()]
-    counts.append(("rate of odd cases (95 % interval, Wilson), preshape", _rate(len(odd), len(found))))
-    counts.append(
-        ("rate of odd cases, paper", f"around {100 * LIMIT:.0f} % over all {printed.ODD_EXPERIMENTS}")
-    )
     headline = (
-        f"{len(odd)} of {len(found)} estimated preshapes cannot be taken by the hand: "
-        f"{_rate(len(odd), len(found))}; the paper says around {100 * LIMIT:.0f} %."
+        f"The hand cannot take {len(odd)} of {len(found)} estimated preshapes: "
+        f"{_rate(len(odd), len(found))}; the paper reports about {100 * LIMIT:.0f} %."
     )
-    sessions, each, seed = data["sessions"], data["each"], data["seed"]
+    runs, each, seed = data["sessions"], data["each"], data["seed"]
     return Section(
         headline=headline,
         text=(
-            f"{len(rows)} experiments in {sessions} sessions of {each}, seed {seed}. {headline}",
-            f"The sampler: session k (0 … {sessions - 1}) draws from NumPy's default generator with the "
-            f"seed ({seed}, k). It begins with a system "
-            "that knows the cube only, its network trained from fresh weights of that session's seed. "
-            "Each experiment draws, independently and "
-            f"uniformly, one of the library's {len(names())} objects, a scale among those of "
-            f"{SCALES[0]:g}, {SCALES[1]:g} … {SCALES[-1]:g} with which no extent "
-            f"is over 4U, one of the {len(all_named_tasks())} named tasks (families along or about six "
-            "signed axes), and a seed of the hand simulation. "
-            "The experiments of a session are run one after the other, by whatever mode; what mode 3 "
-            "learns stays until the session ends, and a deadlock is reset.",
-            "An odd case is an estimated preshape whose contacts the hand's kinematics cannot take: the "
-            "fingers retract and the cause is noted. "
-            "The paper checks fingertips and joint limits; here every other link must be clear of the "
-            "object and of the hand too. Objects that are "
-            "refused or have no virtual grasp, deadlocks and requests for task correction estimate no "
-            "preshape and are counted apart.",
+            f"{len(rows)} experiments in {runs} runs of {each}, seed {seed}. {headline}",
+            f"Run k (0 … {runs - 1}) draws from NumPy's default generator with the seed ({seed}, k). It "
+            "begins with a system that knows only the cube, whose network is trained from the weights of "
+            "the run's seed. Each experiment draws, independently and uniformly, one of the library's "
+            f"{len(names())} objects, a scale of {SCALES[0]:g}, {SCALES[1]:g} … {SCALES[-1]:g} with which "
+            f"no extent exceeds 4U, one of the {len(all_named_tasks())} named tasks (families along or "
+            "about six signed axes), and a seed of the hand simulation. The experiments of a run follow "
+            "each other on one system, which answers by any mode. What mode 3 learns stays until the run "
+            "ends, and a deadlock is reset.",
+            "An odd case is an estimated preshape whose contacts the hand's kinematics cannot reach; the "
+            "fingers retract, and the cause is recorded. The paper checks fingertips and joint limits. Here "
+            "every other link must also be clear of the object and of the hand. Refused objects, objects "
+            "without a virtual grasp, deadlocks and requests for task correction give no preshape and are "
+            "counted separately.",
         ),
         tables=(
-            Table(caption="What came of the experiments.", columns=("", "experiments"), rows=tuple(counts)),
+            Table(caption="Results of the experiments.", columns=("", "experiments"), rows=tuple(counts)),
             _breakdown(found, "mode", lambda row: f"mode {row['mode']}"),
             _breakdown(found, "virtual fingers", lambda row: f"{row['fingers']} fingers"),
             _breakdown(found, "scale", lambda row: f"{row['scale']:g}"),
             _listed(odd),
         ),
-        pictures=(
-            Picture(
-                name="odd_cases",
-                caption="Left: what came of the experiments. Right: causes of the odd cases, and the "
-                "rate beside the paper's.",
-                draw=lambda path: _draw(data, path),
+        figures=(
+            Figure(
+                file="figures/odd_cases.png",
+                caption="Left: results of the experiments. Right: causes of the odd cases, and their rate "
+                "beside the paper's.",
+                draw=partial(_draw, data),
             ),
-            Picture(
-                name="odd_cases_by_object",
-                caption="Estimated preshapes of each object, and how many of them were retracted, by cause.",
-                draw=lambda path: _draw_objects(data, path),
+            Figure(
+                file="figures/odd_cases_by_object.png",
+                caption="Estimated preshapes of each object, and those that were retracted, by cause.",
+                draw=partial(_draw_objects, data),
             ),
-            *_shown(odd, _SIZE if len(rows) >= printed.ODD_EXPERIMENTS else _QUICK_SIZE),
+            *_pictures(odd, _SIZE if len(rows) >= printed.ODD_EXPERIMENTS else _QUICK_SIZE),
         ),
-        disagreements=tuple(_disagreements(data, share)),
+        remarks=tuple(_disagreements(data)),
     )
 
 
@@ -139,12 +136,9 @@ def _breakdown(found: list[Data], noun: str, key: Callable[[Data], str]) -> Tabl
 
 
 def _listed(odd: list[Data]) -> Table:
-    shown = odd[:15]
-    more = (
-        ""
-        if len(odd) <= len(shown)
-        else f" The first {len(shown)} of {len(odd)}; the others stand in the JSON file."
-    )
+    more = ""
+    if len(odd) > _MAX_LISTED:
+        more = f" These are the first {_MAX_LISTED} of {len(odd)}; the JSON file has all."
     return Table(
         caption=f"Odd cases one by one.{more}",
         columns=("number", "object", "scale", "task", "mode", "plane", "fingers", "why the hand retracts"),
@@ -154,92 +148,91 @@ def _listed(odd: list[Data]) -> Table:
                 f"{row['plane']}{' flipped' if row['flip'] else ''}", row["fingers"],
                 f"{CAUSES[row['hand']][0]}: {row['hand_reason']}",
             )
-            for row in shown
+            for row in odd[:_MAX_LISTED]
         ),
     )  # fmt: skip
 
 
-def _disagreements(data: Data, share: float) -> list[str]:
-    rows, found = data["rows"], preshapes(data)
+def _disagreements(data: Data) -> Iterator[str]:
+    rows, found = data["rows"], with_preshape(data)
     odd = sum(map(is_odd, found))
     if not found:
-        return ["No preshape was estimated, so there is no rate to compare."]
+        yield "No preshape was estimated, so there is no rate to compare."
+        return
     low, high = _interval(odd, len(found))
-    out = []
     if low > LIMIT:
-        out.append(f"The rate, {_rate(odd, len(found))}, is above the paper's 15 %.")
+        yield f"The rate, {_rate(odd, len(found))}, is above the paper's {100 * LIMIT:.0f} %."
     elif high < LIMIT:
-        out.append(
-            f"The rate, {_rate(odd, len(found))}, is below the paper's 15 %: objects, hand and inverse "
-            "kinematics are other ones, "
-            "and here several postures, finger assignments and tilts of the palm are tried before the "
-            "fingers retract."
+        yield (
+            f"The rate, {_rate(odd, len(found))}, is below the paper's {100 * LIMIT:.0f} %. Objects, hand "
+            "and inverse kinematics differ, and several postures, finger assignments and tilts of the palm "
+            "are tried here before the fingers retract."
         )
     if len(found) != len(rows):
-        out.append(
-            f"The paper's rate is over all its experiments; {len(rows) - len(found)} of ours end "
-            f"without a preshape, and over all {len(rows)} the rate is {100 * odd / len(rows):.1f} %."
+        yield (
+            f"The paper's rate is over all its experiments. {len(rows) - len(found)} of ours end without a "
+            f"preshape; over all {len(rows)} the rate is {100 * odd / len(rows):.1f} %."
         )
     if len(rows) != printed.ODD_EXPERIMENTS:
-        out.append(
-            f"These are {len(rows)} experiments, the paper's {printed.ODD_EXPERIMENTS}: the report is "
-            "of the quick form."
+        yield (
+            f"These are {len(rows)} experiments, the paper's are {printed.ODD_EXPERIMENTS}: this is the "
+            "quick form of the report."
         )
-    out.append("The paper says neither how its 500 experiments were drawn nor what the causes were.")
-    return out
+    yield "The paper does not say how its 500 experiments were drawn or what the causes were."
 
 
-# Pictures.
+# Figures.
 
 
 def _draw(data: Data, path: Path) -> None:
-    found = preshapes(data)
+    found = with_preshape(data)
     odd = [row for row in found if is_odd(row)]
     outcomes = Counter(row["outcome"] for row in data["rows"])
+    causes = Counter(row["hand"] for row in odd)
+    share = 100 * len(odd) / max(len(found), 1)
+    low, high = (100 * x for x in _interval(len(odd), len(found)))
+    limit = 100 * LIMIT
     with Canvas(path, size=(10.5, 3.9), columns=3, width_ratios=(1.5, 1.1, 0.8)) as (left, middle, right):
-        bars = [
-            ("reached", len(found) - len(odd), OURS),
-            ("odd case: retracted", len(odd), "#D55E00"),
-            ("task correction (mode 2)", outcomes[Status.CORRECTION.value], THIRD),
-            ("deadlock", outcomes[Status.DEADLOCK.value], QUIET),
-            ("no virtual grasp", outcomes[Status.NO_GRASP.value], QUIET),
-            ("refused", outcomes[odd_cases.REFUSED], QUIET),
-        ]
-        _horizontal(left, bars)
+        _horizontal_bars(
+            left,
+            [
+                ("reached", len(found) - len(odd), OURS),
+                ("odd case: retracted", len(odd), _RED),
+                ("task correction (mode 2)", outcomes[Status.CORRECTION.value], THIRD),
+                ("deadlock", outcomes[Status.DEADLOCK.value], QUIET),
+                ("no virtual grasp", outcomes[Status.NO_GRASP.value], QUIET),
+                ("refused", outcomes[REFUSED], QUIET),
+            ],
+        )
         left.set(xlabel="experiments", title="Outcome")
-        counts = Counter(row["hand"] for row in odd)
-        _horizontal(middle, [(text, counts[key], colour) for key, (text, colour) in CAUSES.items()])
+        _horizontal_bars(middle, [(text, causes[key], colour) for key, (text, colour) in CAUSES.items()])
         middle.set(xlabel="odd cases", title="Cause")
-        share = 100 * len(odd) / max(len(found), 1)
-        low, high = (100 * x for x in _interval(len(odd), len(found)))
-        right.bar([0, 1], [100 * LIMIT, share], 0.6, color=[PAPER, OURS])
+        right.bar([0, 1], [limit, share], 0.6, color=[PAPER, OURS])
         right.errorbar([1], [share], [[share - low], [high - share]], color="black", capsize=5, lw=1.3)
-        right.set_xticks([0, 1], ["paper\n(around)", "preshape\n(95 %)"])
-        for x, y, top in ((0, 100 * LIMIT, 100 * LIMIT), (1, share, high)):
-            right.annotate(
-                f"{y:.1f} %" if x else f"{y:.0f} %", (x, top), (0, 3), textcoords="offset points", ha="center"
-            )
+        right.set_xticks([0, 1], ["paper\n(about)", "preshape\n(95 %)"])
+        for x, text, top in ((0, f"{limit:.0f} %", limit), (1, f"{share:.1f} %", high)):
+            right.annotate(text, (x, top), (0, 3), textcoords="offset points", ha="center")
         right.set(
             ylabel="odd cases [% of preshapes]",
             title="Rate",
-            ylim=(0, max(high, 100 * LIMIT) * 1.2),
+            ylim=(0, max(high, limit) * 1.2),
             xlim=(-0.6, 1.6),
         )
         right.grid(axis="x", visible=False)
 
 
-def _horizontal(drawn: Any, bars: list[tuple[str, int, str]]) -> None:
+def _horizontal_bars(axes: Any, bars: list[tuple[str, int, str]]) -> None:
     at = list(range(len(bars)))[::-1]
-    drawn.barh(at, [count for _, count, _ in bars], color=[colour for *_, colour in bars])
-    drawn.set_yticks(at, [name for name, *_ in bars])
+    axes.barh(at, [count for _, count, _ in bars], color=[colour for *_, colour in bars])
+    axes.set_yticks(at, [name for name, *_ in bars])
     for y, (_, count, _) in zip(at, bars, strict=True):
-        drawn.annotate(str(count), (count, y), (3, 0), textcoords="offset points", va="center")
-    drawn.set_xlim(0, max(1, *(count for _, count, _ in bars)) * 1.18)
-    drawn.grid(axis="y", visible=False)
+        axes.annotate(str(count), (count, y), (3, 0), textcoords="offset points", va="center")
+    axes.set_xlim(0, max(1, *(count for _, count, _ in bars)) * 1.18)
+    axes.grid(axis="y", visible=False)
 
 
 def _draw_objects(data: Data, path: Path) -> None:
-    found = preshapes(data)
+    found = with_preshape(data)
     order = sorted({row["object"] for row in found}, key=names().index)
     total = Counter(row["object"] for row in found)
     with Canvas(path, size=(11.0, 4.2)) as axes:
@@ -269,17 +262,17 @@ def _draw_objects(data: Data, path: Path) -> None:
         axes.legend(loc="upper center", ncols=5, fontsize=9, bbox_to_anchor=(0.5, 1.14))
 
 
-def _shown(odd: list[Data], size: tuple[int, int]) -> tuple[Picture, ...]:
-    """Two odd cases: the first of the commonest cause, and the first of the next one on another object."""
+def _pictures(odd: list[Data], size: tuple[int, int]) -> tuple[Figure, ...]:
+    """Two odd cases: the first of the commonest cause, and the first of the next cause on another object."""
     chosen: list[Data] = []
     for cause, _ in Counter(row["hand"] for row in odd).most_common():
         taken = {row["object"] for row in chosen}
         chosen += [row for row in odd if row["hand"] == cause and row["object"] not in taken][:1]
     return tuple(
-        Picture(
-            name=f"odd_case_{letter}",
-            caption=f"An odd case (number {row['number']}): {row['object']} at scale {row['scale']:g}, "
-            f"task {row['task']}; the hand has retracted, because {row['hand_reason']}.",
+        Figure(
+            file=f"figures/odd_case_{letter}.png",
+            caption=f"An odd case (number {row['number']}): {row['object']} at scale {row['scale']:g}, task "
+            f"{row['task']}. The hand has retracted: {row['hand_reason']}.",
             draw=partial(_draw_case, row, size),
         )
         for letter, row in zip("ab", chosen, strict=False)
@@ -287,17 +280,19 @@ def _shown(odd: list[Data], size: tuple[int, int]) -> tuple[Picture, ...]:
 
 
 def _draw_case(row: Data, size: tuple[int, int], path: Path) -> None:
-    """The object, the contacts that were asked for, and the retracted hand; simulated again."""
+    """Simulate an odd case again and draw object, contacts and retracted hand."""
     from ..pictures import plan_scene
+    from ..planning.document import plan_to_json
+    from ..planning.output import ray_origins
     from ..viewer.plan_picture import plan_picture
+    from ..viewer.readings import answers_of
 
-    hand = load_hand(RAY_HAND)
-    mesh = load_library_object(row["object"], scale=row["scale"])
-    task = parse_task(row["task"])
-    element = RayAnalyser(mesh, layout_of(hand))
+    setup = Setup()
+    ready = setup.prepare(setup.system(), row["object"], parse_task(row["task"]), scale=row["scale"])
+    task = ready.request.asked
     aim = Aim(planes=[row["plane"]], values=[row["value"]], fingers=[row["fingers"]], flips=[row["flip"]])
-    grasp = element.explore(task.q, aim).grasp()
-    answer = execute(hand, mesh, grasp, seed=row["hand_seed"])
+    grasp = ready.element.explore(task.q, aim).grasp()
+    hand = execute(ready.hand, ready.mesh, grasp, seed=row["hand_seed"])
     steps = tuple(
         Transition(mode=mode, outcome=outcome, reason=reason) for mode, outcome, reason in row["steps"]
     )
@@ -306,22 +301,20 @@ def _draw_case(row: Data, size: tuple[int, int], path: Path) -> None:
         alternatives=(), offers=(), transitions=steps, estimate=None,
     )  # fmt: skip
     plan = Plan(
-        mesh=mesh, source=mesh.name, hand=hand, settings=Settings(), decision=decision, answer=answer,
-        alternatives=(), seconds={},
+        request=ready.request, mesh=ready.mesh, hand=ready.hand, mass=ready.mass, decision=decision,
+        answer=Answer(grasp=grasp, hand_result=hand), alternatives=(), best=None, seconds=ready.seconds,
     )  # fmt: skip
-    why = answer.hand_result.reason
+    document = plan_to_json(plan)
+    scene = plan_scene(document, ready.mesh, ready.hand, answers_of(document)[0], rays=ray_origins(plan)[0])
     scene = replace(
-        plan_scene(plan),
+        scene,
         status=f"odd case, retracted: {CAUSES[row['hand']][0]}",
-        reasons=(
-            f"{why[:1].upper()}{why[1:]}.",
-            *(f"Mode {t.mode}, {t.outcome}: {t.reason}." for t in steps),
-        ),
+        reasons=(f"{hand.reason[:1].upper()}{hand.reason[1:]}.", *scene.reasons),
     )
-    plan_picture(scene, path, title=f"{mesh.name}, odd case {row['number']}", size=size)
+    plan_picture(scene, path, title=f"{ready.mesh.name}, odd case {row['number']}", size=size)
 
 
 ODD_CASES = Experiment(
     name="odd_cases", title="Figs. 17 and 18: odd cases",
-    version=1, cost=240, measure=odd_cases.measure, present=_present,
+    version=1, cost=240, measure=measure, present=_present,
 )  # fmt: skip

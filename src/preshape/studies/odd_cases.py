@@ -1,90 +1,88 @@
-"""Figs. 17-18: odd cases, preshapes that the hand cannot take (§4.7). The experiments and their sampler.
+"""Figs. 17-18: odd cases, preshapes that the hand cannot take (§4.7). The experiments.
 
-Five hundred experiments in twenty sessions of twenty-five [C]. Session k belongs to the seed (seed, k), from
-which everything below follows:
+There are 500 experiments in 20 runs of 25 [C]. Run k has the seed (seed, k), which decides everything below:
 
-* a system that knows the cube only, its network trained from fresh weights of that session's seed;
-* for each experiment, independently: an object of the library, uniformly; a scale, uniformly among those of
-  0.5, 0.6 … 1.4 with which no extent of the object is over 4U; a task, uniformly among all named tasks
-  (17 families along or about six signed axes); a seed for the hand simulation;
-* the experiments are run one after the other. The system answers by whatever mode; what mode 3 learns stays
-  until the end of the session. A deadlock is reset.
+1. A system that knows only the cube; its network is trained from the weights of the run's seed.
+2. For each experiment, independently: an object of the library; a scale, of 0.5, 0.6 … 1.4, with which no
+   extent of the object exceeds 4U; a named task (17 families along or about six signed axes); a seed of the
+   hand simulation. All are drawn uniformly.
+3. The experiments of a run follow each other on one system. It answers by any mode, and what mode 3 learns
+   stays until the end of the run. A deadlock is reset.
 
-An answer's plane, thumb side and contacts go to the hand simulation. Refused objects, objects without a
-virtual grasp, deadlocks and requests for task correction are counted separately: no preshape was estimated
-there.
+The answer's plane, thumb side and contacts go to the hand simulation. Refused objects, objects without a
+virtual grasp, deadlocks and requests for task correction are counted separately, because they give no
+preshape.
 """
 
 from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from ..exceptions import ObjectError
 from ..files import write_json
-from ..hiis.controller import Controller
 from ..hiis.decision import Settings, Status
 from ..hiis.virtual_grasp import MAX_EXTENT
 from ..objects.library import load_library_object, names
 from ..planning.hand_simulation import HandStatus, execute
-from ..tasks import all_named_tasks
-from .bench import Bench, Data
-from .values import Progress
+from ..planning.session import Session
+from ..tasks import Task, all_named_tasks
+from .experiment import Progress
+from .setup import Data, Setup
 
 SCALES = tuple(round(0.5 + 0.1 * k, 1) for k in range(10))
-SESSIONS, EACH = 20, 25
-QUICK_SESSIONS, QUICK_EACH = 2, 10
+RUNS, EACH = 20, 25
+QUICK_RUNS, QUICK_EACH = 2, 10
 
 REFUSED = "refused"
 
 
-def measure(bench: Bench, part: Path, progress: Progress) -> Data:
-    """Run all experiments; what is done is in ``part`` after every session."""
-    sessions, each = (QUICK_SESSIONS, QUICK_EACH) if bench.quick else (SESSIONS, EACH)
-    rows: list[Data] = _begun(part)
+def measure(setup: Setup, part: Path, progress: Progress) -> Data:
+    """Run all experiments; ``part`` holds the finished ones after every run."""
+    runs, each = (QUICK_RUNS, QUICK_EACH) if setup.quick else (RUNS, EACH)
+    rows = _stored(part)
     largest = {name: float(load_library_object(name).extents.max()) for name in names()}
-    limit = MAX_EXTENT * bench.layout.u * (1 + 1e-9)
+    limit = MAX_EXTENT * setup.hand.u * (1 + 1e-9)
     fitting = {name: [s for s in SCALES if s * size <= limit] for name, size in largest.items()}
     objects = [name for name in names() if fitting[name]]
-    for session in range(len(rows) // each, sessions):
-        rng = np.random.default_rng([bench.seed, session])
-        controller = bench.controller(Settings(seed=bench.seed + session))
+    tasks = all_named_tasks()
+    for run in range(len(rows) // each, runs):
+        rng = np.random.default_rng([setup.seed, run])
+        settings = Settings(seed=setup.seed + run)
+        system = setup.system(settings.seed)
         for i in range(each):
-            n = session * each + i
-            progress(n / (sessions * each), f"odd cases: experiment {n + 1} of {sessions * each}")
+            number = run * each + i
+            progress(number / (runs * each), f"odd cases: experiment {number + 1} of {runs * each}")
             name = objects[int(rng.integers(len(objects)))]
             scale = fitting[name][int(rng.integers(len(fitting[name])))]
-            task = int(rng.integers(len(all_named_tasks())))
+            task = tasks[int(rng.integers(len(tasks)))]
             hand_seed = int(rng.integers(2**31))
-            row = {"number": n + 1, "object": name, "scale": scale, "hand_seed": hand_seed}
-            rows.append(row | _experiment(bench, controller, row, task))
+            row = {"number": number + 1, "object": name, "scale": scale, "hand_seed": hand_seed}
+            rows.append(row | _experiment(setup, system, settings, row, task))
         write_json(part, rows)
-    return {"sessions": sessions, "each": each, "seed": bench.seed, "rows": rows}
+    return {"sessions": runs, "each": each, "seed": setup.seed, "rows": rows}
 
 
-def _begun(part: Path) -> list[Data]:
-    """The experiments of an interrupted run."""
+def _stored(part: Path) -> list[Data]:
+    """The experiments of an interrupted measurement."""
     try:
-        begun: list[Data] = json.loads(part.read_text(encoding="utf-8"))
+        rows: list[Data] = json.loads(part.read_text(encoding="utf-8"))
     except (OSError, ValueError):
         return []
-    return begun
+    return rows
 
 
-def _experiment(bench: Bench, controller: Controller, drawn: Data, task_index: int) -> Data:
-    """One object, one scale, one task: what the system says and what the hand makes of it."""
-    task = all_named_tasks()[task_index]
-    mesh = load_library_object(drawn["object"], scale=drawn["scale"])
+def _experiment(setup: Setup, system: Session, settings: Settings, drawn: Data, task: Task) -> Data:
+    """One task on one object at one scale: the answer of the system, and what the hand makes of it."""
     try:
-        element = controller.prepare(mesh)
+        ready = setup.prepare(system, drawn["object"], task, scale=drawn["scale"], settings=settings)
     except ObjectError as error:
         return {"task": task.label, "outcome": REFUSED, "reason": str(error), "mode": None, "hand": None}
-    decision = controller.run(element, task)
-    controller.reset()
-    result: dict[str, Any] = {
+    decision = ready.controller.run(ready.element, task)
+    ready.controller.reset()
+    result: Data = {
         "task": task.label,
         "outcome": decision.status.value,
         "reason": decision.reason,
@@ -93,9 +91,9 @@ def _experiment(bench: Bench, controller: Controller, drawn: Data, task_index: i
     }
     if decision.status is Status.ANSWER and decision.grasp is not None:
         grasp = decision.grasp
-        hand = execute(bench.hand, mesh, grasp, seed=drawn["hand_seed"])
+        hand = execute(setup.hand, ready.mesh, grasp, seed=drawn["hand_seed"])
         result |= {
-            "steps": [[t.mode, t.outcome, t.reason] for t in decision.transitions],
+            "steps": [[step.mode, step.outcome, step.reason] for step in decision.transitions],
             "plane": grasp.plane.index,
             "flip": grasp.flip,
             "value": grasp.approach_value,
@@ -107,7 +105,7 @@ def _experiment(bench: Bench, controller: Controller, drawn: Data, task_index: i
     return result
 
 
-def preshapes(data: Data) -> list[Data]:
+def with_preshape(data: Data) -> list[Data]:
     """The experiments with an estimated preshape."""
     return [row for row in data["rows"] if row["hand"] is not None]
 

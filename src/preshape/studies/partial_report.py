@@ -1,4 +1,4 @@
-"""The figures on partial views as tables for people."""
+"""Figures and report of the study on partial views."""
 
 from __future__ import annotations
 
@@ -7,39 +7,40 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from .._version import __version__
 from ..files import write_json
-from ..physics.hold.tables import TextTable, markdown_table
-from ..physics.measures import wilson
+from ..physics.measures import mean, wilson
+from ..report import Bullets, Chapter, Report, Table, write_report
 from .partial_views import CloudRun
-from .report import write_pages
 
-TRUSTS = (0.0, 0.4, 0.7, 1.0)
-"""Bounds of the table by trust."""
-_WORDS = {"symmetry": "by symmetry (used)", "straight": "straight back", "hull": "convex hull of the points"}
+TRUST_LIMITS = (0.0, 0.4, 0.7, 1.0)
+"""Limits of the classes in the table by trust."""
+_METHODS = {
+    "symmetry": "by symmetry (used)",
+    "straight": "straight back",
+    "hull": "convex hull of the points",
+}
 
 
-def figures(run: CloudRun, rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
-    """All figures of a study.
+def cloud_figures(run: CloudRun, rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    """All figures of the study as plain JSON values.
 
     Args:
-        run: what was measured.
-        rows: one for each hand and view.
+        run: Settings of the study.
+        rows: One row for each hand and view.
     """
     hands = {}
     for hand in dict.fromkeys(row["hand"] for row in rows):
         own = [row for row in rows if row["hand"] == hand]
-        wholes = {row["case"]: row["whole"] for row in own}
+        whole_held = {row["case"]: row["whole"] for row in own}
         hands[hand] = {
-            "whole_mesh": _share(list(wholes.values())),
+            "whole_mesh": _share(list(whole_held.values())),
             "cloud": _share([row["held"] for row in own]),
             "cloud_by_margin_alone": _share([row["by_margin"] for row in own]),
             "where_the_whole_mesh_held": _share([row["held"] for row in own if row["whole"]]),
             "objects": {
                 case: {"whole": held, **_share([row["held"] for row in own if row["case"] == case])}
-                for case, held in wholes.items()
+                for case, held in whole_held.items()
             },
         }
     answered = [row for row in rows if "trust" in row]
@@ -53,12 +54,12 @@ def figures(run: CloudRun, rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
             {
                 "from": low,
                 "to": high,
-                **_share([r["held"] for r in answered if _within(r["trust"], low, high)]),
+                **_share([row["held"] for row in answered if _in_class(row["trust"], low, high)]),
             }
-            for low, high in pairwise(TRUSTS)
+            for low, high in pairwise(TRUST_LIMITS)
         ],
-        "seen_share": _mean([row["seen_share"] for row in answered]),
-        "contacts_seen": _mean([float(np.mean(row["contacts_seen"])) for row in answered]),
+        "seen_share": mean(row["seen_share"] for row in answered),
+        "contacts_seen": mean(sum(row["contacts_seen"]) / len(row["contacts_seen"]) for row in answered),
         "refused": [
             {"hand": row["hand"], "case": row["case"], "view": row["view"], "reason": row["refused"]}
             for row in rows
@@ -67,8 +68,8 @@ def figures(run: CloudRun, rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
     }
 
 
-def _within(trust: float, low: float, high: float) -> bool:
-    return low <= trust < high or trust == high == TRUSTS[-1]
+def _in_class(trust: float, low: float, high: float) -> bool:
+    return low <= trust < high or trust == high == TRUST_LIMITS[-1]
 
 
 def _share(held: Sequence[bool]) -> dict[str, Any]:
@@ -82,91 +83,86 @@ def _share(held: Sequence[bool]) -> dict[str, Any]:
 
 
 def _shape(rows: Sequence[dict[str, Any]], method: str) -> dict[str, Any]:
-    seen = {(row["case"], row["view"]): row["shapes"][method] for row in rows if "shapes" in row}
-    found = list(seen.values())
+    # The surface of a view does not depend on the hand, so each view counts once.
+    shapes = {(row["case"], row["view"]): row["shapes"][method] for row in rows if "shapes" in row}
     return {
-        "views": len(found),
-        "iou": _mean([shape["iou"] for shape in found]),
-        "chamfer": _mean([shape["chamfer"] for shape in found]),
+        "views": len(shapes),
+        **{name: mean(shape[name] for shape in shapes.values()) for name in ("iou", "chamfer")},
     }
 
 
-def _mean(numbers: Sequence[float]) -> float | None:
-    return float(np.mean(numbers)) if numbers else None
-
-
-def tables(document: dict[str, Any]) -> list[TextTable]:
-    """The figures as tables of text."""
-    success = [
-        (
-            hand,
-            _text(own["whole_mesh"]),
-            _text(own["cloud"]),
-            _text(own["where_the_whole_mesh_held"]),
-            _text(own["cloud_by_margin_alone"]),
-        )
-        for hand, own in document["hands"].items()
-    ]
-    shapes = [
-        (_WORDS[method], str(own["views"]), _number(own["iou"], "{:.2f}"), _millimetres(own["chamfer"]))
-        for method, own in document["shapes"].items()
-    ]
-    trusts = [(f"{row['from']:.1f} to {row['to']:.1f}", _text(row)) for row in document["trust"]]
-    objects = [
-        (hand, case, "held" if one["whole"] else "lost", f"{one['held']} of {one['tested']}")
-        for hand, own in document["hands"].items()
-        for case, one in own["objects"].items()
-    ]
+def cloud_tables(document: dict[str, Any]) -> list[Table]:
+    """The figures as tables."""
+    columns = ("whole_mesh", "cloud", "where_the_whole_mesh_held", "cloud_by_margin_alone")
     return [
-        TextTable(
+        Table(
             caption="Answers that held in the six-direction test of the true object (95 % interval)",
             columns=("hand", "whole mesh", "cloud", "cloud, where mesh held", "cloud, margin alone"),
-            rows=tuple(success),
+            rows=tuple(
+                (hand, *(_share_text(own[name]) for name in columns))
+                for hand, own in document["hands"].items()
+            ),
         ),
-        TextTable(
-            caption="How like the true object the guessed one is: shared volume, mean distance of surfaces",
-            columns=("far side guessed", "views", "IoU", "mm"),
-            rows=tuple(shapes),
+        Table(
+            caption="Agreement of the completed with the true object: shared volume, mean surface distance",
+            columns=("completion of the far side", "views", "IoU", "mm"),
+            rows=tuple(
+                (
+                    _METHODS[method],
+                    own["views"],
+                    own["iou"],
+                    None if own["chamfer"] is None else f"{1000 * own['chamfer']:.1f}",
+                )
+                for method, own in document["shapes"].items()
+            ),
         ),
-        TextTable(caption="Answers that held, by trust", columns=("trust", "held"), rows=tuple(trusts)),
-        TextTable(
-            caption="Objects", columns=("hand", "object", "whole mesh", "views held"), rows=tuple(objects)
+        Table(
+            caption="Answers that held, by trust",
+            columns=("trust", "held"),
+            rows=tuple(
+                (f"{row['from']:.1f} to {row['to']:.1f}", _share_text(row)) for row in document["trust"]
+            ),
+        ),
+        Table(
+            caption="Objects",
+            columns=("hand", "object", "whole mesh", "views held"),
+            rows=tuple(
+                (hand, case, "held" if one["whole"] else "lost", f"{one['held']} of {one['tested']}")
+                for hand, own in document["hands"].items()
+                for case, one in own["objects"].items()
+            ),
         ),
     ]
 
 
-def _text(share: dict[str, Any]) -> str:
+def _share_text(share: dict[str, Any]) -> str | None:
     if not share["tested"]:
-        return "–"
+        return None
     low, high = share["interval"]
     return f"{share['held']} of {share['tested']}, {share['share']:.0%} ({low:.0%}-{high:.0%})"
 
 
-def _number(found: float | None, form: str) -> str:
-    return "–" if found is None else form.format(found)
-
-
-def _millimetres(found: float | None) -> str:
-    return "–" if found is None else f"{1000 * found:.1f}"
-
-
-def write_report(document: dict[str, Any], folder: Path) -> list[Path]:
-    """Write report.json, report.md and report.html, each whole or not at all.
+def write_cloud_report(document: dict[str, Any], folder: Path) -> list[Path]:
+    """Write report.json, report.md and report.html; return their paths.
 
     Raises:
-        EnvironmentFailure: a file cannot be written.
+        EnvironmentFailure: A file cannot be written.
     """
     run = document["run"]
-    lines = [
-        "# Grasps on partial views",
-        "",
-        f"preshape {document['version']}; {run['views']} views of each object, noise "
-        f"{1000 * run['noise']:g} mm, seed {run['seed']}, task {run['task']}.",
-    ]
-    for table in tables(document):
-        lines += ["", f"**{table.caption}**", "", *markdown_table(table)]
+    chapters = [Chapter(title="Results", blocks=tuple(cloud_tables(document)))]
     if document["refused"]:
-        lines += ["", "**Views without an answer**", ""]
-        lines += [f"- {r['hand']}, {r['case']}, view {r['view']}: {r['reason']}" for r in document["refused"]]
+        refused = (
+            f"{one['hand']}, {one['case']}, view {one['view']}: {one['reason']}"
+            for one in document["refused"]
+        )
+        chapters.append(Chapter(title="Views without an answer", blocks=(Bullets(items=tuple(refused)),)))
+    report = Report(
+        title="Grasps on partial views",
+        preface=(
+            f"preshape {document['version']}; {run['views']} views of each object, noise "
+            f"{1000 * run['noise']:g} mm, seed {run['seed']}, task {run['task']}.",
+        ),
+        chapters=tuple(chapters),
+    )
     write_json(folder / "report.json", document)
-    return [folder / "report.json", *write_pages(folder, "\n".join(lines) + "\n")]
+    return [folder / "report.json", *write_report(folder, report)]

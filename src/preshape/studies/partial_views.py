@@ -1,8 +1,8 @@
-"""How good answers on point clouds are: depth views of known objects, planned on, tested on the true object.
+"""``preshape bench clouds``: how good are the answers on partial views of an object?
 
-A virtual depth camera looks at each object from a few sides. The planner sees its points only; the answer
-is put to the six-direction holding test on the true object. Beside it stands the planner's answer on the
-whole mesh. Neither views nor seeds of this study served to choose the constants of
+A virtual depth camera looks at each object from a few sides. The planner gets only the points of one view;
+its answer goes through the six-direction holding test on the true object. The answer on the whole mesh is
+tested for comparison. Neither the views nor the seeds of this study were used to choose the constants of
 :mod:`preshape.objects.scans`.
 """
 
@@ -37,35 +37,39 @@ from ..physics.hand import PhysicsHand, physics_hand
 from ..physics.hold.runner import run_holds
 from ..physics.pieces import ConvexPieces
 from ..physics.protocol import HoldProtocol
-from ..planner import ON_CLOUDS, Answer, Plan, plan, scan_trust
+from ..planner import plan
+from ..planning.plan import Answer, Plan, scan_trust
 from ..planning.planner_bench import Case, Planned, grasps_of
-from ..types import Array, value
+from ..planning.session import ON_CLOUDS
+from ..types import FIELD_MASS, Array, value
 
 Progress = Callable[[int, int, str], None]
-"""Called with how many objects are done, of how many, and what was done last."""
+"""Called with the number of objects done, the number of all objects, and the last object."""
 
 FOCAL = 600.0
-"""Pixels to a tangent of one: a usual depth camera's [C]."""
+"""Focal length of the camera [pixels], that of a usual depth camera [C]."""
 DISTANCE = 0.6
+"""Distance of the camera from the object's middle [m]."""
 LOWEST, HIGHEST = 0.2, 1.05
-"""Elevations of the camera above the object [rad]."""
+"""Range of the camera's elevation above the object [rad]."""
 METHODS = ("symmetry", "straight", "hull")
-"""How the far side is guessed: by symmetry (the product's), straight back, by the convex hull."""
-SAMPLE = 0.002
+"""Completions of the far side: by symmetry (as the planner does), straight back, or by the convex hull."""
+SPACING = 0.002
+"""Distance of the sample points on surfaces that are compared [m]."""
 
 
 @value
 class CloudRun:
-    """What is measured.
+    """Settings of the study.
 
     Attributes:
-        hands: names.
-        cases: objects at their sizes.
-        views: of each object and size.
-        noise: standard deviation along each ray [m].
-        seed: of views, noise and planner.
-        task: what is planned for.
-        methods: of :data:`METHODS`; the first is planned on, shapes are compared for all.
+        hands: Names of hands.
+        cases: Objects at their sizes.
+        views: Number of views of each object.
+        noise: Standard deviation of the depth along each ray [m].
+        seed: Seed of views, noise and planner.
+        task: The task to plan for.
+        methods: Completions of :data:`METHODS`. The first is planned on; shapes are compared for all.
     """
 
     hands: tuple[str, ...]
@@ -77,37 +81,40 @@ class CloudRun:
     methods: tuple[str, ...] = METHODS
 
     def __post_init__(self) -> None:
-        unknown = [m for m in self.methods if m not in METHODS]
+        unknown = [method for method in self.methods if method not in METHODS]
         if unknown or not self.methods:
             raise InputError(f"no method {', '.join(unknown) or 'given'}; known: {', '.join(METHODS)}")
         if self.views < 1 or not 0 <= self.noise < 0.1 or self.seed < 0:
-            raise InputError("a study needs a view at least, noise of 0 to 0.1 m and a seed of 0 or more")
+            raise InputError(
+                "the study needs 1 view or more, noise of 0 to 0.1 m and a seed of 0 or more, got "
+                f"{self.views}, {self.noise:g} m and {self.seed}"
+            )
 
     @property
     def key(self) -> dict[str, Any]:
-        """What must be alike for a run to go on from what is kept."""
+        """The settings as plain JSON values; a stored run with the same key can be resumed."""
         own = {name: getattr(self, name) for name in ("hands", "views", "noise", "seed", "task", "methods")}
         document = {**own, "cases": [[c.name, c.scale] for c in self.cases], "version": __version__}
-        alike: dict[str, Any] = json.loads(json.dumps(document))
-        return alike
+        plain: dict[str, Any] = json.loads(json.dumps(document))
+        return plain
 
 
 def depth_view(mesh: TriangleMesh, camera: Array, *, noise: float, rng: np.random.Generator) -> Array:
-    """Points of an object that a pinhole depth camera sees, one a pixel.
+    """Points of an object that a pinhole depth camera sees, one for each pixel.
 
     Args:
-        mesh: the object.
-        camera: (3,) its position [m], mesh frame; it looks at the middle.
-        noise: standard deviation along each ray [m].
-        rng: of the noise.
+        mesh: The object.
+        camera: (3,) position of the camera [m], mesh frame; it looks at the object's middle.
+        noise: Standard deviation of the depth along each ray [m].
+        rng: Random generator of the noise.
 
     Returns:
-        (n, 3) [m], mesh frame.
+        (n, 3) points [m], mesh frame.
     """
     axes = level_axes(mesh.cog - camera)
-    away = float(np.linalg.norm(mesh.cog - camera))
+    distance = float(np.linalg.norm(mesh.cog - camera))
     radius = float(np.linalg.norm(mesh.extents)) / 2
-    half = int(np.ceil(FOCAL * radius / max(away - radius, 0.05)))
+    half = int(np.ceil(FOCAL * radius / max(distance - radius, 0.05)))
     steps = np.arange(-half, half + 1) / FOCAL
     across, down = np.meshgrid(steps, steps)
     rays = np.stack([across, down, np.ones_like(across)], axis=-1).reshape(-1, 3) @ axes
@@ -119,28 +126,28 @@ def depth_view(mesh: TriangleMesh, camera: Array, *, noise: float, rng: np.rando
     return seen
 
 
-def guessed(method: str, name: str, points: Array, camera: Array) -> TriangleMesh:
-    """The surface of a view's points by one of the methods.
+def completed(method: str, name: str, points: Array, camera: Array) -> TriangleMesh:
+    """The closed surface of a view's points, with the far side completed by one of the methods.
 
     Raises:
-        ObjectError: the points make no body.
+        ObjectError: The points do not belong to one solid object.
     """
     if method == "symmetry":
         made = complete(name, RawCloud(points=points), camera)
     else:
-        kept = cleaned(name, points, camera)
-        sight = sight_of(kept, camera)
-        deep = (kept - camera) @ sight.forward
-        width, _ = outline_width(sight, kept)
-        back = float(np.quantile(deep, 0.02)) + width
+        clean = cleaned(name, points, camera)
+        sight = sight_of(clean, camera)
+        depth = (clean - camera) @ sight.forward
+        width, _ = outline_width(sight, clean)
+        back = float(np.quantile(depth, 0.02)) + width
 
         def straight(nodes: Array) -> Array:
             return np.maximum(solid(sight, (), nodes), (nodes - camera) @ sight.forward - back)
 
-        grid = grid_round(np.concatenate([kept, kept + max(0.0, back - deep.max()) * sight.forward]))
-        function = straight if method == "straight" else _hull(kept)
+        grid = grid_round(np.concatenate([clean, clean + max(0.0, back - depth.max()) * sight.forward]))
+        function = straight if method == "straight" else _hull(clean)
         vertices, triangles = zero_surface(function, grid)
-        made = marked(name, len(points), kept, camera, vertices, triangles, grid, f"guessed: {method}")
+        made = marked(name, len(points), clean, camera, vertices, triangles, grid, f"guessed: {method}")
     return TriangleMesh(name=name, vertices=made.vertices, triangles=made.triangles, scan=made.scan)
 
 
@@ -151,26 +158,26 @@ def _hull(points: Array) -> Callable[[Array], Array]:
 
     def outside(nodes: Array) -> Array:
         found = np.full(len(nodes), -np.inf)
-        for normal in planes:  # all at once would be gigabytes
+        for normal in planes:  # all planes at once would take gigabytes
             np.maximum(found, nodes @ normal[:3] + normal[3], out=found)
         return found
 
     return outside
 
 
-def alike(true: TriangleMesh, made: TriangleMesh) -> dict[str, float]:
-    """How like two bodies are: volume they share over volume they have, and mean distance of surfaces [m]."""
+def agreement(true: TriangleMesh, made: TriangleMesh) -> dict[str, float]:
+    """Agreement of two solids: shared volume over joint volume, and mean distance of the surfaces [m]."""
     field = prepare_field(true)
     nodes = np.stack(np.meshgrid(*map(np.arange, field.distance.shape), indexing="ij"), axis=-1)
     points = field.origin + field.spacing * nodes.reshape(-1, 3)[::3]
     inside = field.distance.reshape(-1)[::3] < 0
     query = SurfaceQuery(made)
     other = query.closest(points).distance < 0
-    there = np.abs(query.closest(surface_points(true, SAMPLE)[0]).distance).mean()
-    back = np.abs(SurfaceQuery(true).closest(surface_points(made, SAMPLE)[0]).distance).mean()
+    to_made = np.abs(query.closest(surface_points(true, SPACING)[0]).distance).mean()
+    to_true = np.abs(SurfaceQuery(true).closest(surface_points(made, SPACING)[0]).distance).mean()
     return {
         "iou": float((inside & other).sum() / max(1, int((inside | other).sum()))),
-        "chamfer": float(there + back) / 2,
+        "chamfer": float(to_made + to_true) / 2,
     }
 
 
@@ -182,40 +189,41 @@ def run_clouds(
     workers: int | None = None,
     progress: Progress | None = None,
 ) -> list[dict[str, Any]]:
-    """Measure every object, one row for each hand and view.
+    """Run the study; there is one row for each hand and view.
 
     Args:
-        run: what.
-        folder: where rows are kept as they come; a run of the same kind goes on from there.
-        pieces: objects already cut, by source.
-        workers: processes of the test.
-        progress: called after each object, size and hand.
+        run: Settings of the study.
+        folder: Folder in which rows are stored as they come; a run with the same settings resumes from them.
+        pieces: Convex pieces that are known already, by source.
+        workers: Number of processes of the test.
+        progress: Called after each object and hand.
 
     Raises:
-        InputError: a bad argument.
-        EnvironmentFailure: a file or a process failed.
+        InputError: A bad argument.
+        EnvironmentFailure: A file cannot be read or written, or a process was killed.
     """
-    kept = None if folder is None else folder / "rows.json"
-    rows = [] if kept is None else _kept(kept, run.key)
+    store = None if folder is None else folder / "rows.json"
+    rows = [] if store is None else _stored_rows(store, run.key)
     cut = dict(pieces or {})
     jobs = [(hand, case) for hand in run.hands for case in run.cases]
     done = {(row["hand"], row["case"]) for row in rows}
     models = {hand: load_hand(hand) for hand in run.hands}
     with Memory.open(":memory:") as memory:
-        for number, (hand, case) in enumerate(jobs, start=1):
-            if (models[hand].name, case.name) not in done:
+        for number, (name, case) in enumerate(jobs, start=1):
+            hand = models[name]
+            if (hand.name, case.name) not in done:
                 if case.source not in cut:
                     cut[case.source] = case.load_pieces()
-                model = models[hand]
-                rows += _case_rows(run, case, model, physics_hand(model), memory, cut, workers)
-                if kept is not None:
-                    write_json(kept, {"run": run.key, "rows": rows})
+                rows += _case_rows(run, case, hand, physics_hand(hand), memory, cut, workers)
+                if store is not None:
+                    write_json(store, {"run": run.key, "rows": rows})
             if progress is not None:
-                progress(number, len(jobs), f"{case.name}, {models[hand].name}")
+                progress(number, len(jobs), f"{case.name}, {hand.name}")
     return rows
 
 
-def _kept(file: Path, key: dict[str, Any]) -> list[dict[str, Any]]:
+def _stored_rows(file: Path, key: dict[str, Any]) -> list[dict[str, Any]]:
+    """Rows of an earlier run with the same settings; none where the file is missing or of another run."""
     try:
         stored = json.loads(file.read_text(encoding="utf-8"))
         return list(stored["rows"]) if stored["run"] == key else []
@@ -232,28 +240,27 @@ def _case_rows(
     pieces: dict[str, ConvexPieces],
     workers: int | None,
 ) -> list[dict[str, Any]]:
-    """The whole mesh and every view of one object, planned and tested."""
+    """Plan on the whole mesh and on every view of one object, and test the answers."""
     mesh = load_object(case.source, scale=case.scale)
-    whole = _planned(mesh, hand, run, memory, count=1)
-    tests: list[Answer | None] = [whole.answer]
+    answers: list[Answer | None] = [_planned(mesh, hand, run, memory, count=1).answer]
     rows: list[dict[str, Any]] = []
     for view in range(run.views):
         rng = np.random.default_rng([run.seed, view, *case.name.encode()])
         turn, rise = rng.uniform(0.0, 2 * np.pi), rng.uniform(LOWEST, HIGHEST)
-        away = np.array([np.cos(rise) * np.cos(turn), np.cos(rise) * np.sin(turn), np.sin(rise)])
-        camera = mesh.cog + DISTANCE * away
+        direction = np.array([np.cos(rise) * np.cos(turn), np.cos(rise) * np.sin(turn), np.sin(rise)])
+        camera = mesh.cog + DISTANCE * direction
         points = depth_view(mesh, camera, noise=run.noise, rng=rng)
         row: dict[str, Any] = {"hand": hand.name, "case": case.name, "view": view, "points": len(points)}
-        answers: tuple[Answer | None, Answer | None] = (None, None)
+        chosen: tuple[Answer | None, Answer | None] = (None, None)
         try:
-            surfaces = {method: guessed(method, case.name, points, camera) for method in run.methods}
-            row["shapes"] = {method: alike(mesh, surface) for method, surface in surfaces.items()}
-            answers = _chosen(_planned(surfaces[run.methods[0]], hand, run, memory, count=ON_CLOUDS), row)
+            surfaces = {method: completed(method, case.name, points, camera) for method in run.methods}
+            row["shapes"] = {method: agreement(mesh, surface) for method, surface in surfaces.items()}
+            chosen = _chosen(_planned(surfaces[run.methods[0]], hand, run, memory, count=ON_CLOUDS), row)
         except ObjectError as error:
             row["refused"] = str(error)
-        tests += answers
+        answers += chosen
         rows.append(row)
-    held = _held(tests, case, hand, model, pieces, workers)
+    held = _held(answers, case, hand, model, pieces, workers)
     for k, row in enumerate(rows):
         row.update(whole=held[0], held=held[1 + 2 * k], by_margin=held[2 + 2 * k])
     return rows
@@ -263,8 +270,9 @@ def _planned(mesh: TriangleMesh, hand: Hand, run: CloudRun, memory: Memory, *, c
     return plan(
         mesh,
         run.task,
-        hand=hand.name,
+        hand=hand,
         analyser="closure",
+        mass=FIELD_MASS,
         memory=memory,
         learn=False,
         seed=run.seed,
@@ -273,16 +281,16 @@ def _planned(mesh: TriangleMesh, hand: Hand, run: CloudRun, memory: Memory, *, c
 
 
 def _chosen(made: Plan, row: dict[str, Any]) -> tuple[Answer | None, Answer | None]:
-    """The answer, and what it would be by margin alone; what is known of it goes into the row."""
+    """The answer, and the one with the largest margin; the row gets the trust and quality of the answer."""
     if made.answer is None:
         row["refused"] = made.decision.reason
         return None, None
-    said = scan_trust(made, made.answer)
-    if said is not None:
-        plain = {key: v for key, v in asdict(said).items() if key != "sentence"}
-        row.update(plain, contacts_seen=list(said.contacts_seen))
+    trust = scan_trust(made, made.answer)
+    if trust is not None:
+        plain = {key: number for key, number in asdict(trust).items() if key != "sentence"}
+        row.update(plain, contacts_seen=list(trust.contacts_seen))
     row["quality"] = made.answer.grasp.judged
-    return made.answer, max((made.answer, *made.alternatives), key=lambda a: a.grasp.judged)
+    return made.answer, max((made.answer, *made.alternatives), key=lambda answer: answer.grasp.judged)
 
 
 def _held(
@@ -293,10 +301,9 @@ def _held(
     pieces: dict[str, ConvexPieces],
     workers: int | None,
 ) -> list[bool]:
-    """Of each answer, whether it held; none is one that did not."""
+    """Whether each answer held; a missing answer counts as lost."""
     given = tuple(answer for answer in answers if answer is not None)
-    one = Planned(case=case, answers=given, mode=0, reason="", seconds={})
-    grasps = grasps_of([one], hand)
+    grasps = grasps_of([Planned(case=case, answers=given, mode=0, reason="", seconds={})], hand)
     if grasps is None:
         return [False] * len(answers)
     report = run_holds(grasps, model, protocol=HoldProtocol(stop_early=True), pieces=pieces, workers=workers)

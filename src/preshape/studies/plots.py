@@ -1,4 +1,4 @@
-"""How the report's plots look: one palette for colour-blind readers, one style, one way of writing a file."""
+"""Plots of the reports: a palette for colour-blind readers, a style, and a canvas that writes a PNG file."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 PAPER, OURS, THIRD, FOURTH, QUIET = "#E69F00", "#0072B2", "#009E73", "#CC79A7", "#6B7480"
-"""Okabe and Ito's colours; the paper's numbers are orange, ours are blue, everywhere."""
+"""Colours of Okabe and Ito. The paper's numbers are orange and ours are blue in every plot."""
 
 COMPONENTS = ("Tx", "Ty", "Tz", "Rx", "Ry", "Rz")
 
@@ -28,7 +28,14 @@ _STYLE = {
 
 
 class Canvas:
-    """A figure without a window; ``with Canvas(path) as axes`` draws and writes it."""
+    """A figure without a window: ``with Canvas(path) as axes`` draws it and writes the PNG file.
+
+    Args:
+        path: The file.
+        size: Width and height [inches].
+        columns: Number of axes side by side.
+        options: Further arguments of ``Figure.subplots``.
+    """
 
     def __init__(
         self, path: Path, *, size: tuple[float, float] = (8.0, 3.8), columns: int = 1, **options: Any
@@ -63,14 +70,14 @@ def grouped_bars(
     notes: Sequence[Sequence[str]] = (),
     numbers: bool = True,
 ) -> None:
-    """Bars side by side, each with its number, and with a note above where there is one.
+    """Draw groups of bars side by side, each with its height as text.
 
     Args:
-        axes: where to.
-        labels: of the groups.
-        series: name, one height a group (``None``: no bar), colour.
-        notes: a text a bar, one sequence a series.
-        numbers: whether each bar has its number.
+        axes: Axes to draw on.
+        labels: Label of each group.
+        series: Name, height in each group (``None`` for no bar) and colour of each series.
+        notes: For each series a text above each of its bars.
+        numbers: Whether the height is written at each bar.
     """
     width = 0.8 / len(series)
     for k, (name, heights, colour) in enumerate(series):

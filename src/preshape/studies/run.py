@@ -1,4 +1,4 @@
-"""All experiments, one after the other: measured once, kept as JSON, told in one report."""
+"""All experiments in their order: each is measured once and stored as JSON, and one report presents them."""
 
 from __future__ import annotations
 
@@ -6,26 +6,26 @@ import hashlib
 import json
 from collections.abc import Sequence
 from functools import cache
-from importlib import resources
-from importlib.resources.abc import Traversable
 from pathlib import Path
 
 from .._version import __version__
 from ..exceptions import EnvironmentFailure, InputError
-from ..files import dumps, write_json
+from ..files import dumps, make_folder, write_json
+from ..report import Report, write_report
 from ..types import value
-from .bench import Bench
-from .cases import FIG_11, FIG_12, FIG_13
 from .contradictions import CONTRADICTIONS
-from .descriptor_report import DESCRIPTOR
+from .descriptor_study import DESCRIPTOR
+from .experiment import Experiment, Progress
 from .fig_14 import FIG_14
 from .fig_15 import FIG_15
 from .fig_16 import FIG_16
+from .figs_11_13 import FIG_11, FIG_12, FIG_13
 from .learning_study import LEARNING
-from .odd_report import ODD_CASES
-from .report import Chapter, write_report
+from .odd_case_report import ODD_CASES
+from .setup import Data, Setup
 from .table_4 import TABLE_4
-from .values import Data, Experiment, Measurement, Progress
+
+TITLE = "The paper's results, reproduced"
 
 _ALL: tuple[Experiment, ...] = (
     TABLE_4, FIG_11, FIG_12, FIG_13, FIG_14, FIG_15, FIG_16, ODD_CASES, LEARNING, DESCRIPTOR,
@@ -35,19 +35,19 @@ _ALL: tuple[Experiment, ...] = (
 EXPERIMENTS: dict[str, str] = {experiment.name: experiment.title for experiment in _ALL}
 """Name and title of each experiment, in the order of the report."""
 
-_EDGES = ("studies", "viewer", "cli", "schema")
-"""Parts of the package that no measurement depends on."""
+_NOT_MEASURED = ("studies", "report", "viewer", "cli", "schema")
+"""Parts of the package on which no measured number depends; experiments have versions of their own."""
 
 
 @value
 class ReportResult:
-    """What :func:`run_all` wrote.
+    """What :func:`run_all` did.
 
     Attributes:
-        markdown: the report.
-        html: the same, with its pictures inside.
-        measured: names of the experiments that were run.
-        kept: names of those that an earlier run had finished.
+        markdown: The report as Markdown.
+        html: The report as one HTML page with its figures inside.
+        measured: Names of the experiments that were measured.
+        kept: Names of the experiments that an earlier run had finished.
     """
 
     markdown: Path
@@ -67,33 +67,28 @@ def run_all(
 ) -> ReportResult:
     """Run the experiments and write the report.
 
-    Every finished experiment is ``NAME.json`` in ``out``; stopped at any moment and called again, it goes
-    on there (the odd cases within the experiment, after every session). The report has everything in ``out``
-    that was measured with these settings and this version.
+    Every finished experiment is stored as ``NAME.json`` in ``out``, so an interrupted run can be resumed;
+    the odd cases are also stored between their runs. The report covers everything in ``out`` that was
+    measured with these settings and this version.
 
     Args:
-        out: folder of the report; made where it is missing.
-        only: names of :data:`EXPERIMENTS`; all by default.
-        seed: of everything random; all but the times follows from it.
-        quick: a small form of each.
-        resume: whether finished experiments are kept.
-        progress: called with the fraction done and what is being done; may raise to stop.
+        out: Folder of the report; created where it is missing.
+        only: Names of :data:`EXPERIMENTS`; all by default.
+        seed: Seed of every random draw; the same seed gives the same numbers, apart from times.
+        quick: Whether each experiment runs in its small form.
+        resume: Whether results of an earlier run are used.
+        progress: Called with the completed fraction and what is being done.
 
     Raises:
-        InputError: a name that does not exist, or a negative seed.
-        EnvironmentFailure: the folder cannot be written.
+        InputError: A name does not exist, or the seed is negative.
+        EnvironmentFailure: The folder cannot be written.
     """
     if seed < 0:
         raise InputError(f"the seed must be 0 or more, got {seed}")
     chosen = _chosen(only)
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise EnvironmentFailure(
-            f"cannot make the folder {out}: {error.strerror}; choose another one"
-        ) from error
-    bench = Bench(seed, quick=quick)
-    total = sum(experiment.cost for experiment in chosen) * 1.03  # what is left is the report's
+    make_folder(out)
+    setup = Setup(seed, quick=quick)
+    total = sum(experiment.cost for experiment in chosen) * 1.03  # the rest is for writing the report
     done, measured, kept = 0.0, [], []
     for experiment in chosen:
         begin, share = done, experiment.cost
@@ -101,21 +96,22 @@ def run_all(
         def tell(fraction: float, label: str, *, begin: float = begin, share: float = share) -> None:
             progress((begin + share * min(max(fraction, 0.0), 1.0)) / total, label)
 
-        if resume and _finished(out, experiment, bench) is not None:
+        if resume and _stored(out, experiment, setup) is not None:
             kept.append(experiment.name)
             tell(1.0, f"{experiment.title}: kept")
         else:
             tell(0.0, experiment.title)
-            _measure(out, experiment, bench, tell, resume=resume)
+            _measure(out, experiment, setup, tell, resume=resume)
             measured.append(experiment.name)
         done += experiment.cost
     progress(done / total, "writing the report")
-    chapters = [
-        Chapter(name=experiment.name, title=experiment.title, section=experiment.present(found.data))
+    chapters = tuple(
+        experiment.chapter(data)
         for experiment in _ALL
-        if (found := _finished(out, experiment, bench)) is not None
-    ]
-    markdown, html = write_report(out, _preface(bench, len(chapters)), chapters)
+        if (data := _stored(out, experiment, setup)) is not None
+    )
+    report = Report(title=TITLE, preface=_preface(setup, len(chapters)), chapters=chapters)
+    markdown, html = write_report(out, report)
     progress(1.0, "done")
     return ReportResult(markdown=markdown, html=html, measured=tuple(measured), kept=tuple(kept))
 
@@ -129,62 +125,60 @@ def _chosen(only: Sequence[str] | None) -> list[Experiment]:
     return [experiment for experiment in _ALL if experiment.name in only]
 
 
-def _preface(bench: Bench, chapters: int) -> list[str]:
+def _preface(setup: Setup, chapters: int) -> tuple[str, str]:
     form = (
-        "the quick form, for a first look: fewer runs, objects and experiments"
-        if bench.quick
-        else "the full form"
+        "in the quick form, with fewer runs, objects and experiments" if setup.quick else "in the full form"
     )
     part = "" if chapters == len(_ALL) else f" It has {chapters} of {len(_ALL)} experiments so far."
-    return [
-        f"Results of the paper (HIIS for grasp preshape estimation) beside those of preshape "
-        f"{__version__}, seed {bench.seed}, "
-        f"{form}.{part} The hand is {bench.hand.name}, U = {1000 * bench.layout.u:.0f} mm. Everything "
-        "but the times follows from the seed.",
-        "The paper's objects are not published, so objects of the same kind are used; its numbers stand "
-        "beside ours as printed, and are not "
-        "forced to agree. Under each experiment every disagreement has its sentence, worked out from "
-        "the measured numbers.",
-    ]
+    return (
+        "This report compares results of the paper (HIIS for grasp preshape estimation) with those of "
+        f"preshape {__version__}, seed {setup.seed}, {form}.{part} The hand is {setup.hand.name}, U = "
+        f"{1000 * setup.hand.u:.0f} mm. The seed decides all numbers except the times.",
+        "The paper's objects are not published, so objects of the same kind are used. Its numbers are given "
+        "as printed and are not fitted. Each disagreement is listed under its experiment, with its reason "
+        "where the measured numbers show one.",
+    )
 
 
-# What is kept.
-
-
-def _settings(experiment: Experiment, bench: Bench) -> Data:
+def _settings(experiment: Experiment, setup: Setup) -> Data:
+    """What must be equal for stored results to be used."""
     return {
-        "seed": bench.seed,
-        "quick": bench.quick,
+        "seed": setup.seed,
+        "quick": setup.quick,
         "experiment": experiment.version,
         "package": __version__,
         "code": _fingerprint(),
     }
 
 
-def _finished(out: Path, experiment: Experiment, bench: Bench) -> Measurement | None:
-    """An earlier measurement with these settings, if there is one."""
+def _stored(out: Path, experiment: Experiment, setup: Setup) -> Data | None:
+    """Results of an earlier run with these settings; ``None`` where there are none.
+
+    Raises:
+        EnvironmentFailure: The file cannot be read.
+    """
     path = out / f"{experiment.name}.json"
     try:
         document = json.loads(path.read_text(encoding="utf-8"))
+        if document["settings"] == _settings(experiment, setup):
+            data: Data = document["data"]
+            return data
     except FileNotFoundError:
-        return None
+        pass
     except OSError as error:
         raise EnvironmentFailure(f"cannot read {path}: {error.strerror}; choose another folder") from error
-    except ValueError:
-        return None  # not ours, or damaged: measured anew
-    settings = _settings(experiment, bench)
-    if not isinstance(document, dict) or document.get("settings") != settings or "data" not in document:
-        return None
-    return Measurement(name=experiment.name, settings=settings, data=document["data"])
+    except (ValueError, KeyError, TypeError):
+        pass  # a damaged file, or another program's: the experiment is measured again
+    return None
 
 
-def _measure(out: Path, experiment: Experiment, bench: Bench, tell: Progress, *, resume: bool) -> None:
-    settings = _settings(experiment, bench)
+def _measure(out: Path, experiment: Experiment, setup: Setup, tell: Progress, *, resume: bool) -> None:
+    settings = _settings(experiment, setup)
     mark = hashlib.sha256(dumps(settings).encode()).hexdigest()[:8]
     part = out / f"{experiment.name}.{mark}.part"
     if not resume:
         part.unlink(missing_ok=True)
-    data = experiment.measure(bench, part, tell)
+    data = experiment.measure(setup, part, tell)
     document = {"name": experiment.name, "title": experiment.title, "settings": settings, "data": data}
     write_json(out / f"{experiment.name}.json", document)
     for old in out.glob(f"{experiment.name}.*.part"):
@@ -193,20 +187,10 @@ def _measure(out: Path, experiment: Experiment, bench: Bench, tell: Progress, *,
 
 @cache
 def _fingerprint() -> str:
-    """Of the code that measurements depend on: an edited package does not keep the old one's numbers."""
-    digest = hashlib.sha256()
-    for name, file in sorted(_files(resources.files("preshape"), "")):
-        digest.update(name.encode() + b"\0" + hashlib.sha256(file.read_bytes()).digest())
+    """Hash of the code that measured numbers depend on, so that changed code does not keep old numbers."""
+    digest, root = hashlib.sha256(), Path(__file__).parents[1]
+    for file in sorted(root.rglob("*")):
+        name = file.relative_to(root)
+        if file.is_file() and "__pycache__" not in name.parts and name.parts[0] not in _NOT_MEASURED:
+            digest.update(name.as_posix().encode() + b"\0" + hashlib.sha256(file.read_bytes()).digest())
     return digest.hexdigest()[:16]
-
-
-def _files(folder: Traversable, prefix: str) -> list[tuple[str, Traversable]]:
-    out = []
-    for entry in folder.iterdir():
-        name = f"{prefix}{entry.name}"
-        if entry.is_dir():
-            if entry.name not in ("__pycache__", *_EDGES):
-                out += _files(entry, f"{name}/")
-        elif not entry.name.endswith(".pyc"):
-            out.append((name, entry))
-    return out

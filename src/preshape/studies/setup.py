@@ -1,4 +1,4 @@
-"""The bench that every experiment stands on: one hand, the first training, and how a run is noted down."""
+"""What all experiments share: hand and seed, systems that know only the cube, and runs as JSON values."""
 
 from __future__ import annotations
 
@@ -7,70 +7,86 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from ..hands.load import load_hand
-from ..hiis.analyser import Analyser, Grasp, HandLayout
-from ..hiis.controller import Controller
+from ..hiis.analyser import Grasp
 from ..hiis.critic import recognise
-from ..hiis.decision import Decision, Settings
+from ..hiis.decision import Settings
 from ..hiis.learning import explore
-from ..hiis.virtual_grasp import RayAnalyser
 from ..memory import Memory
-from ..objects.library import load_library_object
 from ..objects.mesh import TriangleMesh
-from ..planner import RAY_HAND, layout_of
-from ..tasks import Task
+from ..planning.request import RAY_HAND, PlanRequest
+from ..planning.session import Prepared, Session
+from ..tasks import Task, task_from_numbers
 from ..types import Array, Experience, NetworkWeights
+from . import printed
 
 Data: TypeAlias = dict[str, Any]
-"""Plain JSON values. Every time that was measured stands under a key ``seconds``."""
+"""Plain JSON values. Measured times stand under keys ``seconds``."""
+Q1 = task_from_numbers(printed.Q1)
+"""The paper's task Q1."""
 
 
-class Bench:
-    """Hand, seed, and controllers that know the cube only.
+class Setup:
+    """Seed and size of the experiments, and systems that know only the cube.
+
+    A system is a session over a memory of its own, with the paper's hand and the ray analyser.
 
     Args:
-        seed: of everything random.
-        quick: whether experiments run in their small form.
+        seed: Seed of every random draw.
+        quick: Whether experiments run in their small form.
     """
 
     def __init__(self, seed: int = 0, *, quick: bool = False) -> None:
         self.seed = seed
         self.quick = quick
         self.hand = load_hand(RAY_HAND)
-        self.layout: HandLayout = layout_of(self.hand)
         self._first: dict[int, tuple[tuple[Experience, ...], NetworkWeights]] = {}
-        self._analysers: dict[str, Analyser] = {}
 
-    def controller(self, settings: Settings | None = None) -> Controller:
-        """A controller with a memory of its own that knows the cube only.
+    def system(self, seed: int | None = None) -> Session:
+        """A system that knows only the cube.
 
-        The first training is done at the default settings, whatever the controller's are, so that a
-        change of settings is a change of settings alone.
+        The first training uses the default settings, so a later change of settings changes nothing else.
+
+        Args:
+            seed: Seed of the training; by default that of the experiments.
         """
-        chosen = settings or Settings(seed=self.seed)
-        if chosen.seed not in self._first:
-            first = Controller(Memory.open(":memory:"), self.layout, settings=Settings(seed=chosen.seed))
-            self._first[chosen.seed] = first.experiences, first.weights
-            first.memory.close()
+        seed = self.seed if seed is None else seed
+        if seed not in self._first:
+            with Session(":memory:") as session:
+                controller = self.prepare(session, "cube", settings=Settings(seed=seed)).controller
+                self._first[seed] = controller.experiences, controller.weights
         memory = Memory.open(":memory:")
-        memory.add(*self._first[chosen.seed])
-        return Controller(memory, self.layout, settings=chosen)
+        memory.add(*self._first[seed])
+        return Session(memory)
 
-    def beside(self, controller: Controller, settings: Settings) -> Controller:
-        """Another controller on the same memory: what was learnt stays, the settings change."""
-        return Controller(controller.memory, self.layout, settings=settings)
+    def prepare(
+        self,
+        system: Session,
+        source: str | TriangleMesh,
+        task: Task = Q1,
+        *,
+        scale: float = 1.0,
+        settings: Settings | None = None,
+    ) -> Prepared:
+        """A system with an object and a task.
 
-    def library(self, name: str) -> Analyser:
-        """A library object's performance element at the default settings."""
-        if name not in self._analysers:
-            self._analysers[name] = RayAnalyser(load_library_object(name), self.layout)
-        return self._analysers[name]
+        Args:
+            system: The system; its memory keeps what it has learnt when the settings change.
+            source: Library name or mesh [m].
+            task: The task.
+            scale: Factor on a library object's size.
+            settings: Meta control's settings; the defaults with the seed of the experiments otherwise.
+        """
+        settings = settings or Settings(seed=self.seed)
+        return system.prepare(
+            PlanRequest(source=source, task=task, hand=self.hand, scale=scale, settings=settings)
+        )
 
 
 def box_mesh(name: str, extents: Array) -> TriangleMesh:
-    """A box of 12 triangles, centred, outward by the right-hand rule; extents [m]."""
+    """A centred box of 12 triangles with outward normals; extents [m]."""
     corner = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
     quads = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
-    triangles = [t for a, b, c, d in quads for t in ((a, b, c), (a, c, d))]
+    triangles = [triangle for a, b, c, d in quads for triangle in ((a, b, c), (a, c, d))]
     return TriangleMesh(name=name, vertices=corner * extents, triangles=np.array(triangles))
 
 
@@ -88,25 +104,32 @@ def grasp_data(grasp: Grasp | None) -> Data | None:
     }
 
 
-def run_case(controller: Controller, element: Analyser, task: Task, *, may_learn: bool = True) -> Data:
-    """Run one task and note down what came of it.
+def run_case(ready: Prepared, task: Task | None = None, *, may_learn: bool = True) -> Data:
+    """Run one task and record the result as JSON values.
 
-    Beside the answer: the match of what was estimated (``estimated_match``, mode 0), the best that the
-    estimated plane could do (``searched``, mode 1), the best of all planes (``best``), and how well the
-    object was recognised (``recognition``, 0..6).
+    The record has the answer and, for comparison, the match of the estimated grasp (``estimated_match``,
+    mode 0), the best grasp on the estimated plane (``searched``, mode 1), the best on all planes
+    (``best``), and how well the object was recognised (``recognition``, 0..6).
+
+    Args:
+        ready: The system with its object.
+        task: The task; by default that of the request.
+        may_learn: Whether mode 3 may learn.
     """
+    controller, element = ready.controller, ready.element
+    task = task or ready.request.asked
     known = controller.experiences
-    decision: Decision = controller.run(element, task, may_learn=may_learn)
+    decision = controller.run(element, task, may_learn=may_learn)
     controller.reset()
     s = controller.settings
     found = explore(element, task.q, s.sets, enough=s.thresholds.estimation)
-    # Mode 3 reports no estimate; the one before it is gone with the weights, and not needed.
+    # Mode 3 gives no estimate: it has replaced the weights that the earlier estimate came from.
     estimated_match, searched = None, None
     if decision.estimate is not None:
-        named = controller.at_estimate(element, task.q, decision.estimate)
-        there = controller.on_plane(element, task.q, decision.estimate)
-        estimated_match = round(float(named.match[0]), 6) if len(named) else None
-        searched = there.grasp() if len(there) else None
+        estimated = controller.at_estimate(element, task.q, decision.estimate)
+        on_plane = controller.on_plane(element, task.q, decision.estimate)
+        estimated_match = round(float(estimated.match[0]), 6) if len(estimated) else None
+        searched = on_plane.grasp() if len(on_plane) else None
     recognition = recognise(element, known, s.thresholds.recognition, s.sets)
     return {
         "q": [float(x) for x in task.q],
@@ -118,5 +141,12 @@ def run_case(controller: Controller, element: Analyser, task: Task, *, may_learn
         "searched": grasp_data(searched),
         "best": grasp_data(found.answer if found else None),
         "recognition": recognition.verdict.match,
-        "steps": [[t.mode, t.outcome, t.reason] for t in decision.transitions],
+        "steps": [[step.mode, step.outcome, step.reason] for step in decision.transitions],
     }
+
+
+def teach(ready: Prepared, task: Task | None = None) -> str:
+    """Teach the object with a task (mode 3); returns the controller's status."""
+    decision = ready.controller.teach(ready.element, task or ready.request.asked)
+    ready.controller.reset()
+    return decision.status.value

@@ -3,81 +3,47 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 
 from ..hiis.estimator import LAYERS
 from ..hiis.learning import seed_tasks, training_set
 from ..hiis.training import back_propagation, mean_square_error, train
+from ..report import Cell, Figure, Table
+from ..types import Array
 from . import printed
-from .bench import Bench
+from .experiment import Experiment, Progress, Section, joined
 from .plots import OURS, PAPER, QUIET, THIRD, Canvas
-from .values import Cell, Data, Experiment, Picture, Progress, Section, Table, joined
+from .setup import Data, Setup
 
 RATE, SLOW_RATE = 0.5, 0.02
 """Learning rates [C]: the paper gives none."""
 
 LIMIT, SLOW_LIMIT = 10_000, 15_000
-"""Epochs at which a run is given up."""
+"""Largest number of epochs of a run at each rate."""
 
-_EARLY = (1, 2, 5, 10, 20, 50)
+_FIRST_EPOCHS = (1, 2, 5, 10, 20, 50)
 
 
-def _measure(bench: Bench, part: Path, progress: Progress) -> Data:
-    controller = bench.controller()
-    x, y = training_set(controller.experiences, bench.layout.u)
-    targets = printed.ERRORS[:1] if bench.quick else printed.ERRORS
-    plan = [(RATE, LIMIT, bench.seed + i) for i in range(1 if bench.quick else 3)]
-    if not bench.quick:
-        plan += [(SLOW_RATE, SLOW_LIMIT, bench.seed + i) for i in range(3)]
+def _measure(setup: Setup, part: Path, progress: Progress) -> Data:
+    controller = setup.prepare(setup.system(), "cube").controller
+    x, y = training_set(controller.experiences, setup.hand.u)
+    targets = printed.ERRORS[:1] if setup.quick else printed.ERRORS
+    planned = [(RATE, LIMIT, setup.seed + i) for i in range(1 if setup.quick else 3)]
+    if not setup.quick:
+        planned += [(SLOW_RATE, SLOW_LIMIT, setup.seed + i) for i in range(3)]
     runs = []
-    for k, (rate, limit, seed) in enumerate(plan):
-        label = f"back-propagation, run {k + 1} of {len(plan)}"
+    for k, (rate, limit, seed) in enumerate(planned):
+        label = f"back-propagation, run {k + 1} of {len(planned)}"
 
-        curve: list[tuple[int, float]] = []
+        def tell(fraction: float, state: str = "", *, k: int = k, label: str = label) -> None:
+            progress((k + fraction) / len(planned), f"{label}{state}")
 
-        def tell(
-            epoch: int,
-            error: float,
-            *,
-            k: int = k,
-            limit: int = limit,
-            label: str = label,
-            curve: list[tuple[int, float]] = curve,
-        ) -> None:
-            curve.append((epoch, error))
-            progress((k + epoch / limit) / len(plan), f"{label}: epoch {epoch}, error {error:.1e}")
-
-        progress(k / len(plan), label)
-        start = time.perf_counter()
-        reached, weights = back_propagation(
-            x, y, targets=targets, seed=seed, rate=rate, max_epochs=limit, progress=tell
-        )
-        seconds = time.perf_counter() - start
-        # The callback comes every hundred epochs; the beginning is run again in short pieces.
-        early = [
-            (
-                n,
-                back_propagation(x, y, targets=(0.0,), seed=seed, rate=rate, max_epochs=n)[
-                    1
-                ].mean_square_error,
-            )
-            for n in (e for e in _EARLY if e < weights.epochs)
-        ]
-        points = dict([*early, *curve, (weights.epochs, weights.mean_square_error)])
-        runs.append(
-            {
-                "rate": rate,
-                "limit": limit,
-                "seed": seed,
-                "reached": reached,
-                "epochs": weights.epochs,
-                "error": weights.mean_square_error,
-                "curve": [[n, points[n]] for n in sorted(points)],
-                "seconds": seconds,
-            }
-        )
+        tell(0.0)
+        runs.append(_run(x, y, targets, rate, limit, seed, tell))
     start = time.perf_counter()
-    trained = train(x, y, seed=bench.seed)
+    trained = train(x, y, seed=setup.seed)
     return {
         "tasks": len(seed_tasks()),
         "samples": len(x),
@@ -91,8 +57,40 @@ def _measure(bench: Bench, part: Path, progress: Progress) -> Data:
     }
 
 
-def _cell(epochs: int | None, run: Data) -> str:
-    """Epochs and time; the time in proportion, as every epoch costs the same."""
+def _run(
+    x: Array, y: Array, targets: tuple[float, ...], rate: float, limit: int, seed: int, tell: Progress
+) -> Data:
+    """One run of back-propagation with its learning curve."""
+    curve: dict[int, float] = {}
+
+    def record(epoch: int, error: float) -> None:
+        curve[epoch] = error
+        tell(epoch / limit, f": epoch {epoch}, error {error:.1e}")
+
+    start = time.perf_counter()
+    reached, weights = back_propagation(
+        x, y, targets=targets, seed=seed, rate=rate, max_epochs=limit, progress=record
+    )
+    seconds = time.perf_counter() - start
+    # Errors are recorded every hundred epochs, so the beginning is run again in short pieces.
+    for n in (n for n in _FIRST_EPOCHS if n < weights.epochs):
+        _, first = back_propagation(x, y, targets=(0.0,), seed=seed, rate=rate, max_epochs=n)
+        curve.setdefault(n, first.mean_square_error)
+    curve[weights.epochs] = weights.mean_square_error
+    return {
+        "rate": rate,
+        "limit": limit,
+        "seed": seed,
+        "reached": reached,
+        "epochs": weights.epochs,
+        "error": weights.mean_square_error,
+        "curve": [[n, curve[n]] for n in sorted(curve)],
+        "seconds": seconds,
+    }
+
+
+def _epochs_text(epochs: int | None, run: Data) -> str:
+    """Epochs and time; all epochs take the same time."""
     if epochs is None:
         return f"not within {run['limit']}"
     return f"{epochs} ({run['seconds'] * epochs / run['epochs']:.2g} s)"
@@ -104,34 +102,31 @@ def _present(data: Data) -> Section:
         for i, run in enumerate(printed.TABLE_4, start=1)
     ]
     for run in data["runs"]:
-        cells = [_cell(epochs, run) for epochs in run["reached"]]
+        cells = [_epochs_text(epochs, run) for epochs in run["reached"]]
         cells += ["not run"] * (len(printed.ERRORS) - len(cells))
         rows.append((f"preshape, rate {run['rate']:g}, seed {run['seed']}", *cells))
     trainer = data["trainer"]
     rows.append(
         (
-            "preshape, the trainer for use (L-BFGS)", None, None,
+            "preshape, default trainer (L-BFGS)", None, None,
             f"{trainer['iterations']} iterations to {trainer['error']:.1e} ({trainer['seconds']:.2g} s)",
         )
     )  # fmt: skip
-    text = (
-        f"A {'-'.join(str(n) for n in LAYERS)} network with logistic activations is trained by plain "
-        "back-propagation, "
-        f"sample by sample and without momentum, on the cube under the twelve planes' Q1- and Q2-type "
-        "tasks with "
-        f"both signs: {data['tasks']} tasks, {data['samples']} different ones. Learning rate {RATE:g}; "
-        "the paper gives no rate, and its training "
-        "set is not published. Times are shares of the whole run's.",
-        "Everything else in preshape uses the trainer of the last line, which reaches the same error.",
-    )
     fast = [run for run in data["runs"] if run["rate"] == RATE]
-    met = [run["reached"][-1] for run in fast if run["reached"][-1] is not None]
+    reached = [run["reached"][-1] for run in fast if run["reached"][-1] is not None]
     theirs = [run[len(data["targets"]) - 1][0] for run in printed.TABLE_4]
-    after = f" after {_range(met)} epochs" if met else ""
+    after = f" after {_range(reached)} epochs" if reached else ""
     return Section(
-        headline=f"{len(met)} of {len(fast)} runs at rate {RATE:g} reach {data['targets'][-1]:.1e}{after}; "
-        f"the paper's after {_range(theirs)}.",
-        text=text,
+        headline=f"{len(reached)} of {len(fast)} runs at rate {RATE:g} reach "
+        f"{data['targets'][-1]:.1e}{after}; the paper's runs after {_range(theirs)}.",
+        text=(
+            f"A {'-'.join(str(n) for n in LAYERS)} network with logistic activations is trained by plain "
+            "back-propagation, sample by sample and without momentum. The training set has the Q1- and "
+            f"Q2-type tasks of the twelve planes on the cube, with both signs: {data['tasks']} tasks, "
+            f"{data['samples']} different ones. The learning rate is {RATE:g}; the paper gives neither its "
+            "rate nor its training set. Times are shares of the whole run's.",
+            "Everything else in preshape uses the trainer of the last line, which reaches the same error.",
+        ),
         tables=(
             Table(
                 caption="Epochs (time) to each mean-square error.",
@@ -139,48 +134,43 @@ def _present(data: Data) -> Section:
                 rows=tuple(rows),
             ),
         ),
-        pictures=(
-            Picture(
-                name="table4",
-                caption="Mean-square error against epochs; the paper gives three points of each of its "
+        figures=(
+            Figure(
+                file="figures/table4.png",
+                caption="Mean-square error against epochs; the paper gives three points for each of its "
                 "three runs.",
-                draw=lambda path: _draw(data, path),
+                draw=partial(_draw, data),
             ),
         ),
-        disagreements=tuple(_disagreements(data)),
+        remarks=tuple(_disagreements(data)),
     )
 
 
-def _disagreements(data: Data) -> list[str]:
+def _disagreements(data: Data) -> Iterator[str]:
     k = len(data["targets"]) - 1
-    error = printed.ERRORS[k]
     theirs = [run[k][0] for run in printed.TABLE_4]
-    out = [f"To {error:.1e} the paper needs {min(theirs)} to {max(theirs)} epochs in all of its runs."]
+    yield f"All runs of the paper reach {printed.ERRORS[k]:.1e}, after {min(theirs)} to {max(theirs)} epochs."
     for rate in sorted({run["rate"] for run in data["runs"]}, reverse=True):
         runs = [run for run in data["runs"] if run["rate"] == rate]
-        met = [run["reached"][k] for run in runs if run["reached"][k] is not None]
+        reached = [run["reached"][k] for run in runs if run["reached"][k] is not None]
         stuck = [run for run in runs if run["reached"][k] is None]
-        sentence = f"At rate {rate:g}, {len(met)} of {len(runs)} runs of preshape arrive"
-        if met:
-            ratio = sum(theirs) / len(theirs) / (sum(met) / len(met))
-            sentence += f", after {_range(met)} epochs, {_times(ratio)}"
+        sentence = f"At rate {rate:g}, {len(reached)} of {len(runs)} runs of preshape reach it"
+        if reached:
+            ratio = sum(theirs) / len(theirs) / (sum(reached) / len(reached))
+            sentence += f", after {_range(reached)} epochs, {_times(ratio)}"
         if stuck:
-            wrong = joined([f"{run['error'] * data['samples'] * LAYERS[-1]:.1f}" for run in stuck])
+            bits = data["samples"] * LAYERS[-1]
+            errors = joined([f"{run['error']:.1e}" for run in stuck])
+            wrong = joined([f"{run['error'] * bits:.1f}" for run in stuck])
             sentence += (
-                f"; {len(stuck)} stayed at an error of {joined([_error(run) for run in stuck])} for "
-                f"{stuck[0]['limit']} epochs, as much as {wrong} saturated bits of "
-                f"{data['samples'] * LAYERS[-1]} on the wrong side"
+                f"; {len(stuck)} stayed at an error of {errors} for {stuck[0]['limit']} epochs, which is as "
+                f"much as {wrong} of {bits} output bits saturated at the wrong value"
             )
-        out.append(f"{sentence}.")
-    out.append(
-        "Epochs depend on the learning rate and on the training set, and neither is printed; nor is a "
-        "run that failed."
+        yield f"{sentence}."
+    yield (
+        "The number of epochs depends on the learning rate and the training set, which the paper does not "
+        "give. It does not mention failed runs either."
     )
-    return out
-
-
-def _error(run: Data) -> str:
-    return f"{run['error']:.1e}"
 
 
 def _range(numbers: list[int]) -> str:
