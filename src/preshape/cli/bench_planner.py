@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,28 +19,38 @@ if TYPE_CHECKING:
     from ..planning.planner_bench import Case, PlannerReport
 
 PICTURES = 12
-"""So many answers that were lost are drawn."""
+"""Number of lost answers that are drawn at most."""
+OWN = "own"
+"""Value of ``--mass`` that takes each object's own mass."""
 
 
 @click.command(epilog="Example: preshape bench planner mug box bottle --hand shadow --count 5")
 @click.argument("objects", metavar="OBJECTS...", nargs=-1, required=True)
-@click.option("--hand", default="shadow", show_default=True, metavar="HAND", help="See preshape hands.")
-@click.option("--task", default="lift", show_default=True, metavar="TASK", help="What is planned for.")
+@click.option("--hand", default="shadow", show_default=True, metavar="HAND", help="Name or TOML file.")
+@click.option("--task", default="lift", show_default=True, metavar="TASK", help="Task to plan for.")
 @click.option(
-    "--analyser", default="closure", show_default=True, metavar="closure|rays", help="Which one plans."
+    "--analyser", default="closure", show_default=True, metavar="closure|rays", help="Analyser to plan with."
 )
-@click.option("--count", type=int, default=1, show_default=True, help="Answers of each object.")
+@click.option("--count", type=int, default=1, show_default=True, help="Number of answers for each object.")
 @click.option("--scales", default="1", show_default=True, metavar="S,S", help="Factors on the size.")
 @click.option("--pieces", metavar="DIR", help="Folder with NAME/mesh.obj and NAME/convex of each object.")
-@click.option("--friction", type=float, default=0.6, show_default=True, help="Of the test; harder: 0.3.")
-@click.option("--mass", type=float, default=0.1, show_default=True, help="Of every object [kg].")
-@click.option("--probes", default="six", show_default=True, metavar="six|all", help="all: 28 probes.")
-@click.option("--ladder", is_flag=True, help="Also the last strength held.")
-@click.option("--seed", type=int, default=0, show_default=True, help="Of the planner.")
-@click.option("--workers", type=int, metavar="N", help="Processes of the test; default: one for each core.")
 @click.option(
-    "--out", metavar="DIR", help="Write report.json, grasps.npz and pictures of what was lost there."
+    "--friction", type=float, default=0.6, show_default=True, help="Friction of the test; harder: 0.3."
 )
+@click.option(
+    "--mass",
+    default="0.1",
+    show_default=True,
+    metavar="KG|own",
+    help="Mass to plan for and test with [kg]; own: each object's own.",
+)
+@click.option("--probes", default="six", show_default=True, metavar="six|all", help="all: 28 probes.")
+@click.option(
+    "--ladder", is_flag=True, help="Repeat the probes 1.4 times stronger each time, until the grasp is lost."
+)
+@click.option("--seed", type=int, default=0, show_default=True, help="Seed of the planner.")
+@click.option("--workers", type=int, metavar="N", help="Number of processes; default: one for each core.")
+@click.option("--out", metavar="DIR", help="Folder for report.json, grasps.npz and pictures of lost answers.")
 @json_option
 def planner(
     objects: tuple[str, ...],
@@ -50,7 +61,7 @@ def planner(
     scales: str,
     pieces: str | None,
     friction: float,
-    mass: float,
+    mass: str,
     probes: str,
     ladder: bool,
     seed: int,
@@ -58,15 +69,16 @@ def planner(
     out: str | None,
     as_json: bool,
 ) -> int:
-    """Plan OBJECTS (library names, files, or a folder of files), then test the answers in physics.
+    """Plan OBJECTS (library names, files, or folders of files), then test the answers in physics.
 
-    An object without an answer counts as one that was lost. Exit code 0: the test ran.
+    An object without an answer counts as lost. Exit code 0: the test ran.
     """
     from ..files import write_json
     from ..hands.load import load_hand
     from ..physics.grasps import write_grasps
     from ..physics.protocol import HoldProtocol
     from ..planning.planner_bench import bench_planner, grasps_of
+    from ..types import FIELD_MASS
 
     check_folder(out)
     if count < 1:
@@ -74,12 +86,20 @@ def planner(
     if workers is not None and workers < 1:
         raise InputError(f"--workers must be 1 or more, got {workers}")
     cases, model = cases_of(objects, scales, pieces), load_hand(hand)
-    protocol = HoldProtocol(friction=friction, mass=mass, probes=probes, ladder=ladder, stop_early=not ladder)
+    kg = _mass(mass)
+    protocol = HoldProtocol(
+        friction=friction,
+        mass=FIELD_MASS if kg is None else kg,
+        probes=probes,
+        ladder=ladder,
+        stop_early=not ladder,
+    )
     with steps("this bench keeps nothing before its end") as told:
         report = bench_planner(
             cases,
             model,
             protocol=protocol,
+            own_mass=kg is None,
             task=task,
             analyser=analyser,
             count=count,
@@ -87,7 +107,8 @@ def planner(
             workers=workers,
             progress=told.step,
         )
-    document = {"status": "answer", **report.row(), "failures": _failures(report)}
+    load = OWN if kg is None else kg
+    document = {"status": "answer", **report.row(), "mass": load, "failures": _failures(report)}
     if out is not None:
         grasps = grasps_of(report.planned, model)
         if grasps is not None:
@@ -103,12 +124,34 @@ def planner(
     return 0
 
 
+def _mass(text: str) -> float | None:
+    """The mass of every object [kg]; ``None`` for each object's own.
+
+    Raises:
+        InputError: The text is neither a number nor ``own``.
+    """
+    if text.strip().lower() == OWN:
+        return None
+    try:
+        return float(text)
+    except ValueError as error:
+        raise InputError(f"--mass takes a number of kilograms or {OWN}, got {text!r}") from error
+
+
 def cases_of(objects: tuple[str, ...], scales: str, pieces: str | None) -> list[Case]:
     """Every object at every scale.
 
+    A name of the library means the built-in object, even where a folder has the same name; ``bottle/`` means
+    the folder.
+
+    Args:
+        objects: Library names, files and folders of files; ``ALL`` alone stands for the library.
+        scales: Numbers with commas between.
+        pieces: Folder with ``NAME/mesh.obj`` and ``NAME/convex`` of each object, or ``None``.
+
     Raises:
-        InputError: a scale that is no positive number.
-        EnvironmentFailure: a folder that is not there, or without meshes.
+        InputError: A scale is no positive number.
+        EnvironmentFailure: A folder is missing, or has no meshes.
     """
     from ..objects.library import names
     from ..planning.planner_bench import Case
@@ -123,10 +166,11 @@ def cases_of(objects: tuple[str, ...], scales: str, pieces: str | None) -> list[
     if folder is not None and not folder.is_dir():
         raise EnvironmentFailure(f"no folder {folder}; --pieces is the one that holds the objects")
     found: list[tuple[str, str]] = []
-    for name in names() if objects == ("ALL",) else objects:
+    library = names()
+    for name in library if objects == ("ALL",) else objects:
         if folder is not None:
             found.append((name, str(folder / name / "mesh.obj")))
-        elif Path(name).is_dir():
+        elif name not in library and Path(name).is_dir():
             meshes = sorted(p for p in Path(name).iterdir() if p.suffix.lower() in (".obj", ".stl", ".ply"))
             if not meshes:
                 raise EnvironmentFailure(f"{name}: no mesh in this folder (.obj, .stl or .ply)")
@@ -157,7 +201,7 @@ def _failures(report: PlannerReport) -> list[dict[str, Any]]:
 
 
 def _pictures(report: PlannerReport, grasps: GraspSet, protocol: HoldProtocol, folder: Path) -> list[str]:
-    """Films of the answers that were lost, the first ``PICTURES`` of them, as pictures in the folder."""
+    """Draw filmstrips of the first ``PICTURES`` answers that were lost; returns the files."""
     from ..files import write_whole
     from ..objects.load import load_object
     from ..physics.hand import physics_hand
@@ -171,9 +215,10 @@ def _pictures(report: PlannerReport, grasps: GraspSet, protocol: HoldProtocol, f
     files: list[str] = []
     for row in [k for k, result in enumerate(results) if not result.held][:PICTURES]:
         case = cases[row]
-        recording, scene = recorded(own, row, hand, case.load_pieces(), protocol, name=case.thing)
-        film = film_of(recording, scene, protocol, mesh=load_object(case.source, scale=case.scale))
-        file = folder / f"lost-{row:03d}-{case.thing}.png"
+        rules, name = replace(protocol, mass=report.masses[row]), case.object_name
+        recording, scene = recorded(own, row, hand, case.load_pieces(), rules, name=name)
+        film = film_of(recording, scene, rules, mesh=load_object(case.source, scale=case.scale))
+        file = folder / f"lost-{row:03d}-{name}.png"
         write_whole(file, partial(filmstrip, film))
         files.append(str(file))
     return files
@@ -189,11 +234,12 @@ def _show(document: dict[str, Any]) -> None:
     if document["penetration_max"] is not None:
         click.echo(
             f"touching at the grasp pose: {document['touching']}; "
-            f"deepest penetration {1000 * document['penetration_max']:.2f} mm; "
-            f"search, median: {1000 * document['search_median']:.0f} ms"
+            f"deepest penetration: {1000 * document['penetration_max']:.2f} mm"
         )
+    if document["search_median"] is not None:
+        click.echo(f"median time of the search: {1000 * document['search_median']:.0f} ms")
     if document["strength_median"] is not None:
-        click.echo(f"strength, median: {document['strength_median']:.2f} times the probes")
+        click.echo(f"median strength: {document['strength_median']:.2f} times the probes")
     for file in document.get("pictures", ()):
         click.echo(f"wrote {file}")
     for failure in document["failures"]:

@@ -1,4 +1,4 @@
-"""``preshape bench tasks``: a planner in the task test, the open benchmark."""
+"""``preshape bench tasks``: put a planner to the task test, the open benchmark."""
 
 from __future__ import annotations
 
@@ -20,38 +20,42 @@ if TYPE_CHECKING:
     from ..physics.task.report import TaskReport
     from ..types import Array
 
-KEPT = "unfinished.jsonl"  # the file of results in --out, while a run goes on
-SHOWN = 20  # failures in the terminal; the report has all
+UNFINISHED = "unfinished.jsonl"
+"""File in the folder of ``--out`` that holds the results of a run that is not finished."""
+SHOWN = 20
+"""Number of failures shown in the terminal; the report has all."""
 
 
 @click.command(
     epilog="Example: preshape bench tasks --objects cube,hammer --tasks lift,strike --out out/tasks"
 )
-@click.option(
-    "--hand",
-    metavar="HAND",
-    help="See preshape hands; default: the one in --grasps, else utah_mit.",
-)
+@click.option("--hand", metavar="HAND", help="Name or TOML file; default: that of --grasps, else utah_mit.")
 @click.option("--analyser", metavar="NAME", help="rays or closure; default: the hand's own.")
-@click.option("--objects", default="ALL", show_default=True, metavar="NAME,…", help="Built-in or mesh files.")
+@click.option(
+    "--objects", default="ALL", show_default=True, metavar="NAME,…", help="Built-in objects or mesh files."
+)
 @click.option("--tasks", default="ALL", show_default=True, metavar="FAMILY,…", help="See preshape tasks.")
-@click.option("--count", type=int, metavar="N", help="Only so many instances, evenly over the tasks.")
-@click.option("--seed", type=int, default=0, show_default=True, help="Of --count and of the planner.")
+@click.option("--count", type=int, metavar="N", help="Number of instances, drawn evenly over the tasks.")
+@click.option("--seed", type=int, default=0, show_default=True, help="Seed of --count and of the planner.")
 @click.option(
     "--gravity", metavar="X,Y,Z|none", help="Direction in the object's frame; default: each task's."
 )
-@click.option("--friction", type=float, default=0.6, show_default=True, help="Sliding friction.")
-@click.option("--mass", type=float, default=0.1, show_default=True, help="Of every object [kg].")
+@click.option(
+    "--friction", type=float, default=0.6, show_default=True, help="Friction coefficient of the test."
+)
+@click.option(
+    "--mass", type=float, default=0.1, show_default=True, help="Mass to plan for and test with [kg]."
+)
 @click.option(
     "--grasps", metavar="FILE.npz", help="Score these answers instead of planning (docs/task-benchmark.md)."
 )
 @click.option(
-    "--write-instances", metavar="FILE.json", help="Only write the instances and their meshes, for others."
+    "--write-instances", metavar="FILE.json", help="Write the instances and their meshes; nothing is tested."
 )
-@click.option("--workers", type=int, metavar="N", help="Processes; default: one for each core.")
-@click.option("--checkpoint", metavar="FILE", help="Results as they come; the same command goes on from it.")
+@click.option("--workers", type=int, metavar="N", help="Number of processes; default: one for each core.")
+@click.option("--checkpoint", metavar="FILE", help="File of results, from which the same command resumes.")
 @click.option(
-    "--out", metavar="DIR", help="Write report.json, .md, .html and grasps.npz there; resumable too."
+    "--out", metavar="DIR", help="Folder for report.json, .md, .html and grasps.npz; resumable as well."
 )
 @json_option
 def tasks(
@@ -71,12 +75,12 @@ def tasks(
     out: str | None,
     as_json: bool,
 ) -> int:
-    """Put a planner to the task test: grasp, then take the object along the task against its load.
+    """Put a planner to the task test: grasp, then move the object as the task asks, against the task's load.
 
-    An instance is one object in one task. It passes if the object ends within 50 mm and 15° of its target
-    and is never farther from its path. An instance without an answer fails. The planner's first answer is
-    tested; with --grasps, that of another planner. The first run cuts each object into convex pieces, which
-    may take a minute or two an object.
+    An instance is one object with one task. It passes if the object ends within 50 mm and 15° of its target
+    and was never farther than that from its path. An instance without an answer fails. The planner's first
+    answer is tested, or with --grasps that of another planner. The first run cuts each object into convex
+    pieces, which may take a minute or two for each.
 
     Exit code 0: every instance was tried, passed or not.
     """
@@ -105,8 +109,8 @@ def tasks(
     )
     if write_instances is not None:
         return _write_instances(Path(write_instances), instances, protocol, as_json)
-    model, answers, who, notes = _answers(instances, hand, analyser, grasps)
-    kept = Path(checkpoint) if checkpoint is not None else Path(out) / KEPT if out is not None else None
+    model, answers, who, notes = _answers(instances, hand, analyser, grasps, mass)
+    kept = Path(checkpoint) if checkpoint is not None else Path(out) / UNFINISHED if out is not None else None
     with steps(GOES_ON if kept else "with --out or --checkpoint they would be kept") as told:
         report = run_tasks(
             instances,
@@ -132,7 +136,7 @@ def tasks(
 
 
 def _names(text: str, option: str) -> list[str] | None:
-    """The names between commas; ``None`` for all."""
+    """The names of a list with commas between; ``None`` for ``ALL``."""
     if text.strip().upper() == "ALL":
         return None
     found = [name.strip() for name in text.split(",") if name.strip()]
@@ -142,7 +146,7 @@ def _names(text: str, option: str) -> list[str] | None:
 
 
 def _direction(text: str | None) -> Array | None:
-    """Three numbers, zeros for ``none``, ``None`` where the option was not given."""
+    """(3,) unit direction of gravity, zeros for ``none``; ``None`` where the option is not given."""
     import numpy as np
 
     if text is None:
@@ -159,9 +163,13 @@ def _direction(text: str | None) -> Array | None:
 
 
 def _answers(
-    instances: tuple[TaskInstance, ...], hand: str | None, analyser: str | None, grasps: str | None
+    instances: tuple[TaskInstance, ...],
+    hand: str | None,
+    analyser: str | None,
+    grasps: str | None,
+    mass: float,
 ) -> tuple[PhysicsHand, Answers, str, list[str]]:
-    """The hand in physics, who answers, that in words, and notes for the report."""
+    """The hand in physics, the source of the answers and its description, and notes for the report."""
     from ..hands.load import load_hand
     from ..physics.hand import physics_hand
     from ..physics.task.grasps import given_answers, read_task_grasps
@@ -171,10 +179,11 @@ def _answers(
     if grasps is None:
         own = load_hand(hand or RAY_HAND)
         model, used = physics_hand(own), analyser_of(analyser, own)
-        return model, PlannedAnswers(hand=own, analyser=used, model=model), f"{own.name}, {used}", []
+        planner = PlannedAnswers(hand=own, analyser=used, model=model, mass=mass)
+        return model, planner, f"{own.name}, {used}", []
     found, labels = read_task_grasps(grasps)
     if not (hand or found.hand):
-        raise InputError(f"{grasps} does not say whose grasps they are; add --hand, see preshape hands")
+        raise InputError(f"{grasps} does not name the hand of its grasps; add --hand, see preshape hands")
     model = physics_hand(load_hand(hand or found.hand))
     given = given_answers(instances, found, labels, model)
     notes = []
@@ -187,7 +196,7 @@ def _answers(
 
 
 def _document(report: TaskReport, protocol: TaskProtocol, who: str, notes: list[str]) -> dict[str, Any]:
-    """Everything but the time it took: the same input gives the same document."""
+    """Everything but the time it took, so that the same input gives the same document."""
     import mujoco
 
     from .._version import __version__
@@ -227,7 +236,7 @@ def _write(
 def _write_instances(
     file: Path, instances: tuple[TaskInstance, ...], protocol: TaskProtocol, as_json: bool
 ) -> int:
-    """The list, and a mesh of each object at its size in a folder beside it."""
+    """Write the list of instances and, in a folder beside it, the mesh of each object at its size."""
     from ..files import write_json, write_text
     from ..objects.load import load_object
     from ..physics.task.instances import instance_to_json, mesh_text

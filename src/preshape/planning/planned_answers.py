@@ -1,4 +1,4 @@
-"""This program's planner as one that answers the task benchmark's instances."""
+"""This program's planner as a source of answers for the task benchmark."""
 
 from __future__ import annotations
 
@@ -11,42 +11,46 @@ from ..physics.hand import PhysicsHand
 from ..physics.task.grasps import HandPoses
 from ..physics.task.instances import TaskInstance
 from ..planner import plan
-from ..types import value
+from ..types import FIELD_MASS, value
 from .grasp_sets import palm_grasps, poses_of
 
 
 @value
 class PlannedAnswers:
-    """The first answer of this program's planner, each instance with a fresh memory.
+    """The first answer of this program's planner to each instance, each with a fresh memory.
 
     Attributes:
         hand: The hand.
-        analyser: ``rays`` or ``closure``; ``None`` for the hand's own.
-        model: the hand in physics.
+        analyser: ``rays`` or ``closure``.
+        model: The hand in physics.
+        mass: Mass of every object [kg]; the ray analyser knows no loads.
     """
 
     hand: Hand
-    analyser: str | None
+    analyser: str
     model: PhysicsHand
+    mass: float = FIELD_MASS
 
     @property
     def planned(self) -> bool:
-        """The poses are made here."""
+        """Whether the poses are planned here; see :class:`~preshape.physics.task.grasps.Answers`."""
         return True
 
     @property
     def digest(self) -> str:
-        """Hash of hand, analyser and this version."""
-        return hashlib.sha256(repr((self.hand.name, self.analyser, __version__)).encode()).hexdigest()
+        """Hash of hand, analyser, mass and this version."""
+        decides = (self.hand.name, self.analyser, self.mass, __version__)
+        return hashlib.sha256(repr(decides).encode()).hexdigest()
 
     def answer(self, row: int, instance: TaskInstance) -> HandPoses | str:
-        """Plan, and take the hand's poses; object at the origin."""
+        """The poses of the planned answer, with the object at the origin, or why there are none."""
         try:
             made = plan(
                 instance.object_name,
                 instance.task,
                 hand=self.hand,
                 analyser=self.analyser,
+                mass=self.mass if self.analyser == "closure" else None,
                 scale=instance.scale,
                 memory=":memory:",
                 seed=instance.seed,

@@ -1,35 +1,36 @@
 """How often the planner's own answers hold: plan every object for a hand, then put the answers to the test.
 
-The grasps that are tested are the plan's, first answer first; nothing is tried in physics before. An object
-for which the planner gives no answer counts as lost, and is named.
+The grasps that are tested are the plan's answers in their order, without an earlier trial in physics. An
+object for which the planner gives no answer counts as lost and is named.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from ..closure.settings import ClosureSettings
 from ..exceptions import ObjectError
 from ..hands.hand import Hand
 from ..memory import Memory
 from ..objects.load import load_object
 from ..physics.grasps import GraspSet
-from ..physics.hand import physics_hand
+from ..physics.hand import PhysicsHand, physics_hand
 from ..physics.hold.report import HoldReport
 from ..physics.hold.runner import run_holds
+from ..physics.hold.six_directions import HoldResult
 from ..physics.measures import wilson
 from ..physics.pieces import ConvexPieces, load_pieces
 from ..physics.protocol import HoldProtocol
 from ..planner import plan
-from ..planning.plan import Answer, Plan
+from ..planning.plan import Answer, answers_of
 from ..types import FIELD_MASS, value
 from .grasp_sets import palm_grasps, poses_of
 
 Progress = Callable[[str, int, int], None]
-"""Called with what is being done, how much of it is, and of how much."""
+"""Called with what is being done, how much of it is done, and how much there is."""
 
 
 @value
@@ -37,10 +38,10 @@ class Case:
     """One object at one size.
 
     Attributes:
-        name: for people.
-        source: file or library name.
-        scale: factor on its size.
-        pieces: folder of objects that are cut already, or ``None``.
+        name: Name for people, such as ``mug@0.8``.
+        source: File or library name.
+        scale: Factor on its size.
+        pieces: Folder of objects that are cut already, or ``None``.
     """
 
     name: str
@@ -49,13 +50,13 @@ class Case:
     pieces: Path | None = None
 
     @property
-    def thing(self) -> str:
-        """The object's name without its size, as ``mug`` of ``mug@0.8``."""
+    def object_name(self) -> str:
+        """The object's name without its size, such as ``mug`` of ``mug@0.8``."""
         return self.name.rpartition("@")[0] or self.name
 
     def load_pieces(self) -> ConvexPieces:
         """The object's convex pieces at scale 1; see :func:`preshape.physics.pieces.load_pieces`."""
-        return load_pieces(self.thing if self.pieces else self.source, self.pieces)
+        return load_pieces(self.object_name if self.pieces else self.source, self.pieces)
 
 
 @value
@@ -63,11 +64,12 @@ class Planned:
     """The planner's answers for one case.
 
     Attributes:
-        case: the case.
-        answers: best first; empty without one.
-        mode: the controller's, or -1 where the object was refused.
-        reason: why there is no answer, or the controller's reason.
-        seconds: as in a plan; ``search`` is what a grasp costs once the object is prepared.
+        case: The case.
+        answers: The answers, best first; empty without one.
+        mode: The controller's mode, or -1 where the object was refused.
+        reason: The controller's reason, or why the object was refused.
+        seconds: Times as in a plan [s]; ``search`` is the time of the answers once the object is prepared.
+        mass: Mass that was planned for [kg].
     """
 
     case: Case
@@ -75,32 +77,35 @@ class Planned:
     mode: int
     reason: str
     seconds: Mapping[str, float]
+    mass: float = FIELD_MASS
 
 
 @value
 class PlannerReport:
-    """What the answers are worth.
+    """How many of the planner's answers held.
 
     Attributes:
         hand: The hand.
-        planned: every case.
-        asked: answers asked for of each case.
-        holds: the holding test of all answers, in the order of the cases.
+        planned: The answers of every case.
+        asked: Number of answers asked for of each case.
+        masses: Mass that each answer was tested with, in the order of the cases [kg].
+        holds: The holding test of all answers, in the order of the cases.
     """
 
     hand: Hand
     planned: tuple[Planned, ...]
     asked: int
+    masses: tuple[float, ...]
     holds: HoldReport | None
 
     @property
     def held(self) -> int:
-        """Answers that held."""
+        """Number of answers that held."""
         return sum(result.held for result in self.holds.results) if self.holds else 0
 
     @property
     def tested(self) -> int:
-        """Answers that count: those tested, and one for each case without any."""
+        """Number of answers that count: those tested, and one for each case without any."""
         return sum(max(1, len(p.answers)) for p in self.planned)
 
     @property
@@ -109,7 +114,7 @@ class PlannerReport:
         return wilson(self.held, self.tested)
 
     def row(self) -> dict[str, object]:
-        """The figures of one line of a table."""
+        """The figures of this report, as one row of a table."""
         geometry = [r.at_grasp for r in self.holds.results if r.at_grasp] if self.holds else []
         search = [p.seconds["search"] for p in self.planned if "search" in p.seconds]
         strengths = [r.strength for r in self.holds.results if r.strength is not None] if self.holds else []
@@ -138,67 +143,55 @@ def plan_cases(
     analyser: str = "closure",
     count: int = 1,
     seed: int = 0,
-    mass: float = FIELD_MASS,
+    mass: float | None = FIELD_MASS,
     progress: Progress | None = None,
 ) -> list[Planned]:
-    """Plan every case with a fresh memory, nothing learnt between them.
+    """Plan every case with a fresh memory, in which nothing is learnt.
 
     Args:
-        cases: objects.
+        cases: The objects.
         hand: The hand.
-        task: a task's name.
+        task: Name of the task.
         analyser: ``closure`` or ``rays``.
-        count: answers asked for.
-        seed: of the planner.
-        mass: of every object [kg]; the ray analyser knows no load.
-        progress: called after each.
+        count: Number of answers asked for of each case.
+        seed: Seed of the planner.
+        mass: Mass of every object [kg]; ``None`` takes each object's own. The ray analyser knows no loads.
+        progress: Called after each case.
 
     Raises:
-        InputError: a bad argument.
+        InputError: An argument cannot be used.
     """
-    closure = ClosureSettings(mass=mass) if analyser == "closure" else None
     planned: list[Planned] = []
     with Memory.open(":memory:") as memory:
         for number, case in enumerate(cases, start=1):
-            planned.append(_plan(case, hand, task, analyser, count, seed, closure, memory))
+            try:
+                made = plan(
+                    load_object(case.source, scale=case.scale),
+                    task,
+                    hand=hand,
+                    analyser=analyser,
+                    mass=mass if analyser == "closure" else None,
+                    memory=memory,
+                    learn=False,
+                    seed=seed,
+                    count=count,
+                )
+            except ObjectError as error:
+                planned.append(Planned(case=case, answers=(), mode=-1, reason=str(error), seconds={}))
+            else:
+                planned.append(
+                    Planned(
+                        case=case,
+                        answers=tuple(answer for answer in answers_of(made) if answer.hand_result.reached),
+                        mode=made.decision.mode,
+                        reason=made.decision.reason,
+                        seconds=made.seconds,
+                        mass=made.mass.kg,
+                    )
+                )
             if progress is not None:
                 progress("planned", number, len(cases))
     return planned
-
-
-def _plan(
-    case: Case,
-    hand: Hand,
-    task: str,
-    analyser: str,
-    count: int,
-    seed: int,
-    closure: ClosureSettings | None,
-    memory: Memory,
-) -> Planned:
-    try:
-        mesh = load_object(case.source, scale=case.scale)
-        made: Plan = plan(
-            mesh,
-            task,
-            hand=hand,
-            analyser=analyser,
-            memory=memory,
-            learn=False,
-            seed=seed,
-            count=count,
-            closure=closure,
-        )
-    except ObjectError as error:
-        return Planned(case=case, answers=(), mode=-1, reason=str(error), seconds={})
-    reached = (a for a in (made.answer, *made.alternatives) if a is not None and a.hand_result.reached)
-    return Planned(
-        case=case,
-        answers=tuple(reached),
-        mode=made.decision.mode,
-        reason=made.decision.reason,
-        seconds=made.seconds,
-    )
 
 
 def grasps_of(planned: Sequence[Planned], hand: Hand) -> GraspSet | None:
@@ -215,6 +208,7 @@ def bench_planner(
     hand: Hand,
     *,
     protocol: HoldProtocol | None = None,
+    own_mass: bool = False,
     task: str = "lift",
     analyser: str = "closure",
     count: int = 1,
@@ -224,25 +218,26 @@ def bench_planner(
     planned: Sequence[Planned] | None = None,
     progress: Progress | None = None,
 ) -> PlannerReport:
-    """Plan, then test.
+    """Plan the cases, then put the answers to the holding test.
 
     Args:
-        cases: objects.
+        cases: The objects.
         hand: The hand.
-        protocol: default the six directions, a loss ends a grasp's test; its mass is planned for where
-            nothing was ``planned`` before.
-        task: what is planned for.
+        protocol: Settings of the test; by default the six directions, where the first loss ends a grasp's
+            test. Its mass is planned for.
+        own_mass: Whether each object is planned and tested with its own mass in place of the protocol's.
+        task: Name of the task.
         analyser: ``closure`` or ``rays``.
-        count: answers of each case.
-        seed: of the planner.
-        workers: processes of the test.
-        pieces: objects already cut, by source.
-        planned: answers made before, to be tested again under another protocol.
-        progress: called as work is done.
+        count: Number of answers asked for of each case.
+        seed: Seed of the planner.
+        workers: Number of processes of the test.
+        pieces: Objects that are cut already, by source.
+        planned: Answers that were planned before, to be tested again under another protocol.
+        progress: Called as work is done.
 
     Raises:
-        InputError: a bad argument.
-        EnvironmentFailure: a file or a process failed.
+        InputError: An argument cannot be used.
+        EnvironmentFailure: A file cannot be read, or a process was killed.
     """
     rules = protocol or HoldProtocol(stop_early=True)
     if planned is None:
@@ -253,26 +248,50 @@ def bench_planner(
             analyser=analyser,
             count=count,
             seed=seed,
-            mass=rules.mass,
+            mass=None if own_mass else rules.mass,
             progress=progress,
         )
-    made = list(planned)
-    grasps = grasps_of(made, hand)
-    if grasps is None:
-        return PlannerReport(hand=hand, planned=tuple(made), asked=count, holds=None)
-    cut = dict(pieces or {})
-    wanted = {p.case.source: p.case for p in made if p.answers}
-    for number, (source, case) in enumerate(wanted.items(), start=1):
-        if source not in cut:
-            cut[source] = case.load_pieces()
-        if progress is not None:
-            progress("cut into convex pieces", number, len(wanted))
-    holds = run_holds(
-        grasps,
-        physics_hand(hand),
-        protocol=rules,
-        pieces=cut,
-        workers=workers,
-        progress=None if progress is None else lambda done, of: progress("tested", done, of),
-    )
-    return PlannerReport(hand=hand, planned=tuple(made), asked=count, holds=holds)
+    grasps = grasps_of(planned, hand)
+    masses = tuple(p.mass if own_mass else rules.mass for p in planned for _ in p.answers)
+    holds = None
+    if grasps is not None:
+        cut = dict(pieces or {})
+        wanted = {p.case.source: p.case for p in planned if p.answers}
+        for number, (source, case) in enumerate(wanted.items(), start=1):
+            if source not in cut:
+                cut[source] = case.load_pieces()
+            if progress is not None:
+                progress("cut into convex pieces", number, len(wanted))
+        holds = _tested(grasps, masses, physics_hand(hand), rules, cut, workers, progress)
+    return PlannerReport(hand=hand, planned=tuple(planned), asked=count, masses=masses, holds=holds)
+
+
+def _tested(
+    grasps: GraspSet,
+    masses: Sequence[float],
+    hand: PhysicsHand,
+    rules: HoldProtocol,
+    pieces: Mapping[str, ConvexPieces],
+    workers: int | None,
+    progress: Progress | None,
+) -> HoldReport:
+    """The holding test of each grasp with its own mass, as one report in the order of the grasps."""
+    own = grasps.for_hand(hand)
+    results: dict[int, HoldResult] = {}
+    seconds = 0.0
+    for mass in dict.fromkeys(masses):
+        rows = [row for row, other in enumerate(masses) if other == mass]
+        before = len(results)
+        report = run_holds(
+            own.rows(rows),
+            hand,
+            protocol=replace(rules, mass=mass),
+            pieces=pieces,
+            workers=workers,
+            progress=None
+            if progress is None
+            else lambda done, _, before=before: progress("tested", before + done, len(own)),  # type: ignore[misc]
+        )
+        results |= {row: replace(r, row=row) for row, r in zip(rows, report.results, strict=True)}
+        seconds += report.seconds
+    return HoldReport(grasps=own, results=tuple(results[row] for row in range(len(own))), seconds=seconds)
