@@ -11,12 +11,15 @@ from collections.abc import Callable
 import numpy as np
 
 from ..closure.analyser import ClosureAnalyser
+from ..closure.settings import ClosureSettings
 from ..hands.hand import Hand
 from ..hiis.analyser import Aim, Grip
+from ..hiis.decision import Settings
 from ..hiis.fuzzy import FuzzySets
 from ..hiis.learning import search_values
 from ..objects.mesh import TriangleMesh
-from ..planning.session import layout_of
+from ..planning.request import PlanRequest
+from ..planning.session import closure_analyser
 from ..tasks import Task
 from ..types import value
 from .random_grasps import draw_random_grasps, random_grasp_settings
@@ -59,14 +62,18 @@ def shard_grasps(
     """
 
     def analyser(search: int) -> ClosureAnalyser:
-        return ClosureAnalyser(
-            mesh,
-            hand,
-            layout_of(hand),
-            settings=settings.closure(count),
-            gravity=task.gravity,
-            seed=seed + search,
+        request = PlanRequest(
+            source=mesh,
+            task=task,
+            hand=hand,
+            analyser="closure",
+            mass=settings.mass,
+            friction=settings.friction,
+            count=count,
+            settings=Settings(seed=seed + search),
+            search=ClosureSettings(everywhere=settings.candidates, threads=1),
         )
+        return closure_analyser(request, hand, mesh)
 
     if settings.ranked:
         return _ranked(analyser, task, count)

@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Any
 
 from ..closure.hand_tables import digest
-from ..closure.settings import ClosureSettings
 from ..exceptions import InputError, ObjectError
 from ..hands.load import load_hand
 from ..objects.load import load_object
@@ -74,16 +73,6 @@ class DatasetSettings:
     def conditions(self) -> dict[str, Any]:
         """Mass [kg], friction and scene that the grasps are made for, as plain JSON values."""
         return {"mass": self.mass, "friction": self.friction, "table": None, "avoid": []}
-
-    def closure(self, count: int) -> ClosureSettings:
-        """The planner's settings for a shard of ``count`` grasps."""
-        return ClosureSettings(
-            friction=self.friction,
-            mass=self.mass,
-            everywhere=self.candidates,
-            finished=max(6, count + count // 2 + 2),
-            threads=1,
-        )
 
 
 @value
@@ -218,7 +207,16 @@ def _shard(
     settings: DatasetSettings,
 ) -> Shard:
     key = json.dumps(
-        [settings.seed, case.object_name, mesh, case.scale, hand_name, parsed.q.tolist(), task_label(parsed), part]
+        [
+            settings.seed,
+            case.object_name,
+            mesh,
+            case.scale,
+            hand_name,
+            parsed.q.tolist(),
+            task_label(parsed),
+            part,
+        ]
     )
     state = hashlib.sha256(key.encode()).hexdigest()
     plain = "-".join((case.object_name, f"{case.scale:g}", hand_name, task_label(parsed), f"{part:04d}"))

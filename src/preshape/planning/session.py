@@ -13,7 +13,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
@@ -33,6 +33,9 @@ from .hand_simulation import execute, hand_geometry
 from .plan import Answer, Plan, seen_first
 from .request import PlanRequest
 from .verify import VERIFIED, verified_plan
+
+if TYPE_CHECKING:
+    from ..closure.analyser import ClosureAnalyser
 
 CLOSURE_SUFFIX = "+closure"
 """Lessons of a hand closed for real are kept apart from what rays have found for the same hand."""
@@ -318,6 +321,29 @@ def out_of_reach(request: PlanRequest, mesh: TriangleMesh, hand: Hand) -> list[s
                 f"hand's reach of {1000 * reach:.0f} mm; it changes nothing (boxes are in metres, mesh frame)"
             )
     return words
+
+
+def closure_analyser(request: PlanRequest, hand: Hand, mesh: TriangleMesh) -> ClosureAnalyser:
+    """The closure analyser of a request without a memory: it needs no first lesson and recalls nothing.
+
+    Args:
+        request: The request.
+        hand: Its hand, loaded.
+        mesh: Its object, loaded [m].
+    """
+    from ..closure.analyser import ClosureAnalyser
+
+    settings = request.settings
+    return ClosureAnalyser(
+        mesh,
+        hand,
+        layout_of(hand),
+        settings=request.closure(mesh, object_mass(mesh, request.stated_mass).kg),
+        coefficients=settings.coefficients,
+        sets=settings.sets,
+        gravity=np.asarray(request.gravity, dtype=np.float64),
+        seed=settings.seed,
+    )
 
 
 def closure_controller(
