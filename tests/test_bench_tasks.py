@@ -35,6 +35,7 @@ from preshape.physics.task.instances import (
 from preshape.physics.task.protocol import TaskProtocol, TaskStatus
 from preshape.physics.task.report import TaskReport, result_from_json, result_to_json
 from preshape.physics.task.runner import run_tasks
+from preshape.planning import planned_answers
 from preshape.tasks import FAMILIES, named_task
 from test_physics_run import grasp_set
 from test_physics_scene import BOX, CORNERS, HAND, HERE, clamp
@@ -338,6 +339,30 @@ class TestCommand:
         assert "By task" in text
         assert "By object" in text
         assert f"{first['all']['passed']} of 2 passed" in text
+
+    @pytest.mark.parametrize(
+        ("options", "mass"),
+        [
+            (["--hand", "shadow"], 0.1),
+            (["--hand", "shadow", "--mass", "0.4"], 0.4),
+            (["--mass", "0.4"], None),
+        ],
+    )
+    def test_the_mass_is_planned_for(
+        self, options: list[str], mass: float | None, capsys, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        """The hammer's own 0.35 kg stays out; the ray analyser knows no loads."""
+        planned_for: list[float | None] = []
+
+        def refuse(*_: object, mass: float | None, **__: object) -> None:
+            planned_for.append(mass)
+            raise InputError("not today")
+
+        monkeypatch.setattr(planned_answers, "plan", refuse)
+        words = "bench tasks --objects hammer --tasks lift --workers 1 --json".split()
+        assert run([*words, *options]) == 0
+        assert "not today" in capsys.readouterr().out
+        assert planned_for == [mass]
 
     def test_instances_for_others(self, tmp_path: Path, capsys) -> None:
         file = tmp_path / "list.json"
