@@ -31,9 +31,9 @@ from preshape.hiis.virtual_grasp import RayAnalyser
 from preshape.memory import Memory
 from preshape.objects.library import entry, load_library_object, names
 from preshape.objects.mesh import TriangleMesh
-from preshape.planner import layout_of
+from preshape.planning.session import layout_of
 from preshape.tasks import family_names, parse_task
-from preshape.types import ContactCoefficients, value
+from preshape.types import ANSWER_KIND, ContactCoefficients, value
 
 LAYOUT = layout_of(load_hand("utah_mit"))
 SETS = FuzzySets()
@@ -279,14 +279,17 @@ def test_and_stays_after_all_where_there_is_none():
 # -- what is remembered --------------------------------------------------------------------------------
 
 
-def test_a_lesson_is_the_task_the_best_possible_task_and_a_landmark():
+def test_a_lesson_is_the_task_the_best_possible_task_a_landmark_and_a_better_answer():
     pa, q = prepared("mug"), parse_task("pour").q
     discovery = explore(pa, q, SETS, enough=3.0)
     experiences = experiences_of(pa, "mug", q, discovery, SETS)
     task, best = (next(e for e in experiences if e.kind == kind) for kind in ("task", "best"))
     landmarks = [e for e in experiences if e.kind == "landmark"]
     assert landmarks
-    assert len(experiences) == 2 + len(landmarks)
+    (answer,) = (e for e in experiences if e.kind == ANSWER_KIND)
+    assert len(experiences) == 3 + len(landmarks)
+    assert answer.match == pytest.approx(discovery.answer.tfvadi)
+    assert answer.match > discovery.taught.tfvadi  # else there is nothing to store beside what is taught
     taught = discovery.taught
     for e in (task, best):
         assert (e.plane, e.flip, e.fingers) == (taught.plane.index, taught.flip, taught.fingers)
@@ -327,7 +330,7 @@ def test_the_training_set_holds_tasks_and_best_possible_tasks_but_no_landmarks()
     experiences = lesson("mug", "pour") + lesson("bowl", "lift")
     x, y = training_set(experiences, LAYOUT.u)
     assert (x.shape, y.shape) == ((4, 13), (4, 9))
-    wanted = [e for e in experiences if e.kind != "landmark"]
+    wanted = [e for e in experiences if e.kind in ("task", "best")]
     for row, bits, e in zip(x, y, wanted, strict=True):
         assert row == pytest.approx(inputs(e.task, e.attributes, LAYOUT.u))
         assert bits == pytest.approx(encode(e.plane, e.approach_set, e.fingers))

@@ -25,7 +25,7 @@ from preshape.objects.library import load_library_object
 from preshape.objects.mesh import TriangleMesh
 from preshape.planning.session import closure_controller, layout_of
 from preshape.tasks import parse_task
-from preshape.types import KEPT, Experience
+from preshape.types import ANSWER_KIND, Experience
 
 HAND, LIFT, TWIST = load_hand("allegro"), parse_task("lift"), parse_task("twist")
 JOINTS, SETS = len(HAND.joints), FuzzySets()
@@ -53,7 +53,7 @@ def ask(memory: Memory, name: str = "box", task: Any = LIFT, **how: Any) -> tupl
 
 
 def grips(memory: Memory) -> list[Experience]:
-    return list(memory.experiences(kinds=[KEPT]))
+    return list(memory.experiences(kinds=[ANSWER_KIND]))
 
 
 def pose(decision: Decision) -> np.ndarray:
@@ -76,7 +76,7 @@ def test_the_grip_of_an_answer_is_remembered_and_comes_back(memory: Memory) -> N
     assert kept.quality == first.grasp.judged  # type: ignore[union-attr]
     again, recalling = ask(memory)
     assert again.mode == 0
-    assert recalling.tried == 1
+    assert recalling.tried == 0, "what is stored is worked out again, and nothing is searched"
     np.testing.assert_allclose(pose(again), pose(first), atol=1e-12)
     assert len(grips(memory)) == 1, "no news"
 
@@ -91,7 +91,7 @@ def test_the_estimator_learns_nothing_of_it(memory: Memory) -> None:
     assert before.w1.tobytes() == after.w1.tobytes()
     everything = memory.experiences()
     x, _ = training_set(everything, layout_of(HAND).u, kind="shape")
-    fewer, _ = training_set([e for e in everything if e.kind != KEPT], layout_of(HAND).u, kind="shape")
+    fewer, _ = training_set([e for e in everything if e.kind != ANSWER_KIND], layout_of(HAND).u, kind="shape")
     np.testing.assert_array_equal(x, fewer)
 
 
@@ -224,7 +224,7 @@ def test_one_object_does_not_fill_the_list(box) -> None:
 
 def test_the_same_grip_is_tried_once_and_what_was_lost_not_at_all(box) -> None:
     mesh, grasp = box
-    twice = [remembered(mesh, grasp, 0.1), remembered(mesh, grasp, 0.1, kind=KEPT, task=TWIST.q)]
+    twice = [remembered(mesh, grasp, 0.1), remembered(mesh, grasp, 0.1, kind=ANSWER_KIND, task=TWIST.q)]
     lost = [remembered(mesh, grasp, 0.2), remembered(mesh, grasp, 0.2, outcome="lost")]
     order, _ = marks(twice + lost, mesh)
     assert order == [0.1]

@@ -25,7 +25,7 @@ from preshape.studies import descriptor_study as study
 from preshape.studies.descriptor_study import DESCRIPTOR
 from preshape.studies.setup import Setup
 from preshape.tasks import parse_task
-from preshape.types import KEPT, Attributes, Experience
+from preshape.types import ANSWER_KIND, Attributes, Experience
 
 SETS = FuzzySets()
 U = 0.043
@@ -114,7 +114,7 @@ def test_the_network_learns_either_kind_and_starts_afresh_at_the_other(
     assert (paper.w1.shape, shape.w1.shape) == ((45, 13), (45, 37))
     assert np.array_equal(shape.w1, learn(lessons, U, None, kind="shape").w1)
     for e in lessons:
-        if e.kind not in ("landmark", KEPT):  # these are not taught to the estimator
+        if e.kind not in ("landmark", ANSWER_KIND):  # these are not taught to the estimator
             said = decode(predict(shape, inputs(e.task, e.attributes, U, "shape")))
             assert (said.plane, said.approach_set, said.fingers) == (e.plane, e.approach_set, e.fingers)
     again = learn(lessons, U, shape, kind="shape")

@@ -150,8 +150,8 @@ class ContactCoefficients:
         frozen_array([self.ka, self.ko, self.kn, self.mn], (4,), "contact coefficients")
 
 
-KEPT = "grip"
-"""Kind of the experiences that modes 0 and 1 leave of a real hand."""
+ANSWER_KIND = "grip"
+"""Kind of the experiences that store an answer without teaching the estimator."""
 
 
 @value

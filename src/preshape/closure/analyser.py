@@ -21,7 +21,7 @@ from ..hiis.fuzzy import FuzzySets
 from ..hiis.virtual_grasp import MAX_FINGERS
 from ..kernels.field.host import SurfaceQuery, prepare_field
 from ..objects.mesh import TriangleMesh
-from ..types import KEPT, Array, ContactCoefficients, Experience, frozen_array
+from ..types import ANSWER_KIND, Array, ContactCoefficients, Experience, frozen_array
 from .candidates import (
     DrawnCandidates,
     RankedCandidates,
@@ -124,6 +124,11 @@ class ClosureAnalyser:
 
     measure = "the grip's quality (3 is just enough)"
     patience = 8
+
+    def forget(self) -> None:
+        """Clear the cache of aims, so that the next one is searched again."""
+        self._cache.clear()
+        self._explored.clear()
 
     @property
     def tried(self) -> int:
@@ -332,7 +337,7 @@ class ClosureAnalyser:
         """Whether all planes have been searched for a task, here or when the object was taught."""
         task, extents = q.tobytes(), self.mesh.attributes.extents
         return task in self._explored or any(
-            e.kind != KEPT
+            e.kind != ANSWER_KIND
             and e.scene == self.scene
             and e.task.tobytes() == task
             and np.allclose(e.attributes.extents, extents, rtol=1e-6)

@@ -1,4 +1,4 @@
-"""What the closure analyser is told: friction, load, and how far it searches."""
+"""Settings of the closure analyser: friction, load, and size of the search."""
 
 from __future__ import annotations
 
@@ -37,30 +37,32 @@ class ClosureSettings:
     """Numbers of the closure analyser; one set of defaults serves every object, hand and task.
 
     Attributes:
-        friction: between fingers and object.
-        torsion: torsional friction [m]; a quarter of the field's test: a turn about a pinch creeps [C].
-        friction_share: share of both that is planned with: room for error [C].
-        mass: Mass of the object [kg]; its weight and a push of the same size are what a grip is made for.
-            ``None``: a plan takes the object's own mass, the analyser alone the field's 0.1 kg.
-        press_least: least sum of normal forces of a squeeze [N].
-        press_most: largest [N] on an object of 0.1 kg or less, in proportion on a heavier one; the
-            hand's joint torques may allow less.
-        safety: the squeeze is this many times what the load needs.
-        hold: share of the task's load that plain holding in every other direction is asked for.
-        at_aim: candidates for one plane and approach value (mode 0).
-        on_plane: candidates for one plane (mode 1).
-        everywhere: candidates for all planes (mode 3).
-        persistence: times that more are drawn, and that the best are refined again, where little was found.
-        elite: candidates that a round of refinement starts from.
-        children: of each of them.
-        rounds: of refinement.
-        finished: grips that are worked out in full, at most.
-        obstacles: table and boxes that hand and fingers stay out of.
+        friction: Friction coefficient between fingers and object.
+        torsion: Torsional friction [m]; a quarter of that of the field's test, because an object creeps
+            about the axis of a pinch [C].
+        friction_share: Share of both frictions that is planned with, as a reserve for errors [C].
+        mass: Mass of the object [kg]; a grip must carry its weight and resist a push of the same size. With
+            ``None``, a plan uses the object's own mass, and the analyser alone the field's 0.1 kg.
+        press_least: Least sum of the normal forces of a squeeze [N].
+        press_most: Largest sum for an object of up to 0.1 kg, in proportion for a heavier one; the hand's
+            joint torques may allow less [N].
+        safety: Press of the squeeze over the press that the load needs.
+        hold: Load of plain holding, in all directions, as a share of the task's load.
+        at_aim: Number of candidates for one plane and approach value (mode 0).
+        on_plane: Number of candidates for one plane (mode 1).
+        everywhere: Number of candidates for all planes (mode 3).
+        persistence: Number of times that more candidates are drawn, and that the best are refined again,
+            where the margin is short.
+        elite: Size of the elite set of a round of refinement.
+        children: Number of children of each candidate in it.
+        rounds: Rounds of refinement.
+        finished: Largest number of finished grips.
+        obstacles: Table and boxes that the hand must avoid.
         device: ``cpu`` or a CUDA device.
-        threads: CPU threads, default one for each core.
+        threads: CPU threads; by default one for each core.
 
     Raises:
-        InputError: a number out of range.
+        InputError: A number is out of range.
     """
 
     friction: float = FRICTION
@@ -119,7 +121,7 @@ class ClosureSettings:
 
     @property
     def mu(self) -> float:
-        """Friction that is planned with."""
+        """Friction coefficient that is planned with."""
         return self.friction * self.friction_share
 
     @property
@@ -129,22 +131,22 @@ class ClosureSettings:
 
     @property
     def weight(self) -> float:
-        """Of the object [N]."""
+        """Weight of the object [N]."""
         return self.planned_mass * GRAVITY
 
     @property
     def planned_mass(self) -> float:
-        """The mass that is planned with [kg]."""
+        """Mass that is planned with [kg]."""
         return FIELD_MASS if self.mass is None else self.mass
 
     @property
     def strongest(self) -> float:
-        """Largest sum of normal forces of a squeeze on this object [N]."""
+        """Largest sum of the normal forces of a squeeze on this object [N]."""
         return self.press_most * self._heavier
 
     @property
     def middling(self) -> float:
-        """A press between the least and the strongest, by which the ranking reckons the weight [N]."""
+        """Press between the least and the strongest, which carries the weight in the ranking [N]."""
         return 0.5 * (self.press_least + self.press_most) * self._heavier
 
     @property
@@ -153,7 +155,7 @@ class ClosureSettings:
 
 
 def table_below(height: float, up: str = "z") -> Obstacles:
-    """A table: the half-space under ``height`` [m] along an axis of the mesh frame.
+    """A table: the half-space below ``height`` [m] along an axis of the mesh frame.
 
     >>> table_below(0.02).planes.tolist()
     [[0.0, 0.0, 1.0, 0.02]]

@@ -1,4 +1,4 @@
-"""The controller: four execution modes, one after the other (§3.6, fig. 9-10).
+"""The controller: four execution modes, tried in order (§3.6, fig. 9-10).
 
 ::
 
@@ -8,11 +8,11 @@
        │ penalty
     mode 2  is the object known?          ── yes ─────> ask for task correction, offer tasks that fit
        │ no
-    mode 3  explore, learn, test oneself  ── reward ──> answer
+    mode 3  explore, learn, self-test     ── reward ──> answer
        │ penalty
     deadlock, until meta control resets it
 
-This is the only place where the parts meet; each of them can be used and tested alone.
+Only this module combines the parts of the system; each of them can be used and tested alone.
 """
 
 from __future__ import annotations
@@ -28,21 +28,21 @@ from ..objects.library import load_library_object
 from ..objects.mesh import TriangleMesh
 from ..objects.shape import described
 from ..tasks import Task, all_named_tasks
-from ..types import KEPT, Array, Attributes, BoolArray, Experience, NetworkWeights
+from ..types import ANSWER_KIND, Array, Attributes, BoolArray, Experience, NetworkWeights
 from .analyser import Aim, Analyser, Exploration, Grasp, Grip, HandLayout
 from .critic import SLACK, Recognition, Verdict, attribute_distance, judge, recognise, recognise_shape
 from .decision import Decision, Offer, Settings, Status, Transition, decided
 from .estimator import Estimate, InputKind, decode, inputs, predict
 from .learning import (
     Discovery,
-    asked_of,
     everywhere,
     experience_of,
     experiences_of,
     explore,
     first_guess,
-    held_by,
+    grasp_key,
     learn,
+    lesson_key,
     outcomes_of,
     search_values,
     seed_experiences,
@@ -52,27 +52,27 @@ from .planes import allowed_planes
 from .virtual_grasp import RayAnalyser
 
 STORED = 8
-"""Stored grasps of one object and task that are evaluated again, the best of them first."""
+"""Largest number of stored grasps of one object and task that are evaluated again, best first."""
 OFFERS = 3
-"""How many tasks that fit are offered when the asked one does not."""
+"""Number of tasks offered where the requested one does not fit."""
 
 
 class Controller:
     """Hybrid intelligent inference for one hand and one memory.
 
     Args:
-        memory: what was learnt so far; with ``memory.read_only`` nothing is added to it.
-        layout: the hand.
-        settings: what meta control has set.
-        prepare: makes the performance element for an object; the paper's ray analyser by default.
-        prepare_seed: makes the one that the first lesson, the cube, is taught with; default ``prepare``.
-        kind: what the estimator is told of an object: ``paper``, or ``shape``, which no triangulation
-            changes; an object is recognised accordingly.
-        scene: The scene of the requests, as text; lessons are learnt with it, and only lessons of the same
-            scene recognise an object or count as known.
+        memory: The memory; with ``memory.read_only`` nothing is added to it.
+        layout: The hand.
+        settings: The settings of meta control.
+        prepare: Makes the performance element for an object; by default the paper's ray analyser.
+        prepare_seed: Makes the performance element for the first lesson, the cube; by default ``prepare``.
+        kind: Inputs of the estimator that describe an object, and by which it is recognised: ``paper``, or
+            ``shape``, which does not depend on the triangulation.
+        scene: Scene of the requests, as text. Lessons are stored with it, and only lessons of the same scene
+            make an object known.
 
     Attributes:
-        memory_state: State of the memory that this controller knows (:meth:`Memory.state`).
+        memory_state: State of the memory at its last use by this controller (:meth:`Memory.state`).
     """
 
     def __init__(
@@ -96,18 +96,18 @@ class Controller:
         self._described: tuple[TriangleMesh, Attributes] | None = None
         self._experiences: tuple[Experience, ...] = ()
         self._weights: NetworkWeights | None = None
-        self._wake()
+        self._load_memory()
         self.memory_state = memory.state()
 
     @property
     def weights(self) -> NetworkWeights:
-        """The approach estimator's weights now."""
+        """The present weights of the approach estimator."""
         assert self._weights is not None
         return self._weights
 
     @property
     def experiences(self) -> tuple[Experience, ...]:
-        """Everything this hand has met, in order."""
+        """All experiences of this hand, in the order in which they were stored."""
         return self._experiences
 
     def ray_analyser(self, mesh: TriangleMesh) -> RayAnalyser:
@@ -116,12 +116,12 @@ class Controller:
         return RayAnalyser(mesh, self.layout, coefficients=s.coefficients, sets=s.sets)
 
     def prepare(self, mesh: TriangleMesh) -> Analyser:
-        """The performance element for an object, to be used for several tasks."""
+        """The performance element for an object; it can be used for several tasks."""
         return self._prepare(mesh)
 
     def run(
         self,
-        thing: TriangleMesh | Analyser,
+        target: TriangleMesh | Analyser,
         task: Task,
         *,
         approaches: str | None = None,
@@ -131,34 +131,34 @@ class Controller:
         """Find a preshape: modes 0 to 3, in order, until the critic rewards one.
 
         Args:
-            thing: the object, or its prepared performance element.
-            task: what the hand is to do with it.
-            approaches: allowed approach axes, as ``+z,-x``; all by default.
-            count: how many different answers are wanted.
-            may_learn: whether mode 3 may teach the memory, and what a real hand did is remembered.
+            target: The object, or its prepared performance element.
+            task: What the hand is to do with the object.
+            approaches: Allowed approach axes, as ``+z,-x``; all by default.
+            count: Number of different answers wanted.
+            may_learn: Whether mode 3 may teach the memory, and grips of a real hand are stored.
 
         Raises:
-            InputError: a bad argument, or a deadlock that was not reset.
-            ObjectError: the object does not fit the hand.
+            InputError: An argument is wrong, or a deadlock was not reset.
+            ObjectError: The object does not fit the hand.
         """
         if self.deadlock:
-            raise InputError("the controller is in deadlock: reset() it, with another task or object")
+            raise InputError("the controller is in deadlock: call reset() and ask for another task or object")
         if count < 1:
             raise InputError(f"the number of answers must be at least 1, got {count}")
         allowed = allowed_planes(approaches)
-        pa = self._prepare(thing) if isinstance(thing, TriangleMesh) else thing
+        pa = self._prepare(target) if isinstance(target, TriangleMesh) else target
         steps: list[Transition] = []
 
-        stored = self._stored(pa, task, allowed)
+        stored = self._best_stored(pa, task, allowed)
         estimate, grasp, verdict = self._mode_0(pa, task.q, allowed, stored)
         steps.append(_step(0, verdict))
         if not verdict.reward:
             grasp, verdict = self._mode_1(pa, task.q, estimate)
-            grasp, verdict = self._better(pa, grasp, stored, verdict)
+            grasp, verdict = self._better_of(pa, grasp, stored, verdict)
             steps.append(_step(1, verdict))
         if verdict.reward and grasp is not None:
             if may_learn and grasp is not stored:
-                self._keep(pa, task, grasp)
+                self._store_grip(pa, task, grasp)
             return self._answer(pa, task, len(steps) - 1, grasp, steps, allowed, count, estimate)
 
         recognition = self._mode_2(pa)
@@ -170,23 +170,26 @@ class Controller:
             return decided(task, 2, Status.CORRECTION, steps, estimate, offers=offers)
         return self._mode_3(pa, task, allowed, count, steps, may_learn, stored)
 
-    def teach(self, thing: TriangleMesh | Analyser, task: Task, *, approaches: str | None = None) -> Decision:
-        """Learn an object with a task at once (mode 3), whether or not it is known."""
-        pa = self._prepare(thing) if isinstance(thing, TriangleMesh) else thing
+    def teach(
+        self, target: TriangleMesh | Analyser, task: Task, *, approaches: str | None = None
+    ) -> Decision:
+        """Learn an object and a task immediately (mode 3), whether the object is known or not."""
+        pa = self._prepare(target) if isinstance(target, TriangleMesh) else target
         allowed = allowed_planes(approaches)
-        return self._mode_3(pa, task, allowed, 1, [], True, self._stored(pa, task, allowed))
+        return self._mode_3(pa, task, allowed, 1, [], True, self._best_stored(pa, task, allowed))
 
     def reset(self) -> None:
-        """Meta control's reset of a deadlock; the next run starts at mode 0."""
+        """Reset a deadlock, as meta control; the next run starts at mode 0."""
         self.deadlock = False
 
     def at_estimate(
         self, pa: Analyser, q: Array, estimate: Estimate, recall: Sequence[int] = ()
     ) -> Exploration:
-        """What mode 0 chooses from, best first; empty where no grasp is.
+        """The grasps that mode 0 chooses from, best first.
 
-        With as many fingers as estimated, or as many as fit and meet the object there; and the grips of real
-        hands that are remembered of such objects, on the planes ``recall`` [C].
+        They are at the estimated plane and approach value, with the estimated number of fingers, or as many
+        as fit there. Stored grips of real hands from similar objects, on the planes ``recall``, are added
+        [C].
         """
         value = float(self.settings.sets.crisp()[estimate.approach_set])
         fingers = range(2, estimate.fingers + 1)
@@ -195,16 +198,16 @@ class Controller:
         return found.where(found.fingers == found.fingers.max()) if len(found) else found
 
     def on_plane(self, pa: Analyser, q: Array, estimate: Estimate) -> Exploration:
-        """What mode 1 chooses from: everything on the estimated plane, best first."""
+        """The grasps that mode 1 chooses from: all on the estimated plane, best first."""
         return pa.explore(q, Aim(planes=[estimate.plane], values=search_values(self.settings.sets)))
 
     # The modes.
 
-    def _stored(self, pa: Analyser, task: Task, allowed: BoolArray) -> Grasp | None:
-        """The best grasp that the memory holds of this object, task and scene, evaluated on the present mesh.
+    def _best_stored(self, pa: Analyser, task: Task, allowed: BoolArray) -> Grasp | None:
+        """The best stored grasp of this object, task and scene, evaluated again on the present mesh.
 
-        Asking again must never give a worse answer than the memory holds [C]. What physics has refused is no
-        longer held.
+        A repeated request must never get a worse answer than the memory holds [C]. Grasps that were lost in
+        physics are left out.
         """
         q, here = task.q.tobytes(), pa.mesh.attributes
         own = [
@@ -216,16 +219,16 @@ class Controller:
             and np.allclose(e.attributes.extents, here.extents, rtol=1e-6)
             and attribute_distance(here, e.attributes) < 1e-6
         ]
-        lost = {held_by(e) for e in own if e.outcome == "lost"}
-        lessons = {held_by(e): e for e in own if held_by(e) not in lost and e.kind != "landmark"}
+        lost = {grasp_key(e) for e in own if e.outcome == "lost"}
+        lessons = {grasp_key(e): e for e in own if grasp_key(e) not in lost and e.kind != "landmark"}
         likely = sorted(lessons.values(), key=lambda e: -(e.match if e.quality is None else e.quality))
         found = pa.recall(task.q, likely[:STORED])
         return max(found, key=lambda grasp: grasp.judged, default=None)
 
-    def _better(
+    def _better_of(
         self, pa: Analyser, grasp: Grasp | None, stored: Grasp | None, verdict: Verdict
     ) -> tuple[Grasp | None, Verdict]:
-        """The stored grasp in place of one that is worse, with the critic's verdict on it."""
+        """The better of a grasp and the stored one, with the critic's verdict on it."""
         if stored is None or (grasp is not None and grasp.judged >= stored.judged - SLACK):
             return grasp, verdict
         found = "" if grasp is None else f"; the search found {grasp.judged:.2f}"
@@ -235,39 +238,39 @@ class Controller:
     def _mode_0(
         self, pa: Analyser, q: Array, allowed: BoolArray, stored: Grasp | None = None
     ) -> tuple[Estimate, Grasp | None, Verdict]:
-        """AE → PA: the grasp that the estimator names, if there is one, or a better one that is stored.
+        """AE → PA: the best grasp at the estimate, or a better one that is stored.
 
-        A virtual grasp from the memory takes the place of the estimator's only where that is good enough, so
-        that the mode says how well the estimator did, as in the paper.
+        A stored virtual grasp replaces the estimated one only where that is good enough, so that the mode
+        shows how good the estimate was, as in the paper.
         """
         x = inputs(q, self._attributes(pa), self.layout.u, self._kind)
         estimate = decode(predict(self.weights, x), allowed)
         if isinstance(stored, Grip):
-            # Closing a hand costs time: the search goes on only where the stored grip is not good enough.
-            grasp, verdict = self._better(pa, None, stored, judge(None, 0.0))
+            # Closing a hand takes time: the search runs only where the stored grip is not good enough.
+            grasp, verdict = self._better_of(pa, None, stored, judge(None, 0.0))
             if verdict.reward:
                 return estimate, grasp, verdict
         grasp, verdict = self._criticise(pa, q, self.at_estimate(pa, q, estimate, _indices(allowed)))
         if verdict.reward:
-            grasp, verdict = self._better(pa, grasp, stored, verdict)
+            grasp, verdict = self._better_of(pa, grasp, stored, verdict)
         return estimate, grasp, verdict
 
     def _mode_1(self, pa: Analyser, q: Array, estimate: Estimate) -> tuple[Grasp | None, Verdict]:
-        """The estimated plane is kept; approach value, fingers and thumb side are searched."""
+        """Search approach value, fingers and thumb side on the estimated plane."""
         return self._criticise(pa, q, self.on_plane(pa, q, estimate))
 
     def _mode_2(self, pa: Analyser) -> Recognition:
-        """Is the object known?"""
+        """Whether the object is known."""
         s = self.settings
         if self._kind == "shape":
-            learnt = [e for e in self._experiences if e.kind != KEPT and e.scene == self.scene]
+            learnt = [e for e in self._experiences if e.kind != ANSWER_KIND and e.scene == self.scene]
             return recognise_shape(self._attributes(pa), learnt)
         return recognise(
-            pa, [e for e in self._experiences if e.kind != KEPT], s.thresholds.recognition, s.sets
+            pa, [e for e in self._experiences if e.kind != ANSWER_KIND], s.thresholds.recognition, s.sets
         )
 
     def _attributes(self, pa: Analyser) -> Attributes:
-        """The object as the estimator sees it."""
+        """Attributes of the object that the estimator uses."""
         if self._kind == "paper":
             return pa.mesh.attributes
         if self._described is None or self._described[0] is not pa.mesh:
@@ -284,28 +287,28 @@ class Controller:
         may_learn: bool,
         stored: Grasp | None,
     ) -> Decision:
-        """Explore, learn, and test oneself with the user's task: mode 0, then mode 1."""
+        """Explore all allowed planes, learn, and self-test with the user's task: mode 0, then mode 1."""
         threshold = self.settings.thresholds.estimation
         discovery = explore(pa, task.q, self.settings.sets, enough=threshold, allowed=allowed)
         if discovery is None:
             found = pa.explore(task.q, everywhere(self.settings.sets, allowed))
             miss = found.nearest_miss
             lacking = "" if miss is None else pa.shortfall(task.q, miss)
-            reason = f"no grasp on any allowed plane: {found.reason}{'; ' if lacking else ''}{lacking}"
+            reason = f"no grasp found on any allowed plane: {found.reason}{'; ' if lacking else ''}{lacking}"
             steps.append(Transition(mode=3, outcome="no grasp", reason=reason))
             return decided(task, 3, Status.NO_GRASP, steps, None, best=miss)
         best = discovery.answer
         steps.append(Transition(mode=3, outcome="explored", reason=discovery.summary))
         verdict = judge(best.judged, threshold, subject=pa.measure)
         if may_learn and not self.memory.read_only:
-            # What stands in the way today must not become what is known of the object [C].
+            # A lesson learnt with restricted approaches would wrongly restrict later plans without them [C].
             whole = None if allowed.all() else explore(pa, task.q, self.settings.sets, enough=threshold)
             learnt = self._learn(pa, task, whole or discovery)
             steps.append(Transition(mode=3, outcome="learned", reason=learnt))
             if allowed.all():
                 own, verdict = self._self_test(pa, task.q, allowed)
-                best = own if own is not None and best.judged < threshold else best  # what is judged is given
-        given, verdict = self._better(pa, best, stored, verdict)
+                best = own if own is not None and best.judged < threshold else best  # the judged one
+        given, verdict = self._better_of(pa, best, stored, verdict)
         best = best if given is None else given
         if not verdict.reward and (lacking := pa.shortfall(task.q, best)):
             verdict = replace(verdict, reason=f"{verdict.reason}: {lacking}")
@@ -323,7 +326,7 @@ class Controller:
         return grasp, judge(grasp.judged, threshold, subject=pa.measure)
 
     def _learn(self, pa: Analyser, task: Task, discovery: Discovery) -> str:
-        """Incremental learning (§3.5): experiences and new weights reach the memory together."""
+        """Incremental learning (§3.5): experiences and new weights are stored together."""
         new = experiences_of(pa, pa.mesh.name, task.q, discovery, self.settings.sets, self.scene)
         weights = self._remember(new)
         return (
@@ -332,39 +335,39 @@ class Controller:
             f"mean-square error {weights.mean_square_error:.1e}"
         )
 
-    def _keep(self, pa: Analyser, task: Task, grasp: Grasp) -> None:
-        """Remember a real hand's grip of mode 0 or 1; the estimator learns nothing of it [C]."""
+    def _store_grip(self, pa: Analyser, task: Task, grasp: Grasp) -> None:
+        """Store a real hand's grip of mode 0 or 1; the estimator is not taught with it [C]."""
         if not isinstance(grasp, Grip) or self.memory.read_only:
             return
-        kept = experience_of(
+        lesson = experience_of(
             pa,
             pa.mesh.name,
-            KEPT,
+            ANSWER_KIND,
             task.q,
             grasp,
             self.settings.sets,
             self._attributes(pa),
             scene=self.scene,
         )
-        if asked_of(kept) not in map(asked_of, self._experiences):
-            self.memory.add([kept])
-            self._experiences = (*self._experiences, kept)
+        if lesson_key(lesson) not in map(lesson_key, self._experiences):
+            self.memory.add([lesson])
+            self._experiences = (*self._experiences, lesson)
             self.memory_state = self.memory.state()
 
     def learn_outcomes(self, pa: Analyser, task: Task, tried: Sequence[tuple[Grasp, bool]]) -> None:
-        """Remember what physics said of grasps, and teach the estimator accordingly.
+        """Store the outcomes of grasps in physics, and teach the estimator accordingly.
 
-        A grasp that held is the way to hold the object for this task from now on; one that was lost is
-        neither taught nor recalled again [C].
+        A grasp that held is taught for this object and task from now on; a grasp that was lost is neither
+        taught nor recalled again [C].
 
         Args:
-            pa: the object's performance element.
-            task: what the grasps were for.
-            tried: grasps and whether each held, in the order in which they were tried.
+            pa: Performance element of the object.
+            task: The task of the grasps.
+            tried: Grasps and whether each held, in the order in which they were tested.
         """
-        said = {asked_of(e): e.outcome for e in self._experiences if e.outcome}
+        outcomes = {lesson_key(e): e.outcome for e in self._experiences if e.outcome}
         found = outcomes_of(pa, task.q, tried, self.settings.sets, self.scene)
-        if any(said.get(asked_of(e)) != e.outcome for e in found):
+        if any(outcomes.get(lesson_key(e)) != e.outcome for e in found):
             self._remember(found)
 
     def _remember(self, new: Sequence[Experience]) -> NetworkWeights:
@@ -401,7 +404,7 @@ class Controller:
     def _alternatives(
         self, pa: Analyser, q: Array, grasp: Grasp, allowed: BoolArray, count: int
     ) -> tuple[Grasp, ...]:
-        """The best other answers, each with another plane, thumb side or number of fingers."""
+        """The best other answers that differ from each other and from the first (:meth:`Grasp.same_as`)."""
         found = pa.explore(q, Aim(planes=_indices(allowed), values=search_values(self.settings.sets)))
         answers = [grasp]
         for i in range(len(found)):
@@ -430,8 +433,8 @@ class Controller:
                 break
         return tuple(offers)
 
-    def _wake(self) -> None:
-        """Read the memory; an empty one is taught the cube first (§3.5)."""
+    def _load_memory(self) -> None:
+        """Read the memory; where it is empty, learn the cube first (§3.5)."""
         self._experiences = self.memory.experiences(hand=self.layout.name)
         self._weights = self.memory.weights(self.layout.name)
         if not self._experiences:
@@ -439,7 +442,7 @@ class Controller:
             seeds = tuple(
                 seed_experiences(cube, self.settings.sets, enough=self.settings.thresholds.estimation)
             )
-            if not seeds:  # a hand that cannot hold the cube still has to begin somewhere
+            if not seeds:  # the hand cannot hold the cube, and the estimator still needs weights
                 self._weights = first_guess(cube, self.layout.u, self._kind, seed=self.settings.seed)
                 return
             self._weights = learn(seeds, self.layout.u, None, seed=self.settings.seed, kind=self._kind)
@@ -449,7 +452,7 @@ class Controller:
         x, _ = training_set(self._experiences, self.layout.u, kind=self._kind)
         weights = self._weights
         if weights is None or weights.trained_on != len(x) or weights.w1.shape[1] != x.shape[1]:
-            # Another process learnt at the same time, or experiences were imported.
+            # Another process has learnt in the meantime, or experiences were imported.
             self._weights = learn(
                 self._experiences, self.layout.u, weights, seed=self.settings.seed, kind=self._kind
             )

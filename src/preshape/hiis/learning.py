@@ -1,7 +1,7 @@
 """The learning element (LE, §3.5): the fuzzy explorer and the incremental learning unit.
 
-Training starts with a simple cube. Every object learnt later adds its experiences to the training
-data; the old ones stay, so learning an object does not forget the earlier ones.
+Training starts with a cube. Every object learnt later adds its experiences to the training data. The
+earlier experiences stay in it, so that learning an object does not make the estimator forget others.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import numpy as np
 
 from ..exceptions import InputError
 from ..objects.shape import described
-from ..types import KEPT, Array, Attributes, BoolArray, Experience, NetworkWeights, value
+from ..types import ANSWER_KIND, Array, Attributes, BoolArray, Experience, NetworkWeights, value
 from .analyser import Aim, Analyser, Exploration, Grasp, Grip
 from .critic import SLACK
 from .estimator import INPUT_COUNTS, OUTPUTS, InputKind, encode, inputs
@@ -23,10 +23,8 @@ from .training import train
 
 FINE_VALUES: Array = np.linspace(-0.95, 0.95, 64)
 """Approach values that modes 1 and 3 try between the crisp ones [C]."""
-
-
 MIDDLE_SET = 3
-"""Index of the fuzzy set of approach values round the object's middle."""
+"""Index of the fuzzy set of approach values at the object's middle."""
 
 
 @value
@@ -34,9 +32,9 @@ class Discovery:
     """What the fuzzy explorer found for a task.
 
     Attributes:
-        answer: the best virtual grasp of all, at any approach value.
-        taught: the one to learn: the best that a crisp approach value can recall.
-        found: everything, best first.
+        answer: The best grasp, at any approach value.
+        taught: The grasp to learn: the best one at a crisp approach value.
+        found: All grasps, best first.
     """
 
     answer: Grasp
@@ -45,7 +43,7 @@ class Discovery:
 
     @property
     def summary(self) -> str:
-        """What was found, in a sentence."""
+        """The result in one sentence."""
         return f"{self.found.summary}; the best is {self.answer.description}"
 
 
@@ -60,21 +58,21 @@ def explore(
 ) -> Discovery | None:
     """The fuzzy explorer: search all planes, flips, sets and finger counts for the best match (mode 3).
 
-    Crisp approach values are searched for what is taught, and the values between them for the answer
-    itself; among equal matches a crisp value wins. The estimator can recall crisp values only, so what is
-    taught stays on the answer's plane where a crisp value there is good enough, else moves to the best
-    plane on which one is, and stays after all when there is none [C].
+    The answer may have any approach value; among equal matches a crisp value is preferred. The grasp to teach
+    needs a crisp value, because the estimator can give no other. It is the best such grasp on the answer's
+    plane if that plane has one that is good enough, otherwise the best on the best plane that has one,
+    otherwise the best on the answer's plane after all [C].
 
     Args:
-        analyser: prepared for the object.
+        analyser: Analyser of the object.
         q: (6,) task Q.
-        sets: membership functions.
-        enough: TFVADI that counts as success.
+        sets: Membership functions.
+        enough: TFVADI or quality that is good enough.
         allowed: (12,) which planes may be used; all by default.
-        values: approach values; crisp ones and those between by default.
+        values: Approach values; by default the crisp ones and those between them.
 
     Returns:
-        ``None`` when no fingers find the object anywhere.
+        The answer and the grasp to teach; ``None`` where no grasp was found.
     """
     found = analyser.explore(q, everywhere(sets, allowed, values))
     if not len(found):
@@ -91,31 +89,30 @@ def explore(
 
 
 def everywhere(sets: FuzzySets, allowed: BoolArray | None = None, values: Array | None = None) -> Aim:
-    """The aim at all planes that are allowed, by default with all values that are searched."""
+    """The aim at all allowed planes, by default with all approach values."""
     planes = [p.index for p in PLANES if allowed is None or allowed[p.index - 1]]
     return Aim(planes=planes, values=search_values(sets) if values is None else values)
 
 
 def _first(mask: BoolArray, otherwise: int) -> int:
-    """Index of the first True: the best one, as everything found is in order."""
+    """Index of the first True, which is the best, because grasps are sorted; else ``otherwise``."""
     return int(np.argmax(mask)) if mask.any() else otherwise
 
 
 def search_values(sets: FuzzySets) -> Array:
-    """Crisp approach values and the finer ones between them, ascending."""
+    """Crisp approach values and those between them, ascending."""
     return np.unique(np.concatenate([sets.crisp(), FINE_VALUES]))
 
 
 def experiences_of(
     analyser: Analyser, object_name: str, q: Array, discovery: Discovery, sets: FuzzySets, scene: str = ""
 ) -> list[Experience]:
-    """What is worth remembering of a search: (Q, object), (BPT, object), a landmark, and the answer.
+    """The experiences to store of a search: (Q, object), (BPT, object), a landmark, and the answer.
 
-    The net wrench found is the *best possible task* (BPT) [P]: a task that this grasp matches as well as
-    any can. The landmark is the virtual grasp whose wrench resembles itself most; it serves
-    recognition alone, because a pattern that lies between fuzzy sets would not know itself [C].
-    The answer is stored beside them where the estimator, which knows crisp approach values only, is taught
-    another grasp: asking again must not give a worse answer than the first time [C].
+    The net wrench of the grasp is the *best possible task* (BPT) [P]: the task that this grasp matches best.
+    The landmark is the grasp whose wrench matches itself best. It serves recognition only, because a wrench
+    between fuzzy sets does not match itself [C]. The answer is stored as well where another grasp is taught,
+    because a repeated request must not get a worse answer than the first [C].
     """
     grasp = discovery.taught
     self_match = approaching_degrees(discovery.found.wrench, discovery.found.wrench, sets).sum(axis=1)
@@ -124,7 +121,7 @@ def experiences_of(
     lessons = [("task", q, grasp), ("best", grasp.net_wrench, grasp)]
     lessons.append(("landmark", landmark.net_wrench, landmark))
     if discovery.answer.judged > grasp.judged + SLACK:
-        lessons.append((KEPT, q, discovery.answer))
+        lessons.append((ANSWER_KIND, q, discovery.answer))
     return [
         experience_of(analyser, object_name, kind, task, g, sets, attributes, scene=scene)
         for kind, task, g in lessons
@@ -142,7 +139,7 @@ def experience_of(
     outcome: str = "",
     scene: str = "",
 ) -> Experience:
-    """A grasp of an object as what is remembered of it; see :class:`preshape.types.Experience`."""
+    """The experience of a grasp; see :class:`preshape.types.Experience`."""
     return Experience(
         kind=kind,
         object_name=object_name,
@@ -156,7 +153,7 @@ def experience_of(
         fingers=g.fingers,
         wrench=g.net_wrench,
         match=float(approaching_degrees(task, g.net_wrench, sets).sum()),
-        grip=_remembered(g, analyser.mesh.cog) if isinstance(g, Grip) else None,
+        grip=_stored_grip(g, analyser.mesh.cog) if isinstance(g, Grip) else None,
         quality=g.quality if isinstance(g, Grip) else None,
         outcome=outcome,
         scene=scene,
@@ -166,7 +163,7 @@ def experience_of(
 def outcomes_of(
     analyser: Analyser, q: Array, tried: Sequence[tuple[Grasp, bool]], sets: FuzzySets, scene: str = ""
 ) -> list[Experience]:
-    """What physics said of grasps for task Q, in the order in which they were tried: held, or lost."""
+    """Experiences of grasps for task Q that held or were lost in physics, in the order of the tests."""
     attributes, name = described(analyser.mesh), analyser.mesh.name
     return [
         experience_of(analyser, name, "task", q, g, sets, attributes, "held" if held else "lost", scene)
@@ -174,17 +171,17 @@ def outcomes_of(
     ]
 
 
-def held_by(e: Experience) -> bytes:
-    """What tells one remembered grasp from another: the real hand's grip, or the virtual grasp's wrench."""
+def grasp_key(e: Experience) -> bytes:
+    """Identifies a stored grasp: the grip of a real hand, or the wrench of a virtual grasp."""
     return (e.wrench if e.grip is None else e.grip).tobytes()
 
 
-def asked_of(e: Experience) -> tuple[str, str, bytes, bytes, bytes]:
-    """Which grasp of which object for which task, to tell whether it is news."""
-    return e.scene, e.object_name, e.attributes.extents.tobytes(), e.task.tobytes(), held_by(e)
+def lesson_key(e: Experience) -> tuple[str, str, bytes, bytes, bytes]:
+    """Identifies scene, object, task and grasp of an experience."""
+    return e.scene, e.object_name, e.attributes.extents.tobytes(), e.task.tobytes(), grasp_key(e)
 
 
-def _remembered(grip: Grip, cog: Array) -> Array:
+def _stored_grip(grip: Grip, cog: Array) -> Array:
     """What is stored of a grip: the palm's pose about the COG, the finger mask, the start posture."""
     place = grip.palm_pose[:3] - cog
     return np.concatenate([place, grip.palm_pose[3:], [float(grip.mask)], grip.start])
@@ -207,7 +204,7 @@ def seed_tasks() -> Array:
 
 
 def first_guess(analyser: Analyser, u: float, kind: InputKind, *, seed: int = 0) -> NetworkWeights:
-    """Weights for a hand that cannot hold the cube: each seed task on the plane that it was made for [C]."""
+    """Weights for a hand that cannot hold the cube: each seed task on the plane that it belongs to [C]."""
     attributes = described(analyser.mesh)
     x = np.array([inputs(q, attributes, u, kind) for q in seed_tasks()])
     y = np.array([encode(p.index, MIDDLE_SET, 3) for p in PLANES for _ in range(4)])
@@ -217,7 +214,7 @@ def first_guess(analyser: Analyser, u: float, kind: InputKind, *, seed: int = 0)
 def seed_experiences(
     analyser: Analyser, sets: FuzzySets, *, enough: float, object_name: str = "cube"
 ) -> list[Experience]:
-    """What the system knows before it has met anything: the cube under the 48 seed tasks (§3.5)."""
+    """The first lesson: the cube with the 48 seed tasks (§3.5)."""
     seeds = []
     for q in seed_tasks():
         discovery = explore(analyser, q, sets, enough=enough, values=sets.crisp())
@@ -231,39 +228,39 @@ def seed_experiences(
 def training_set(
     experiences: Sequence[Experience], u: float, *, kind: InputKind = "paper"
 ) -> tuple[Array, Array]:
-    """Inputs and output bits of all experiences that are trained on.
+    """Inputs and output bits of the experiences that the estimator is trained on.
 
-    Where the same task on the same object was learnt twice, the later one counts; a lesson of free space
-    counts before one with a table or boxes, because the estimator does not know the scene. What physics
-    refused is not taught, and takes with it what the same grasp had taught of the same task.
-    Experiences from before there were shape descriptors teach nothing where the inputs are of kind ``shape``.
+    Of two lessons of the same task on the same object, the later one counts; but a lesson in free space
+    counts before one with a table or boxes, because the estimator does not know the scene. A grasp that was
+    lost in physics is not taught, and an earlier lesson of the same task with the same grasp is dropped. With
+    inputs of kind ``shape``, experiences without a shape descriptor are left out.
 
     Args:
-        experiences: of one hand, in the order in which they were met.
-        u: the hand's U [m].
-        kind: of the inputs, ``paper`` or ``shape``.
+        experiences: Experiences of one hand, in the order in which they were stored.
+        u: The hand's U [m].
+        kind: Kind of the inputs, ``paper`` or ``shape``.
 
     Returns:
         (n, 13) or (n, 37) inputs and (n, 9) bits.
 
     Raises:
-        InputError: an unknown kind.
+        InputError: The kind is unknown.
     """
     if kind not in INPUT_COUNTS:
         raise InputError(f"no kind of inputs {kind!r}; known: {', '.join(INPUT_COUNTS)}")
     rows: dict[bytes, tuple[Array, Array, bytes]] = {}
     in_scene = set[bytes]()
     for e in experiences:
-        if e.kind in ("landmark", KEPT) or (kind == "shape" and e.attributes.shape is None):
+        if e.kind in ("landmark", ANSWER_KIND) or (kind == "shape" and e.attributes.shape is None):
             continue
         x = inputs(e.task, e.attributes, u, kind)
         key, bits = np.round(x, 6).tobytes(), encode(e.plane, e.approach_set, e.fingers)
         if e.scene and key in rows and key not in in_scene:
             continue
         if e.outcome != "lost":
-            rows[key] = (x, bits, held_by(e))
+            rows[key] = (x, bits, grasp_key(e))
             (in_scene.add if e.scene else in_scene.discard)(key)
-        elif key in rows and rows[key][2] == held_by(e):
+        elif key in rows and rows[key][2] == grasp_key(e):
             del rows[key]
     if not rows:
         return np.zeros((0, INPUT_COUNTS[kind])), np.zeros((0, OUTPUTS))
@@ -278,17 +275,17 @@ def learn(
     seed: int = 0,
     kind: InputKind = "paper",
 ) -> NetworkWeights:
-    """Train the estimator on everything met so far, from the weights it has.
+    """Train the estimator on all experiences, with its present weights as warm start.
 
     Args:
-        experiences: of one hand, in the order in which they were met.
-        u: the hand's U [m].
-        start: the weights it has; those of another kind of inputs are of no use and are not continued.
-        seed: of fresh weights.
-        kind: of the inputs, ``paper`` or ``shape``.
+        experiences: Experiences of one hand, in the order in which they were stored.
+        u: The hand's U [m].
+        start: The present weights; weights for another kind of inputs are not used.
+        seed: Seed of fresh weights.
+        kind: Kind of the inputs, ``paper`` or ``shape``.
 
     Raises:
-        InputError: an unknown kind, or nothing to train on.
+        InputError: The kind is unknown, or there is nothing to train on.
     """
     x, y = training_set(experiences, u, kind=kind)
     if start is not None and start.w1.shape[1] != x.shape[1]:
