@@ -177,11 +177,11 @@ def _indexed(
     state = hashlib.sha256(f"{FORMAT} {__version__} {model.digest} {run.seed} {count}".encode())
     state.update(f"{run.protocol!r} {object_name} {mesh.vertices.tobytes().hex()}".encode())
     key = state.hexdigest()
-    file = store / f"{hand}-{Path(object_name).stem}.json"
+    file = store / f"{model.name}-{Path(object_name).stem}.json"
     stored = _stored_rows(file, key)
     if stored is not None:
         return stored
-    rng = random_generator(run.seed, hand, object_name)
+    rng = random_generator(run.seed, model.name, object_name)
     own, closure = load_hand(hand), random_grasp_settings()
     drawn = draw_random_grasps(own, mesh, count, rng, closure)
     chosen = [instances[k] for k in rng.integers(len(instances), size=len(drawn.grasps))]
