@@ -16,9 +16,8 @@ import numpy as np
 
 from ..exceptions import InputError
 from ..hands.hand import Hand
-from ..hiis.analyser import Aim, Grasp, Grip, HandLayout
+from ..hiis.analyser import MAX_FINGERS, Aim, Grasp, Grip, HandLayout
 from ..hiis.fuzzy import FuzzySets
-from ..hiis.virtual_grasp import MAX_FINGERS
 from ..kernels.field.host import SurfaceQuery, prepare_field
 from ..objects.mesh import TriangleMesh
 from ..types import ANSWER_KIND, Array, ContactCoefficients, Experience, frozen_array
@@ -156,7 +155,9 @@ class ClosureAnalyser:
             InputError: A plane, finger count or approach value that does not exist.
         """
         task = frozen_array(q, (6,), "task Q")
-        _check(aim)
+        aim.check()
+        if not all(len(part) for part in (aim.planes, aim.values, aim.fingers, aim.flips)):
+            raise InputError(f"an aim needs at least one plane, value, number of fingers and flip, got {aim}")
         key = task.tobytes() + _key(aim)
         one_plane = len(aim.planes) == 1
         unexplored = one_plane and not self._is_explored(task)
@@ -379,19 +380,6 @@ class ClosureAnalyser:
         half, rest = self.mesh.extents / 2, count - len(pinching)
         anywhere = draw_candidates(rng, self.search.pool, self.mesh.cog, half, rest, region)
         return concatenated(pinching, anywhere)
-
-
-def _check(aim: Aim) -> None:
-    planes, values = np.asarray(aim.planes), np.asarray(aim.values, dtype=np.float64)
-    if not planes.size or not ((planes >= 1) & (planes <= 12)).all():
-        raise InputError(f"approach plane indices must be 1 to 12, got {planes.tolist()}")
-    if not values.size or not (np.abs(values) <= 1).all():
-        raise InputError(f"approach values must lie in -1..1, got {values.tolist()!s:.80}")
-    counts = list(aim.fingers)
-    if not counts or not all(2 <= n <= MAX_FINGERS for n in counts):
-        raise InputError(f"virtual fingers must be 2 to {MAX_FINGERS}, got {counts}")
-    if not len(aim.flips):
-        raise InputError("an aim needs at least one thumb side, got none")
 
 
 def _best_margin(finished: Sequence[FinishedGrip]) -> float:

@@ -7,10 +7,9 @@ from dataclasses import fields
 
 import numpy as np
 
-from ..hiis.analyser import Exploration, Grasp, GraspContacts, Grip, HandLayout
+from ..hiis.analyser import MAX_FINGERS, Exploration, Grasp, GraspContacts, Grip, HandLayout
 from ..hiis.fuzzy import FuzzySets, approaching_degrees
 from ..hiis.planes import plane
-from ..hiis.virtual_grasp import MAX_FINGERS
 from ..hiis.wrench import contact_wrenches, net_wrench, screw_measures
 from ..objects.mesh import TriangleMesh
 from ..types import Array, BoolArray, ContactCoefficients, IntArray, value

@@ -6,10 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..hiis.analyser import Aim
+from ..hiis.analyser import MAX_FINGERS, Aim
 from ..hiis.critic import attribute_distance
 from ..hiis.fuzzy import FuzzySets
-from ..hiis.virtual_grasp import MAX_FINGERS
 from ..kernels.closing.host import Candidates
 from ..objects.mesh import TriangleMesh
 from ..types import Array, BoolArray, Experience, value

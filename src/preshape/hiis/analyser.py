@@ -13,9 +13,13 @@ from typing import Protocol, Self
 
 import numpy as np
 
+from ..exceptions import InputError
 from ..objects.mesh import TriangleMesh
 from ..types import Array, BoolArray, ContactCoefficients, Experience, IntArray, value
 from .planes import PLANES, ApproachPlane
+
+MAX_FINGERS = 4
+"""Largest number of virtual fingers, thumb included [P]."""
 
 
 @value
@@ -240,6 +244,24 @@ class Aim:
     fingers: Sequence[int] = (2, 3, 4)
     flips: Sequence[bool] = (False, True)
     recall: Sequence[int] = ()
+
+    def check(self) -> None:
+        """Refuse what does not exist.
+
+        Raises:
+            InputError: A plane, an approach value or a number of fingers is out of range.
+        """
+        planes, values, counts = (
+            list(self.planes),
+            np.asarray(self.values, dtype=np.float64),
+            list(self.fingers),
+        )
+        if not all(1 <= index <= 12 for index in planes):
+            raise InputError(f"approach plane indices must be 1 to 12, got {planes}")
+        if not all(2 <= count <= MAX_FINGERS for count in counts):
+            raise InputError(f"virtual fingers must be 2 to {MAX_FINGERS}, got {counts}")
+        if not (np.abs(values) <= 1).all():
+            raise InputError(f"approach values must lie in -1..1, got {values.tolist()!s:.80}")
 
 
 @value

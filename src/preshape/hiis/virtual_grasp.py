@@ -12,7 +12,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from ..exceptions import InputError, ObjectError
+from ..exceptions import ObjectError
 from ..kernels.rays import MISS, Hits, RayCaster, distance_to
 from ..objects.mesh import TriangleMesh
 from ..types import Array, BoolArray, ContactCoefficients, Experience, IntArray, value
@@ -23,9 +23,6 @@ from .wrench import contact_wrenches, net_wrench, screw_measures
 
 MAX_EXTENT = 4.0
 """Largest extent of an object in U [P]."""
-
-MAX_FINGERS = 4
-"""Largest number of virtual fingers, thumb included [P]."""
 
 _CACHED_AIMS = 40
 """Number of cached aims: task correction alternates between the planes."""
@@ -182,7 +179,7 @@ class RayAnalyser:
         key = (index.tobytes(), values.tobytes(), counts.tobytes(), flips.tobytes())
         if key in self._cache:
             return self._cache[key]
-        _check_aim(index, values, counts)
+        aim.check()
         field = self._aim(index, values)
         shape = (len(index), len(values), len(flips), len(counts))
         wrench = np.zeros((*shape, 6))
@@ -343,15 +340,6 @@ class RayAnalyser:
         thumb = np.array([-1])
         as_thumb = contact_wrenches(r[..., :1, :], normal[..., :1, :], *axes, thumb, self.coefficients)
         return as_finger, as_thumb[..., 0, :]
-
-
-def _check_aim(index: IntArray, values: Array, counts: IntArray) -> None:
-    if index.size and not ((index >= 1) & (index <= 12)).all():
-        raise InputError(f"approach plane indices must be 1 to 12, got {index.tolist()}")
-    if not ((counts >= 2) & (counts <= MAX_FINGERS)).all():
-        raise InputError(f"virtual fingers must be 2 to {MAX_FINGERS}, got {counts.tolist()}")
-    if not (np.abs(values) <= 1).all():
-        raise InputError(f"approach values must lie in -1..1, got {values.tolist()!s:.80}")
 
 
 def _refuse_large(mesh: TriangleMesh, layout: HandLayout) -> None:
