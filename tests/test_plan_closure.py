@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 
 from preshape.closure.settings import ClosureSettings
-from preshape.planning.session import closure_controller
 from preshape.exceptions import InputError
+from preshape.files import dumps
 from preshape.hands.load import load_hand
 from preshape.hiis.analyser import Grip
 from preshape.hiis.critic import Thresholds
@@ -29,9 +29,9 @@ from preshape.physics.pieces import ConvexPieces
 from preshape.physics.protocol import HoldProtocol
 from preshape.physics.scene import build_scene
 from preshape.planner import plan
-from preshape.planning.document import dumps, plan_schema, plan_to_json
+from preshape.planning.document import plan_schema, plan_to_json
 from preshape.planning.plan import Plan
-from preshape.planning.session import layout_of
+from preshape.planning.session import closure_controller
 from preshape.spatial import inverse, quaternion_from_rotation, rotation_from_quaternion
 from preshape.tasks import parse_task
 from preshape.types import Array
@@ -131,9 +131,7 @@ def test_no_hand_holds_what_is_far_too_large_or_too_heavy(memory: Path) -> None:
 def test_learning_keeps_the_grip_and_the_next_run_answers_with_one_as_good(memory: Path) -> None:
     hand, mesh, task = load_hand("shadow"), load_library_object("box"), parse_task("lift")
     with Memory.open(memory) as store:
-        controller = closure_controller(
-            store, hand, settings=Settings(), closure=QUICK, gravity=task.gravity
-        )
+        controller = closure_controller(store, hand, settings=Settings(), closure=QUICK, gravity=task.gravity)
         first = controller.teach(mesh, task)
     assert [t.outcome for t in first.transitions] == ["explored", "learned", "reward"]
     assert first.grasp is not None
