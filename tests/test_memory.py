@@ -17,6 +17,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from preshape.cli.main import run
 from preshape.exceptions import EnvironmentFailure, InputError, MemoryFileError
 from preshape.memory import (
     APPLICATION_ID,
@@ -820,7 +821,7 @@ def test_export_is_whole_or_not_at_all(tmp_path: Path, monkeypatch: pytest.Monke
         def full(handle: int) -> None:
             raise OSError(28, "No space left on device")
 
-        monkeypatch.setattr("preshape.memory.transfer.os.fsync", full)
+        monkeypatch.setattr("preshape.files.os.fsync", full)
         with pytest.raises(EnvironmentFailure, match="No space left"):
             memory.export(document)
         monkeypatch.undo()
@@ -830,7 +831,7 @@ def test_export_is_whole_or_not_at_all(tmp_path: Path, monkeypatch: pytest.Monke
             with pytest.raises(InputError, match="the memory itself"):
                 memory.export(place)
         for place in (tmp_path, document / "inside.json", Path("/proc/out.json")):
-            with pytest.raises(EnvironmentFailure, match="cannot export"):
+            with pytest.raises(EnvironmentFailure, match="cannot write"):
                 memory.export(place)
         memory.export(document)
     assert json.loads(document.read_text())["version"] == FORMAT_VERSION
@@ -984,3 +985,15 @@ def test_what_is_not_a_document_is_refused(tmp_path: Path, raw: bytes) -> None:
         for place in (tmp_path, tmp_path / "none.json"):
             with pytest.raises(EnvironmentFailure, match="cannot import"):
                 memory.import_(place)
+
+
+def test_reset_forgets_what_a_real_hand_learnt(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Its lessons carry another name than the hand, and the hand may be a file."""
+    file = Path(__file__).parent.parent / "examples" / "hands" / "trident.toml"
+    store = str(tmp_path / "memory.sqlite")
+    with Memory.open(store) as memory:
+        memory.add([experience(hand=hand) for hand in ("trident", "trident+closure", "shadow+closure")])
+    assert run(["memory", "reset", "--hand", str(file), "--memory", store, "--yes", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["forgotten"] == 2
+    with Memory.open(store) as memory:
+        assert [known.hand for known in memory.experiences()] == ["shadow+closure"]

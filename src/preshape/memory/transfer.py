@@ -34,14 +34,12 @@ outcome, version 2 has no scene.
 from __future__ import annotations
 
 import json
-import os
-import threading
 from collections.abc import Callable, Iterable, Sequence
-from contextlib import suppress
 from pathlib import Path
 from typing import Any, TypeVar
 
 from ..exceptions import EnvironmentFailure, InputError, MemoryFileError
+from ..files import write_text
 from ..types import Experience, NetworkWeights
 from . import checks, records
 
@@ -55,7 +53,7 @@ _T = TypeVar("_T")
 def write_document(
     path: Path, experiences: Iterable[Experience], weights: Iterable[tuple[str, NetworkWeights]]
 ) -> None:
-    """Write a document whole or not at all: to a temporary file beside ``path``, which is then renamed.
+    """Write a document whole or not at all.
 
     Raises:
         EnvironmentFailure: The file cannot be written; an old file at ``path`` is unchanged.
@@ -68,23 +66,9 @@ def write_document(
     }
     content = json.dumps(document, allow_nan=False, ensure_ascii=False, indent=1) + "\n"
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        if path.is_dir():
-            raise IsADirectoryError(None, "it is a directory")
-        unfinished = path.with_name(f".{path.name}.{os.getpid()}-{threading.get_ident()}.unfinished")
-        try:
-            with unfinished.open("w", encoding="utf-8", newline="\n") as file:
-                file.write(content)
-                file.flush()
-                os.fsync(file.fileno())
-            unfinished.replace(path)
-        finally:
-            with suppress(OSError):
-                unfinished.unlink()
-        _sync_directory(path.parent)
-    except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or error
-        raise EnvironmentFailure(f"cannot export to {path} ({reason}); choose another file") from error
+        write_text(path, content)
+    except ValueError as error:  # a path that no file can have
+        raise EnvironmentFailure(f"cannot write {path}: {error}; choose another file") from error
 
 
 def read_document(
@@ -153,13 +137,3 @@ def _unique_names(pairs: Sequence[tuple[str, Any]]) -> dict[str, Any]:
     if len(result) != len(pairs):
         raise ValueError("a name appears twice in one object")
     return result
-
-
-def _sync_directory(directory: Path) -> None:
-    """Make the rename durable now, on systems that can; on others it becomes durable a little later."""
-    with suppress(OSError):
-        handle = os.open(directory, os.O_RDONLY)
-        try:
-            os.fsync(handle)
-        finally:
-            os.close(handle)
