@@ -395,11 +395,15 @@ def test_approach_and_retreat() -> None:
     ],
 )
 def test_the_lift_is_against_the_gravity_of_the_task(task: str, up: str) -> None:
-    document = copy.deepcopy(RAYS)
-    document["task"]["name"] = task
-    vector = messages_of(document)[0]["post_grasp_retreat"]["direction"]["vector"]
     want = np.where(np.array(list("xyz")) == up[1], 1.0 if up[0] == "+" else -1.0, 0.0)
-    assert list(vector.values()) == want.tolist()
+    first_version = copy.deepcopy(RAYS)
+    first_version["task"]["name"] = task
+    del first_version["schema"]
+    document = copy.deepcopy(RAYS)  # the request says the gravity, whatever the task is called
+    document["request"]["gravity"] = (-want).tolist()
+    for plan in (first_version, document):
+        vector = messages_of(plan)[0]["post_grasp_retreat"]["direction"]["vector"]
+        assert list(vector.values()) == want.tolist()
 
 
 def test_quality_is_a_share_of_six() -> None:

@@ -1,4 +1,4 @@
-"""``preshape bench``: measure grasps, planners and metrics in simulation."""
+"""``preshape bench``: measure grasps, planners and metrics in simulated physics."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ import click
 from .lazy import LazyGroup
 
 _BENCHES = {
-    "holds": ("bench_holds", "Put grasps to the holding test: six directions and harder."),
+    "holds": ("bench_holds", "Put grasps to the holding test: pushes from six sides, or harder."),
     "planner": ("bench_planner", "Plan objects and put the answers to the holding test."),
-    "tasks": ("bench_tasks", "Put a planner to the task test: the open benchmark."),
-    "clouds": ("bench_clouds", "Plan on partial views and test on the true objects."),
-    "learning": ("bench_learning", "Measure whether the memory of a real hand pays."),
+    "tasks": ("bench_tasks", "Put a planner to the task test, the open benchmark."),
+    "clouds": ("bench_clouds", "Plan on partial views and test on the whole objects."),
+    "learning": ("bench_learning", "Measure how much a real hand gains from its memory."),
     "indices": ("bench_indices", "Measure how well each grasp metric predicts success."),
 }  # fmt: skip
 

@@ -1,4 +1,4 @@
-"""``preshape bench clouds``: how good the answers on partial views are."""
+"""``preshape bench clouds``: plan on partial views, test on the whole objects."""
 
 from __future__ import annotations
 
@@ -15,9 +15,11 @@ from .progress import GOES_ON, steps
 
 @click.command(epilog="Example: preshape bench clouds box cylinder bottle --hand shadow --out out/clouds")
 @click.argument("objects", metavar="OBJECTS...", nargs=-1, required=True)
-@click.option("--hand", default="shadow", show_default=True, metavar="HAND,…", help="See preshape hands.")
-@click.option("--views", type=int, default=4, show_default=True, help="Of each object and size.")
-@click.option("--noise", type=float, default=1.0, show_default=True, metavar="MM", help="Of the depth.")
+@click.option("--hand", default="shadow", show_default=True, metavar="HAND,…", help="Names or TOML files.")
+@click.option("--views", type=int, default=4, show_default=True, help="Number of views of each object.")
+@click.option(
+    "--noise", type=float, default=1.0, show_default=True, metavar="MM", help="Noise of the depth [mm]."
+)
 @click.option("--scales", default="1", show_default=True, metavar="S,S", help="Factors on the size.")
 @click.option("--pieces", metavar="DIR", help="Folder with NAME/mesh.obj and NAME/convex of each object.")
 @click.option(
@@ -25,12 +27,12 @@ from .progress import GOES_ON, steps
     default="symmetry,straight,hull",
     show_default=True,
     metavar="NAME,…",
-    help="How the far side is guessed; the first is planned on.",
+    help="Ways to complete the far side; the first is planned on.",
 )
-@click.option("--task", default="lift", show_default=True, metavar="TASK", help="What is planned for.")
-@click.option("--seed", type=int, default=0, show_default=True, help="Of views, noise and planner.")
-@click.option("--workers", type=int, metavar="N", help="Processes of the test; default: one for each core.")
-@click.option("--out", metavar="DIR", help="Keep rows there as they come; write report.json, .md and .html.")
+@click.option("--task", default="lift", show_default=True, metavar="TASK", help="Task to plan for.")
+@click.option("--seed", type=int, default=0, show_default=True, help="Seed of views, noise and planner.")
+@click.option("--workers", type=int, metavar="N", help="Number of processes; default: one for each core.")
+@click.option("--out", metavar="DIR", help="Folder for report.json, .md and .html; resumable.")
 @json_option
 def clouds(
     objects: tuple[str, ...],
@@ -46,10 +48,10 @@ def clouds(
     out: str | None,
     as_json: bool,
 ) -> int:
-    """Look at OBJECTS with a virtual depth camera, plan on the points, test on the true objects.
+    """Take depth images of OBJECTS, plan on their points, and test the answers on the true objects.
 
-    Beside each stands the planner's answer on the whole mesh. A view without an answer counts as lost.
-    With --out a stopped run goes on from there. Exit code 0: the study ran.
+    The planner's answer on the whole mesh is tested for comparison. A view without an answer counts as lost.
+    With --out the same command resumes a run that was stopped. Exit code 0: the study ran.
     """
     from ..studies.partial_report import cloud_figures, write_cloud_report
     from ..studies.partial_views import CloudRun, run_clouds

@@ -1,4 +1,4 @@
-"""``preshape bench indices``: which index of a grasp predicts that it succeeds."""
+"""``preshape bench indices``: how well each metric of a grasp predicts its success."""
 
 from __future__ import annotations
 
@@ -15,7 +15,8 @@ from .progress import GOES_ON, steps
 if TYPE_CHECKING:
     from ..studies.indices import IndexRows
 
-PARTS = "parts"  # the folder in --out where the parts are kept
+PARTS = "parts"
+"""Folder in that of ``--out`` that holds the intermediate results."""
 
 
 @click.command(
@@ -29,17 +30,21 @@ PARTS = "parts"  # the folder in --out where the parts are kept
     default="ALL",
     show_default=True,
     metavar="NAME,…",
-    help="Built-in or mesh files; ALL: twelve that are quick to prepare.",
+    help="Built-in objects or mesh files; ALL: twelve that are quick to prepare.",
 )
-@click.option("--count", type=int, default=2000, show_default=True, metavar="N", help="Grasps in all.")
-@click.option("--seed", type=int, default=0, show_default=True, help="Of grasps and tasks.")
-@click.option("--workers", type=int, metavar="N", help="Processes of the tests; default: one for each core.")
+@click.option(
+    "--count", type=int, default=2000, show_default=True, metavar="N", help="Total number of grasps."
+)
+@click.option("--seed", type=int, default=0, show_default=True, help="Seed of grasps and tasks.")
+@click.option("--workers", type=int, metavar="N", help="Number of processes; default: one for each core.")
 @click.option(
     "--checkpoint",
     metavar="DIR",
-    help="Parts as they come; the same command goes on from them. Default: parts in --out.",
+    help="Folder of results, from which the same command resumes; default: parts in --out.",
 )
-@click.option("--out", metavar="DIR", help="Write report.md, report.json, grasps.json and the plots there.")
+@click.option(
+    "--out", metavar="DIR", help="Folder for report.json, .md and .html, grasps.json and the plots."
+)
 @json_option
 def indices(
     hand: str,
@@ -53,12 +58,12 @@ def indices(
 ) -> int:
     """Measure how well each metric of a grasp predicts success in simulated physics.
 
-    Grasps of mixed quality are drawn, closed at random and not ranked; every metric is computed from
-    their contacts, and each grasp is put to the holding test and to the task test of a random named task.
-    The figures are areas under the ROC curve with 95 % intervals, over all grasps and within objects, and
-    rates of success by tenths of each metric. 2000 grasps take about half an hour on two cores.
+    The grasps are hands closed at random, unranked and of mixed quality. Every metric is computed from their
+    contacts, and each grasp goes through the holding test and the task test of a random named task. The
+    figures are areas under the ROC curve with 95 % intervals, over all grasps and within objects, and rates
+    of success by tenths of each metric. 2000 grasps take about half an hour on two cores.
 
-    Exit code 0: all were tested, whatever came of it.
+    Exit code 0: all were tested, held or not.
     """
     from ..studies.index_figures import index_figures
     from ..studies.index_report import write_index_report
@@ -97,7 +102,7 @@ def indices(
 
 
 def _names(text: str, option: str, all_of_them: tuple[str, ...]) -> tuple[str, ...]:
-    """The names between commas, each once."""
+    """The names of a list with commas between, each once."""
     if text.strip().upper() == "ALL":
         return all_of_them
     found = tuple(dict.fromkeys(name.strip() for name in text.split(",") if name.strip()))

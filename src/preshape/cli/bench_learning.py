@@ -1,4 +1,4 @@
-"""``preshape bench learning``: whether the closure analyser's memory pays."""
+"""``preshape bench learning``: how much a real hand gains from its memory."""
 
 from __future__ import annotations
 
@@ -13,17 +13,31 @@ from .progress import steps
 
 
 @click.command(epilog="Example: preshape bench learning --hand shadow --length 100 --out out/learning")
-@click.option("--hand", default="shadow", show_default=True, metavar="HAND", help="See preshape hands.")
-@click.option("--length", type=int, default=100, show_default=True, metavar="N", help="Pairs met in a row.")
-@click.option("--held-out", type=int, default=20, show_default=True, metavar="N", help="Pairs never learnt.")
-@click.option("--seed", type=int, default=0, show_default=True, help="Of the stream and of the planner.")
-@click.option("--out", metavar="DIR", help="Write report.json and the plot there.")
+@click.option("--hand", default="shadow", show_default=True, metavar="HAND", help="Name or TOML file.")
+@click.option(
+    "--length",
+    type=int,
+    default=100,
+    show_default=True,
+    metavar="N",
+    help="Number of pairs of object and task to learn.",
+)
+@click.option(
+    "--held-out",
+    type=int,
+    default=20,
+    show_default=True,
+    metavar="N",
+    help="Number of pairs that are never learnt.",
+)
+@click.option("--seed", type=int, default=0, show_default=True, help="Seed of the pairs and of the planner.")
+@click.option("--out", metavar="DIR", help="Folder for report.json and the plot.")
 @json_option
 def learning(hand: str, length: int, held_out: int, seed: int, out: str | None, as_json: bool) -> int:
-    """Meet library objects and tasks one after the other, learn, and ask again.
+    """Learn pairs of library objects and tasks one after the other, then ask for them again.
 
-    Shown are the share that is answered at mode 0 along the stream, whether anything learnt was lost, and
-    how many candidates objects never met need for the margin that exploring everything reaches.
+    The figures are the share of pairs that mode 0 answers along the way, whether anything learnt was lost,
+    and the number of candidates that new objects need for the margin that a full search reaches.
 
     Exit code 0: the study ran.
     """

@@ -20,31 +20,55 @@ if TYPE_CHECKING:
     from ..dataset.run import DatasetReport
 
 ENGINES = ("local", "ray")
-SHOWN = 12  # shards with too few grasps in the terminal; --json has all
+SHOWN = 12
+"""Number of incomplete shards shown in the terminal; ``--json`` lists all."""
 
 
 @click.command(
     epilog="Example: preshape dataset mug box --hands shadow,allegro --tasks lift,pour --per 100 --out d"
 )
 @click.argument("objects", metavar="OBJECTS...", nargs=-1, required=True)
-@click.option("--hands", required=True, metavar="HAND,…", help="See preshape hands.")
+@click.option("--hands", required=True, metavar="HAND,…", help="Names or TOML files; see preshape hands.")
 @click.option("--tasks", required=True, metavar="TASK,…", help="See preshape tasks; ALL: every family.")
-@click.option("--per", type=int, required=True, metavar="N", help="Grasps of each object, hand and task.")
-@click.option("--out", required=True, metavar="DIR", help="The dataset; the same command goes on with it.")
+@click.option(
+    "--per", type=int, required=True, metavar="N", help="Number of grasps for each object, hand and task."
+)
+@click.option("--out", required=True, metavar="DIR", help="Folder of the dataset; the same command resumes.")
 @click.option("--scales", default="1", show_default=True, metavar="S,S", help="Factors on the size.")
 @click.option("--pieces", metavar="DIR", help="Folder with NAME/mesh.obj and NAME/convex of each object.")
-@click.option("--unranked", is_flag=True, help="Hands closed at random instead of the planner's answers.")
-@click.option("--no-physics", is_flag=True, help="Leave the holding test and the task test out.")
-@click.option("--friction", type=float, default=0.6, show_default=True, help="Of planning and tests.")
-@click.option("--mass", type=float, default=0.1, show_default=True, help="Of every object [kg].")
-@click.option("--seed", type=int, default=0, show_default=True, help="Of everything random.")
-@click.option("--per-shard", type=int, default=25, show_default=True, metavar="N", help="Grasps of a file.")
 @click.option(
-    "--candidates", type=int, default=2000, show_default=True, metavar="N", help="Hands closed for a shard."
+    "--unranked", is_flag=True, help="Write randomly closed hands instead of the planner's answers."
 )
-@click.option("--engine", default="local", show_default=True, metavar="local|ray", help="Who does the work.")
-@click.option("--workers", type=int, metavar="N", help="Local processes; default: one for each core.")
-@click.option("--address", metavar="ADDRESS", help="Of the Ray cluster; default: RAY_ADDRESS, or one here.")
+@click.option("--no-physics", is_flag=True, help="Leave the holding test and the task test out.")
+@click.option(
+    "--friction",
+    type=float,
+    default=0.6,
+    show_default=True,
+    help="Friction coefficient of planning and tests.",
+)
+@click.option("--mass", type=float, default=0.1, show_default=True, help="Mass of every object [kg].")
+@click.option("--seed", type=int, default=0, show_default=True, help="Seed of every random draw.")
+@click.option(
+    "--per-shard", type=int, default=25, show_default=True, metavar="N", help="Number of grasps in a file."
+)
+@click.option(
+    "--candidates",
+    type=int,
+    default=2000,
+    show_default=True,
+    metavar="N",
+    help="Number of candidates for a shard.",
+)
+@click.option(
+    "--engine", default="local", show_default=True, metavar="local|ray", help="Local processes or Ray."
+)
+@click.option(
+    "--workers", type=int, metavar="N", help="Number of local processes; default: one for each core."
+)
+@click.option(
+    "--address", metavar="ADDRESS", help="Address of the Ray cluster; default: RAY_ADDRESS, or a local one."
+)
 @json_option
 def dataset(
     objects: tuple[str, ...],
@@ -66,12 +90,13 @@ def dataset(
     address: str | None,
     as_json: bool,
 ) -> int:
-    """Write grasps of OBJECTS (library names, files, or a folder of files) as Parquet, for learning.
+    """Write grasps of OBJECTS (library names, files, or folders of files) as Parquet, for learning.
 
-    Every grasp stands there with its postures, contacts, forces, margins, indices, and what the holding test
-    and the task test said of it; docs/dataset.md lists the columns. A run that was stopped or killed goes on
-    with the same command: finished shards stand. The content depends on neither workers nor engine.
-    Exit code 1: there is not one grasp.
+    Each grasp has its postures, contacts, forces, margins and indices, and the outcomes of the holding test
+    and the task test; docs/dataset.md lists the columns. The same command resumes a run that was stopped:
+    finished shards are kept. The content depends on neither workers nor engine.
+
+    Exit code 1: not one grasp was found.
     """
     from ..dataset.run import run_dataset
     from ..dataset.settings import DatasetSettings
@@ -98,7 +123,7 @@ def dataset(
         seed=seed,
     )
     cases = cases_of(objects, scales, pieces)
-    who = _engine(engine, workers, address)
+    chosen = _engine(engine, workers, address)
     with steps(GOES_ON) as told, _interrupts() as interrupted:
 
         def progress(what: str, done: int, of: int) -> None:
@@ -111,7 +136,7 @@ def dataset(
             _listed(hands, "--hands"),
             list(FAMILIES) if tasks == "ALL" else _listed(tasks, "--tasks"),
             out,
-            engine=who,
+            engine=chosen,
             settings=settings,
             progress=progress,
         )
@@ -139,16 +164,16 @@ def _engine(name: str, workers: int | None, address: str | None) -> Engine:
         raise InputError(f"no engine {name!r}; known: {', '.join(ENGINES)}")
     if name == "ray":
         if workers is not None:
-            raise InputError("--workers is for local processes; a Ray cluster knows its own")
+            raise InputError("--workers is for local processes; a Ray cluster has its own number")
         return RayEngine(address=address)
     if address is not None:
-        raise InputError("--address is that of a Ray cluster; add --engine ray")
+        raise InputError("--address belongs to a Ray cluster; add --engine ray")
     return LocalEngine(workers=usable_cores() if workers is None else workers)
 
 
 @contextmanager
 def _interrupts() -> Iterator[list[int]]:
-    """Ctrl-C as ever, and remembered: Python loses one that comes in a destructor or a callback."""
+    """Record every Ctrl-C beside its usual effect: Python loses one in a destructor or a callback."""
     seen: list[int] = []
     usual = signal.getsignal(signal.SIGINT)
     if threading.current_thread() is not threading.main_thread() or not callable(usual):
@@ -169,11 +194,11 @@ def _interrupts() -> Iterator[list[int]]:
 def _show(report: DatasetReport, physics: bool) -> None:
     shards, rows = len(report.facts), report.total("rows")
     click.echo(
-        f"{rows} grasps of {report.total('asked')} asked for, in {shards} shards; "
-        f"{report.made} made now in {duration(report.seconds)}"
+        f"{rows} of {report.total('asked')} grasps, in {shards} shards; "
+        f"{report.made} shards made now in {duration(report.seconds)}"
     )
     if report.damaged:
-        click.echo(f"{report.damaged} shards that stood there could not be read and were made again")
+        click.echo(f"{report.damaged} shards of an earlier run could not be read and were made again")
     if physics:
         click.echo(
             f"holding test: {_share(report, 'held', 'hold_tested')}; "

@@ -1,4 +1,4 @@
-"""``preshape hands``: the hands there are; ``preshape hands check``: whether one is fit for use."""
+"""``preshape hands``: list the hands; ``preshape hands check``: check a hand of your own."""
 
 from __future__ import annotations
 
@@ -20,11 +20,13 @@ SIDE = 420
     invoke_without_command=True,
     epilog="Example: preshape hands check my_hand.toml --out pictures",
 )
-@click.option("--out", metavar="DIR", help="Also draw every hand open, half closed and closed there.")
+@click.option(
+    "--out", metavar="DIR", help="Folder for a picture of every hand, open, half closed and closed."
+)
 @json_option
 @click.pass_context
 def hands(ctx: click.Context, out: str | None, as_json: bool) -> None:
-    """List the hands with joints, U, palm frame, source and licence, or check one (preshape hands check)."""
+    """List the hands with joints, U, palm frame, source and licence; "preshape hands check" checks one."""
     if ctx.invoked_subcommand is not None:
         return
     from ..hands.load import hand_names, load_hand
@@ -47,10 +49,10 @@ def hands(ctx: click.Context, out: str | None, as_json: bool) -> None:
 
 @hands.command(epilog="Example: preshape hands check my_hand.toml --out pictures")
 @click.argument("file", metavar="FILE")
-@click.option("--out", metavar="DIR", help="Also draw the hand open, half closed and closed there.")
+@click.option("--out", metavar="DIR", help="Folder for a picture of the hand, open, half closed and closed.")
 @json_option
 def check(file: str, out: str | None, as_json: bool) -> int:
-    """Say in plain words what is missing or wrong in FILE, a hand's TOML or the name of a hand.
+    """Report what is missing or wrong in a hand. FILE is its TOML file or its name.
 
     Exit code 0: fit for use. 1: findings. 2: the file or its model cannot be read.
     """
@@ -85,14 +87,14 @@ def draw_hand(hand: Hand, folder: Path) -> Path:
     """Draw a hand open, half closed and closed; each finger stops where it meets another part of the hand.
 
     Args:
-        hand: which hand.
-        folder: where to; it is made if it is not there.
+        hand: The hand.
+        folder: Folder of the picture; it is made where it is missing.
 
     Returns:
-        The PNG's path, named after the hand.
+        Path of the PNG file, which is named after the hand.
 
     Raises:
-        EnvironmentFailure: it cannot be written.
+        EnvironmentFailure: The picture cannot be written.
     """
     import io
 
@@ -169,7 +171,7 @@ def _show(row: dict[str, Any]) -> None:
 
 
 def _place(row: dict[str, Any]) -> str:
-    """Where the palm frame stands in the root's frame, in words."""
+    """Pose of the palm frame in the root's frame, in words."""
     T = row["palm_frame"]["T_root_palm"]
     place = " ".join(f"{1000 * T[i][3]:.0f}" for i in range(3))
     axes = []

@@ -1,4 +1,4 @@
-"""Groups of commands that are imported when they are used, so that ``--help`` stays quick."""
+"""Groups whose commands are imported when they are used, so that ``--help`` is fast."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ import click
 
 
 class LazyGroup(click.Group):
-    """A group that knows its commands by name.
+    """A group that knows its commands by name only.
 
     Args:
-        commands_of: name of each command, the module of ``preshape.cli`` that defines it under that name, and
-            its line in the list.
-        heading: over the list.
+        commands_of: For the name of each command, the module of ``preshape.cli`` that defines it under that
+            name, and its line in the list.
+        heading: Heading of the list.
     """
 
     def __init__(
@@ -24,7 +24,7 @@ class LazyGroup(click.Group):
         self.commands_of, self.heading = commands_of, heading
 
     def list_commands(self, ctx: click.Context) -> list[str]:
-        """Names, in the order of the list."""
+        """The names in the order of the list."""
         return list(self.commands_of)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
@@ -36,6 +36,6 @@ class LazyGroup(click.Group):
         return command
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """The list, without importing anything."""
+        """Write the list without importing the commands."""
         with formatter.section(self.heading):
             formatter.write_dl([(name, text) for name, (_, text) in self.commands_of.items()])

@@ -1,4 +1,4 @@
-"""``preshape objects`` and ``tasks``: what there is."""
+"""``preshape objects`` and ``preshape tasks``: lists of the built-in objects and of the named tasks."""
 
 from __future__ import annotations
 
@@ -36,9 +36,9 @@ def objects(as_json: bool) -> None:
     from rich.table import Table
 
     table = Table(box=None, header_style="bold", pad_edge=False)
-    for heading, justify in (("object", "left"), ("W × H × D, mm", "right"), ("mass, g", "right")):
+    for heading, justify in (("object", "left"), ("W × H × D [mm]", "right"), ("mass [g]", "right")):
         table.add_column(heading, justify=justify, no_wrap=True)  # type: ignore[arg-type]
-    table.add_column("what it is")
+    table.add_column("description")
     table.add_column("tasks", style="dim")
     for row in rows:
         size = " × ".join(f"{1000 * float(x):.0f}" for x in row["extents"])
@@ -51,7 +51,7 @@ def objects(as_json: bool) -> None:
 @click.command(epilog="Example: preshape tasks")
 @json_option
 def tasks(as_json: bool) -> None:
-    """List the named tasks. Another axis goes behind a colon: push:-y, turn:+x."""
+    """List the named tasks. A colon and an axis select another direction: push:-y, turn:+x."""
     from ..tasks import FAMILIES, named_task
 
     rows: list[dict[str, Any]] = []
@@ -76,7 +76,7 @@ def tasks(as_json: bool) -> None:
     table = Table(box=None, header_style="bold", pad_edge=False)
     table.add_column("task", no_wrap=True)
     table.add_column("Tx   Ty   Tz    Rx   Ry   Rz", no_wrap=True)
-    table.add_column("what it means")
+    table.add_column("meaning")
     for row in rows:
         q = "".join(f"{x:<5.2g}" for x in row["q"][:3]) + " " + "".join(f"{x:<5.2g}" for x in row["q"][3:])
         table.add_row(f"{row['name']}[dim]:{row['axis']}[/]", q, row["means"])

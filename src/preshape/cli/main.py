@@ -1,4 +1,4 @@
-"""Entry point: commands, exit codes, and errors as one clear sentence.
+"""Entry point: commands, exit codes, and errors as one sentence.
 
 Exit codes: 0 an answer · 1 no answer · 2 bad input · 3 files, disk, environment · 130 interrupted.
 """
@@ -23,9 +23,9 @@ _COMMANDS = {
     "tasks": ("lists", "List the named tasks and what they mean."),
     "hands": ("hands", "List the hands, or check one of your own."),
     "memory": ("memory", "Show, export, import or reset what was learnt."),
-    "view": ("view", "See a plan and steer it in the browser."),
-    "simulate": ("simulate", "Run a plan in simulated physics and show what happens."),
-    "dataset": ("dataset", "Write many grasps as Parquet, on all cores or a cluster."),
+    "view": ("view", "Show a plan in the browser and change it."),
+    "simulate": ("simulate", "Execute a plan in simulated physics and show what happens."),
+    "dataset": ("dataset", "Write many grasps as Parquet, on all cores or on a cluster."),
     "bench": ("bench", "Measure grasps, planners and metrics in simulated physics."),
     "export": ("export", "Write a plan for ROS and MoveIt, MuJoCo, or as arrays."),
     "reproduce": ("reproduce", "Reproduce the paper's tables and figures as a report."),
@@ -47,8 +47,8 @@ EXIT_INTERRUPTED = 130
 def app(context: click.Context) -> None:
     """Task-oriented grasp planning for multifingered robot hands.
 
-    Give it an object and what the hand is to do with it; it answers with approach plane, wrist pose,
-    preshape, contacts and squeeze, says why, and learns from every object it meets.
+    For an object and a task it plans the approach plane, the wrist pose, the preshape, the contacts and the
+    squeeze, states the reasons, and learns from the objects that it plans for.
     """
     if context.invoked_subcommand is None:
         click.echo(context.get_help(), err=True)
@@ -56,13 +56,13 @@ def app(context: click.Context) -> None:
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """Run the command line and leave with its exit code."""
+    """Run the command line and exit with its code."""
     given = sys.argv[1:] if arguments is None else arguments
     sys.exit(run(given))
 
 
 def run(arguments: list[str]) -> int:
-    """Run the command line; returns the exit code. No traceback reaches the user."""
+    """Run the command line and return the exit code. No traceback reaches the user."""
     as_json = "--json" in arguments
     try:
         code = _run(arguments)
@@ -92,7 +92,7 @@ def _run(arguments: list[str]) -> int:
     except click.exceptions.Exit as stop:
         return int(stop.exit_code)
     except (SystemExit, BrokenPipeError):
-        # The reader has gone (as with `| head`; click turns that into SystemExit): nobody is left to tell.
+        # The reader of standard output has closed it, as `| head` does; click turns that into SystemExit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
 
@@ -109,7 +109,7 @@ def _report(reason: str, code: int, as_json: bool) -> int:
             click.echo(json.dumps({"status": "error", "reason": reason}))
             sys.stdout.flush()
             return code
-        except OSError:  # standard output itself has failed: say it where it can be read
+        except OSError:  # standard output itself has failed: the error goes to standard error
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     click.echo(click.style("error: ", fg="red", bold=True) + reason, err=True)
     return code

@@ -1,4 +1,4 @@
-"""``preshape memory``: what was learnt, to be looked at, carried elsewhere, or forgotten."""
+"""``preshape memory``: show, export, import or reset what was learnt."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def memory() -> None:
 @memory_option
 @json_option
 def show(memory: str | None, as_json: bool) -> None:
-    """Show the objects that are known, and the memory in numbers."""
+    """Show the known objects and the size of the memory."""
     from ..memory import Memory
 
     with Memory.open(memory, read_only=True) as store:
@@ -91,7 +91,7 @@ def show(memory: str | None, as_json: bool) -> None:
 @memory_option
 @json_option
 def export_(file: str, memory: str | None, as_json: bool) -> None:
-    """Write everything learnt to FILE, one JSON document, whole or not at all."""
+    """Write everything learnt to FILE as one JSON document."""
     from ..memory import Memory
 
     with Memory.open(memory, read_only=True) as store:
@@ -105,7 +105,7 @@ def export_(file: str, memory: str | None, as_json: bool) -> None:
 @memory_option
 @json_option
 def import_(file: str, memory: str | None, as_json: bool) -> None:
-    """Add what FILE holds to the memory; what is there already is skipped."""
+    """Add the experiences in FILE to the memory. Those that it holds already are skipped."""
     from ..memory import Memory
 
     with Memory.open(memory) as store:
@@ -115,24 +115,26 @@ def import_(file: str, memory: str | None, as_json: bool) -> None:
 
 @memory.command(epilog="Example: preshape memory reset --yes")
 @memory_option
-@click.option("--hand", metavar="HAND", help="Forget this hand's experiences only.")
-@click.option("--yes", is_flag=True, help="Do not ask.")
+@click.option("--hand", metavar="HAND", help="Name or TOML file: forget the experiences of this hand only.")
+@click.option("--yes", is_flag=True, help="Do not ask for confirmation.")
 @json_option
 def reset(memory: str | None, hand: str | None, yes: bool, as_json: bool) -> None:
-    """Forget everything learnt. Asks first; export first if in doubt."""
+    """Forget everything learnt, after a confirmation."""
     from ..exceptions import InputError
     from ..hands.load import load_hand
     from ..memory import Memory
+    from ..planning.session import CLOSURE_SUFFIX
 
-    if hand is not None:
-        load_hand(hand)
+    name = None if hand is None else load_hand(hand).name
+    hands = [None] if name is None else [name, name + CLOSURE_SUFFIX]
     with Memory.open(memory) as store:
-        count = store.count(hand)
+        count = sum(map(store.count, hands))
         if not yes:
             if as_json or not sys.stdin.isatty():
                 raise InputError("reset forgets everything learnt: add --yes to confirm")
             click.confirm(f"Forget {count} experiences in {store.where}?", abort=True)
-        store.reset(hand)
+        for each in hands:
+            store.reset(each)
     _done(as_json, {"forgotten": count}, f"forgot {count} experiences")
 
 

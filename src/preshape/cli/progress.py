@@ -1,4 +1,4 @@
-"""Progress of long work on standard error: a bar in a terminal, lines in a log, and a last word at Ctrl-C."""
+"""Progress of long work on standard error: a bar in a terminal, lines in a log, and a sentence at Ctrl-C."""
 
 from __future__ import annotations
 
@@ -13,15 +13,18 @@ import click
 if TYPE_CHECKING:
     from rich.progress import Progress
 
-LINES = 20  # of a log, for each kind of work
-PAUSE = 5.0  # between lines on what is being prepared [s]
-WINDOW, LEAST = 120.0, 10  # the estimate goes by the last seconds, and by so many steps at least
+LINES = 20
+"""Lines in a log for each kind of work."""
+PAUSE = 5.0
+"""Least time between two lines in a log about preparations [s]."""
+WINDOW, LEAST = 120.0, 10
+"""The time left is estimated from the steps of the last ``WINDOW`` seconds, at least ``LEAST`` of them."""
 
 GOES_ON = "the same command goes on from there"
 
 
 def duration(seconds: float) -> str:
-    """A time for people.
+    """A duration in words.
 
     >>> duration(89.4), duration(90), duration(5400)
     ('89 s', '2 min', '1.5 h')
@@ -32,48 +35,52 @@ def duration(seconds: float) -> str:
 
 
 class Steps:
-    """Says how far the work has come."""
+    """Shows the progress of a command.
+
+    Attributes:
+        reached: How far the work has come, in words.
+    """
 
     def __init__(self, bar: Progress) -> None:
         self._bar, self._task = bar, bar.add_task("preparing", total=None)
-        self._what, self._said, self._line = "", -1, time.perf_counter()
-        self._lately: deque[tuple[float, float]] = deque()
+        self._what, self._lines, self._line = "", -1, time.perf_counter()
+        self._recent: deque[tuple[float, float]] = deque()
         self.reached = "while preparing"
 
     def prepare(self, words: str) -> None:
-        """Say what is being made ready."""
+        """Show what is being prepared."""
         self._bar.update(self._task, description=words)
         if not self._bar.console.is_terminal and time.perf_counter() - self._line > PAUSE:
             self._line = time.perf_counter()
             click.echo(words, err=True)
 
     def step(self, what: str, done: float, of: float, last: str = "") -> None:
-        """Say how much is done.
+        """Show how much is done.
 
         Args:
-            what: is counted, as ``grasps``; ``%`` for a share.
-            done: how much is done.
-            of: how much there is.
-            last: what was done last, or is being done.
+            what: Name of the units that are counted, such as ``grasps``; ``%`` for a share.
+            done: Number of units done.
+            of: Number of all units.
+            last: What was done last, or is being done.
         """
         now = time.perf_counter()
-        if what != self._what:  # what an earlier run has done says nothing of the speed
-            self._what, self._said = what, -1
-            self._lately.clear()
+        if what != self._what:  # the first count may come from an earlier run: no speed follows from it
+            self._what, self._lines = what, -1
+            self._recent.clear()
             self._bar.reset(self._task, total=of, completed=int(done))
-        self._lately.append((now, done))
-        while len(self._lately) > LEAST and now - self._lately[1][0] > WINDOW:
-            self._lately.popleft()
+        self._recent.append((now, done))
+        while len(self._recent) > LEAST and now - self._recent[1][0] > WINDOW:
+            self._recent.popleft()
         percent = f"{100 * done // of:.0f} %"
         counted = "" if what == "%" else f"{done} of {of} {what}"
         self.reached = f"after {counted}" if counted else f"at {percent}"
-        (then, before), left = self._lately[0], ""
+        (then, before), left = self._recent[0], ""
         if before < done < of:
             left = f"about {duration((now - then) / (done - before) * (of - done))} left"
         words = ", ".join(filter(None, (counted, left))) + (f": {last}" if last else "")
         self._bar.update(self._task, completed=done, description=words.removeprefix(": "))
-        if not self._bar.console.is_terminal and int(LINES * done // of) > self._said:
-            self._said = int(LINES * done // of)
+        if not self._bar.console.is_terminal and int(LINES * done // of) > self._lines:
+            self._lines = int(LINES * done // of)
             click.echo(f"{percent:>5}{'' if words.startswith(':') else ', '}{words}", err=True)
 
 
@@ -82,7 +89,7 @@ def steps(kept: str) -> Iterator[Steps]:
     """Progress of one command.
 
     Args:
-        kept: what becomes of the work that is done at Ctrl-C.
+        kept: What becomes of the finished work at Ctrl-C, as the end of a sentence.
     """
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
@@ -95,10 +102,10 @@ def steps(kept: str) -> Iterator[Steps]:
     )
     console = Console(stderr=True)
     with Progress(*columns, console=console, disable=not console.is_terminal, transient=True) as bar:
-        told = Steps(bar)
+        shown = Steps(bar)
         try:
-            yield told
+            yield shown
         except KeyboardInterrupt:
             bar.stop()
-            click.echo(f"stopped {told.reached}; {kept}", err=True)
+            click.echo(f"stopped {shown.reached}; {kept}", err=True)
             raise

@@ -1,4 +1,4 @@
-"""From a recorded holding test to the viewer's film: solids of the scene, stages with their notes."""
+"""A recorded holding test as a film for the viewer: the solids of the scene, and stages with notes."""
 
 from __future__ import annotations
 
@@ -25,21 +25,24 @@ from ..viewer.raycast import Shape
 from ..viewer.shapes import box, capsule, join, sphere
 
 TINT = 0.25
-"""Share of a finger's own colour in its links; its last link has three times as much."""
+"""Share of a finger's own colour in the colour of its links; three times as much in its last link."""
 
 
 def recorded(
     grasps: GraspSet, row: int, hand: Hand, pieces: ConvexPieces, protocol: HoldProtocol, *, name: str = ""
 ) -> tuple[Recording, Scene]:
-    """The holding test of one grasp, written down, and the scene in which it was made.
+    """Record the holding test of one grasp.
 
     Args:
-        grasps: as the hand in physics takes them, :meth:`GraspSet.for_hand`.
-        row: which of them.
-        hand: whose they are.
-        pieces: of the object, at scale 1.
-        protocol: of the test.
-        name: of the object; by default as the grasps have it.
+        grasps: The grasps as the hand in physics takes them, see :meth:`GraspSet.for_hand`.
+        row: Row of the grasp.
+        hand: The hand.
+        pieces: Convex pieces of the object at scale 1.
+        protocol: Settings of the test.
+        name: Name of the object; by default that in the grasps.
+
+    Returns:
+        The recording, and the scene that the test was made in.
     """
     scene = build_scene(physics_hand(hand), pieces, float(grasps.scale[row]), protocol)
     recording = record_hold(
@@ -58,7 +61,7 @@ def recorded(
 
 
 def part_names(scene: Scene, hand: Hand) -> tuple[str, ...]:
-    """``palm`` and the fingers' names in the order of ``scene.part_of_body``."""
+    """``palm`` and the names of the fingers, in the order of ``scene.part_of_body``."""
     names = ["palm", *(f"finger {k + 1}" for k in range(scene.fingers))]
     for finger in hand.fingers:
         if finger.tip_body in scene.body_names:
@@ -74,10 +77,10 @@ def film_of(
     """The film of a recording.
 
     Args:
-        recording: the run.
-        scene: in which it was made.
-        protocol: of the test.
-        mesh: how the object looks, in its body's frame and at its size [m]; default its convex pieces.
+        recording: The recording.
+        scene: Scene that the test was made in.
+        protocol: Settings of the test.
+        mesh: Surface of the object in its body's frame at its size [m]; by default the convex pieces.
     """
     load = protocol.acceleration * protocol.mass
     found = solids(scene, recording.parts, mesh)
@@ -105,7 +108,7 @@ def film_of(
 
 
 def stages_of(recording: Recording) -> tuple[Stage, ...]:
-    """The stages, each with a note on what was seen."""
+    """The stages, each with a note on its outcome."""
     outcome = {probe.name: probe for probe in recording.result.probes}
     result = []
     for name in recording.stages:
@@ -125,7 +128,7 @@ def stages_of(recording: Recording) -> tuple[Stage, ...]:
 
 
 def solids(scene: Scene, parts: Sequence[str], mesh: TriangleMesh | None) -> list[tuple[int, Shape]]:
-    """Every body that can be seen, and its solid in its own frame."""
+    """Each visible body with its solid in the body's frame."""
     model, result = scene.model, []
     for body in range(model.nbody):
         part = int(scene.part_of_body[body])
@@ -154,7 +157,7 @@ def _hand_colour(scene: Scene, body: int, parts: Sequence[str]) -> Colour:
 
 
 def _geom(model: Any, geom: int, colour: Colour) -> Shape:
-    """One geom in its body's frame; a cylinder or ellipsoid is drawn as what holds it."""
+    """One geom in its body's frame; a cylinder is drawn as a capsule, an ellipsoid as its box."""
     import mujoco
 
     kinds = mujoco.mjtGeom

@@ -1,1 +1,1 @@
-"""Plans for other programs: MoveIt messages, MuJoCo scenes, grasp arrays."""
+"""Plans in the formats of other programs: MoveIt messages, MuJoCo scenes, grasp arrays."""

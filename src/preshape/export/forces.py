@@ -1,4 +1,4 @@
-"""How hard a planned squeeze presses: contact forces from joint torques."""
+"""Contact forces of a planned squeeze, from its joint torques."""
 
 from __future__ import annotations
 
@@ -11,10 +11,11 @@ from .planned import PlannedGrasp
 
 
 def contact_forces(grasp: PlannedGrasp) -> Array:
-    """(n, 3) the force of each contact on the object [N], mesh frame, that the squeeze's torques make.
+    """(n, 3) force of each contact on the object under the torques of the squeeze [N], mesh frame.
 
-    A contact force f loads the joints between palm and touching link with Jᵀ f, of two joints with one drive
-    both with the mean; of the forces that do so best, the smallest. Friction in the joints is left out.
+    A contact force f loads the joints between palm and touching link with the torques Jᵀ f; two joints with
+    one drive each take the mean of both. The result is the force of least norm among those that fit the
+    torques best. Friction in the joints is neglected.
     """
     kinematics = HandKinematics(grasp.hand)
     kinematics.set_posture(grasp.grasp)
@@ -38,7 +39,7 @@ def contact_forces(grasp: PlannedGrasp) -> Array:
 
 
 def _touching(kinematics: HandKinematics, finger: str, point: Array) -> int:
-    """The body of the finger whose shape is nearest to a point in the palm frame."""
+    """The body of a finger whose shape is nearest to a point (3,) in the palm frame [m]."""
     model = kinematics.model
     own = set()
     body = model.body(kinematics.hand.finger(finger).tip_body).id

@@ -1,7 +1,8 @@
 """Planned grasps as ``moveit_msgs/msg/Grasp``: plain dictionaries that mirror the message field by field.
 
 Frames and signs (drawn in ``docs/ros.md``): ``grasp_pose`` is the pose of the end effector's parent link in
-the object's frame; approach and retreat are unit vectors in the frame that their header names.
+the object's frame; approach and retreat are unit vectors in the frame that their header names. The message
+has no place for the table and boxes of a plan.
 """
 
 from __future__ import annotations
@@ -21,28 +22,28 @@ from .planned import PlannedGrasp
 Message = dict[str, Any]
 
 REACH_SECONDS, SQUEEZE_SECONDS = 1.0, 0.5
-"""Time that the fingers take to a posture, and from touching to the squeeze [s] [C]."""
+"""Time for the fingers to reach a posture, and time from touching to the squeeze [s] [C]."""
 LEAST = 0.5
-"""Share of an approach or retreat that must be possible for the grasp to be worth a try [C]."""
+"""Least share of an approach or retreat that must be free [C]."""
 
 
 @value
 class MoveItOptions:
-    """What the receiving robot calls things.
+    """Names of frames and links on the receiving robot, and distances.
 
     Attributes:
-        frame: the object's frame, the mesh file's own.
-        parent_link: the end effector's parent link; empty for the root body of the hand's model.
-        mount: (7,) pose of the hand's root in the parent link, where that is a link of the robot, xyz [m] and
-            quaternion wxyz; ``None`` where it is a body of the hand.
-        touch_objects: names of the objects that may be touched; empty for the object's own name.
-        approach_distance: straight way in [m], and back out after placing.
-        retreat_distance: lift after the grasp [m].
-        up_frame: a frame whose +z is up, for the lift; empty: the direction the task was planned with, in
-            ``frame``.
+        frame: Name of the object's frame, which is that of the mesh file.
+        parent_link: The end effector's parent link; empty for the root body of the hand's model.
+        mount: (7,) pose of the hand's root in a parent link that belongs to the robot, xyz [m] and quaternion
+            wxyz; ``None`` where the parent link is a body of the hand.
+        touch_objects: Names of the objects that may be touched; empty for the object's own name.
+        approach_distance: Length of the straight way in, and of the way out after placing [m].
+        retreat_distance: Length of the lift after the grasp [m].
+        up_frame: Frame whose +z is up, for the lift; empty for the direction against the gravity that was
+            planned with, in ``frame``.
 
     Raises:
-        InputError: a name or a distance that cannot be used.
+        InputError: A name or a distance cannot be used.
     """
 
     frame: str = "object"
@@ -80,7 +81,7 @@ def moveit_grasps(grasps: tuple[PlannedGrasp, ...], options: MoveItOptions) -> l
     """One ``moveit_msgs/msg/Grasp`` for each grasp, in their order.
 
     Raises:
-        InputError: no such parent link; the message lists those that would do.
+        InputError: There is no such parent link; the message lists the possible ones.
     """
     return [_message(grasp, options) for grasp in grasps]
 
@@ -89,7 +90,7 @@ def parent_link(grasp: PlannedGrasp, options: MoveItOptions) -> tuple[str, Array
     """Name of the end effector's parent link, and (4, 4) its pose in the palm frame.
 
     Raises:
-        InputError: a link that moves with the fingers, or one that neither the hand nor ``mount`` knows.
+        InputError: The link moves with the fingers, or is neither in the hand nor on the robot by ``mount``.
     """
     import mujoco
 
@@ -101,9 +102,7 @@ def parent_link(grasp: PlannedGrasp, options: MoveItOptions) -> tuple[str, Array
     names = {model.body(body).name: body for body in still}
     if not name or name in names:
         if options.mount is not None and name:
-            raise InputError(
-                f"--mount says where the hand stands on a link of the robot, but {name} is the hand's"
-            )
+            raise InputError(f"--mount is the hand's pose on a link of the robot, but {name} is the hand's")
         data = mujoco.MjData(model)
         mujoco.mj_kinematics(model, data)
         body = names[name] if name else 1
@@ -116,13 +115,13 @@ def parent_link(grasp: PlannedGrasp, options: MoveItOptions) -> tuple[str, Array
     if options.mount is None:
         raise InputError(
             f"the hand {hand.name} has no link {name!r}, only {', '.join(names)}; if it is a link of the "
-            'robot, say where the root of the hand stands in it, as --mount "0 0 0 1 0 0 0" (x y z w x y z)'
+            'robot, give the pose of the hand\'s root in it, such as --mount "0 0 0 1 0 0 0" (x y z w x y z)'
         )
     return name, inverse(hand.T_root_palm) @ inverse(pose_from_seven(options.mount))
 
 
 def messages_yaml(messages: list[Message], heading: str = "") -> str:
-    """Messages as one YAML stream with one document for each, as ``ros2 topic pub --yaml-file`` reads it.
+    """Messages as a YAML stream of one document each, as ``ros2 topic pub --yaml-file`` reads it.
 
     Args:
         messages: Messages as nested dictionaries and lists.
@@ -156,7 +155,7 @@ def _message(grasp: PlannedGrasp, options: MoveItOptions) -> Message:
     up = np.array([0.0, 0, 1]) if options.up_frame else grasp.up
     approach = grasp.approach / np.linalg.norm(grasp.approach)
     names = grasp.hand.joints
-    # A planner refuses targets beyond the limits; the efforts say what such a target would have pressed.
+    # Motion planners refuse targets beyond the limits; the efforts state the torques of the uncut target.
     inside = np.clip(grasp.squeeze, *grasp.hand.limits.T)
     reach, press = REACH_SECONDS, REACH_SECONDS + SQUEEZE_SECONDS
     return {
@@ -182,7 +181,7 @@ def _message(grasp: PlannedGrasp, options: MoveItOptions) -> Message:
 
 
 def _header(frame: str) -> Message:
-    # Time zero asks tf2 for the latest transform there is.
+    # Time zero asks tf2 for the latest transform.
     return {"stamp": {"sec": 0, "nanosec": 0}, "frame_id": frame}
 
 

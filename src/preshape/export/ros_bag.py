@@ -1,8 +1,8 @@
-"""Messages in ROS 2's own serialisation: a bag folder that ``ros2 bag`` plays, or one MCAP file.
+"""Messages in the serialisation of ROS 2: a bag folder that ``ros2 bag`` plays, or one MCAP file.
 
-Needs the package ``rosbags`` (extra ``ros``), not ROS. The field lists of the two MoveIt messages are those
-of moveit_msgs (BSD 3-Clause, copyright 2008-2013 Willow Garage, Inc.); the messages
-inside them come with ``rosbags``. Nothing depends on the clock: the same grasps give the same messages.
+This needs the package ``rosbags`` (extra ``ros``), not ROS. The field lists of the two MoveIt messages are
+those of moveit_msgs (BSD 3-Clause, copyright 2008-2013 Willow Garage, Inc.); the messages inside them come
+with ``rosbags``. The same grasps give the same messages, whatever the time.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ from ..exceptions import EnvironmentFailure, InputError
 GRASP = "moveit_msgs/msg/Grasp"
 TOPIC = "/preshape/grasps"
 VERSION: Final = 8
-"""Of the bag's metadata: the newest that ROS 2 Humble reads as well as its successors."""
+"""Version of the bag's metadata: the newest that ROS 2 Humble reads; its successors read it too."""
 START, STEP = 1_000_000_000, 1_000_000
-"""Time of the first message and between messages [ns]."""
+"""Time of the first message, and time between two messages [ns]."""
 
 FIELDS = {
     "moveit_msgs/msg/GripperTranslation": (
@@ -47,7 +47,7 @@ FIELDS = {
 
 @cache
 def typestore() -> Any:
-    """The message types of ROS 2 Humble and MoveIt's grasp, a ``rosbags`` type store; do not change it.
+    """Type store of ``rosbags`` with the messages of ROS 2 Humble and MoveIt's grasp, shared by all callers.
 
     Raises:
         EnvironmentFailure: ``rosbags`` is not installed.
@@ -68,18 +68,18 @@ def serialised(message: dict[str, Any], kind: str = GRASP) -> bytes:
     """A message in CDR, little-endian.
 
     Args:
-        message: nested dictionaries, every field of the type named.
-        kind: the message's type.
+        message: Nested dictionaries with every field of the type.
+        kind: Type of the message.
     """
     store = typestore()
     return bytes(store.serialize_cdr(_filled(store, kind, message), kind, little_endian=True))
 
 
 def write_mcap(path: Path, messages: list[dict[str, Any]]) -> None:
-    """Write grasps as one MCAP file, whole or not at all; a file of that name is replaced.
+    """Write grasps as one MCAP file, whole or not at all. A file of that name is replaced.
 
     Raises:
-        EnvironmentFailure: ``rosbags`` is missing, or the file cannot be written.
+        EnvironmentFailure: ``rosbags`` is not installed, or the file cannot be written.
     """
     _write(path, messages, alone=True)
 
@@ -88,8 +88,8 @@ def write_bag(path: Path, messages: list[dict[str, Any]]) -> None:
     """Write grasps as a ROS 2 bag, a folder with ``metadata.yaml`` and SQLite storage, whole or not at all.
 
     Raises:
-        InputError: there is something of that name already.
-        EnvironmentFailure: ``rosbags`` is missing, or the folder cannot be written.
+        InputError: A file or folder of that name exists.
+        EnvironmentFailure: ``rosbags`` is not installed, or the folder cannot be written.
     """
     if path.exists():
         raise InputError(f"{path} exists already and a bag is a folder of its own; give another name")
@@ -105,7 +105,7 @@ def _write(path: Path, messages: list[dict[str, Any]], *, alone: bool) -> None:
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         beside = Path(tempfile.mkdtemp(dir=path.parent, prefix=f".{path.stem}-"))
-        # The files inside are called as the folder.
+        # The writer names the files inside after the folder.
         folder = beside / (path.stem if alone else path.name)
         plugin = StoragePlugin.MCAP if alone else StoragePlugin.SQLITE3
         with Writer(folder, version=VERSION, storage_plugin=plugin) as writer:
@@ -124,7 +124,7 @@ def _write(path: Path, messages: list[dict[str, Any]], *, alone: bool) -> None:
 
 
 def _latched(depth: int) -> Any:
-    """Reliable and kept for late subscribers: who asks after the bag was played still gets every grasp."""
+    """Reliable and transient local: a node that subscribes late still gets every grasp."""
     from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
 
     never = QosTime(0, 0)
@@ -142,7 +142,7 @@ def _latched(depth: int) -> Any:
 
 
 def _filled(store: Any, kind: str, content: dict[str, Any]) -> Any:
-    """The store's own object of a message type, from dictionaries."""
+    """A message of the type store, from nested dictionaries."""
     fields = {}
     for name, (node, detail) in store.fielddefs[kind][1]:
         fields[name] = _field(store, int(node), detail, content[name])
