@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -22,6 +24,7 @@ REACH = 0.85
 """Aim points lie within this share of the object's half-extents."""
 _BATCH = 64
 """Candidates whose distances are computed together."""
+_DRAWN, _RANKED = ("plane", "flip", "value", "preshape"), ("score", "task", "hold")
 
 
 @value
@@ -64,13 +67,8 @@ class DrawnCandidates:
 
     def take(self, rows: IntArray) -> DrawnCandidates:
         """The candidates with these indices, in that order."""
-        return DrawnCandidates(
-            candidates=self.candidates.take(rows),
-            plane=self.plane[rows],
-            flip=self.flip[rows],
-            value=self.value[rows],
-            preshape=self.preshape[rows],
-        )
+        own = {name: getattr(self, name)[rows] for name in _DRAWN}
+        return DrawnCandidates(candidates=self.candidates.take(rows), **own)
 
 
 @value
@@ -100,15 +98,8 @@ class RankedCandidates:
 
     def take(self, rows: IntArray) -> RankedCandidates:
         """The candidates with these indices, in that order."""
-        return RankedCandidates(
-            drawn=self.drawn.take(rows),
-            closings=self.closings.take(rows),
-            score=self.score[rows],
-            task=self.task[rows],
-            hold=self.hold[rows],
-            tried=self.tried,
-            blocked=self.blocked,
-        )
+        own = {name: getattr(self, name)[rows] for name in _RANKED}
+        return replace(self, drawn=self.drawn.take(rows), closings=self.closings.take(rows), **own)
 
 
 def draw_candidates(
@@ -189,39 +180,29 @@ def quaternions(R: Array) -> Array:
 
 def concatenated(*batches: DrawnCandidates) -> DrawnCandidates:
     """Several batches as one."""
+    candidates = [batch.candidates for batch in batches]
     return DrawnCandidates(
-        candidates=Candidates(
-            **{
-                name: np.concatenate([getattr(batch.candidates, name) for batch in batches])
-                for name in ("place", "turn", "start", "mask")
-            }
-        ),
-        **{
-            name: np.concatenate([getattr(batch, name) for batch in batches])
-            for name in ("plane", "flip", "value", "preshape")
-        },
+        candidates=Candidates(**_columns(candidates, ("place", "turn", "start", "mask"))),
+        **_columns(batches, _DRAWN),
     )
+
+
+def _columns(batches: Sequence[object], names: Sequence[str]) -> dict[str, Any]:
+    """Each of the named arrays of all batches, one batch after the other."""
+    return {name: np.concatenate([getattr(batch, name) for batch in batches]) for name in names}
 
 
 def merged(*batches: RankedCandidates, most: int | None = None) -> RankedCandidates:
     """Several batches as one, best first; at most ``most`` candidates."""
     parts = [batch for batch in batches if len(batch)] or [batches[0]]
-    score = np.concatenate([part.score for part in parts])
     together = RankedCandidates(
         drawn=concatenated(*(part.drawn for part in parts)),
-        closings=Closings(
-            **{
-                name: np.concatenate([getattr(part.closings, name) for part in parts])
-                for name in CLOSING_ARRAYS
-            }
-        ),
-        score=score,
-        task=np.concatenate([part.task for part in parts]),
-        hold=np.concatenate([part.hold for part in parts]),
+        closings=Closings(**_columns([part.closings for part in parts], CLOSING_ARRAYS)),
+        **_columns(parts, _RANKED),
         tried=sum(batch.tried for batch in batches),
         blocked=sum(batch.blocked for batch in batches),
     )
-    order = np.argsort(-score, kind="stable")
+    order = np.argsort(-together.score, kind="stable")
     return together.take(order if most is None else order[:most])
 
 

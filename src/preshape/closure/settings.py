@@ -13,17 +13,9 @@ from ..kernels.closing.host import Obstacles
 from ..types import FIELD_MASS, FRICTION, GRAVITY, freeze, value
 
 _DEVICE = re.compile(r"cpu|cuda(:[0-9]+)?")
-_COUNTS = {
-    "at_aim": 1,
-    "on_plane": 1,
-    "everywhere": 1,
-    "elite": 1,
-    "persistence": 0,
-    "children": 1,
-    "rounds": 0,
-    "finished": 1,
-    "threads": 1,
-}
+_NUMBERS = ("friction", "torsion", "friction_share", "press_least", "press_most", "safety", "hold")
+_COUNTS = ("at_aim", "on_plane", "everywhere", "elite", "children", "finished", "threads")
+_COUNTS_FROM_ZERO = ("persistence", "rounds")
 
 
 def _number(given: object, name: str) -> float:
@@ -86,20 +78,12 @@ class ClosureSettings:
     threads: int | None = None
 
     def __post_init__(self) -> None:
-        for name in (
-            "friction",
-            "torsion",
-            "friction_share",
-            "press_least",
-            "press_most",
-            "safety",
-            "hold",
-        ):
+        for name in _NUMBERS:
             freeze(self, **{name: _number(getattr(self, name), name)})
         if self.mass is not None:
             freeze(self, mass=_number(self.mass, "mass"))
-        for name, least in _COUNTS.items():
-            number = getattr(self, name)
+        for name in (*_COUNTS, *_COUNTS_FROM_ZERO):
+            number, least = getattr(self, name), int(name in _COUNTS)
             if number is None and name == "threads":
                 continue
             if isinstance(number, bool) or not isinstance(number, int | np.integer) or number < least:
