@@ -10,6 +10,7 @@ import copy
 import hashlib
 import io
 import json
+import shutil
 import sys
 from pathlib import Path
 
@@ -401,8 +402,8 @@ def test_the_lift_is_against_the_gravity_of_the_task(task: str, up: str) -> None
     del first_version["schema"]
     document = copy.deepcopy(RAYS)  # the request says the gravity, whatever the task is called
     document["request"]["gravity"] = (-want).tolist()
-    for plan in (first_version, document):
-        vector = messages_of(plan)[0]["post_grasp_retreat"]["direction"]["vector"]
+    for each in (first_version, document):
+        vector = messages_of(each)[0]["post_grasp_retreat"]["direction"]["vector"]
         assert list(vector.values()) == want.tolist()
 
 
@@ -581,6 +582,73 @@ def test_mjcf_from_the_command(cylinder: dict, tmp_path: Path, monkeypatch: pyte
     assert model.nkey == 3
     code, out, _ = run("export", str(file), "--format", "mjcf")
     assert out == (tmp_path / "scene.xml").read_text()
+
+
+def loads_of(text: str) -> tuple[float, float]:
+    """Mass and sliding friction of the object in a scene."""
+    model = mujoco.MjModel.from_xml_string(text)
+    pieces = [k for k in range(model.ngeom) if model.geom(k).name.startswith("object_piece")]
+    return float(model.body("object").mass[0]), float(model.geom_friction[pieces[0], 0])
+
+
+def test_the_scene_has_the_load_that_was_planned_for(
+    cylinder: dict, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("PRESHAPE_CACHE", str(tmp_path / "cache"))
+    file = tmp_path / "plan.json"
+    first_version = {key: part for key, part in cylinder.items() if key not in ("schema", "request", "mass")}
+    slippery = {**cylinder, "mass": 0.25, "request": {**cylinder["request"], "friction": 0.5}}
+    for document, options, load in (
+        (cylinder, (), (cylinder["mass"], 0.6)),
+        (first_version, (), (0.1, 0.6)),
+        (slippery, (), (0.25, 0.5)),
+        (slippery, ("--mass", "0.4", "--friction", "0.3"), (0.4, 0.3)),
+    ):
+        file.write_text(json.dumps(document))
+        code, out, _ = run("export", str(file), "--format", "mjcf", *options)
+        assert code == 0
+        assert loads_of(out) == pytest.approx(load, rel=0.01)
+    code, _, err = run("export", str(file), "--format", "mjcf", "--mass", "0")
+    assert (code, "mass must be above 0" in err) == (2, True)
+
+
+def test_the_best_grasp_of_a_plan_without_an_answer(tmp_path: Path) -> None:
+    best = {**RAYS, "status": "deadlock", "executable": False, "alternatives": []}
+    refused = {"status": "deadlock", "reason": "too weak", "plane": None, "alternatives": [], "best": best}
+    file = tmp_path / "plan.json"
+    file.write_text(json.dumps({**RAYS, **refused}))
+    code, _, err = run("export", str(file), "--format", "moveit")
+    assert code == 2
+    assert "has no grasp (deadlock: too weak); --best takes the best grasp" in err
+    code, out, _ = run("export", str(file), "--format", "moveit", "--best")
+    assert code == 0
+    assert yaml_read(out) == messages_of(RAYS)[:1]
+    file.write_text(json.dumps(RAYS))  # a plan with an answer is written as without the option
+    assert yaml_read(run("export", str(file), "--format", "moveit", "--best")[1]) == messages_of(RAYS)
+
+
+def test_what_is_left_out_is_said(tmp_path: Path) -> None:
+    file = tmp_path / "plan.json"
+    box = [1.0, 1.0, 1.0, 2.0, 2.0, 2.0]
+    for table, boxes, words in (
+        ("auto", [], "left out, though planned with: the table\n"),
+        (-0.1, [box, box], "left out, though planned with: the table and 2 boxes\n"),
+        (None, [], ""),
+    ):
+        file.write_text(json.dumps({**RAYS, "request": {**RAYS["request"], "table": table, "avoid": boxes}}))
+        assert run("export", str(file), "--format", "moveit")[2] == words
+
+
+def test_a_hand_from_a_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The plan names the file of its hand; its bare name would not be found."""
+    for part in (ROOT / "examples" / "hands").glob("trident.*"):
+        shutil.copy(part, tmp_path)
+    made = plan("box", "lift", hand=str(tmp_path / "trident.toml"), memory=":memory:", learn=False)
+    file = tmp_path / "plan.json"
+    file.write_text(json.dumps(plan_to_json(made)))
+    monkeypatch.chdir(ROOT)
+    code, out, err = run("export", str(file), "--format", "moveit", "--json")
+    assert (code, json.loads(out)["hand"]) == (0, "trident"), err
 
 
 def unreached(document: dict, *which: int) -> dict:

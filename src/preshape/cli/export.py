@@ -234,7 +234,7 @@ def _tell(report: dict[str, Any], left_out: tuple[LeftOut, ...], paths: list[Pat
     for each in left_out:
         click.echo(f"answer {each.number} is left out, its hand has no posture: {each.reason}", err=True)
     if report["obstacles_left_out"]:
-        click.echo(f"left out: {report['obstacles_left_out']} that was planned with", err=True)
+        click.echo(f"left out, though planned with: {report['obstacles_left_out']}", err=True)
     if as_json or not paths:
         return
     for path in paths:
