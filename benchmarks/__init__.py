@@ -1,1 +1,1 @@
-"""Benchmarks: `make bench`. A benchmark fails when the answer is wrong, never because a machine is slow."""
+"""Benchmarks (`make bench`). A benchmark fails only where an answer is wrong, never because it is slow."""

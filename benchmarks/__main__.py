@@ -1,4 +1,4 @@
-"""Run every benchmark and print one table: value, target, and the ratio to a baseline of the same run."""
+"""Run the benchmarks and print one table: value, target, and a baseline measured in the same run."""
 
 from __future__ import annotations
 
@@ -27,9 +27,14 @@ MODULES = (
 
 
 def main(wanted: list[str]) -> int:
+    """Run the benchmarks whose names contain one of the words, or all of them.
+
+    Returns:
+        0 where all answers were right, 1 where one was wrong, 2 for an unknown name.
+    """
     names = [name for name in MODULES if not wanted or any(word in name for word in wanted)]
     if not names:
-        print(f"no benchmark matches {wanted}; there are {', '.join(MODULES)}", file=sys.stderr)
+        print(f"no benchmark matches {' '.join(wanted)}; known: {', '.join(MODULES)}", file=sys.stderr)
         return 2
     console = Console()
     table = Table(title=machine(), title_justify="left", box=None, header_style="bold")
@@ -52,6 +57,7 @@ def main(wanted: list[str]) -> int:
 
 
 def machine() -> str:
+    """Processor, load and versions, for the title of the table."""
     model = next(
         (
             line.split(":")[1].strip()

@@ -1,12 +1,11 @@
-"""Closing hands on objects, and with it how well the contacts resist: candidates per second.
+"""Closing and margin kernels: candidates per second for several hands and objects.
 
-The times are those of one candidate, so that less is better as everywhere in this table; the name says how
-many that makes a second. Every row also runs the plain version on a part of them and compares the answers.
+The table shows the time of one candidate, so that less is better as in every row; the name of the row has
+the rate. Every row also runs the plain version on some of the candidates and compares the results.
 """
 
 from __future__ import annotations
 
-import os
 import time
 from typing import Any
 
@@ -20,30 +19,34 @@ from preshape.kernels.closing.host import ClosingKernel, Closings, Fate
 from preshape.kernels.closing.plain import close_plain
 from preshape.kernels.field.host import prepare_field
 from preshape.kernels.margin.host import margins
-from preshape.kernels.margin.plain import Grip, margin_plain
+from preshape.kernels.margin.plain import SoftContacts, margin_plain
 from preshape.objects.library import load_library_object
+from preshape.processes import usable_cores
 
 from .common import median_of, row
 
 OBJECTS = ("mug", "cube", "hammer", "bottle")
-EACH, FEW, FEWER = 3000, 250, 12
-"""Candidates of each object; those that the plain versions close; those whose margins they compute."""
+CANDIDATES, PLAIN_CLOSINGS, PLAIN_MARGINS = 3000, 250, 12
+"""Candidates of each object, those closed by the plain version, and those with a margin by the plain
+version."""
 FRICTION, TORSION = 0.36, 0.0072
-"""Of the margins; the second in metres."""
+"""Sliding friction and torsional friction [m] of the margins."""
 HOLD = np.concatenate([np.eye(6), -np.eye(6)])
-"""Pushes along the axes and turns about them."""
-CLOSINGS, MARGINS = 1e6 / 40_000, 1e6 / 20_000
-"""Wanted on two threads [µs a candidate]."""
+"""Wrenches of the margins: forces along the axes and torques about them."""
+CLOSING_TARGET, MARGIN_TARGET = 1e6 / 40_000, 1e6 / 20_000
+"""Target times of one candidate on two threads [µs]."""
 
 
 def run() -> list[dict[str, Any]]:
-    threads = min(2, len(os.sched_getaffinity(0)))
+    threads = min(2, usable_cores())
     rows = []
     for name in ("shadow", "allegro", "leap"):
-        target = CLOSINGS if name == "shadow" else None
+        target = CLOSING_TARGET if name == "shadow" else None
         for count in dict.fromkeys((threads, 1)):
             rows.append(_closing(name, count, target if count == 2 else None))
-        rows.append(_with_margins(name, threads, MARGINS if name == "shadow" and threads == 2 else None))
+        rows.append(
+            _with_margins(name, threads, MARGIN_TARGET if name == "shadow" and threads == 2 else None)
+        )
     return rows
 
 
@@ -53,12 +56,17 @@ class _Scenes:
     def __init__(self, name: str, threads: int) -> None:
         self.threads, hand = threads, load_hand(name)
         self.tables, pool = hand_tables(hand), preshapes(hand)
-        self.meshes = [load_library_object(thing) for thing in OBJECTS]
+        self.meshes = [load_library_object(one) for one in OBJECTS]
         self.fields = [prepare_field(mesh) for mesh in self.meshes]
         self.kernels = [ClosingKernel(self.tables, field, threads=threads) for field in self.fields]
         self.given = [
             draw_candidates(
-                np.random.default_rng(0), pool, mesh.bounds.mean(axis=0), mesh.extents / 2, EACH, Region()
+                np.random.default_rng(0),
+                pool,
+                mesh.bounds.mean(axis=0),
+                mesh.extents / 2,
+                CANDIDATES,
+                Region(),
             ).candidates
             for mesh in self.meshes
         ]
@@ -74,14 +82,14 @@ class _Scenes:
 
     def plain(self, index: int) -> tuple[Closings, float]:
         """The plain version's closings of a few candidates, and its seconds."""
-        few = self.given[index].take(np.arange(FEW))
+        few = self.given[index].take(np.arange(PLAIN_CLOSINGS))
         start = time.perf_counter()
         return close_plain(self.tables, self.fields[index], few), time.perf_counter() - start
 
 
 def _closing(name: str, threads: int, target: float | None) -> dict[str, Any]:
     scenes = _Scenes(name, threads)
-    total = EACH * len(OBJECTS)
+    total = CANDIDATES * len(OBJECTS)
     seconds = median_of(scenes.close, 5)
     same, plain_seconds, closed = True, 0.0, 0
     for index, fast in enumerate(scenes.close()):
@@ -92,12 +100,14 @@ def _closing(name: str, threads: int, target: float | None) -> dict[str, Any]:
     what = (
         f"closing, {name}, {_threads(threads)}: {_rate(total / seconds)}, {100 * closed / total:.0f} % close"
     )
-    return _row(what, seconds / total, plain_seconds / (FEW * len(OBJECTS)), target, same and closed > 0)
+    return _row(
+        what, seconds / total, plain_seconds / (PLAIN_CLOSINGS * len(OBJECTS)), target, same and closed > 0
+    )
 
 
 def _with_margins(name: str, threads: int, target: float | None) -> dict[str, Any]:
     scenes = _Scenes(name, threads)
-    total = EACH * len(OBJECTS)
+    total = CANDIDATES * len(OBJECTS)
     seconds = median_of(scenes.resist, 5)
     same, plain_close, plain_margin, compared = True, 0.0, 0.0, 0
     closings = scenes.close()
@@ -105,7 +115,7 @@ def _with_margins(name: str, threads: int, target: float | None) -> dict[str, An
         plain, spent = scenes.plain(index)
         plain_close += spent
         same &= _alike(fast, plain)
-        rows = np.flatnonzero(fast.fate == Fate.CLOSED)[:FEWER]
+        rows = np.flatnonzero(fast.fate == Fate.CLOSED)[:PLAIN_MARGINS]
         if not len(rows):
             continue
         compared += len(rows)
@@ -113,8 +123,8 @@ def _with_margins(name: str, threads: int, target: float | None) -> dict[str, An
         start = time.perf_counter()
         for k, i in enumerate(rows):
             n = int(fast.counts[i])
-            told = margin_plain(
-                Grip(
+            plain_margins = margin_plain(
+                SoftContacts(
                     arms=(fast.points[i, :n].astype(np.float64) - mesh.cog) / length,
                     normals=fast.normals_in[i, :n].astype(np.float64),
                     mu=FRICTION,
@@ -123,10 +133,14 @@ def _with_margins(name: str, threads: int, target: float | None) -> dict[str, An
                 HOLD,
                 np.zeros(6),
             )
-            same &= abs(float(found.strength[k]) - told.strength) <= 0.02 * told.strength + 1e-4
+            same &= (
+                abs(float(found.strength[k]) - plain_margins.strength) <= 0.02 * plain_margins.strength + 1e-4
+            )
         plain_margin += time.perf_counter() - start
     closed = sum(int((fast.fate == Fate.CLOSED).sum()) for fast in closings)
-    plain_each = plain_close / (FEW * len(OBJECTS)) + plain_margin / max(1, compared) * closed / total
+    plain_each = (
+        plain_close / (PLAIN_CLOSINGS * len(OBJECTS)) + plain_margin / max(1, compared) * closed / total
+    )
     what = f"closing and margins, {name}, {_threads(threads)}: {_rate(total / seconds)}"
     return _row(what, seconds / total, plain_each, target, same and compared > 0)
 
@@ -166,5 +180,5 @@ def _rate(rate: float) -> str:
 
 
 def _row(what: str, each: float, plain: float, target: float | None, ok: bool) -> dict[str, Any]:
-    base = f"NumPy twin {1e3 * plain:.2g} ms, ratio {plain / each:.0f}"
+    base = f"plain version {1e3 * plain:.2g} ms, ratio {plain / each:.0f}"
     return row(what, 1e6 * each, "µs", target, base, ok)

@@ -1,4 +1,4 @@
-"""The fuzzy explorer over 12 planes × 64 approach values × 3 finger counts × 2 thumb sides."""
+"""The explorer of the ray analyser: 12 planes × 64 approach values × 3 finger counts × 2 thumb sides."""
 
 from __future__ import annotations
 
@@ -22,21 +22,25 @@ def run() -> list[dict[str, Any]]:
     hand = layout()
 
     def explore() -> Any:
-        analyser.forget()  # what it keeps of the last aim
+        analyser.forget()  # the cache of the last aim
         return analyser.explore(q, Aim(values=values))
 
     analyser = RayAnalyser(mesh, hand)
     found = explore()
     seconds = median_of(explore, 15)
 
-    # The plain twin casts every ray against every triangle; a sixteenth of the values shows its speed.
+    # The plain version casts every ray against every triangle; a sixteenth of the values shows its speed.
     few = values[::16]
     plain = RayAnalyser(mesh, hand, cast=lambda o, d: cast_plain(mesh, o, d))
     start = time.perf_counter()
-    twin = plain.explore(q, Aim(values=few))
-    twin_seconds = (time.perf_counter() - start) * len(values) / len(few)
+    expected = plain.explore(q, Aim(values=few))
+    plain_seconds = (time.perf_counter() - start) * len(values) / len(few)
     fast = RayAnalyser(mesh, hand).explore(q, Aim(values=few))
-    same = len(fast) == len(twin) and bool(np.allclose(fast.match, twin.match, atol=1e-9)) and len(found) > 0
-    what = f"explorer, {len(mesh.triangles)} triangles ({name}), {found.tried} grasps aimed at"
-    base = f"NumPy twin {twin_seconds:.2g} s, ratio {twin_seconds / seconds:.0f}"
+    same = (
+        len(fast) == len(expected)
+        and bool(np.allclose(fast.match, expected.match, atol=1e-9))
+        and len(found) > 0
+    )
+    what = f"explorer, {len(mesh.triangles)} triangles ({name}), {found.tried} aims"
+    base = f"plain version {plain_seconds:.2g} s, ratio {plain_seconds / seconds:.0f}"
     return [row(what, 1e3 * seconds, "ms", 20.0, base, same)]

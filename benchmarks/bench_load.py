@@ -1,4 +1,4 @@
-"""Reading a large OBJ: seconds and peak memory, against trimesh, on a torus whose size is known exactly."""
+"""Reading a large OBJ file: time and peak memory beside trimesh, for a torus with exactly known measures."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ SIDE = 708  # 2 · 708² = 1 002 528 triangles
 RING, TUBE = 0.05, 0.02
 SECONDS, MEGABYTES = 3.0, 1000.0
 
-# Each reader runs in its own process, so that its peak memory is its own. The time begins before its imports.
+# Each reader runs in a process of its own, to measure its own peak memory. The time includes its imports.
 OURS = """
 from preshape.objects.load import load_object
 mesh = load_object(path)
@@ -43,7 +43,7 @@ print(json.dumps([time.process_time() - before, seconds, peak, [float(number) fo
 
 
 def torus(path: Path, side: int = SIDE) -> list[float]:
-    """Write a torus as an OBJ with normals; return what a reader must find in it."""
+    """Write a torus as an OBJ file with normals; return the measures that a reader must find."""
     turn = np.arange(side) * 2 * np.pi / side
     around, across = (grid.ravel() for grid in np.meshgrid(turn, turn, indexing="ij"))
     normals = np.stack([np.cos(across) * np.cos(around), np.cos(across) * np.sin(around), np.sin(across)], 1)
@@ -67,7 +67,7 @@ def torus(path: Path, side: int = SIDE) -> list[float]:
 
 
 def measure(code: str, path: Path) -> tuple[float, float, float, list[float]]:
-    """CPU seconds, seconds, peak memory [MB] and the answer of one reader."""
+    """CPU time [s], time [s], peak memory [MB] and the measures found by one reader."""
     command = [sys.executable, "-c", FRAME.format(code=code), str(path)]
     done = subprocess.run(command, capture_output=True, text=True, check=True)
     cpu, seconds, peak, answer = json.loads(done.stdout)
@@ -75,14 +75,14 @@ def measure(code: str, path: Path) -> tuple[float, float, float, list[float]]:
 
 
 def run(side: int = SIDE) -> list[dict[str, Any]]:
-    """Each reader in its own process, the same file."""
+    """Let each reader read the same file in a process of its own."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "torus.obj"
         truth = torus(path, side)
         cpu, seconds, peak, answer = measure(OURS, path)
         their_cpu, their_seconds, their_peak, _ = measure(TRIMESH, path)
     right = bool(np.abs(np.array(answer) / truth - 1).max() < 1e-9)  # counts, extents, area, volume
-    count = f"load OBJ, {truth[0] / 1e6:.2g} M triangles"
+    count = f"load OBJ, {truth[0] / 1e6:.2g} million triangles"
     return [
         row(f"{count}: clock", seconds, "s", SECONDS, _ratio(seconds, their_seconds, "s"), right),
         row(f"{count}: CPU", cpu, "s", None, _ratio(cpu, their_cpu, "s"), right),

@@ -1,7 +1,7 @@
-"""The holding test: published grasps against their known score, and seconds a grasp on one core.
+"""The holding test: published grasps with a known score, and the time for one grasp on one core.
 
-Needs the reference data; without them nothing is measured. ``PRESHAPE_BENCH_ALL=1`` tests all 400 grasps on
-all cores instead of every tenth on one.
+The reference data are needed; without them nothing is measured. ``PRESHAPE_BENCH_ALL=1`` tests all 400
+grasps on all cores; otherwise every tenth is tested on one core.
 """
 
 from __future__ import annotations
@@ -20,11 +20,13 @@ from preshape.processes import usable_cores
 from .common import row
 
 PASSES = {"bottle": 80, "can": 52, "jar": 56, "Piano": 25, "ToyFigure": 71}  # of 80 each, MuJoCo 4.0.1
-SECONDS, ORIGINAL = 0.8, 0.90  # target; the original bench's 0.79 s and 0.11 s for model and geometry
+SECONDS, ORIGINAL = (
+    0.8,
+    0.90,
+)  # target, and the original bench's time: 0.79 s and 0.11 s for model and geometry
 
 
 def run() -> list[dict[str, Any]]:
-    """Verdicts and cost."""
     folder = Path(os.environ.get("PRESHAPE_REFERENCE", ""))
     file = folder / "dexgraspbench" / "bodex_shadow_grasps.npz"
     if not os.environ.get("PRESHAPE_REFERENCE") or not file.is_file():
@@ -48,10 +50,10 @@ def run() -> list[dict[str, Any]]:
         seconds = report.seconds * workers if whole else cpu
         counts = {word: _held(report, word) for word in PASSES}
         share = len(grasps) / 400
-        # A sample is only checked roughly: each object within 5 of 80, and a little for the sample itself.
+        # Each object may differ by 5 of 80 grasps; a sample of the grasps may differ by a few more.
         slack = 5 if whole else 5 * share + 2.5
         right = all(abs(counts[word] - share * PASSES[word]) <= slack for word in PASSES)
-        kind = "first loss ends it" if early else "all six directions"
+        kind = "until the first loss" if early else "all six directions"
         score = " ".join(f"{word} {count}" for word, count in counts.items())
         rows.append(
             row(

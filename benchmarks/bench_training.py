@@ -11,17 +11,17 @@ from preshape.hiis.estimator import decode, predict
 from preshape.hiis.fuzzy import FuzzySets
 from preshape.hiis.learning import seed_experiences, training_set
 from preshape.hiis.training import back_propagation, train
-from preshape.hiis.virtual_grasp import RayAnalyser
-from preshape.objects.load import load_object
+from preshape.planning.request import PlanRequest
+from preshape.planning.session import Session
 
-from .common import layout, median_of, row
+from .common import median_of, row
 
 
 def run() -> list[dict[str, Any]]:
-    hand = layout()
-    analyser = RayAnalyser(load_object("cube"), hand)
-    seeds = seed_experiences(analyser, FuzzySets(), enough=3.0)
-    x, y = training_set(seeds, hand.u)
+    with Session(":memory:") as session:
+        ready = session.prepare(PlanRequest(source="cube", task="lift"))
+    seeds = seed_experiences(ready.element, FuzzySets(), enough=3.0)
+    x, y = training_set(seeds, ready.hand.u)
     weights = train(x, y)
     seconds = median_of(lambda: train(x, y), 7)
     codes = [decode(predict(weights, xi)) for xi in x]

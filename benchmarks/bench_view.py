@@ -1,4 +1,4 @@
-"""The browser app: frames per second with a large object, and from a click to an answer."""
+"""The browser app: frames per second with a large object, and the time from a click to the answer."""
 
 from __future__ import annotations
 
@@ -25,8 +25,9 @@ BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stab
 FLAGS = ["--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--no-sandbox"]
 SERVE = "import sys; from preshape.cli.view import view; view(sys.argv[1:], standalone_mode=False)"
 SIDE = 225
-"""Of the grid that the large object is made of; about 100 000 triangles."""
+"""Size of the grid of the large object, which gives about 100 000 triangles."""
 SECONDS = 6.0
+"""Time for which frames are counted [s]."""
 COUNT = """seconds => new Promise(done => {
   let n = 0, last = ''; const begun = performance.now(), camera = window.__viserMutable.camera;
   const step = now => {
@@ -35,7 +36,7 @@ COUNT = """seconds => new Promise(done => {
     if (now - begun < 1000 * seconds) requestAnimationFrame(step); else done(1000 * n / (now - begun));
   };
   requestAnimationFrame(step); })"""
-"""Counts the frames that show another view than the one before."""
+"""Counts the frames whose view differs from that of the frame before."""
 
 
 def run() -> list[dict[str, Any]]:
@@ -58,7 +59,7 @@ def large_object() -> TriangleMesh:
 
 
 def click_to_answer() -> dict[str, Any]:
-    """A learned object asked again, as the app's planner process does it; the first answer counts."""
+    """Ask about a learned object as the app's planner process does; measures the time to the first answer."""
     with tempfile.TemporaryDirectory() as folder:
         said: list[dict[str, Any]] = []
         worker = Worker(said.append)
@@ -95,7 +96,7 @@ def reduction() -> dict[str, Any]:
 
 
 def frames() -> dict[str, Any] | None:
-    """Frames a second while the scene with the large object is turned; ``None`` without a browser."""
+    """Frames per second while the scene with the large object is turned; ``None`` without a browser."""
     program = next(filter(None, map(shutil.which, BROWSERS)), None)
     if program is None:
         return None
@@ -134,7 +135,7 @@ def frames() -> dict[str, Any] | None:
                     page.evaluate(f"void (window.rate = ({COUNT})({SECONDS}))")
                     end = time.monotonic() + SECONDS
                     step = 0
-                    while time.monotonic() < end:  # every frame shows another view
+                    while time.monotonic() < end:  # keep turning the view
                         step += 1
                         page.mouse.move(x + 120 * np.sin(0.3 * step), y + 20 * np.cos(0.2 * step))
                     rate = float(page.evaluate("window.rate"))

@@ -1,4 +1,4 @@
-"""From an object and a task to a preshape, in ten lines."""
+"""From an object and a task to a preshape, in a few lines."""
 
 import preshape
 

@@ -1,12 +1,12 @@
-"""All four execution modes, task correction and a deadlock, in one memory.
+"""All four execution modes, task correction and a deadlock, with one memory.
 
-The same from the command line (add --memory FILE to each):
+The same commands (add --memory FILE to each):
 
     preshape plan cube --task "1 1 .1 .05 .8 .05"           mode 0: object and task are known
-    preshape plan jar --task screw                          mode 3: unknown; explored, learnt, answered
-    preshape plan jar --task screw                          mode 1: known; found by searching the plane
-    preshape plan jar --task ".6 .6 .6 -.4 -.4 -.4"         mode 2: known, but the task does not fit
-    preshape plan cone --task lift                          deadlock: nothing fits, even after learning
+    preshape plan jar --task screw                          mode 3: unknown object; explored, learnt, answered
+    preshape plan jar --task screw                          mode 1: the plane is known and searched
+    preshape plan jar --task ".6 .6 .6 -.4 -.4 -.4"         mode 2: known object, but the task does not fit
+    preshape plan cone --task lift                          deadlock: no grasp fits, even after learning
 """
 
 import preshape
@@ -20,12 +20,12 @@ QUESTIONS = (
 )
 
 with preshape.Memory.open(":memory:") as memory:
-    for thing, task in QUESTIONS:
-        plan = preshape.plan(thing, task, memory=memory)
+    for name, task in QUESTIONS:
+        plan = preshape.plan(name, task, memory=memory)
         decision = plan.decision
-        print(f"{thing:<5} {task:<21} mode {decision.mode}, {decision.status.value}: {decision.reason}")
+        print(f"{name:<5} {task:<21} mode {decision.mode}, {decision.status.value}: {decision.reason}")
         for offer in decision.offers:
             print(f"{'':<24} fits: {offer.task.label}, TFVADI {offer.match:.2f}")
-        if decision.offers:  # take the first offer: task correction
-            corrected = preshape.plan(thing, decision.offers[0].task, memory=memory)
+        if decision.offers:  # task correction: take the first offer
+            corrected = preshape.plan(name, decision.offers[0].task, memory=memory)
             print(f"{'':<24} corrected: {corrected.decision.status.value} in mode {corrected.decision.mode}")

@@ -1,4 +1,4 @@
-"""Where tasks come from: numbers, names, a displacement, a pair of poses, a list of primitives."""
+"""Ways to give a task: numbers, a name, a displacement, a pair of poses, a list of primitive motions."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""Every part of the paper alone: no hand, no memory, no controller."""
+"""The parts of the paper used alone, without a hand, a memory or a controller."""
 
 import numpy as np
 
@@ -22,10 +22,13 @@ layout = HandLayout(name="two chopsticks", u=0.043, finger_pitch=0.025, fingerti
 analyser = RayAnalyser(load_object("bottle"), layout)
 found = analyser.explore(q1, Aim(values=np.linspace(-0.9, 0.9, 19)))
 best = found.grasp()
-print(f"{len(found)} virtual grasps; the best: {best.plane.label}, TFVADI {best.tfvadi:.2f}")
+print(f"{len(found)} virtual grasps; the best is {best.plane.label}, TFVADI {best.tfvadi:.2f}")
 print("per component:", approaching_degrees(q1, best.net_wrench).round(2))
 
 contacts = best.contacts
 r = (contacts.points - analyser.mesh.cog) / layout.u
-print("stability, manipulability, one wrench a finger:", screw_measures(contacts.wrenches))
-print("with the full basis:", screw_measures(contacts.wrenches, r, contacts.normals_in, reading="basis"))
+print("stability and manipulability, one wrench for each finger:", screw_measures(contacts.wrenches))
+print(
+    "stability and manipulability, full basis:",
+    screw_measures(contacts.wrenches, r, contacts.normals_in, reading="basis"),
+)

@@ -1,1 +1,1 @@
-"""What is done to preshape that nobody would do on purpose: damaged files, a thousand objects, kill -9."""
+"""Long runs that try to break preshape: damaged files, a thousand objects, killed processes."""

@@ -1,4 +1,4 @@
-"""Random lumpy objects for tests, made by our own generator: hulls of random points, some grown together."""
+"""Random lumpy objects for tests: convex hulls of random points, some of them overlapping."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ def blob(seed: int, *, size: float = 0.08) -> TriangleMesh:
     """A body of up to three overlapping convex lumps, none of whose faces lies along an axis.
 
     Args:
-        seed: of its form.
-        size: largest extent [m].
+        seed: Seed of the shape.
+        size: Largest extent [m].
     """
     from scipy.spatial import ConvexHull
 
@@ -40,7 +40,7 @@ def blob(seed: int, *, size: float = 0.08) -> TriangleMesh:
 
 
 def as_obj(vertices: Array, triangles: Array) -> str:
-    """An OBJ file's text; positions may be anything, as those of a damaged file."""
+    """Text of an OBJ file; positions may be any numbers, as in a damaged file."""
     rows = [f"v {x:.9g} {y:.9g} {z:.9g}\n" for x, y, z in vertices]
     rows += [f"f {a + 1} {b + 1} {c + 1}\n" for a, b, c in triangles]
     return "".join(rows)

@@ -1,8 +1,8 @@
-"""Fuzzing of every reader, with progress; stopped at any moment it goes on where it was.
+"""Fuzzing of every reader; an interrupted run is resumed.
 
     python -m hardening.fuzz [READER …] [--runs 100000] [--out out/fuzz]
 
-Needs atheris, which is no dependency of the project: ``pip install atheris``.
+It needs atheris, which is not a dependency of the project: ``pip install atheris``.
 """
 
 from __future__ import annotations
@@ -23,36 +23,36 @@ from typing import Any
 
 from preshape.files import write_json
 
-from .long_runs import tell
+from .long_runs import show_progress
 from .readers import READERS
 from .seeds import CORPUS
 
 RUNS = 100_000
 KILLED = (signal.SIGKILL, signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
-"""Signals that come from outside: no fault, if the input at that moment does no harm."""
+"""Signals from outside; they are no fault where the input at that moment does no harm."""
 LAST = "last"
-"""The input at which a process ended, beside what libFuzzer keeps."""
+"""File of the input at which a process ended."""
 
 
 def main(arguments: list[str]) -> int:
-    """0: every promise kept; 1: a fault was found; 3: no fuzzer."""
+    """Run from the command line; returns 0 without faults, 1 with a fault, 3 without atheris."""
     known = sorted(folder.name for folder in CORPUS.iterdir())
     parser = argparse.ArgumentParser(prog="python -m hardening.fuzz", description="Fuzz the readers.")
-    parser.add_argument("readers", nargs="*", metavar="READER", help=f"default all: {', '.join(known)}")
+    parser.add_argument("readers", nargs="*", metavar="READER", help=f"default: all of {', '.join(known)}")
     parser.add_argument(
-        "--runs", type=int, default=RUNS, help="inputs for each reader (default: %(default)s)"
+        "--runs", type=int, default=RUNS, help="number of inputs for each reader (default: %(default)s)"
     )
     parser.add_argument("--out", type=Path, default=Path("out/fuzz"), help="folder (default: %(default)s)")
-    parser.add_argument("--afresh", action="store_true", help="forget what was run before")
+    parser.add_argument("--afresh", action="store_true", help="discard earlier runs")
     given = parser.parse_args(arguments)
     wrong = set(given.readers) - set(known)
     if wrong:
         parser.error(f"no reader {', '.join(sorted(wrong))}; known: {', '.join(known)}")
     if find_spec("atheris") is None:
-        print("fuzzing needs atheris: .venv/bin/pip install atheris", file=sys.stderr)
+        print("fuzzing needs atheris; run .venv/bin/pip install atheris", file=sys.stderr)
         return 3
     signal.signal(signal.SIGTERM, signal.default_int_handler)
-    signal.signal(signal.SIGINT, signal.default_int_handler)  # a run in the background can be stopped too
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # also in the background
     rows = []
     for name in given.readers or known:
         work = given.out.resolve() / name
@@ -72,12 +72,12 @@ def main(arguments: list[str]) -> int:
 
 
 def fuzz(name: str, work: Path, runs: int) -> dict[str, Any]:
-    """Run one reader until it has had its inputs; what ends the process counts as a fault.
+    """Run one reader with the wanted number of inputs; an input that ends the process counts as a fault.
 
     Args:
-        name: of the reader.
-        work: folder of this reader.
-        runs: inputs wanted, those of earlier runs included.
+        name: Name of the reader.
+        work: Folder of this reader.
+        runs: Number of inputs, including those of earlier runs.
     """
     for folder in ("corpus", "faults", "ended"):
         (work / folder).mkdir(parents=True, exist_ok=True)
@@ -90,9 +90,9 @@ def fuzz(name: str, work: Path, runs: int) -> dict[str, Any]:
         "seconds": 0.0,
     }
     total |= {"kinds_of_refusal": 0, "slowest_s": 0.0, "memory_mb": 0, "faults": {}}
-    kept = work / "total.json"
-    if kept.is_file():
-        total = json.loads(kept.read_text())
+    store = work / "total.json"
+    if store.is_file():
+        total = json.loads(store.read_text())
     while total["inputs"] < runs:
         for file in (work / "tally.json", work / "ended" / LAST):
             file.unlink(missing_ok=True)
@@ -107,7 +107,7 @@ def fuzz(name: str, work: Path, runs: int) -> dict[str, Any]:
             total["inputs"] = max(total["inputs"], before + 1)
             for file in [file for file in (work / "ended").iterdir() if file.name in (LAST, "log")]:
                 file.rename(file.with_name(f"{file.name}-{total['inputs']}"))
-        write_json(kept, total)
+        write_json(store, total)
         ends = sum(count for reason, count in total["faults"].items() if reason.startswith("ended"))
         if ends + total.get("killed", 0) > 50:
             break
@@ -116,14 +116,14 @@ def fuzz(name: str, work: Path, runs: int) -> dict[str, Any]:
 
 
 def _segment(name: str, work: Path, runs: int, total: dict[str, Any]) -> int:
-    """One process; returns its exit code."""
+    """Run one process; returns its exit code."""
     command = [sys.executable, "-m", "hardening.fuzz_one", name, str(work)]
     command += [f"-runs={runs - total['inputs']}", f"-seed={1 + total['inputs']}", "-print_final_stats=1"]
     command += [f"-artifact_prefix={work / 'ended'}/", str(work / "corpus"), str(CORPUS / name)]
     environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
-    quick = "/dev/shm" if Path("/dev/shm").is_dir() else None  # files in memory, where there are such
+    memory = "/dev/shm" if Path("/dev/shm").is_dir() else None  # a file system in memory is faster
     with (
-        tempfile.TemporaryDirectory(prefix=f"fuzz-{name}-", dir=quick) as scratch,
+        tempfile.TemporaryDirectory(prefix=f"fuzz-{name}-", dir=memory) as scratch,
         (work / "log").open("wb") as log,
     ):
         environment["TMPDIR"] = scratch
@@ -150,7 +150,7 @@ def _segment(name: str, work: Path, runs: int, total: dict[str, Any]) -> int:
 
 
 def _add(total: dict[str, Any], work: Path, seconds: float) -> None:
-    """The figures of one process to those of the reader."""
+    """Add the figures of one process to those of the reader."""
     tally = _tally(work)
     log = (work / "log").read_bytes().decode("utf-8", "replace")
     for key in ("inputs", "read", "refused"):
@@ -171,7 +171,7 @@ def _tally(work: Path) -> dict[str, Any]:
 
 
 def _harmless(name: str, work: Path) -> bool:
-    """Whether the last input, if there was one, is answered by a process that nobody kills."""
+    """Whether another process survives the last input; also true where there was no input."""
     last = work / "ended" / LAST
     if not last.is_file():
         return True
@@ -182,16 +182,16 @@ def _harmless(name: str, work: Path) -> bool:
 
 
 def _ending(work: Path, code: int) -> str:
-    """Why the process ended, from libFuzzer's report or its exit code."""
+    """Why the process ended: libFuzzer's report, or the exit code."""
     log = (work / "log").read_bytes().decode("utf-8", "replace")
-    said = re.search(r"SUMMARY: libFuzzer: (.*)|ERROR: libFuzzer: (.*)", log)
-    return f"ended: {(said[1] or said[2])[:60] if said else f'without a word, code {code}'}"
+    found = re.search(r"SUMMARY: libFuzzer: (.*)|ERROR: libFuzzer: (.*)", log)
+    return f"ended: {(found[1] or found[2])[:60] if found else f'without a report, code {code}'}"
 
 
 def _progress(name: str, before: int, now: int, runs: int, seconds: float, *, last: bool = False) -> None:
     done = before + now
     left = f", about {(runs - done) * seconds / now / 60:.0f} min left" if now and not last else ""
-    tell(f"{name}: {done} of {runs}{left}", last=last)
+    show_progress(f"{name}: {done} of {runs}{left}", last=last)
 
 
 if __name__ == "__main__":

@@ -1,8 +1,8 @@
-"""One reader under the fuzzer, in a process that may be lost; ``hardening.fuzz`` starts it.
+"""One reader under the fuzzer, in a process of its own that may crash; ``hardening.fuzz`` starts it.
 
-The fuzzer is libFuzzer by way of atheris: it keeps an input that reaches code or branches that no other did,
-and makes new ones of those. A broken promise is noted and the run goes on; only what ends the process ends
-it.
+The fuzzer is libFuzzer, used through atheris. It keeps inputs that reach new code or branches and makes new
+inputs from them. A broken promise is recorded and the run continues; only an input that ends the process
+stops it.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ PARSERS = (
     "json",
     "zipfile",
 )
-"""Of others, whose branches count as reached too."""
+"""Modules of other packages whose branches count as reached code too."""
 
 with atheris.instrument_imports(
     include=["preshape", *PARSERS],
@@ -42,15 +42,15 @@ with atheris.instrument_imports(
     from . import readers
 
 MOST_MEMORY = 3 * 2**30
-"""Bytes of address space beyond those at the start; an input of some kB that wants more is a fault."""
+"""Address space beyond that at the start [bytes]; a small input that needs more is a fault."""
 SLOW = 20
-"""Seconds after which an input counts as a hang: the machine may be busy with other things."""
+"""Time after which an input counts as a hang [s]; the machine may be busy with other work."""
 EVERY = 200
-"""Inputs between two notes of how far the run is."""
+"""Number of inputs after which the tally is written again."""
 
 
 class Tally:
-    """What was seen, kept in a file."""
+    """Counts of inputs, refusals and faults, written to a file."""
 
     def __init__(self, file: Path, faults: Path, limit: int) -> None:
         self.file, self.faults, self.limit = file, faults, limit
@@ -59,8 +59,8 @@ class Tally:
         self.seen: dict[str, int] = {}
         self.slowest = 0.0
 
-    def note(self) -> None:
-        """Write it down, whole or not at all."""
+    def write(self) -> None:
+        """Write the file, completely or not at all."""
         content: dict[str, Any] = {
             "inputs": self.done,
             "read": self.read,
@@ -75,18 +75,18 @@ class Tally:
         beside.replace(self.file)
 
     def fault(self, fault: BaseException, data: bytes) -> None:
-        """Keep the smallest input of each kind of fault."""
+        """Store the smallest input of each kind of fault."""
         kind = _kind(fault)
         self.seen[kind] = self.seen.get(kind, 0) + 1
         name = "".join(c if c.isalnum() else "-" for c in kind)[:100]
-        kept = self.faults / name
-        if not kept.exists() or len(data) < kept.stat().st_size:
-            kept.write_bytes(data)
-            kept.with_suffix(".txt").write_text(f"{fault}\n")
+        file = self.faults / name
+        if not file.exists() or len(data) < file.stat().st_size:
+            file.write_bytes(data)
+            file.with_suffix(".txt").write_text(f"{fault}\n")
 
 
 def _kind(fault: BaseException) -> str:
-    """A fault's kind: where the foreign error came out of preshape."""
+    """Kind of a fault: the error, and the line of preshape that it passed through."""
     cause = fault.__cause__ or fault
     trace, place = cause.__traceback__, ""
     while trace is not None:
@@ -101,17 +101,17 @@ def main(name: str, work: Path, *options: str) -> None:
     """Fuzz one reader.
 
     Args:
-        name: of the reader.
-        work: its folder.
-        options: of libFuzzer.
+        name: Name of the reader.
+        work: Folder of the reader.
+        options: Options of libFuzzer.
     """
     reader = readers.READERS[name]
-    preshape.hands.rewrite._SAMPLES = 4  # what is random in it is no input of the file
+    preshape.hands.rewrite._SAMPLES = 4  # fewer random samples, which do not depend on the file
     count = next(int(o.removeprefix("-runs=")) for o in options if o.startswith("-runs="))
     tally = Tally(work / "tally.json", work / "faults", count)
-    folder = Path(tempfile.gettempdir()) / name  # of this process alone, and taken away by hardening.fuzz
+    folder = Path(tempfile.gettempdir()) / name  # used by this process only; hardening.fuzz removes it
     folder.mkdir(exist_ok=True)
-    os.chdir(folder)  # MuJoCo writes a log where it stands
+    os.chdir(folder)  # MuJoCo writes its log to the working directory
     used = int(Path("/proc/self/statm").read_text().split()[0]) * os.sysconf("SC_PAGE_SIZE")
     resource.setrlimit(resource.RLIMIT_AS, (used + MOST_MEMORY, resource.RLIM_INFINITY))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
@@ -129,13 +129,13 @@ def main(name: str, work: Path, *options: str) -> None:
             tally.fault(fault, data)
         tally.slowest = max(tally.slowest, time.process_time() - start)
         if tally.done % EVERY == 0 or tally.done >= tally.limit:
-            tally.note()
+            tally.write()
 
     def mutate(data: bytes, largest: int, seed: int) -> bytes:
         assert reader.mutate is not None
         try:
             return reader.mutate(data, largest, random.Random(seed), atheris.Mutate)
-        except Exception:  # what cannot be changed with sense is changed without
+        except Exception:  # an input without a valid structure gets random changes
             return bytes(atheris.Mutate(data, largest))
 
     more: dict[str, Any] = {} if reader.mutate is None else {"custom_mutator": mutate}

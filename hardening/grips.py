@@ -1,11 +1,15 @@
-"""What a grip promises of its geometry, checked on the true triangles with the hand's exact shapes.
+"""Geometry of the planner's grips, checked on the exact triangles and the exact shapes of the hand.
 
     python -m hardening.grips [FOLDER] [--hands shadow,allegro,leap] [--tasks lift,turn] [--count 3]
 
-FOLDER holds URDFs that name a mesh each, or mesh files; without one, the library's objects are taken. Of each
-answer: no link is a millimetre deep in the object at the grasp, every finger that presses touches, the opened
-hand is clear, and so is its straight way in, and no link goes deep while the fingers close. None of the
-planner's own distances takes part. A run that is stopped goes on where it was; a finished one begins anew.
+FOLDER holds URDF files that name a mesh each, or mesh files; without it the library's objects are used. For
+each answer the following must hold:
+
+- At the grasp no link is a millimetre deep in the object, and every finger that presses touches it.
+- The open hand is clear of the object, and so is its straight way in.
+- No link goes deep while the fingers close.
+
+None of the planner's own distances is used. An interrupted run is resumed; a finished one starts again.
 """
 
 from __future__ import annotations
@@ -22,7 +26,7 @@ import numpy as np
 
 from preshape.files import write_json
 
-from .long_runs import kept_rows, tell
+from .long_runs import show_progress, stored_rows
 from .objects import found_objects
 
 if TYPE_CHECKING:
@@ -31,22 +35,22 @@ if TYPE_CHECKING:
     from preshape.objects.mesh import TriangleMesh
 
 DEEP = 1e-3
-"""No link may be so deep in the object [m]."""
+"""Depth in the object that no link may reach [m]."""
 TOUCHING = 1e-3
-"""A link touches where it is nearer than this [m]."""
+"""Largest distance of a link that touches [m]."""
 WAY = np.arange(0.7e-3, 0.118, 4.1e-3)
-"""Places on the way in that are looked at [m]; other than the planner's own."""
+"""Checked distances from the end of the way in [m]; the planner checks others."""
 SHARES = (0.13, 0.38, 0.61, 0.87)
-"""Parts of the closing at which the fingers are looked at."""
+"""Checked shares of the closing motion."""
 
 
 def flaws(hand: Hand, mesh: TriangleMesh, grip: Grip) -> list[str]:
-    """What is wrong with a grip, in words; empty for a sound one.
+    """Every flaw of a grip, in words; empty for a sound grip.
 
     Args:
-        hand: the hand.
-        mesh: the object.
-        grip: of the closure analyser.
+        hand: The hand.
+        mesh: The object [m].
+        grip: The grip.
     """
     from preshape.hands.collision import object_collision
     from preshape.hands.kinematics import HandKinematics, finger_of, hand_geometry, move_shape, pose_matrix
@@ -71,15 +75,16 @@ def flaws(hand: Hand, mesh: TriangleMesh, grip: Grip) -> list[str]:
         between = (1 - share) * grip.pregrasp + share * grip.grasp
         closing = hand_geometry(hand, grip.palm_pose, between)
         deep = [shape.link for shape in closing if surface.touches(shape, -DEEP)]
-        found += [f"{link} is deep in the object at {share:.0%} of the closing" for link in deep]
+        found += [f"{link} is deep in the object at {share:.0%} of the closing motion" for link in deep]
     return found
 
 
 def look(file: str, factor: float, hand: str, task: str, count: int, seed: int) -> dict[str, Any]:
-    """Plan one object for one task, and check every answer."""
+    """Plan for one object and task, and check every answer."""
     from preshape import Grip, plan
     from preshape.exceptions import ObjectError
     from preshape.objects.load import load_object
+    from preshape.types import FIELD_MASS
 
     try:
         mesh = load_object(file, scale=factor)
@@ -88,6 +93,7 @@ def look(file: str, factor: float, hand: str, task: str, count: int, seed: int) 
             task,
             hand=hand,
             analyser="closure",
+            mass=FIELD_MASS,
             memory=":memory:",
             learn=False,
             count=count,
@@ -108,31 +114,31 @@ def run(
     seed: int,
     out: Path,
 ) -> dict[str, Any]:
-    """Every object with every hand and task, those that an earlier run left; what was found."""
+    """Check every object with every hand and task that an earlier run has not checked, and summarise."""
     out.mkdir(parents=True, exist_ok=True)
-    kept = out / "grips.jsonl"
-    done = {row["key"]: row for row in kept_rows(kept)}
-    asked = [
+    store = out / "grips.jsonl"
+    done = {row["key"]: row for row in stored_rows(store)}
+    plans = [
         (f"{name} {file} {factor:g} {hand} {task} {count} {seed}", str(file), factor, hand, task)
         for name, file, factor in rows
         for hand in hands
         for task in tasks
     ]
-    todo = [one for one in asked if one[0] not in done]
+    todo = [one for one in plans if one[0] not in done]
     begin = time.monotonic()
-    with kept.open("a") as log:
+    with store.open("a") as log:
         for number, (key, file, factor, hand, task) in enumerate(todo, start=1):
             row = {"key": key, "hand": hand, **look(file, factor, hand, task, count, seed)}
             done[key] = row
             log.write(json.dumps(row) + "\n")
             log.flush()
-            live = sys.stderr.isatty()
-            if live or number % 50 == 0 or number == len(todo):
-                left = (len(todo) - number) * (time.monotonic() - begin) / number
-                left_words = f", about {left:.0f} s left" if number < len(todo) else ""
-                tell(f"{number} of {len(todo)} plans{left_words}", last=number == len(todo))
-    kept.unlink()  # what a finished run found is in its report; the planner may be another next time
-    found = [done[key] for key, *_ in asked]
+            last = number == len(todo)
+            if sys.stderr.isatty() or number % 50 == 0 or last:
+                seconds = (len(todo) - number) * (time.monotonic() - begin) / number
+                left = "" if last else f", about {seconds:.0f} s left"
+                show_progress(f"{number} of {len(todo)} plans{left}", last=last)
+    store.unlink()  # the report has the results; the next run may test another planner
+    found = [done[key] for key, *_ in plans]
     wrong = [row for row in found if row["flaws"]]
     return {
         "asked": len(found),
@@ -146,19 +152,19 @@ def run(
 
 
 def main(arguments: list[str]) -> int:
-    """0: every answer is sound; 1: not so; 2: nothing to plan for."""
+    """Run from the command line; returns 0 where every answer is sound, 1 where not, 2 for bad input."""
     from preshape.exceptions import InputError
     from preshape.hands.load import load_hand
     from preshape.objects.library import names
     from preshape.tasks import parse_task
 
     parser = argparse.ArgumentParser(prog="python -m hardening.grips", description="Check grips exactly.")
-    parser.add_argument("folder", nargs="?", type=Path, help="URDFs or mesh files; default: the library")
+    parser.add_argument("folder", nargs="?", type=Path, help="URDF or mesh files; default: the library")
     parser.add_argument("--hands", default="shadow,allegro,leap", help="default: %(default)s")
     parser.add_argument("--tasks", default="lift", help="default: %(default)s")
-    parser.add_argument("--count", type=int, default=3, help="answers of each; default: %(default)s")
+    parser.add_argument("--count", type=int, default=3, help="answers for each plan; default: %(default)s")
     parser.add_argument("--seed", type=int, default=0, help="default: %(default)s")
-    parser.add_argument("--limit", type=int, help="so many objects at most")
+    parser.add_argument("--limit", type=int, help="largest number of objects")
     parser.add_argument("--out", type=Path, default=Path("out/grips"), help="default: %(default)s")
     given = parser.parse_args(arguments)
     rows: list[tuple[str, Path | str, float]] = [(name, name, 1.0) for name in names()]
@@ -180,7 +186,7 @@ def main(arguments: list[str]) -> int:
     try:
         found = run(rows, hands, tasks, given.count, given.seed, given.out)
     except KeyboardInterrupt:
-        print("\nstopped; the same command goes on from here", file=sys.stderr)
+        print("\ninterrupted; the same command resumes from here", file=sys.stderr)
         return 130
     write_json(given.out / "grips.json", found)
     print(f"answered {found['answered']} of {found['asked']}; sound {found['sound']} of {found['answers']}")

@@ -1,10 +1,10 @@
-"""Four processes learn into one memory file and are killed at random moments: nothing acknowledged is lost.
+"""Processes learn into one memory file and are killed at random moments: no acknowledged lesson is lost.
 
     python -m hardening.kill [--kills 200] [--writers 4] [--seed 7] [--out out/kill]
 
-Each process learns one box after another, as ``preshape learn`` does, and acknowledges a lesson once it has
-returned. After each round of kills the file is checked whole: SQLite's own check; every acknowledged lesson
-there as it was learnt; no half of a lesson; every row and the weights fit for use.
+Each process learns one box after another, as ``preshape learn`` does, and acknowledges each lesson after it
+has returned. After each round of kills the file is checked: SQLite finds it intact, every acknowledged
+lesson is there as it was learnt, no lesson is incomplete, and all rows and the weights can be used.
 """
 
 from __future__ import annotations
@@ -26,55 +26,55 @@ from typing import Any
 import numpy as np
 
 from preshape.files import write_json
-from preshape.hands.load import load_hand
-from preshape.hiis.controller import Controller
 from preshape.memory import Memory
 from preshape.objects.mesh import TriangleMesh
-from preshape.planner import layout_of
+from preshape.planning.request import PlanRequest
+from preshape.planning.session import Session
 from preshape.tasks import parse_task
+from preshape.types import ANSWER_KIND
 
-from .long_runs import tell
+from .long_runs import show_progress
 
 HAND = "utah_mit"
 TASKS = ("lift", "push:+x", "turn:+z")
 KINDS = Counter(["task", "best", "landmark"])
-"""What one lesson leaves in the memory."""
+"""Experiences of every lesson; some lessons also store the best answer."""
+STORED = Counter([ANSWER_KIND])
 ROUNDS = 5
-"""Rounds of kills that one file lives through; then a new one, so that its making is interrupted too."""
+"""Rounds of kills with one file. Then a new file follows, so that its creation is interrupted too."""
 LONGEST = 8.0
-"""Seconds until the last of a round is killed."""
+"""Time until the last process of a round is killed [s]."""
 
 _SIDES = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], dtype=np.float64)
 _QUADS = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
 
 
 def box(name: str) -> TriangleMesh:
-    """A box whose size follows from its name, so that what is found in the memory can be checked."""
+    """A box whose size follows from its name, so that lessons in the memory can be checked."""
     extents = np.random.default_rng([*name.encode()]).uniform(0.02, 0.08, 3)
     triangles = [triangle for a, b, c, d in _QUADS for triangle in ((a, b, c), (a, c, d))]
     return TriangleMesh(name=name, vertices=_SIDES * extents, triangles=np.array(triangles))
 
 
 def task_of(name: str) -> str:
-    """The task of a lesson, which follows from its name too."""
+    """The task of a lesson, which also follows from its name."""
     return TASKS[sum(name.encode()) % len(TASKS)]
 
 
 def learn(path: Path, writer: str, acknowledge: int) -> None:
-    """Learn boxes until killed; write the name of each to a pipe once it has been learnt."""
-    layout = layout_of(load_hand(HAND))
-    with Memory.open(path) as memory:
-        controller = Controller(memory, layout)
+    """Learn boxes until the process is killed; write the name of each to a pipe after it was learnt."""
+    with Session(path) as session:
         for number in range(10**6):
             name = f"{writer}-{number}"
-            decision = controller.teach(box(name), parse_task(task_of(name)))
-            controller.reset()
+            ready = session.prepare(PlanRequest(source=box(name), task=task_of(name), hand=HAND))
+            decision = ready.controller.teach(ready.element, ready.request.asked)
+            ready.controller.reset()
             if decision.best is not None:
                 os.write(acknowledge, f"{name}\n".encode())
 
 
 def forked(path: Path, writer: str, acknowledge: int) -> int:
-    """A process that learns."""
+    """Start a process that learns; returns its process id."""
     child = os.fork()
     if child == 0:
         code = 1
@@ -89,14 +89,14 @@ def forked(path: Path, writer: str, acknowledge: int) -> int:
 
 
 def faults(path: Path, acknowledged: set[str]) -> list[str]:
-    """What is wrong with the memory."""
+    """Every fault of the memory, in words."""
     if not path.exists():
         return [f"lost: {name}" for name in acknowledged]
     with Memory.open(path) as memory:
         experiences, weights = memory.experiences(HAND), memory.weights(HAND)
     with closing(sqlite3.connect(path)) as connection:
         verdict = connection.execute("PRAGMA integrity_check").fetchone()[0]
-    found = [] if verdict == "ok" else [f"not whole: {verdict}"]
+    found = [] if verdict == "ok" else [f"damaged: {verdict}"]
     lessons: dict[str, Counter[str]] = {}
     for one in experiences:
         if one.kind == "seed" or one.object_name == "cube":
@@ -108,24 +108,24 @@ def faults(path: Path, acknowledged: set[str]) -> list[str]:
         if one.kind == "task" and not np.array_equal(one.task, asked):
             found.append(f"another task: {one.object_name}")
     found += [f"lost: {name}" for name in sorted(acknowledged - set(lessons))]
-    found += [f"half a lesson: {name}" for name, kinds in lessons.items() if kinds != KINDS]
+    found += [f"incomplete lesson: {name}" for name, kinds in lessons.items() if kinds - STORED != KINDS]
     if lessons and (weights is None or not weights.trained_on):
         found.append("experiences without weights")
     return found
 
 
 def study(folder: Path, kills: int, writers: int, seed: int, *, longest: float = LONGEST) -> dict[str, Any]:
-    """Kill so many learners and report.
+    """Kill learning processes and report.
 
     Args:
-        folder: for the memory files.
-        kills: how many processes are killed.
-        writers: learning at once.
-        seed: of the moments.
-        longest: seconds until the last of a round is killed.
+        folder: Folder for the memory files.
+        kills: Number of processes to kill.
+        writers: Number of processes that learn at the same time.
+        seed: Seed of the moments of the kills.
+        longest: Time until the last process of a round is killed [s].
     """
     for module in ("scipy.optimize", "trimesh", "embreex", "preshape.hiis.virtual_grasp"):
-        import_module(module)  # once, so that what is interrupted is learning
+        import_module(module)  # imported here, so that the processes are killed while they learn
     rng = random.Random(seed)
     report: dict[str, Any] = {"kills": 0, "rounds": 0, "acknowledged": 0, "at_work": 0, "faults": []}
     path, acknowledged, begin, shown = folder / "none", set[str](), time.monotonic(), 0.0
@@ -145,10 +145,10 @@ def study(folder: Path, kills: int, writers: int, seed: int, *, longest: float =
             if not os.WIFSIGNALED(status):
                 report["faults"].append(f"a learner ended by itself: {status}")
         with os.fdopen(read) as lines:
-            told = {line.strip() for line in lines if line.endswith("\n")}
-        acknowledged |= told
-        report["acknowledged"] += len(told)
-        report["at_work"] += sum(any(n.startswith(f"{number}-{k}-") for n in told) for k in range(writers))
+            names = {line.strip() for line in lines if line.endswith("\n")}
+        acknowledged |= names
+        report["acknowledged"] += len(names)
+        report["at_work"] += sum(any(n.startswith(f"{number}-{k}-") for n in names) for k in range(writers))
         report["faults"] += faults(path, acknowledged)
         report["kills"] += len(children)
         report["rounds"] += 1
@@ -161,24 +161,30 @@ def study(folder: Path, kills: int, writers: int, seed: int, *, longest: float =
 
 def _progress(done: int, total: int, seconds: float) -> None:
     left = max(0.0, (total - done) * seconds / done / 60)
-    tell(f"{done} of {total} kills, about {left:.0f} min left")
+    show_progress(f"{done} of {total} kills, about {left:.0f} min left")
 
 
 def main(arguments: list[str]) -> int:
-    """0: nothing lost; 1: something was."""
-    parser = argparse.ArgumentParser(prog="python -m hardening.kill", description="Kill learners.")
-    parser.add_argument("--kills", type=int, default=200, help="default: %(default)s")
-    parser.add_argument("--writers", type=int, default=4, help="at once (default: %(default)s)")
-    parser.add_argument("--seed", type=int, default=7, help="default: %(default)s")
-    parser.add_argument("--longest", type=float, default=LONGEST, help="s to the last (default: %(default)s)")
-    parser.add_argument("--out", type=Path, default=Path("out/kill"), help="default: %(default)s")
+    """Run from the command line; returns 0 where nothing was lost, else 1."""
+    parser = argparse.ArgumentParser(prog="python -m hardening.kill", description="Kill learning processes.")
+    parser.add_argument("--kills", type=int, default=200, help="number of kills (default: %(default)s)")
+    parser.add_argument("--writers", type=int, default=4, help="processes at a time (default: %(default)s)")
+    parser.add_argument("--seed", type=int, default=7, help="seed of the moments (default: %(default)s)")
+    parser.add_argument(
+        "--longest",
+        type=float,
+        default=LONGEST,
+        help="time to a round's last kill [s] (default: %(default)s)",
+    )
+    parser.add_argument("--out", type=Path, default=Path("out/kill"), help="folder (default: %(default)s)")
     given = parser.parse_args(arguments)
     with tempfile.TemporaryDirectory(prefix="preshape-kill-") as folder:
         report = study(Path(folder), given.kills, given.writers, given.seed, longest=given.longest)
     write_json(given.out / "kill.json", report)
     print(
-        f"\n{report['kills']} kills, {given.writers} learners at a time, {report['at_work']} of them after "
-        f"their first lesson; {report['acknowledged']} lessons acknowledged: {len(report['faults'])} faults"
+        f"\n{report['kills']} kills of {given.writers} processes at a time, {report['at_work']} of them "
+        f"after the first lesson; {report['acknowledged']} lessons acknowledged; {len(report['faults'])} "
+        "faults"
     )
     for fault in report["faults"][:20]:
         print(f"  {fault}")

@@ -1,6 +1,6 @@
-"""The licences of what preshape needs, as the installed packages state them.
+"""Licences of the dependencies, as the installed packages state them.
 
-``python -m hardening.licences`` writes the table in ``docs/dependencies.md`` again; a test compares it.
+``python -m hardening.licences`` updates the table in ``docs/dependencies.md``; a test compares it.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ PAGE = ROOT / "docs" / "dependencies.md"
 BEGIN, END = "<!-- licences: python -m hardening.licences -->", "<!-- end of licences -->"
 
 FREE = ("Apache", "BSD", "MIT", "ISC", "PSF", "MPL", "Python Software Foundation", "HPND", "matplotlib")
-"""Words of licences under which a program may be used and given on, as part of a whole under Apache-2.0."""
+"""Words of licences that allow use and distribution as part of a program under Apache-2.0."""
 
 
 _TEXTS = {
@@ -24,14 +24,14 @@ _TEXTS = {
     "MIT": "Permission is hereby granted, free of charge",
     "Apache-2.0": "Apache License",
 }
-"""What the texts of licences say, for packages that state their licence by its text alone."""
+"""Words from the texts of licences, for packages that give only the text of their licence."""
 
 _SILENT = {"atheris": "Apache-2.0"}
-"""The licences of packages that state none, as their source has them."""
+"""Licences of packages that state none, taken from their source."""
 
 
 def direct() -> dict[str, str]:
-    """Every package that ``pyproject.toml`` asks for itself, and where: ``run`` or the name of an extra."""
+    """Every direct dependency in ``pyproject.toml``, with ``run`` or the name of its extra."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     asked = {"run": project["dependencies"], **project["optional-dependencies"]}
     found: dict[str, str] = {}
@@ -44,19 +44,19 @@ def direct() -> dict[str, str]:
 
 
 def stated(name: str) -> str | None:
-    """The licence that an installed package states; ``None`` where it is not installed."""
+    """The licence that an installed package states; ``None`` where the package is not installed."""
     try:
-        said = metadata(name)
+        fields = metadata(name)
     except PackageNotFoundError:
         return None
-    if said["License-Expression"]:
-        return str(said["License-Expression"]).strip()
+    if fields["License-Expression"]:
+        return str(fields["License-Expression"]).strip()
     classes = [
         line.rpartition(" :: ")[2].removesuffix(" License")
-        for line in said.get_all("Classifier") or []
+        for line in fields.get_all("Classifier") or []
         if line.startswith("License :: ") and line != "License :: OSI Approved"
     ]
-    text = " ".join(str(said["License"] or "").split())
+    text = " ".join(str(fields["License"] or "").split())
     known = next((name for name, words in _TEXTS.items() if words in text), None)
     if classes:
         return ", ".join(classes)
@@ -64,7 +64,7 @@ def stated(name: str) -> str | None:
 
 
 def rows() -> list[str]:
-    """One row of the table for every direct dependency, sorted; of one that is not installed the old row."""
+    """One row of the table for every direct dependency, sorted; a missing package keeps its old row."""
     old = dict(re.findall(r"^\| (\S+) \| [^|]* \| ([^|]*) \|$", PAGE.read_text(encoding="utf-8"), re.M))
     return [
         f"| {name} | {where} | {stated(name) or old.get(name, 'not installed').strip()} |"
@@ -73,23 +73,12 @@ def rows() -> list[str]:
 
 
 def main() -> int:
-    """Write the table."""
+    """Update the table."""
     page = PAGE.read_text(encoding="utf-8")
     table = "\n".join([BEGIN, "", "| package | for | licence |", "|---|---|---|", *rows(), "", END])
-    if BEGIN in page:
-        head, rest = page.split(BEGIN)
-        page = head + table + rest.split(END)[1]
-    else:
-        page = f"{page.rstrip()}\n\n{TITLE}\n\n{table}\n"
-    PAGE.write_text(page, encoding="utf-8")
+    head, rest = page.split(BEGIN)
+    PAGE.write_text(head + table + rest.split(END)[1], encoding="utf-8")
     return 0
-
-
-TITLE = """## Licences
-
-What preshape asks for itself, with the licence that each package states of itself (`run`: always installed;
-else the extra that asks for it). None of their code is in the repository. This table is written by
-`python -m hardening.licences` and compared with the installed packages by `tests/test_licences.py`."""
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""What long runs share: the rows that an earlier run has kept, and a line that says how far this one is."""
+"""What the long runs share: rows stored by an earlier run, and a line that shows the progress."""
 
 from __future__ import annotations
 
@@ -8,19 +8,24 @@ from pathlib import Path
 from typing import Any
 
 
-def kept_rows(kept: Path) -> list[dict[str, Any]]:
-    """The rows of a file of JSON lines; a line that was torn when the run was stopped is cut off."""
-    if not kept.is_file():
+def stored_rows(file: Path) -> list[dict[str, Any]]:
+    """Rows of a file of JSON lines; an incomplete last line, of an interrupted run, is removed."""
+    if not file.is_file():
         return []
-    text = kept.read_text()
-    whole = text[: text.rfind("\n") + 1]
-    if whole != text:
-        kept.write_text(whole)
-    return [row for row in map(json.loads, whole.splitlines()) if row]
+    text = file.read_text()
+    complete = text[: text.rfind("\n") + 1]
+    if complete != text:
+        file.write_text(complete)
+    return [row for row in map(json.loads, complete.splitlines()) if row]
 
 
-def tell(line: str, *, last: bool = False) -> None:
-    """Say how far a run is, on standard error: in a terminal over what was said before."""
+def show_progress(line: str, *, last: bool = False) -> None:
+    """Write a line to standard error; on a terminal it replaces the line before.
+
+    Args:
+        line: The text.
+        last: Whether the line stays on the terminal.
+    """
     live = sys.stderr.isatty()
     end = "" if live and not last else "\n"
     print(f"\r\x1b[K{line}" if live else line, end=end, file=sys.stderr, flush=True)

@@ -1,4 +1,4 @@
-"""New inputs from old ones, where a changed byte would hardly pass check sum, length or grammar."""
+"""Mutations that keep the structure of a file valid: its checksums, lengths or grammar."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ _VALUES: tuple[Any, ...] = (
 
 
 def mutated_json(data: bytes, largest: int, rng: random.Random, mutate: Mutate) -> bytes:
-    """A document with one value or name of it replaced, dropped, doubled or put elsewhere."""
+    """A JSON document with values or keys replaced, removed, duplicated or moved."""
     try:
         document = json.loads(data)
     except (ValueError, RecursionError):
@@ -69,7 +69,7 @@ def mutated_json(data: bytes, largest: int, rng: random.Random, mutate: Mutate) 
 
 
 def _places(node: Any) -> Any:
-    """Every container with each key in it."""
+    """Every container with each of its keys."""
     keys = node if isinstance(node, dict) else range(len(node)) if isinstance(node, list) else ()
     for key in keys:
         yield node, key
@@ -169,7 +169,7 @@ _ATTRIBUTES = (
 
 
 def mutated_xml(data: bytes, largest: int, rng: random.Random, mutate: Mutate) -> bytes:
-    """A document with an element dropped, doubled or moved, or one of its attributes changed."""
+    """An XML document with elements removed, duplicated or moved, or attributes changed."""
     try:
         root = ElementTree.fromstring(data)
     except (ElementTree.ParseError, ValueError, LookupError):
@@ -280,7 +280,7 @@ _TOML_KEYS = (
 
 
 def mutated_toml(data: bytes, largest: int, rng: random.Random, mutate: Mutate) -> bytes:
-    """A description with lines dropped, doubled, moved, or given another key or value."""
+    """A TOML description with lines removed, duplicated, moved, or with another key or value."""
     if rng.random() < 0.3:
         return mutate(data, largest)
     lines = data.decode("utf-8", "replace").splitlines() or [""]
@@ -306,7 +306,7 @@ def mutated_toml(data: bytes, largest: int, rng: random.Random, mutate: Mutate) 
 
 
 def mutated_npz(data: bytes, largest: int, rng: random.Random, mutate: Mutate) -> bytes:
-    """An archive with one member changed, dropped, or put in another's place; now and then raw bytes."""
+    """An NPZ archive with one member changed, removed or replaced by another; sometimes raw bytes."""
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
             members = {info.filename: archive.read(info) for info in archive.infolist()[:20]}
@@ -330,7 +330,7 @@ def mutated_npz(data: bytes, largest: int, rng: random.Random, mutate: Mutate) -
 
 
 def mutated_glb(data: bytes, largest: int, rng: random.Random, mutate: Mutate) -> bytes:
-    """A binary glTF with one of its two chunks changed and the lengths set right."""
+    """A binary glTF with one of its two chunks changed and the lengths corrected."""
     if len(data) < 20 or not data.startswith(b"glTF") or rng.random() < 0.1:
         return mutate(data, largest)
     end = 20 + int.from_bytes(data[12:16], "little")
@@ -364,7 +364,7 @@ _ODD = (
 
 
 def mutated_memory(data: bytes, largest: int, rng: random.Random, mutate: Mutate) -> bytes:
-    """A memory with one cell set to something odd, or with changed bytes."""
+    """A memory file with one cell set to an unusual value, or with changed bytes."""
     if rng.random() < 0.5:
         return mutate(data, largest)
     connection = sqlite3.connect(":memory:")

@@ -1,10 +1,10 @@
-"""Many objects planned in one run: no crash, no hang, every refusal with a reason, time and memory of each.
+"""Plans for many objects in one run: no crash, no hang, a reason for every refusal; time and memory of each.
 
     python -m hardening.objects [FOLDER] [--hands utah_mit,shadow] [--task lift] [--out out/objects]
 
-FOLDER holds URDFs that name a mesh each, or mesh files, at any depth; without one, the thousand random
-objects of the PyPI package ``pybullet`` are taken where that is installed (it is no dependency). A run
-that is stopped goes on where it was.
+FOLDER holds URDF files that name a mesh each, or mesh files, at any depth. Without it, the thousand random
+objects of the PyPI package ``pybullet`` are used where that is installed (it is not a dependency). An
+interrupted run is resumed.
 """
 
 from __future__ import annotations
@@ -27,16 +27,16 @@ from xml.etree import ElementTree
 from preshape.files import write_json
 from preshape.objects.load import SUFFIXES
 
-from .long_runs import kept_rows, tell
+from .long_runs import show_progress, stored_rows
 
 HANG = 180.0
-"""Seconds for one object after which it counts as hanging; the machine may be busy with other things."""
+"""Time after which an object counts as hanging [s]; the machine may be busy with other work."""
 QUANTILES = (50, 90, 99, 100)
 ANSWER, NONE, REFUSED, CRASHED, HUNG = "answer", "no answer", "refused", "crashed", "hung"
 
 
 def found_objects(folder: Path) -> list[tuple[str, Path, float]]:
-    """Name, mesh file and factor on its size of every object under a folder, sorted."""
+    """Name, mesh file and scale of every object in a folder, sorted."""
     rows = []
     for urdf in sorted(folder.rglob("*.urdf")):
         mesh = ElementTree.parse(urdf).getroot().find(".//mesh")
@@ -50,28 +50,31 @@ def found_objects(folder: Path) -> list[tuple[str, Path, float]]:
 
 
 def default_folder() -> Path | None:
-    """The thousand objects of pybullet, where it is installed."""
+    """The folder of the thousand objects of pybullet, where it is installed."""
     spec = find_spec("pybullet_data")
     places = spec.submodule_search_locations if spec is not None else None
     return next((Path(place) / "random_urdfs" for place in places or ()), None)
 
 
 def serve(hand: str, task: str, memory: str) -> None:
-    """Plan for objects named on standard input, one JSON line each on standard output."""
+    """Plan for the objects named on standard input; write one JSON line for each to standard output."""
     from preshape import plan
     from preshape.exceptions import PreshapeError
     from preshape.memory import Memory
+    from preshape.planning.request import RAY_HAND
+    from preshape.types import FIELD_MASS
 
+    mass = None if hand == RAY_HAND else FIELD_MASS  # the ray analyser knows no loads
     answers = os.fdopen(os.dup(1), "w", buffering=1)
-    os.dup2(2, 1)  # whatever else is printed is no answer
+    os.dup2(2, 1)  # other prints go to standard error
     with Memory.open(memory, read_only=True) as store:
         for line in sys.stdin:
             name, file, factor = json.loads(line)
             row: dict[str, Any] = {"name": name, "reason": ""}
-            _forget_peak()
+            _reset_peak()
             begin, work = time.perf_counter(), time.process_time()
             try:
-                made = plan(file, task, hand=hand, scale=factor, memory=store, learn=False)
+                made = plan(file, task, hand=hand, scale=factor, mass=mass, memory=store, learn=False)
             except PreshapeError as error:
                 row |= {"outcome": REFUSED, "reason": str(error)}
             except Exception as error:
@@ -88,13 +91,13 @@ def serve(hand: str, task: str, memory: str) -> None:
             print(json.dumps(row), file=answers)
 
 
-def _forget_peak() -> None:
+def _reset_peak() -> None:
     with contextlib.suppress(OSError):
         Path("/proc/self/clear_refs").write_text("5")
 
 
 def _peak() -> int | None:
-    """Most memory in use since it was last forgotten [MB]; ``None`` where the system does not say."""
+    """Peak memory since the last reset [MB]; ``None`` where the system does not report it."""
     with contextlib.suppress(OSError):
         for line in Path("/proc/self/status").read_text().splitlines():
             if line.startswith("VmHWM"):
@@ -103,7 +106,7 @@ def _peak() -> int | None:
 
 
 class Server:
-    """A process that plans; it may be lost."""
+    """A worker process that plans and may crash."""
 
     def __init__(self, hand: str, task: str, memory: Path) -> None:
         command = [sys.executable, "-m", "hardening.objects", "--serve", hand, task, str(memory)]
@@ -127,7 +130,7 @@ class Server:
         self.lines.put("")
 
     def ask(self, name: str, file: Path, factor: float) -> dict[str, Any]:
-        """What became of one object."""
+        """Plan for one object; returns its row."""
         assert self.process.stdin is not None
         with contextlib.suppress(BrokenPipeError):
             self.process.stdin.write(json.dumps([name, str(file), factor]) + "\n")
@@ -135,7 +138,12 @@ class Server:
         try:
             line = self.lines.get(timeout=HANG)
         except queue.Empty:
-            return {"name": name, "outcome": HUNG, "reason": f"no end after {HANG:.0f} s", "seconds": HANG}
+            return {
+                "name": name,
+                "outcome": HUNG,
+                "reason": f"not finished after {HANG:.0f} s",
+                "seconds": HANG,
+            }
         if line:
             return dict(json.loads(line))
         code = self.process.wait()
@@ -153,17 +161,17 @@ class Server:
 
 
 def run(rows: list[tuple[str, Path, float]], hand: str, task: str, out: Path) -> dict[str, Any]:
-    """Plan for every object with one hand, those that an earlier run left."""
+    """Plan with one hand for every object that an earlier run has not planned for, and summarise."""
     out.mkdir(parents=True, exist_ok=True)
-    kept, memory = out / f"{hand}.jsonl", out / f"{hand}.sqlite"
-    done = {row["name"]: row for row in kept_rows(kept)}
+    store, memory = out / f"{hand}.jsonl", out / f"{hand}.sqlite"
+    done = {row["name"]: row for row in stored_rows(store)}
     if not memory.exists():
         from preshape import plan
 
         plan("cube", task, hand=hand, memory=memory)
     server, begin, shown, before = Server(hand, task, memory), time.monotonic(), 0.0, len(done)
     try:
-        with kept.open("a") as file:
+        with store.open("a") as file:
             for name, mesh, factor in rows:
                 if name in done:
                     continue
@@ -184,7 +192,7 @@ def run(rows: list[tuple[str, Path, float]], hand: str, task: str, out: Path) ->
 
 
 def summary(hand: str, rows: list[dict[str, Any]]) -> dict[str, Any]:
-    """What became of the objects, in numbers; work is the processor's time, whatever else it had to do."""
+    """The results in numbers; ``work_seconds`` is CPU time."""
     import numpy as np
 
     outcomes = Counter(row["outcome"] for row in rows)
@@ -210,26 +218,27 @@ def summary(hand: str, rows: list[dict[str, Any]]) -> dict[str, Any]:
 
 def _progress(hand: str, done: int, total: int, each: float) -> None:
     left = f", about {(total - done) * each / 60:.0f} min left" if done < total else ""
-    tell(f"{hand}: {done} of {total} objects{left}", last=done >= total)
+    show_progress(f"{hand}: {done} of {total} objects{left}", last=done >= total)
 
 
 def main(arguments: list[str]) -> int:
-    """0: every object answered or refused with a reason; 1: not so; 2: no objects."""
+    """Run from the command line; returns 0 where all is well, 1 for a crash or hang, 2 without objects."""
     if arguments[:1] == ["--serve"]:
         serve(*arguments[1:])
         return 0
     parser = argparse.ArgumentParser(prog="python -m hardening.objects", description="Plan for many objects.")
-    parser.add_argument("folder", nargs="?", type=Path, default=default_folder(), help="URDFs or mesh files")
+    parser.add_argument("folder", nargs="?", type=Path, default=default_folder(), help="URDF or mesh files")
     parser.add_argument("--hands", default="utah_mit,shadow", help="default: %(default)s")
     parser.add_argument("--task", default="lift", help="default: %(default)s")
-    parser.add_argument("--limit", type=int, help="so many objects at most")
+    parser.add_argument("--limit", type=int, help="largest number of objects")
     parser.add_argument("--out", type=Path, default=Path("out/objects"), help="default: %(default)s")
     given = parser.parse_args(arguments)
     rows = found_objects(given.folder)[: given.limit] if given.folder is not None else []
     if not rows:
         print(
-            f"no objects in {given.folder}: name a folder with URDFs or meshes; a thousand random ones "
-            "are in pybullet: pip download --no-deps pybullet, unpack it, name pybullet_data/random_urdfs",
+            f"no objects in {given.folder}; give a folder with URDF or mesh files, such as the thousand "
+            "random objects of pybullet: pip download --no-deps pybullet, unpack it, give "
+            "pybullet_data/random_urdfs",
             file=sys.stderr,
         )
         return 2
@@ -239,14 +248,14 @@ def main(arguments: list[str]) -> int:
             found = run(rows, hand, given.task, given.out)
             write_json(given.out / f"{hand}.json", found)
             wrong |= bool(found["wrong"] or found["without_reason"])
-            told = ", ".join(f"{count} {name}" for name, count in found["outcomes"].items())
+            counts = ", ".join(f"{count} {name}" for name, count in found["outcomes"].items())
             print(
-                f"{hand}: {found['objects']} objects: {told}; {len(found['without_reason'])} without a reason"
+                f"{hand}: {found['objects']} objects: {counts}; {len(found['without_reason'])} without reason"
             )
             for what, unit in (("seconds", "s"), ("work_seconds", "s"), ("memory_mb", "MB")):
                 print(f"  {what}: " + ", ".join(f"{q} {value} {unit}" for q, value in found[what].items()))
     except KeyboardInterrupt:
-        print("\nstopped; the same command goes on from here", file=sys.stderr)
+        print("\ninterrupted; the same command resumes from here", file=sys.stderr)
         return 130
     return int(wrong)
 

@@ -1,9 +1,9 @@
-"""A hand small enough to be read a hundred thousand times: two fingers of two hinges each, our own."""
+"""A small hand of our own that is quick to read: two fingers with two hinges each."""
 
 from __future__ import annotations
 
 HAND = "utah_mit"
-"""Whose experiences the memories of the corpus hold."""
+"""The hand whose experiences the memories of the corpus hold."""
 
 TOML = """name = "pincer"
 model = "pincer.xml"

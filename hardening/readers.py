@@ -1,7 +1,7 @@
-"""Everything of preshape that reads a file, and what every one of them promises of any file whatever.
+"""All readers of files, and the promise that each of them makes for any file.
 
-A file is read, or refused with an error of preshape's own whose message is one printable line. Nothing else
-may come out: no foreign exception, no crash, no hang, and no use of memory out of proportion.
+A file is read, or it is refused with an error of preshape whose message is one printable line. There is no
+other exception, no crash, no hang, and no excessive use of memory.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from . import pincer
 from .mutate import mutated_glb, mutated_json, mutated_memory, mutated_npz, mutated_toml, mutated_xml
 
 LONGEST_MESSAGE = 2000
-"""Characters."""
+"""Largest length of an error message [characters]."""
 
 Mutate = Callable[[bytes, int], bytes]
 Mutator = Callable[[bytes, int, random.Random, Mutate], bytes]
@@ -41,11 +41,11 @@ class Reader:
     """One reader.
 
     Attributes:
-        file: what the file under test is called.
-        read: reads it; raises a ``PreshapeError`` where it refuses.
-        largest: bytes of an input at most.
-        mutate: makes a new input of one with the framing kept right; ``None`` changes single bytes.
-        words: of the format, for the fuzzer to try.
+        file: Name of the file under test.
+        read: Reads the file; raises a ``PreshapeError`` to refuse it.
+        largest: Largest size of an input [bytes].
+        mutate: Makes a new input with a valid structure from another; ``None`` changes single bytes.
+        words: Words of the format that the fuzzer tries.
     """
 
     file: str
@@ -58,7 +58,7 @@ class Reader:
 def _mesh(path: Path) -> None:
     mesh = load_object(path)
     if not (mesh.area > 0 and (mesh.extents > 0).all()):
-        raise Fault(f"a mesh without body was let through: {mesh.extents}, area {mesh.area}")
+        raise Fault(f"a mesh without a surface was accepted: {mesh.extents}, area {mesh.area}")
 
 
 def _hand_toml(path: Path) -> None:
@@ -186,27 +186,27 @@ READERS: dict[str, Reader] = {
     "memory": Reader(file="a.sqlite", read=_memory, largest=65536, mutate=mutated_memory),
     "memory-json": Reader(file="a.json", read=read_document, largest=16384, mutate=mutated_json, words=_JSON),
 }
-"""Every reader by its name."""
+"""All readers by name."""
 
 
 def attempt(reader: Reader, folder: Path, data: bytes) -> str:
-    """Put one file to a reader.
+    """Give one file to a reader.
 
     Args:
-        reader: which.
-        folder: of its own; files may be left in it.
-        data: the file's content.
+        reader: The reader.
+        folder: Folder for the file; other files may be left in it.
+        data: Content of the file.
 
     Returns:
-        Empty where it was read, or the sentence with which it was refused.
+        Empty where the file was read, else the message with which it was refused.
 
     Raises:
-        Fault: the reader broke its promise.
+        Fault: The reader broke its promise.
     """
     path = folder / reader.file
     path.write_bytes(data)
     try:
-        with warnings.catch_warnings(record=True) as said:
+        with warnings.catch_warnings(record=True) as shown:
             warnings.simplefilter("always")
             reader.read(path)
     except PreshapeError as error:
@@ -216,12 +216,12 @@ def attempt(reader: Reader, folder: Path, data: bytes) -> str:
         if not message or len(message) > LONGEST_MESSAGE:
             raise Fault(f"a message of {len(message)} characters: {message:.200}") from error
         if any(unicodedata.category(letter) in {"Cc", "Cs"} for letter in message):
-            raise Fault(f"a message that does not print in one line: {message!r:.300}") from error
+            raise Fault(f"a message that is not one printable line: {message!r:.300}") from error
         return message
     except Fault:
         raise
     except Exception as error:
         raise Fault(f"{type(error).__name__}: {str(error)[:300]!r}") from error
-    if said:
-        raise Fault(f"a warning reaches people: {said[0].category.__name__}: {said[0].message}")
+    if shown:
+        raise Fault(f"a warning reaches the user: {shown[0].category.__name__}: {shown[0].message}")
     return ""

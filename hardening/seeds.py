@@ -1,6 +1,6 @@
-"""The corpus: small files that our own writers make, one folder for each reader.
+"""The corpus: small files made by our own writers, in one folder for each reader.
 
-``python -m hardening.seeds`` writes them again; what fuzzing found (``found-*``) stays.
+``python -m hardening.seeds`` writes them again; inputs found by fuzzing (``found-*``) are kept.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from . import pincer
 
 CORPUS = Path(__file__).parent / "corpus"
 ADDRESS = b"://".join((b"https", b"github.com/mikedh/trimesh"))
-"""What trimesh signs its files with; no address belongs into the repository."""
+"""Address that trimesh writes into its files; the repository must not contain it."""
 
 POINTS = np.array([[0, 0, 0], [0.03, 0, 0], [0, 0.05, 0], [0, 0, 0.07]])
 FACES = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
@@ -38,12 +38,12 @@ def main() -> None:
         folder.mkdir(parents=True, exist_ok=True)
         for name, content in files.items():
             data = content.encode() if isinstance(content, str) else content
-            # As long as it was: lengths are part of the formats.
+            # The replacement has the same length, because lengths are part of the formats.
             (folder / name).write_bytes(data.replace(ADDRESS, b"trimesh".ljust(len(ADDRESS))))
 
 
 def seeds() -> dict[str, dict[str, bytes | str]]:
-    """Content of every seed by reader and name."""
+    """Content of every file by reader and name."""
     return {
         **_meshes(),
         "hand-toml": {"pincer": pincer.TOML},
@@ -100,7 +100,7 @@ def _compact(text: bytes) -> str:
 
 
 def _records() -> dict[str, dict[str, bytes | str]]:
-    """Plans, grasps and memories, from one plan with the paper's hand and one with a real one's grip."""
+    """Plans, grasps and memories, from a plan for the paper's hand and a plan with a grip of a real hand."""
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "memory.sqlite"
         with Memory.open(file) as memory:
@@ -133,7 +133,7 @@ def _records() -> dict[str, dict[str, bytes | str]]:
 
 
 def _stored(npz: bytes) -> bytes:
-    """The same arrays in an archive without compression and times."""
+    """The same arrays in an archive without compression and dates."""
     import zipfile
 
     content = io.BytesIO()

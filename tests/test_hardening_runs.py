@@ -164,5 +164,5 @@ def test_what_a_kill_could_do_would_be_seen(tmp_path: Path) -> None:
     with Memory.open(path) as memory:
         (one,) = [e for e in memory.experiences() if (e.object_name, e.kind) == ("a-1", "best")]
         memory.add([one])
-    assert kill.faults(path, told) == ["half a lesson: a-1"]
+    assert kill.faults(path, told) == ["incomplete lesson: a-1"]
     assert kill.faults(tmp_path / "none", {"a-0"}) == ["lost: a-0"]
