@@ -25,6 +25,8 @@ from preshape.physics.protocol import HoldProtocol
 from preshape.planning import planner_bench
 from preshape.planning.hand_simulation import execute
 from preshape.planning.plan import Answer
+from preshape.planning.request import PlanRequest
+from preshape.planning.session import Session
 from preshape.tasks import parse_task
 
 EXAMPLE = Path(__file__).parents[1] / "examples" / "hands" / "trident.toml"
@@ -93,11 +95,11 @@ def test_the_mass_is_planned_for_and_tested_with(
     planned_for: list[float | None] = []
     tested_with: list[float] = []
 
-    def refuse(*_: object, mass: float | None, **__: object) -> None:
-        planned_for.append(mass)
+    def refuse(_: Session, request: PlanRequest) -> None:
+        planned_for.append(request.mass)
         raise ObjectError("box: too wide")
 
-    monkeypatch.setattr(planner_bench, "plan", refuse)
+    monkeypatch.setattr(Session, "run", refuse)
     assert run("bench planner box --mass 0.4 --json".split()) == 0
     assert json.loads(capsys.readouterr().out)["failures"][0]["reason"] == "box: too wide"
     assert run("bench planner box --json".split()) == 0

@@ -35,7 +35,8 @@ from preshape.physics.task.instances import (
 from preshape.physics.task.protocol import TaskProtocol, TaskStatus
 from preshape.physics.task.report import TaskReport, result_from_json, result_to_json
 from preshape.physics.task.runner import run_tasks
-from preshape.planning import planned_answers
+from preshape.planning.request import PlanRequest
+from preshape.planning.session import Session
 from preshape.tasks import FAMILIES, named_task
 from test_physics_run import grasp_set
 from test_physics_scene import BOX, CORNERS, HAND, HERE, clamp
@@ -354,11 +355,11 @@ class TestCommand:
         """The hammer's own 0.35 kg stays out; the ray analyser knows no loads."""
         planned_for: list[float | None] = []
 
-        def refuse(*_: object, mass: float | None, **__: object) -> None:
-            planned_for.append(mass)
+        def refuse(_: Session, request: PlanRequest) -> None:
+            planned_for.append(request.mass)
             raise InputError("not today")
 
-        monkeypatch.setattr(planned_answers, "plan", refuse)
+        monkeypatch.setattr(Session, "run", refuse)
         words = "bench tasks --objects hammer --tasks lift --workers 1 --json".split()
         assert run([*words, *options]) == 0
         assert "not today" in capsys.readouterr().out

@@ -87,6 +87,7 @@ def object_extent(name: str, folder: str | Path | None) -> float | None:
 
 
 def mesh_in(folder: str | Path, name: str) -> Path | None:
+    """The mesh of an object in a folder of objects; ``None`` where there is none."""
     base = Path(folder)
     candidates = [base / name / f"mesh{s}" for s in SUFFIXES] + [base / f"{name}{s}" for s in SUFFIXES]
     return next((file for file in candidates if file.is_file()), None)

@@ -7,12 +7,14 @@ import hashlib
 from .._version import __version__
 from ..exceptions import PreshapeError
 from ..hands.hand import Hand
+from ..hiis.decision import Settings
 from ..physics.hand import PhysicsHand
 from ..physics.task.grasps import HandPoses
 from ..physics.task.instances import TaskInstance
-from ..planner import plan
 from ..types import FIELD_MASS, value
 from .grasp_sets import palm_grasps, poses_of
+from .request import PlanRequest
+from .session import Session
 
 
 @value
@@ -45,16 +47,17 @@ class PlannedAnswers:
     def answer(self, row: int, instance: TaskInstance) -> HandPoses | str:
         """The poses of the planned answer, with the object at the origin, or why there are none."""
         try:
-            made = plan(
-                instance.object_name,
-                instance.task,
+            request = PlanRequest(
+                source=instance.object_name,
+                task=instance.task,
                 hand=self.hand,
                 analyser=self.analyser,
-                mass=self.mass if self.analyser == "closure" else None,
                 scale=instance.scale,
-                memory=":memory:",
-                seed=instance.seed,
+                mass=self.mass if self.analyser == "closure" else None,
+                settings=Settings(seed=instance.seed),
             )
+            with Session(":memory:") as session:
+                made = session.run(request)
         except PreshapeError as error:
             return str(error)
         result = made.hand_result

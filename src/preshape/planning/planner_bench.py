@@ -14,7 +14,7 @@ import numpy as np
 
 from ..exceptions import ObjectError
 from ..hands.hand import Hand
-from ..memory import Memory
+from ..hiis.decision import Settings
 from ..objects.load import load_object
 from ..physics.grasps import GraspSet
 from ..physics.hand import PhysicsHand, physics_hand
@@ -24,10 +24,11 @@ from ..physics.hold.six_directions import HoldResult
 from ..physics.measures import wilson
 from ..physics.pieces import ConvexPieces, load_pieces
 from ..physics.protocol import HoldProtocol
-from ..planner import plan
-from ..planning.plan import Answer, answers_of
 from ..types import FIELD_MASS, value
 from .grasp_sets import palm_grasps, poses_of
+from .plan import Answer, answers_of
+from .request import PlanRequest
+from .session import Session
 
 Progress = Callable[[str, int, int], None]
 """Called with what is being done, how much of it is done, and how much there is."""
@@ -162,20 +163,20 @@ def plan_cases(
         InputError: An argument cannot be used.
     """
     planned: list[Planned] = []
-    with Memory.open(":memory:") as memory:
+    with Session(":memory:") as session:
         for number, case in enumerate(cases, start=1):
             try:
-                made = plan(
-                    load_object(case.source, scale=case.scale),
-                    task,
+                request = PlanRequest(
+                    source=load_object(case.source, scale=case.scale),
+                    task=task,
                     hand=hand,
                     analyser=analyser,
                     mass=mass if analyser == "closure" else None,
-                    memory=memory,
-                    learn=False,
-                    seed=seed,
                     count=count,
+                    learn=False,
+                    settings=Settings(seed=seed),
                 )
+                made = session.run(request)
             except ObjectError as error:
                 planned.append(Planned(case=case, answers=(), mode=-1, reason=str(error), seconds={}))
             else:
