@@ -579,7 +579,7 @@ def test_the_command_prints_one_json_object_and_says_what_is_missing(plain: Path
         (["--friction", "nan"], "friction must be a number above 0"),
         (["--scales", "0"], "--scales takes positive numbers"),
         (["--engine", "slurm"], "no engine 'slurm'; known: local, ray"),
-        (["--engine", "ray", "--workers", "2"], "a Ray cluster knows its own"),
+        (["--engine", "ray", "--workers", "2"], "a Ray cluster has its own number"),
         (["--address", "a:1"], "add --engine ray"),
         (["--hands", "allegro,,leap"], "--hands takes names with commas between"),
     ],
