@@ -10,10 +10,8 @@ from dataclasses import replace
 import jsonschema
 import numpy as np
 import pytest
-from preshape.cli.show import show_plan
 
 from preshape.cli import main as cli
-from preshape.cli.plan import written_surface
 from preshape.closure.settings import ClosureSettings
 from preshape.exceptions import InputError, ObjectError
 from preshape.kernels.field.host import SurfaceQuery
@@ -449,13 +447,14 @@ def test_a_plan_on_a_cloud_says_which_contacts_were_seen_and_prefers_them(on_clo
 def test_the_surface_that_was_planned_with_is_written_whole(tmp_path, box):
     _, points, camera = box
     made = plan(completed("hull", "box", points, camera), "lift", memory=":memory:", learn=False)
-    file = written_surface(made, tmp_path)
-    assert file == tmp_path / "box-surface.obj"
+    file = tmp_path / "box-surface.obj"
+    assert file in made.save(tmp_path)
     again = load_object(file)
     assert again.vertices == pytest.approx(made.mesh.vertices, abs=1e-15)
     assert again.scan is None
-    assert written_surface(replace(made, mesh=again), tmp_path) is None
-    show_plan(made)  # prints what is trusted
+    from_file = plan(file, "lift", memory=":memory:", learn=False)
+    assert len(from_file.save(tmp_path / "again")) == 3  # no surface beside the plan
+    assert "seen" in str(made)  # the summary says what is trusted
 
 
 # -- the study -----------------------------------------------------------------------------------------
