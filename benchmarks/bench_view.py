@@ -61,16 +61,16 @@ def large_object() -> TriangleMesh:
 def click_to_answer() -> dict[str, Any]:
     """Ask about a learned object as the app's planner process does; measures the time to the first answer."""
     with tempfile.TemporaryDirectory() as folder:
-        said: list[dict[str, Any]] = []
-        worker = Worker(said.append)
+        replies: list[dict[str, Any]] = []
+        worker = Worker(replies.append)
         order = order_fields(Order(source="mug", task="pour", memory=str(Path(folder) / "m.sqlite")))
         first: list[float] = []
 
         def ask() -> None:
-            said.clear()
+            replies.clear()
             begun = time.perf_counter()
             worker.say = lambda reply: (
-                said.append(reply),
+                replies.append(reply),
                 first.append(time.perf_counter() - begun) if "document" in reply else None,
             )
             worker.answer({"do": "plan", "id": 1, **order})
@@ -82,7 +82,7 @@ def click_to_answer() -> dict[str, Any]:
             first.clear()
             ask()
             times.append(first[0])
-        ok = next(r["document"] for r in said if "document" in r)["mode"] == 0
+        ok = next(r["document"] for r in replies if "document" in r)["mode"] == 0
     return row("click to answer, learned mug", float(np.median(times)), "s", 1.0, None, ok)
 
 

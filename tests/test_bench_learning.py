@@ -12,7 +12,14 @@ from PIL import Image
 
 from preshape.cli.main import run
 from preshape.closure.settings import ClosureSettings
-from preshape.studies.closure_learning import SAME, LearningStudy, PairResult, _same_margin, study, table
+from preshape.studies.closure_learning import (
+    SAME,
+    LearningStudy,
+    PairResult,
+    _same_margin_quality,
+    study,
+    table,
+)
 
 pytestmark = pytest.mark.usefixtures("session_cache")
 QUICK = ClosureSettings(everywhere=400, elite=8, rounds=1, finished=2, persistence=0, threads=1)
@@ -40,7 +47,9 @@ def test_objects_held_out_were_never_met(found: LearningStudy) -> None:
 
 
 def test_the_same_pairs_are_asked_for_three_times(found: LearningStudy) -> None:
-    asked = [[(one.name, one.task) for one in part] for part in (found.fresh, found.held_out, found.wanting)]
+    asked = [
+        [(one.name, one.task) for one in part] for part in (found.fresh, found.held_out, found.same_margin)
+    ]
     assert asked[0] == asked[1] == asked[2]
     assert all(one.mode == 3 for one in found.fresh)
     # Whoever explores everything closes all candidates of mode 3 at least.
@@ -49,14 +58,14 @@ def test_the_same_pairs_are_asked_for_three_times(found: LearningStudy) -> None:
 
 def test_what_was_answered_is_asked_for_again(found: LearningStudy) -> None:
     answered = [one for one in found.stream if one.answered]
-    assert [(one.name, one.task) for one in found.again] == [(one.name, one.task) for one in answered]
-    assert all(one.answered and one.mode == 0 for one in found.again)
-    assert all(b.quality >= 0.95 * a.quality for a, b in zip(answered, found.again, strict=True))
+    assert [(one.name, one.task) for one in found.repeated] == [(one.name, one.task) for one in answered]
+    assert all(one.answered and one.mode == 0 for one in found.repeated)
+    assert all(b.quality >= 0.95 * a.quality for a, b in zip(answered, found.repeated, strict=True))
 
 
 def test_the_same_seed_shows_the_same(found: LearningStudy) -> None:
     again = study(length=3, held_out=1, seed=3, closure=replace(QUICK, threads=2))
-    for part in ("stream", "again", "fresh", "held_out", "wanting"):
+    for part in ("stream", "repeated", "fresh", "held_out", "same_margin"):
         rows = [
             [(m.name, m.task, m.mode, m.quality, m.tried) for m in getattr(s, part)] for s in (found, again)
         ]
@@ -70,11 +79,11 @@ def met(tried: int, *, answered: bool = True, mode: int = 0) -> PairResult:
 def test_candidates_are_counted_to_the_end() -> None:
     """What experience does not reach costs what it tried and the exploring after it; nothing else counts."""
     fresh = (met(1000, mode=3), met(2000, mode=3), met(4000, mode=3, answered=False))
-    wanting = (met(50), met(300, answered=False, mode=2), met(10))
+    same_margin = (met(50), met(300, answered=False, mode=2), met(10))
     explored = (met(50), met(2300, answered=False, mode=3), met(10))
-    made = LearningStudy(stream=(met(9),), again=(), fresh=fresh, held_out=fresh, wanting=wanting)
+    made = LearningStudy(stream=(met(9),), repeated=(), fresh=fresh, held_out=fresh, same_margin=same_margin)
     np.testing.assert_allclose(made.ratios(), [0.05, 1.15])
-    np.testing.assert_allclose(replace(made, wanting=explored).ratios(), [0.05, 1.15])
+    np.testing.assert_allclose(replace(made, same_margin=explored).ratios(), [0.05, 1.15])
     figures = made.figures()
     assert figures["same_margin_ratio_median"] == pytest.approx(0.6)
     assert figures["same_margin_within_a_tenth"] == 1
@@ -86,8 +95,8 @@ def test_candidates_are_counted_to_the_end() -> None:
 @pytest.mark.parametrize("margin", [0.2, 1.0, 3.7])
 def test_the_same_margin_is_a_share_of_the_margin_not_of_the_quality(margin: float) -> None:
     quality = 6 * (1 - 2**-margin)
-    assert _same_margin(quality) == pytest.approx(6 * (1 - 2 ** -(SAME * margin)))
-    assert _same_margin(6.0) < 6.0
+    assert _same_margin_quality(quality) == pytest.approx(6 * (1 - 2 ** -(SAME * margin)))
+    assert _same_margin_quality(6.0) < 6.0
 
 
 def test_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -98,7 +107,7 @@ def test_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert told["met"] == told["held_out"] == 1
     report = json.loads((out / "report.json").read_text())
     assert report["figures"] == {k: v for k, v in told.items() if k not in ("status", "files")}
-    assert [len(report[part]) for part in ("stream", "fresh", "held_out", "wanting")] == [1, 1, 1, 1]
+    assert [len(report[part]) for part in ("stream", "fresh", "held_out", "same_margin")] == [1, 1, 1, 1]
     with Image.open(out / "learning.png") as image:
         assert len(np.unique(np.asarray(image.convert("RGB")).reshape(-1, 3), axis=0)) > 50
     assert told["files"] == [str(out / "report.json"), str(out / "learning.png")]

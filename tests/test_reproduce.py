@@ -80,7 +80,7 @@ def test_an_interrupted_run_goes_on_where_it_stopped(run: Run) -> None:
     names = list(EXPERIMENTS)
     finished = names[: names.index("odd_cases")]
     assert sorted(run.before) == sorted(f"{name}.json" for name in finished)
-    assert run.result.kept == tuple(finished)
+    assert run.result.reused == tuple(finished)
     assert run.result.measured == tuple(names[len(finished) :])
     for name, when in run.before.items():
         assert (run.out / name).stat().st_mtime_ns == when
@@ -228,7 +228,7 @@ def test_other_settings_and_damaged_files_are_measured_anew(tmp_path: Path) -> N
         )
 
     assert go().measured == ("contradictions",)
-    assert go().kept == ("contradictions",)
+    assert go().reused == ("contradictions",)
     assert go(seed=1).measured == ("contradictions",)
     assert go(seed=1, resume=False).measured == ("contradictions",)
     file = tmp_path / "contradictions.json"

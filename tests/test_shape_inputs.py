@@ -215,14 +215,14 @@ def test_the_quick_study_tells_its_story(setup: Setup, tmp_path: Path) -> None:
     fractions = [fraction for fraction, _ in labels]
     assert fractions == sorted(fractions)
     assert fractions[-1] == 1.0
-    assert list(data["told"]) == ["paper", "shape", "extents", "task"]
-    for shares in data["told"].values():
+    assert list(data["shares"]) == ["paper", "shape", "extents", "task"]
+    for shares in data["shares"].values():
         for mean, low, high in shares.values():
             assert 0.0 <= low <= mean <= high <= 1.0
         assert shares["mode_0"][0] <= shares["mode_1"][0] <= data["possible"][0]
     # What does not see the triangles cannot be misled by them.
-    assert data["told"]["shape"]["recut"] == data["told"]["shape"]["learnt"]
-    gain = data["told"]["shape"]["mode_0"][0] - data["told"]["paper"]["mode_0"][0]
+    assert data["shares"]["shape"]["recut"] == data["shares"]["shape"]["learnt"]
+    gain = data["shares"]["shape"]["mode_0"][0] - data["shares"]["paper"]["mode_0"][0]
     assert data["gain_0"][0] == pytest.approx(gain)
     section = DESCRIPTOR.present(json.loads(json.dumps(data)))
     assert len(section.tables[0].rows) == 4

@@ -1,4 +1,4 @@
-"""Random grasps of mixed quality: hands closed on an object and kept without any ranking.
+"""Random grasps of mixed quality: hands closed on an object and accepted without any ranking.
 
 A study of grasp metrics needs bad grasps as well as good ones. The planner ranks candidates by their margins
 and refines the best, so its answers hold few bad ones. The steps here are:

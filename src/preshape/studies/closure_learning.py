@@ -13,6 +13,7 @@ The study has these steps:
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -73,17 +74,17 @@ class LearningStudy:
 
     Attributes:
         stream: The pairs of the stream, in their order.
-        again: Those that were answered, asked again at the end.
+        repeated: Those that were answered, asked again at the end.
         fresh: Pairs of objects held out, each with a memory that knows only the cube, exploring all planes.
         held_out: The same pairs with the memory of the stream.
-        wanting: The same again, asked for the margin that exploring reached.
+        same_margin: The same again, asked for the margin that exploring reached.
     """
 
     stream: tuple[PairResult, ...]
-    again: tuple[PairResult, ...]
+    repeated: tuple[PairResult, ...]
     fresh: tuple[PairResult, ...]
     held_out: tuple[PairResult, ...]
-    wanting: tuple[PairResult, ...]
+    same_margin: tuple[PairResult, ...]
 
     def share(self, first: int, last: int) -> float:
         """Share of the pairs ``first`` to ``last`` of the stream that mode 0 answered."""
@@ -96,7 +97,7 @@ class LearningStudy:
         There is one ratio for each pair that exploring answers. Where experience does not reach the margin,
         exploring comes on top, unless mode 3 has explored all planes already.
         """
-        pairs = [(w, f) for w, f in zip(self.wanting, self.fresh, strict=True) if f.answered]
+        pairs = [(w, f) for w, f in zip(self.same_margin, self.fresh, strict=True) if f.answered]
         return np.array(
             [(w.tried + (0 if w.answered or w.mode == 3 else f.tried)) / f.tried for w, f in pairs]
         )
@@ -111,9 +112,9 @@ class LearningStudy:
             "mode_0_first_window": self.share(0, window),
             "mode_0_last_window": self.share(n - window, n),
             "learnt": sum(one.answered and one.mode == 3 for one in self.stream),
-            "asked_again": len(self.again),
-            "still_answered": _answered(self.again),
-            "still_mode_0": _at_mode_0(self.again),
+            "asked_again": len(self.repeated),
+            "still_answered": _answered(self.repeated),
+            "still_mode_0": _at_mode_0(self.repeated),
             "held_out": len(self.held_out),
             "held_out_answered": _answered(self.held_out),
             "held_out_mode_0": _at_mode_0(self.held_out),
@@ -161,40 +162,69 @@ def study(
     order = [usable[int(i)] for i in rng.permutation(len(usable))]
     kept_out = max(1, round(HELD_OUT * len(order)))
     pairs, strangers = _pairs(rng, order[kept_out:], length), _pairs(rng, order[:kept_out], held_out)
-    search = closure or ClosureSettings(finished=4)
-    done, total = (
-        0,
-        2 * length + 3 * held_out,
-    )  # pairs without an answer are not asked again but count as done
+    # Pairs without an answer are not asked again, but count as done.
+    done, total = 0, 2 * length + 3 * held_out
 
-    def ask(memory: Memory, pair: Pair, **options: Any) -> PairResult:
+    def ask(
+        memory: Memory,
+        pair: Pair,
+        *,
+        learn: bool = False,
+        explore: bool = False,
+        threshold: float = Thresholds().estimation,
+    ) -> PairResult:
         nonlocal done
-        result = _ask(memory, hand, pair, seed, search, **options)
+        name, scale, task = pair
+        request = PlanRequest(
+            source=name,
+            task=task,
+            hand=hand,
+            analyser="closure",
+            scale=scale,
+            mass=FIELD_MASS,
+            settings=Settings(seed=seed, thresholds=Thresholds(estimation=threshold)),
+            search=closure or ClosureSettings(finished=4),
+        )
+        ready = Session(memory).prepare(request)
+        controller, element = ready.controller, ready.element
+        assert isinstance(element, ClosureAnalyser)
+        decision = (
+            controller.teach(element, task) if explore else controller.run(element, task, may_learn=learn)
+        )
         done += 1
         if progress is not None:
             progress(done, total)
-        return result
+        return PairResult(
+            name=f"{name}@{scale:g}",
+            task=task.label,
+            mode=decision.mode,
+            answered=decision.status is Status.ANSWER,
+            quality=decision.grasp.judged if decision.grasp is not None else 0.0,
+            tried=element.tried,
+        )
 
     with Memory.open(":memory:") as memory:
         stream = [ask(memory, pair, learn=True) for pair in pairs]
         answered = [pair for pair, result in zip(pairs, stream, strict=True) if result.answered]
         done += length - len(answered)
-        again = [ask(memory, pair) for pair in answered]
+        repeated = [ask(memory, pair) for pair in answered]
         fresh = []
         for pair in strangers:
             with Memory.open(":memory:") as empty:
                 fresh.append(ask(empty, pair, explore=True))
         known = [ask(memory, pair) for pair in strangers]
-        wanting = [
-            ask(memory, pair, threshold=_same_margin(result.quality) if result.answered else None)
+        same_margin = [
+            ask(memory, pair, threshold=_same_margin_quality(result.quality))
+            if result.answered
+            else ask(memory, pair)
             for pair, result in zip(strangers, fresh, strict=True)
         ]
     return LearningStudy(
         stream=tuple(stream),
-        again=tuple(again),
+        repeated=tuple(repeated),
         fresh=tuple(fresh),
         held_out=tuple(known),
-        wanting=tuple(wanting),
+        same_margin=tuple(same_margin),
     )
 
 
@@ -212,46 +242,9 @@ def _pairs(rng: np.random.Generator, objects: Sequence[str], count: int) -> list
     ]
 
 
-def _same_margin(reached: float) -> float:
+def _same_margin_quality(reached: float) -> float:
     """The quality whose margin is :data:`SAME` of that of a quality."""
     return quality(SAME * margin_of(reached))
-
-
-def _ask(
-    memory: Memory,
-    hand: str,
-    pair: Pair,
-    seed: int,
-    search: ClosureSettings,
-    *,
-    learn: bool = False,
-    explore: bool = False,
-    threshold: float | None = None,
-) -> PairResult:
-    name, scale, task = pair
-    thresholds = Thresholds() if threshold is None else Thresholds(estimation=threshold)
-    request = PlanRequest(
-        source=name,
-        task=task,
-        hand=hand,
-        analyser="closure",
-        scale=scale,
-        mass=FIELD_MASS,
-        settings=Settings(seed=seed, thresholds=thresholds),
-        search=search,
-    )
-    ready = Session(memory).prepare(request)
-    controller, element = ready.controller, ready.element
-    decision = controller.teach(element, task) if explore else controller.run(element, task, may_learn=learn)
-    assert isinstance(element, ClosureAnalyser)
-    return PairResult(
-        name=f"{name}@{scale:g}",
-        task=task.label,
-        mode=decision.mode,
-        answered=decision.status is Status.ANSWER,
-        quality=decision.grasp.judged if decision.grasp is not None else 0.0,
-        tried=element.tried,
-    )
 
 
 def table(found: LearningStudy) -> Table:
@@ -293,17 +286,8 @@ def table(found: LearningStudy) -> Table:
 def write_learning_report(found: LearningStudy, out: Path) -> list[Path]:
     """Write report.json, with the figures and all questions, and the plot; return the files."""
     rows = {
-        part: [
-            {
-                "name": one.name,
-                "task": one.task,
-                "mode": one.mode,
-                "quality": one.quality,
-                "tried": one.tried,
-            }
-            for one in getattr(found, part)
-        ]
-        for part in ("stream", "again", "fresh", "held_out", "wanting")
+        part: [asdict(one) for one in getattr(found, part)]
+        for part in ("stream", "repeated", "fresh", "held_out", "same_margin")
     }
     files = [out / "report.json", out / "learning.png"]
     write_json(files[0], {"figures": found.figures(), **rows})

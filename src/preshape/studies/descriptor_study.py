@@ -164,7 +164,7 @@ def compare(
         "pairs": len(chosen) * tasks * len(seeds),
         "folds": folds,
         "seeds": list(seeds),
-        "told": {name: {column: tally.share(name, column) for column in _COLUMNS} for name in _INPUTS},
+        "shares": {name: {column: tally.share(name, column) for column in _COLUMNS} for name in _INPUTS},
         "gain_0": tally.gain("mode_0"),
         "gain_1": tally.gain("mode_1"),
         "possible": tally.share("any", "possible"),
@@ -301,7 +301,7 @@ def _verdict(gain: Sequence[float]) -> str:
 
 
 def _present(data: Data) -> Section:
-    shares, gain_0, gain_1 = data["told"], data["gain_0"], data["gain_1"]
+    shares, gain_0, gain_1 = data["shares"], data["gain_0"], data["gain_1"]
     zero, recut = (
         {name: 100 * own[column][0] for name, own in shares.items()} for column in ("mode_0", "recut")
     )

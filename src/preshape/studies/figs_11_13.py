@@ -20,9 +20,7 @@ PRIMITIVE, COMPLICATED = "box", "dolphin"
 OTHER_PRIMITIVES = ("prism", "pyramid", "cylinder", "cone", "sphere", "wedge")
 
 
-def _measure_cases(
-    setup: Setup, name: str, cases: Sequence[TaskRow], progress: Progress, *, learnt: bool
-) -> Data:
+def _measure(name: str, cases: Sequence[TaskRow], setup: Setup, part: Path, progress: Progress) -> Data:
     """Run the cases one after the other on a system that meets the object in case 1.
 
     Where case 1 is answered without mode 3, the object is taught with that task afterwards, so that cases 2
@@ -35,14 +33,10 @@ def _measure_cases(
         progress(i / len(cases), f"case {i + 1} of {len(cases)} on the {name}")
         ready = setup.prepare(system, name, task_from_numbers(case.task))
         rows.append(run_case(ready))
-        if i == 0 and not learnt and rows[0]["mode"] != 3:
+        if i == 0 and name != "cube" and rows[0]["mode"] != 3:
             taught = teach(ready)
     extents = [round(1000 * float(x), 1) for x in ready.mesh.extents]
     return {"object": name, "extents": extents, "cases": rows, "taught_afterwards": taught}
-
-
-def _measure_11(setup: Setup, part: Path, progress: Progress) -> Data:
-    return _measure_cases(setup, "cube", printed.FIG_11, progress, learnt=True)
 
 
 def _measure_12(setup: Setup, part: Path, progress: Progress) -> Data:
@@ -53,12 +47,8 @@ def _measure_12(setup: Setup, part: Path, progress: Progress) -> Data:
         def tell(fraction: float, label: str, *, i: int = i) -> None:
             progress((i + fraction) / len(names), label)
 
-        found.append(_measure_cases(setup, name, printed.FIG_12, tell, learnt=False))
+        found.append(_measure(name, printed.FIG_12, setup, part, tell))
     return {**found[0], "others": found[1:]}
-
-
-def _measure_13(setup: Setup, part: Path, progress: Progress) -> Data:
-    return _measure_cases(setup, COMPLICATED, printed.FIG_13, progress, learnt=False)
 
 
 # Report.
@@ -265,7 +255,7 @@ def _present_13(data: Data) -> Section:
 
 FIG_11 = Experiment(
     name="fig11", title="Fig. 11: disturbed tasks on the trained cube",
-    version=1, cost=2, measure=_measure_11, present=_present_11,
+    version=1, cost=2, measure=partial(_measure, "cube", printed.FIG_11), present=_present_11,
 )  # fmt: skip
 FIG_12 = Experiment(
     name="fig12", title="Fig. 12: learning a primitive object",
@@ -273,5 +263,5 @@ FIG_12 = Experiment(
 )  # fmt: skip
 FIG_13 = Experiment(
     name="fig13", title="Fig. 13: learning a complicated object",
-    version=1, cost=2, measure=_measure_13, present=_present_13,
+    version=1, cost=2, measure=partial(_measure, COMPLICATED, printed.FIG_13), present=_present_13,
 )  # fmt: skip

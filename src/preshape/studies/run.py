@@ -47,13 +47,13 @@ class ReportResult:
         markdown: The report as Markdown.
         html: The report as one HTML page with its figures inside.
         measured: Names of the experiments that were measured.
-        kept: Names of the experiments that an earlier run had finished.
+        reused: Names of the experiments whose stored results were used.
     """
 
     markdown: Path
     html: Path
     measured: tuple[str, ...]
-    kept: tuple[str, ...]
+    reused: tuple[str, ...]
 
 
 def run_all(
@@ -89,7 +89,7 @@ def run_all(
     make_folder(out)
     setup = Setup(seed, quick=quick)
     total = sum(experiment.cost for experiment in chosen) * 1.03  # the rest is for writing the report
-    done, measured, kept = 0.0, [], []
+    done, measured, reused = 0.0, [], []
     for experiment in chosen:
         begin, share = done, experiment.cost
 
@@ -97,8 +97,8 @@ def run_all(
             progress((begin + share * min(max(fraction, 0.0), 1.0)) / total, label)
 
         if resume and _stored(out, experiment, setup) is not None:
-            kept.append(experiment.name)
-            tell(1.0, f"{experiment.title}: kept")
+            reused.append(experiment.name)
+            tell(1.0, f"{experiment.title}: finished before")
         else:
             tell(0.0, experiment.title)
             _measure(out, experiment, setup, tell, resume=resume)
@@ -113,7 +113,7 @@ def run_all(
     report = Report(title=TITLE, preface=_preface(setup, len(chapters)), chapters=chapters)
     markdown, html = write_report(out, report)
     progress(1.0, "done")
-    return ReportResult(markdown=markdown, html=html, measured=tuple(measured), kept=tuple(kept))
+    return ReportResult(markdown=markdown, html=html, measured=tuple(measured), reused=tuple(reused))
 
 
 def _chosen(only: Sequence[str] | None) -> list[Experiment]:
