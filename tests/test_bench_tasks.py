@@ -386,7 +386,7 @@ class TestCommand:
             (["--analyser", "magic"], "no analyser 'magic'"),
             (["--hand", "hook"], "hook"),
             (["--objects", "cub"], "did you mean cube"),
-            (["--tasks", ","], "--tasks needs names"),
+            (["--tasks", ","], "--tasks takes names with commas between"),
             (["--count", "0"], "--count must be 1 or more"),
             (["--workers", "0"], "--workers must be 1 or more"),
             (["--seed", "-1"], "--seed must be 0 or more"),

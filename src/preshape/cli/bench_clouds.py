@@ -7,31 +7,35 @@ from typing import Any
 
 import click
 
-from ..exceptions import InputError
 from ..report.terminal import print_table, report_console
-from .options import check_folder, json_option
+from .options import (
+    check_folder,
+    check_least,
+    json_option,
+    names_in,
+    pieces_option,
+    scales_option,
+    workers_option,
+)
 from .progress import GOES_ON, steps
 
 
 @click.command(epilog="Example: preshape bench clouds box cylinder bottle --hand shadow --out out/clouds")
 @click.argument("objects", metavar="OBJECTS...", nargs=-1, required=True)
-@click.option("--hand", default="shadow", show_default=True, metavar="HAND,…", help="Names or TOML files.")
-@click.option("--views", type=int, default=4, show_default=True, help="Number of views of each object.")
-@click.option(
-    "--noise", type=float, default=1.0, show_default=True, metavar="MM", help="Noise of the depth [mm]."
-)
-@click.option("--scales", default="1", show_default=True, metavar="S,S", help="Factors on the size.")
-@click.option("--pieces", metavar="DIR", help="Folder with NAME/mesh.obj and NAME/convex of each object.")
+@click.option("--hand", default="shadow", metavar="HAND,…", help="Names or TOML files.")
+@click.option("--views", type=int, default=4, help="Number of views of each object.")
+@click.option("--noise", type=float, default=1.0, metavar="MM", help="Noise of the depth [mm].")
+@scales_option
+@pieces_option
 @click.option(
     "--methods",
     default="symmetry,straight,hull",
-    show_default=True,
     metavar="NAME,…",
     help="Ways to complete the far side; the first is planned on.",
 )
-@click.option("--task", default="lift", show_default=True, metavar="TASK", help="Task to plan for.")
-@click.option("--seed", type=int, default=0, show_default=True, help="Seed of views, noise and planner.")
-@click.option("--workers", type=int, metavar="N", help="Number of processes; default: one for each core.")
+@click.option("--task", default="lift", metavar="TASK", help="Task to plan for.")
+@click.option("--seed", type=int, default=0, help="Seed of views, noise and planner.")
+@workers_option
 @click.option("--out", metavar="DIR", help="Folder for report.json, .md and .html; resumable.")
 @json_option
 def clouds(
@@ -57,17 +61,16 @@ def clouds(
     from ..studies.partial_views import CloudRun, run_clouds
     from .bench_planner import cases_of
 
-    if workers is not None and workers < 1:
-        raise InputError(f"--workers must be 1 or more, got {workers}")
+    check_least(1, workers=workers)
     check_folder(out)
     run = CloudRun(
-        hands=_words(hand),
+        hands=names_in(hand, "--hand"),
         cases=tuple(cases_of(objects, scales, pieces)),
         views=views,
         noise=noise / 1000,
         seed=seed,
         task=task,
-        methods=_words(methods),
+        methods=names_in(methods, "--methods"),
     )
     folder = None if out is None else Path(out)
     with steps(GOES_ON if folder is not None else "with --out they would be kept") as told:
@@ -86,10 +89,6 @@ def clouds(
     else:
         _show(document, written)
     return 0
-
-
-def _words(text: str) -> tuple[str, ...]:
-    return tuple(dict.fromkeys(word.strip() for word in text.split(",") if word.strip()))
 
 
 def _show(document: dict[str, Any], written: list[Path]) -> None:

@@ -12,7 +12,16 @@ import click
 
 from ..exceptions import EnvironmentFailure, InputError
 from ..report.terminal import print_table, report_console
-from .options import check_folder, json_option
+from .options import (
+    best_option,
+    check_folder,
+    check_least,
+    checkpoint_option,
+    json_option,
+    ladder_option,
+    probes_option,
+    workers_option,
+)
 from .progress import GOES_ON, duration, steps
 
 if TYPE_CHECKING:
@@ -47,7 +56,7 @@ class Group(NamedTuple):
     epilog="Example: preshape bench holds grasps.npz --objects objects --probes all --out out/holds"
 )
 @click.argument("files", metavar="GRASPS...", nargs=-1, required=True)
-@click.option("--best", is_flag=True, help="Of a plan without an answer: the best grasp that was found.")
+@best_option
 @click.option("--hand", metavar="HAND", help="Name, TOML or MJCF file; default: the hand of GRASPS.")
 @click.option("--root", metavar="BODY", help="With an MJCF: body whose poses the grasps give.")
 @click.option("--fixed", multiple=True, metavar="JOINT", help="With an MJCF: joint to leave out; repeatable.")
@@ -58,36 +67,29 @@ class Group(NamedTuple):
     "--friction", type=float, help="Friction coefficient; default: each plan's (arrays: 0.6). Harder: 0.3."
 )
 @click.option("--mass", type=float, help="Mass of every object [kg]; default: each plan's (arrays: 0.1).")
-@click.option(
-    "--probes", default="six", show_default=True, metavar="six|all", help="all: 14 forces and 14 torques."
-)
-@click.option(
-    "--ladder", is_flag=True, help="Repeat the probes 1.4 times stronger each time, until the grasp is lost."
-)
+@probes_option
+@ladder_option
 @click.option(
     "--position-error",
     type=float,
     default=0.0,
-    show_default=True,
     help="Error of the object's position [m]; harder: 0.005.",
 )
 @click.option(
     "--turn-error",
     type=float,
     default=0.0,
-    show_default=True,
     help="Error of the object's orientation [degrees]; harder: 5.",
 )
 @click.option(
     "--size-error",
     type=float,
     default=0.0,
-    show_default=True,
     help="Error of the object's size, as a share; harder: 0.05.",
 )
-@click.option("--seed", type=int, default=0, show_default=True, help="Seed of these errors.")
-@click.option("--workers", type=int, metavar="N", help="Number of processes; default: one for each core.")
-@click.option("--checkpoint", metavar="FILE", help="File of results, from which the same command resumes.")
+@click.option("--seed", type=int, default=0, help="Seed of these errors.")
+@workers_option
+@checkpoint_option
 @click.option("--out", metavar="DIR", help="Folder for report.json, .md and .html; resumable as well.")
 @json_option
 def holds(
@@ -124,8 +126,7 @@ def holds(
     from ..types import FIELD_MASS, FRICTION
 
     check_folder(out)
-    if workers is not None and workers < 1:
-        raise InputError(f"--workers must be 1 or more, got {workers}")
+    check_least(1, workers=workers)
     protocol = HoldProtocol(
         mass=FIELD_MASS if mass is None else mass,
         friction=FRICTION if friction is None else friction,

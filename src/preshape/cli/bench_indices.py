@@ -7,9 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from ..exceptions import InputError
 from ..report.terminal import print_table, report_console
-from .options import check_folder, json_option
+from .options import check_folder, check_least, json_option, names_in, workers_option
 from .progress import GOES_ON, steps
 
 if TYPE_CHECKING:
@@ -22,21 +21,16 @@ PARTS = "parts"
 @click.command(
     epilog="Example: preshape bench indices --hand shadow --objects cube,cone --count 60 --out out/indices"
 )
-@click.option(
-    "--hand", default="ALL", show_default=True, metavar="HAND,…", help="ALL: shadow, allegro, leap."
-)
+@click.option("--hand", default="ALL", metavar="HAND,…", help="ALL: shadow, allegro, leap.")
 @click.option(
     "--objects",
     default="ALL",
-    show_default=True,
     metavar="NAME,…",
     help="Built-in objects or mesh files; ALL: twelve that are quick to prepare.",
 )
-@click.option(
-    "--count", type=int, default=2000, show_default=True, metavar="N", help="Total number of grasps."
-)
-@click.option("--seed", type=int, default=0, show_default=True, help="Seed of grasps and tasks.")
-@click.option("--workers", type=int, metavar="N", help="Number of processes; default: one for each core.")
+@click.option("--count", type=int, default=2000, metavar="N", help="Total number of grasps.")
+@click.option("--seed", type=int, default=0, help="Seed of grasps and tasks.")
+@workers_option
 @click.option(
     "--checkpoint",
     metavar="DIR",
@@ -71,14 +65,11 @@ def indices(
 
     check_folder(out)
     check_folder(checkpoint, "--checkpoint")
-    for name, number in (("--count", count), ("--workers", workers)):
-        if number is not None and number < 1:
-            raise InputError(f"{name} must be 1 or more, got {number}")
-    if seed < 0:
-        raise InputError(f"--seed must be 0 or more, got {seed}")
+    check_least(1, count=count, workers=workers)
+    check_least(0, seed=seed)
     run = IndexRun(
-        hands=_names(hand, "--hand", HANDS),
-        objects=_names(objects, "--objects", OBJECTS),
+        hands=HANDS if hand.strip().upper() == "ALL" else names_in(hand, "--hand"),
+        objects=OBJECTS if objects.strip().upper() == "ALL" else names_in(objects, "--objects"),
         count=count,
         seed=seed,
     )
@@ -99,16 +90,6 @@ def indices(
     else:
         _show(found, document, written)
     return 0
-
-
-def _names(text: str, option: str, all_of_them: tuple[str, ...]) -> tuple[str, ...]:
-    """The names of a list with commas between, each once."""
-    if text.strip().upper() == "ALL":
-        return all_of_them
-    found = tuple(dict.fromkeys(name.strip() for name in text.split(",") if name.strip()))
-    if not found:
-        raise InputError(f"{option} needs names between commas, or ALL, got {text!r}")
-    return found
 
 
 def _show(found: IndexRows, document: dict[str, Any], written: list[Path]) -> None:

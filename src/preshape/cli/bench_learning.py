@@ -6,31 +6,22 @@ from pathlib import Path
 
 import click
 
-from ..exceptions import InputError
 from ..report.terminal import print_table, report_console
-from .options import check_folder, json_option
+from .options import check_folder, check_least, json_option
 from .progress import steps
 
 
 @click.command(epilog="Example: preshape bench learning --hand shadow --length 100 --out out/learning")
-@click.option("--hand", default="shadow", show_default=True, metavar="HAND", help="Name or TOML file.")
+@click.option("--hand", default="shadow", metavar="HAND", help="Name or TOML file.")
 @click.option(
     "--length",
     type=int,
     default=100,
-    show_default=True,
     metavar="N",
     help="Number of pairs of object and task to learn.",
 )
-@click.option(
-    "--held-out",
-    type=int,
-    default=20,
-    show_default=True,
-    metavar="N",
-    help="Number of pairs that are never learnt.",
-)
-@click.option("--seed", type=int, default=0, show_default=True, help="Seed of the pairs and of the planner.")
+@click.option("--held-out", type=int, default=20, metavar="N", help="Number of pairs that are never learnt.")
+@click.option("--seed", type=int, default=0, help="Seed of the pairs and of the planner.")
 @click.option("--out", metavar="DIR", help="Folder for report.json and the plot.")
 @json_option
 def learning(hand: str, length: int, held_out: int, seed: int, out: str | None, as_json: bool) -> int:
@@ -43,11 +34,8 @@ def learning(hand: str, length: int, held_out: int, seed: int, out: str | None, 
     """
     from ..studies.closure_learning import study, table, write_learning_report
 
-    for name, number in (("--length", length), ("--held-out", held_out)):
-        if number < 1:
-            raise InputError(f"{name} must be 1 or more, got {number}")
-    if seed < 0:
-        raise InputError(f"--seed must be 0 or more, got {seed}")
+    check_least(1, length=length, held_out=held_out)
+    check_least(0, seed=seed)
     check_folder(out)
     with steps("this bench keeps nothing before its end") as told:
         found = study(

@@ -10,7 +10,16 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ..exceptions import EnvironmentFailure, InputError
-from .options import check_folder, json_option
+from .options import (
+    check_folder,
+    check_least,
+    json_option,
+    ladder_option,
+    pieces_option,
+    probes_option,
+    scales_option,
+    workers_option,
+)
 from .progress import steps
 
 if TYPE_CHECKING:
@@ -26,30 +35,23 @@ OWN = "own"
 
 @click.command(epilog="Example: preshape bench planner mug box bottle --hand shadow --count 5")
 @click.argument("objects", metavar="OBJECTS...", nargs=-1, required=True)
-@click.option("--hand", default="shadow", show_default=True, metavar="HAND", help="Name or TOML file.")
-@click.option("--task", default="lift", show_default=True, metavar="TASK", help="Task to plan for.")
-@click.option(
-    "--analyser", default="closure", show_default=True, metavar="closure|rays", help="Analyser to plan with."
-)
-@click.option("--count", type=int, default=1, show_default=True, help="Number of answers for each object.")
-@click.option("--scales", default="1", show_default=True, metavar="S,S", help="Factors on the size.")
-@click.option("--pieces", metavar="DIR", help="Folder with NAME/mesh.obj and NAME/convex of each object.")
-@click.option(
-    "--friction", type=float, default=0.6, show_default=True, help="Friction of the test; harder: 0.3."
-)
+@click.option("--hand", default="shadow", metavar="HAND", help="Name or TOML file.")
+@click.option("--task", default="lift", metavar="TASK", help="Task to plan for.")
+@click.option("--analyser", default="closure", metavar="closure|rays", help="Analyser to plan with.")
+@click.option("--count", type=int, default=1, help="Number of answers for each object.")
+@scales_option
+@pieces_option
+@click.option("--friction", type=float, default=0.6, help="Friction of the test; harder: 0.3.")
 @click.option(
     "--mass",
     default="0.1",
-    show_default=True,
     metavar="KG|own",
     help="Mass to plan for and test with [kg]; own: each object's own.",
 )
-@click.option("--probes", default="six", show_default=True, metavar="six|all", help="all: 28 probes.")
-@click.option(
-    "--ladder", is_flag=True, help="Repeat the probes 1.4 times stronger each time, until the grasp is lost."
-)
-@click.option("--seed", type=int, default=0, show_default=True, help="Seed of the planner.")
-@click.option("--workers", type=int, metavar="N", help="Number of processes; default: one for each core.")
+@probes_option
+@ladder_option
+@click.option("--seed", type=int, default=0, help="Seed of the planner.")
+@workers_option
 @click.option("--out", metavar="DIR", help="Folder for report.json, grasps.npz and pictures of lost answers.")
 @json_option
 def planner(
@@ -81,10 +83,7 @@ def planner(
     from ..types import FIELD_MASS
 
     check_folder(out)
-    if count < 1:
-        raise InputError(f"--count must be 1 or more, got {count}")
-    if workers is not None and workers < 1:
-        raise InputError(f"--workers must be 1 or more, got {workers}")
+    check_least(1, count=count, workers=workers)
     cases, model = cases_of(objects, scales, pieces), load_hand(hand)
     kg = _mass(mass)
     protocol = HoldProtocol(

@@ -9,7 +9,7 @@ import click
 
 from ..exceptions import InputError
 from ..report.terminal import print_table, report_console
-from .options import json_option
+from .options import check_least, checkpoint_option, json_option, names_in, workers_option
 from .progress import GOES_ON, steps
 
 if TYPE_CHECKING:
@@ -31,29 +31,23 @@ SHOWN = 20
 )
 @click.option("--hand", metavar="HAND", help="Name or TOML file; default: that of --grasps, else utah_mit.")
 @click.option("--analyser", metavar="NAME", help="rays or closure; default: the hand's own.")
-@click.option(
-    "--objects", default="ALL", show_default=True, metavar="NAME,…", help="Built-in objects or mesh files."
-)
-@click.option("--tasks", default="ALL", show_default=True, metavar="FAMILY,…", help="See preshape tasks.")
+@click.option("--objects", default="ALL", metavar="NAME,…", help="Built-in objects or mesh files.")
+@click.option("--tasks", default="ALL", metavar="FAMILY,…", help="See preshape tasks.")
 @click.option("--count", type=int, metavar="N", help="Number of instances, drawn evenly over the tasks.")
-@click.option("--seed", type=int, default=0, show_default=True, help="Seed of --count and of the planner.")
+@click.option("--seed", type=int, default=0, help="Seed of --count and of the planner.")
 @click.option(
     "--gravity", metavar="X,Y,Z|none", help="Direction in the object's frame; default: each task's."
 )
-@click.option(
-    "--friction", type=float, default=0.6, show_default=True, help="Friction coefficient of the test."
-)
-@click.option(
-    "--mass", type=float, default=0.1, show_default=True, help="Mass to plan for and test with [kg]."
-)
+@click.option("--friction", type=float, default=0.6, help="Friction coefficient of the test.")
+@click.option("--mass", type=float, default=0.1, help="Mass to plan for and test with [kg].")
 @click.option(
     "--grasps", metavar="FILE.npz", help="Score these answers instead of planning (docs/task-benchmark.md)."
 )
 @click.option(
     "--write-instances", metavar="FILE.json", help="Write the instances and their meshes; nothing is tested."
 )
-@click.option("--workers", type=int, metavar="N", help="Number of processes; default: one for each core.")
-@click.option("--checkpoint", metavar="FILE", help="File of results, from which the same command resumes.")
+@workers_option
+@checkpoint_option
 @click.option(
     "--out", metavar="DIR", help="Folder for report.json, .md, .html and grasps.npz; resumable as well."
 )
@@ -92,11 +86,8 @@ def tasks(
     for name, text in (("--out", out), ("--write-instances", write_instances), ("--checkpoint", checkpoint)):
         if text is not None and not text.strip():
             raise InputError(f"{name} needs a name, got an empty one")
-    for option, number in (("--workers", workers), ("--count", count)):
-        if number is not None and number < 1:
-            raise InputError(f"{option} must be 1 or more, got {number}")
-    if seed < 0:
-        raise InputError(f"--seed must be 0 or more, got {seed}")
+    check_least(1, workers=workers, count=count)
+    check_least(0, seed=seed)
     if grasps is not None and analyser is not None:
         raise InputError("--grasps brings its own answers; leave out --analyser")
     protocol = TaskProtocol(hold=HoldProtocol(mass=mass, friction=friction))
@@ -137,12 +128,7 @@ def tasks(
 
 def _names(text: str, option: str) -> list[str] | None:
     """The names of a list with commas between; ``None`` for ``ALL``."""
-    if text.strip().upper() == "ALL":
-        return None
-    found = [name.strip() for name in text.split(",") if name.strip()]
-    if not found:
-        raise InputError(f"{option} needs names between commas, or ALL, got {text!r}")
-    return found
+    return None if text.strip().upper() == "ALL" else list(names_in(text, option))
 
 
 def _direction(text: str | None) -> Array | None:

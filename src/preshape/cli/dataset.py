@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ..exceptions import InputError
-from .options import json_option
+from .options import check_least, json_option, names_in, pieces_option, scales_option
 from .progress import GOES_ON, duration, steps
 
 if TYPE_CHECKING:
@@ -34,35 +34,18 @@ SHOWN = 12
     "--per", type=int, required=True, metavar="N", help="Number of grasps for each object, hand and task."
 )
 @click.option("--out", required=True, metavar="DIR", help="Folder of the dataset; the same command resumes.")
-@click.option("--scales", default="1", show_default=True, metavar="S,S", help="Factors on the size.")
-@click.option("--pieces", metavar="DIR", help="Folder with NAME/mesh.obj and NAME/convex of each object.")
+@scales_option
+@pieces_option
 @click.option(
     "--unranked", is_flag=True, help="Write randomly closed hands instead of the planner's answers."
 )
 @click.option("--no-physics", is_flag=True, help="Leave the holding test and the task test out.")
-@click.option(
-    "--friction",
-    type=float,
-    default=0.6,
-    show_default=True,
-    help="Friction coefficient of planning and tests.",
-)
-@click.option("--mass", type=float, default=0.1, show_default=True, help="Mass of every object [kg].")
-@click.option("--seed", type=int, default=0, show_default=True, help="Seed of every random draw.")
-@click.option(
-    "--per-shard", type=int, default=25, show_default=True, metavar="N", help="Number of grasps in a file."
-)
-@click.option(
-    "--candidates",
-    type=int,
-    default=2000,
-    show_default=True,
-    metavar="N",
-    help="Number of candidates for a shard.",
-)
-@click.option(
-    "--engine", default="local", show_default=True, metavar="local|ray", help="Local processes or Ray."
-)
+@click.option("--friction", type=float, default=0.6, help="Friction coefficient of planning and tests.")
+@click.option("--mass", type=float, default=0.1, help="Mass of every object [kg].")
+@click.option("--seed", type=int, default=0, help="Seed of every random draw.")
+@click.option("--per-shard", type=int, default=25, metavar="N", help="Number of grasps in a file.")
+@click.option("--candidates", type=int, default=2000, metavar="N", help="Number of candidates for a shard.")
+@click.option("--engine", default="local", metavar="local|ray", help="Local processes or Ray.")
 @click.option(
     "--workers", type=int, metavar="N", help="Number of local processes; default: one for each core."
 )
@@ -103,15 +86,7 @@ def dataset(
     from ..tasks import FAMILIES
     from .bench_planner import cases_of
 
-    named = {
-        "--per": per,
-        "--per-shard": per_shard,
-        "--candidates": candidates,
-        "--workers": 1 if workers is None else workers,
-    }
-    for option, number in named.items():
-        if number < 1:
-            raise InputError(f"{option} must be 1 or more, got {number}")
+    check_least(1, per=per, per_shard=per_shard, candidates=candidates, workers=workers)
     settings = DatasetSettings(
         per=per,
         per_shard=per_shard,
@@ -133,8 +108,8 @@ def dataset(
 
         report = run_dataset(
             cases,
-            _listed(hands, "--hands"),
-            list(FAMILIES) if tasks == "ALL" else _listed(tasks, "--tasks"),
+            names_in(hands, "--hands"),
+            list(FAMILIES) if tasks == "ALL" else names_in(tasks, "--tasks"),
             out,
             engine=chosen,
             settings=settings,
@@ -147,13 +122,6 @@ def dataset(
     else:
         _show(report, settings.physics)
     return 0 if report.total("rows") else 1
-
-
-def _listed(text: str, option: str) -> list[str]:
-    names = [part.strip() for part in text.split(",")]
-    if not all(names):
-        raise InputError(f"{option} takes names with commas between, got {text!r}")
-    return names
 
 
 def _engine(name: str, workers: int | None, address: str | None) -> Engine:

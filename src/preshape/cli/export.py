@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ..exceptions import InputError
-from .options import json_option
+from .options import best_option, json_option
 
 if TYPE_CHECKING:
     from ..export.moveit import MoveItOptions
@@ -35,11 +35,11 @@ FORMATS = ("moveit", "mjcf", "npz")
     metavar="N",
     help="0 for the answer, 1 … for the alternatives; default: all (mjcf: the answer).",
 )
-@click.option("--best", is_flag=True, help="Of a plan without an answer: the best grasp that was found.")
+@best_option
 @click.option("--hand", metavar="HAND", help="Name or TOML file; default: the plan's hand.")
 @click.option("--mass", type=float, help="mjcf: mass of the object [kg]; default: the plan's.")
 @click.option("--friction", type=float, help="mjcf: friction coefficient; default: the plan's.")
-@click.option("--frame", default="object", show_default=True, help="moveit: name of the object's frame.")
+@click.option("--frame", default="object", help="moveit: name of the object's frame.")
 @click.option(
     "--parent-link",
     metavar="LINK",
@@ -59,14 +59,12 @@ FORMATS = ("moveit", "mjcf", "npz")
     "--approach-distance",
     type=float,
     default=0.1,
-    show_default=True,
     help="moveit: length of the straight way in [m].",
 )
 @click.option(
     "--retreat-distance",
     type=float,
     default=0.1,
-    show_default=True,
     help="moveit: length of the lift afterwards [m].",
 )
 @click.option(

@@ -39,7 +39,7 @@ EXIT_INTERRUPTED = 130
     commands_of=_COMMANDS,
     no_args_is_help=False,
     invoke_without_command=True,
-    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100, "show_default": True},
     epilog="Example: preshape plan mug --task pour",
 )
 @click.version_option(__version__, prog_name="preshape")

@@ -11,6 +11,29 @@ from ..exceptions import InputError
 
 Command = Callable[..., Any]
 
+best_option = click.option(
+    "--best", is_flag=True, help="Of a plan without an answer: the best grasp that was found."
+)
+checkpoint_option = click.option(
+    "--checkpoint", metavar="FILE", help="File of results, from which the same command resumes."
+)
+ladder_option = click.option(
+    "--ladder", is_flag=True, help="Repeat the probes 1.4 times stronger each time, until the grasp is lost."
+)
+pieces_option = click.option(
+    "--pieces", metavar="DIR", help="Folder with NAME/mesh.obj and NAME/convex of each object."
+)
+probes_option = click.option(
+    "--probes",
+    default="six",
+    metavar="six|all",
+    help="six: forces along the axes. all: 14 forces, 14 torques.",
+)
+scales_option = click.option("--scales", default="1", metavar="S,S", help="Factors on the size.")
+workers_option = click.option(
+    "--workers", type=int, metavar="N", help="Number of processes; default: one for each core."
+)
+
 
 class TableCommand(click.Command):
     """A command whose ``--table`` takes an optional height, which may be negative.
@@ -44,10 +67,37 @@ def check_folder(name: str | None, option: str = "--out") -> None:
     """Refuse a folder without a name.
 
     Raises:
-        InputError: it is empty, or nothing but spaces.
+        InputError: The name is empty or blank.
     """
     if name is not None and not name.strip():
         raise InputError(f"{option} needs a folder, got an empty name")
+
+
+def check_least(least: int, **numbers: int | None) -> None:
+    """Refuse numbers that are too small.
+
+    Args:
+        least: The smallest number that is allowed.
+        numbers: Values by the names of their options, such as ``per_shard`` for ``--per-shard``.
+
+    Raises:
+        InputError: One of them is below ``least``.
+    """
+    for name, number in numbers.items():
+        if number is not None and number < least:
+            raise InputError(f"--{name.replace('_', '-')} must be {least} or more, got {number}")
+
+
+def names_in(text: str, option: str) -> tuple[str, ...]:
+    """The names of a list with commas between, each once.
+
+    Raises:
+        InputError: A name is missing.
+    """
+    names = [part.strip() for part in text.split(",")]
+    if not all(names):
+        raise InputError(f"{option} takes names with commas between, got {text!r}")
+    return tuple(dict.fromkeys(names))
 
 
 def memory_option(command: Command) -> Command:

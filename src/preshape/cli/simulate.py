@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ..exceptions import InputError
-from .options import check_folder, json_option
+from .options import best_option, check_folder, json_option, probes_option
+from .progress import steps
 
 if TYPE_CHECKING:
     from ..objects.mesh import TriangleMesh
@@ -24,13 +25,11 @@ if TYPE_CHECKING:
 @click.option(
     "--answer", type=int, metavar="N", help="Of a plan: 0 for the answer, 1 … for the alternatives."
 )
-@click.option("--best", is_flag=True, help="Of a plan without an answer: the best grasp that was found.")
+@best_option
 @click.option("--row", type=int, metavar="N", help="Of grasp arrays (npz): number of the grasp, from 0.")
 @click.option("--hand", metavar="HAND", help="Name or TOML file; default: the hand of PLAN.")
 @click.option("--objects", metavar="DIR", help="Folder of the objects that are neither files nor built in.")
-@click.option(
-    "--probes", default="six", show_default=True, metavar="six|all", help="all: 14 forces and 14 torques."
-)
+@probes_option
 @click.option("--friction", type=float, help="Friction coefficient; default: the plan's (arrays: 0.6).")
 @click.option("--mass", type=float, help="Mass of the object [kg]; default: the plan's (arrays: 0.1).")
 @click.option("--out", metavar="DIR", help="Also write filmstrip.png and run.gif to this folder.")
@@ -128,9 +127,6 @@ def _chosen(grasps: GraspSet, file: str, answer: int | None, row: int | None) ->
 def _draw(
     recording: Recording, scene: Scene, mesh: TriangleMesh, protocol: HoldProtocol, folder: Path
 ) -> list[Path]:
-    from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
-
     from ..files import write_bytes, write_whole
     from ..viewer.animation import animation
     from ..viewer.filmstrip import filmstrip
@@ -139,21 +135,8 @@ def _draw(
     film = film_of(recording, scene, protocol, mesh=mesh)
     strip, run = folder / "filmstrip.png", folder / "run.gif"
     write_whole(strip, lambda path: filmstrip(film, path))
-    console = Console(stderr=True)
-    columns = (TextColumn("drawing the run"), BarColumn(), TimeRemainingColumn())
-    quarters = 0
-    with Progress(*columns, console=console, disable=not console.is_terminal, transient=True) as bar:
-        task = bar.add_task("", total=None)
-
-        def progress(done: int, total: int) -> None:
-            nonlocal quarters
-            bar.update(task, completed=done, total=total)
-            if not console.is_terminal and 4 * done // total > quarters:  # four lines in a log
-                quarters = 4 * done // total
-                click.echo(f"drawing the run: {done} of {total} frames", err=True)
-
-        content = animation(film, progress=progress)
-    write_bytes(run, content)
+    with steps(f"{strip} is written") as shown:
+        write_bytes(run, animation(film, progress=lambda done, of: shown.step("frames drawn", done, of)))
     return [strip, run]
 
 
