@@ -115,36 +115,28 @@ def json_option(command: Command) -> Command:
 def object_options(command: Command) -> Command:
     """``--hand --analyser --scale --unit --approach --seed`` and the critic's thresholds."""
     options = (
-        click.option(
-            "--hand", default="utah_mit", show_default=True, metavar="HAND", help="See preshape hands."
-        ),
+        click.option("--hand", default="utah_mit", metavar="HAND", help="See preshape hands."),
         click.option(
             "--analyser",
             metavar="NAME",
             help="rays (the paper's) or closure (closes the hand); default rays for utah_mit, else closure.",
         ),
-        click.option(
-            "--scale", type=float, default=1.0, show_default=True, help="Factor on the object's size."
-        ),
-        click.option(
-            "--unit", default="m", show_default=True, metavar="m|cm|mm|in", help="Unit of the file."
-        ),
+        click.option("--scale", type=float, default=1.0, help="Factor on the object's size."),
+        click.option("--unit", default="m", metavar="m|cm|mm|in", help="Unit of the file."),
         click.option(
             "--approach", metavar="AXES", help="Allowed approaches, as +z,-x (a table below, a wall behind)."
         ),
-        click.option("--seed", type=int, default=0, show_default=True, help="Of everything random."),
+        click.option("--seed", type=int, default=0, help="Of everything random."),
         click.option(
             "--estimation-threshold",
             type=float,
             default=3.0,
-            show_default=True,
             help="TFVADI (0 to 6) that a preshape must reach.",
         ),
         click.option(
             "--recognition-threshold",
             type=float,
             default=5.0,
-            show_default=True,
             help="TFVADI (0 to 6) at which an object counts as known.",
         ),
     )
