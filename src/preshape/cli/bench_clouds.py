@@ -73,12 +73,12 @@ def clouds(
         methods=names_in(methods, "--methods"),
     )
     folder = None if out is None else Path(out)
-    with steps(GOES_ON if folder is not None else "with --out they would be kept") as told:
+    with steps(GOES_ON if folder is not None else "with --out they would be kept") as shown:
         rows = run_clouds(
             run,
             folder=folder,
             workers=workers,
-            progress=lambda done, of, last: told.step("objects", done, of, last),
+            progress=lambda done, of, last: shown.step("objects", done, of, last),
         )
     document = cloud_figures(run, rows)
     written = [] if folder is None else write_cloud_report(document, folder)

@@ -144,11 +144,11 @@ def holds(
     kept = _kept([group.title for group in groups], checkpoint, out)
     start, reports = time.perf_counter(), []
     total = sum(len(group.grasps) for group in groups)
-    with steps(GOES_ON if checkpoint or out else "with --out or --checkpoint they would be kept") as told:
+    with steps(GOES_ON if checkpoint or out else "with --out or --checkpoint they would be kept") as shown:
         before = 0
 
         def progress(done: int, _: int) -> None:
-            told.step("grasps", before + done, total)
+            shown.step("grasps", before + done, total)
 
         for group, file in zip(groups, kept, strict=True):
             report = run_holds(

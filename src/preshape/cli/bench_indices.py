@@ -74,12 +74,12 @@ def indices(
         seed=seed,
     )
     parts = Path(checkpoint) if checkpoint is not None else Path(out) / PARTS if out is not None else None
-    with steps(GOES_ON if parts is not None else "with --out they would be kept") as told:
+    with steps(GOES_ON if parts is not None else "with --out they would be kept") as shown:
         found = run_indices(
             run,
             folder=parts,
             workers=workers,
-            progress=lambda share, label: told.step("%", share, 1.0, label),
+            progress=lambda share, label: shown.step("%", share, 1.0, label),
         )
     document = index_figures(found)
     written = write_index_report(document, found.rows, Path(out)) if out is not None else []

@@ -37,13 +37,13 @@ def learning(hand: str, length: int, held_out: int, seed: int, out: str | None, 
     check_least(1, length=length, held_out=held_out)
     check_least(0, seed=seed)
     check_folder(out)
-    with steps("this bench keeps nothing before its end") as told:
+    with steps("this bench keeps nothing before its end") as shown:
         found = study(
             hand=hand,
             length=length,
             held_out=held_out,
             seed=seed,
-            progress=lambda done, of: told.step("questions", done, of),
+            progress=lambda done, of: shown.step("questions", done, of),
         )
     written = [] if out is None else write_learning_report(found, Path(out))
     if as_json:

@@ -93,7 +93,7 @@ def planner(
         ladder=ladder,
         stop_early=not ladder,
     )
-    with steps("this bench keeps nothing before its end") as told:
+    with steps("this bench keeps nothing before its end") as shown:
         report = bench_planner(
             cases,
             model,
@@ -104,7 +104,7 @@ def planner(
             count=count,
             seed=seed,
             workers=workers,
-            progress=told.step,
+            progress=shown.step,
         )
     load = OWN if kg is None else kg
     document = {"status": "answer", **report.row(), "mass": load, "failures": _failures(report)}

@@ -102,15 +102,15 @@ def tasks(
         return _write_instances(Path(write_instances), instances, protocol, as_json)
     model, answers, who, notes = _answers(instances, hand, analyser, grasps, mass)
     kept = Path(checkpoint) if checkpoint is not None else Path(out) / UNFINISHED if out is not None else None
-    with steps(GOES_ON if kept else "with --out or --checkpoint they would be kept") as told:
+    with steps(GOES_ON if kept else "with --out or --checkpoint they would be kept") as shown:
         report = run_tasks(
             instances,
             model,
             answers,
             protocol=protocol,
             workers=workers,
-            progress=lambda done, of: told.step("instances", done, of),
-            preparing=lambda name: told.prepare(f"convex pieces of {name}"),
+            progress=lambda done, of: shown.step("instances", done, of),
+            preparing=lambda name: shown.prepare(f"convex pieces of {name}"),
             checkpoint=kept,
         )
     document = _document(report, protocol, who, notes)

@@ -99,10 +99,10 @@ def dataset(
     )
     cases = cases_of(objects, scales, pieces)
     chosen = _engine(engine, workers, address)
-    with steps(GOES_ON) as told, _interrupts() as interrupted:
+    with steps(GOES_ON) as shown, _interrupts() as interrupted:
 
         def progress(what: str, done: int, of: int) -> None:
-            told.step(what, done, of)
+            shown.step(what, done, of)
             if interrupted and done < of:
                 raise KeyboardInterrupt
 
