@@ -12,11 +12,12 @@ from hypothesis import strategies as st
 from preshape.exceptions import InputError
 from preshape.hands.load import load_hand
 from preshape.hiis.analyser import Aim
-from preshape.hiis.critic import SAME_OBJECT, Thresholds, attribute_distance, judge, recognise
+from preshape.hiis.critic import SAME_OBJECT, Thresholds, judge, recognise
 from preshape.hiis.fuzzy import FuzzySets, tfvadi
 from preshape.hiis.virtual_grasp import RayAnalyser
 from preshape.objects.library import load_library_object
 from preshape.objects.mesh import TriangleMesh
+from preshape.objects.shape import attribute_distance
 from preshape.planning.session import layout_of
 from preshape.types import Attributes, Experience
 

@@ -7,10 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..hiis.analyser import MAX_FINGERS, Aim
-from ..hiis.critic import attribute_distance
 from ..hiis.fuzzy import FuzzySets
 from ..kernels.closing.host import Candidates
 from ..objects.mesh import TriangleMesh
+from ..objects.shape import attribute_distance
 from ..types import Array, BoolArray, Experience, value
 from .candidates import DrawnCandidates
 

@@ -26,11 +26,11 @@ from ..exceptions import InputError
 from ..memory import Memory
 from ..objects.library import load_library_object
 from ..objects.mesh import TriangleMesh
-from ..objects.shape import described
+from ..objects.shape import attribute_distance, described
 from ..tasks import Task, all_named_tasks
 from ..types import ANSWER_KIND, Array, Attributes, BoolArray, Experience, NetworkWeights
 from .analyser import Aim, Analyser, Exploration, Grasp, Grip, HandLayout
-from .critic import SLACK, Recognition, Verdict, attribute_distance, judge, recognise, recognise_shape
+from .critic import SLACK, Recognition, Verdict, judge, recognise, recognise_shape
 from .decision import Decision, Offer, Settings, Status, Transition, decided
 from .estimator import Estimate, InputKind, decode, inputs, predict
 from .learning import (

@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from ..exceptions import InputError
-from ..objects.shape import LENGTH
+from ..objects.shape import LENGTH, attribute_distance
 from ..types import Attributes, Experience, freeze, frozen_array, value
 from .analyser import Aim, Analyser
 from .fuzzy import FuzzySets, tfvadi
@@ -100,19 +100,6 @@ def judge(match: float | None, threshold: float, *, subject: str = "TFVADI", why
     relation = "meets" if met else "is below"
     reason = f"{subject} {match:.2f} {relation} the threshold {threshold:.2f}"
     return Verdict(reward=met, match=match, reason=reason)
-
-
-def attribute_distance(a: Attributes, b: Attributes) -> float:
-    """Distance of two objects' attributes: the largest logarithmic ratio of W, H, D, area and volume [C].
-
-    The counts of table 2 are left out, because they change with every new export of the same object. A volume
-    below a thousandth of the bounding box (an open sheet) means nothing and is left out as well.
-    """
-    ratios = [np.abs(np.log(a.extents / b.extents)).max(), abs(np.log(a.area / b.area))]
-    box_a, box_b = float(np.prod(a.extents)), float(np.prod(b.extents))
-    if a.volume > 1e-3 * box_a or b.volume > 1e-3 * box_b:
-        ratios.append(abs(np.log(max(a.volume, 1e-6 * box_a) / max(b.volume, 1e-6 * box_b))))
-    return float(max(ratios))
 
 
 def recognise(

@@ -138,3 +138,16 @@ def shape_distance(a: Array, b: Array) -> float:
     length = (LENGTH,)
     difference = frozen_array(a, length, "shape descriptor") - frozen_array(b, length, "shape descriptor")
     return float(np.linalg.norm(difference))
+
+
+def attribute_distance(a: Attributes, b: Attributes) -> float:
+    """Distance of two objects' attributes: the largest logarithmic ratio of W, H, D, area and volume [C].
+
+    The counts of table 2 are left out, because they change with every new export of the same object. A volume
+    below a thousandth of the bounding box (an open sheet) means nothing and is left out as well.
+    """
+    ratios = [np.abs(np.log(a.extents / b.extents)).max(), abs(np.log(a.area / b.area))]
+    box_a, box_b = float(np.prod(a.extents)), float(np.prod(b.extents))
+    if a.volume > 1e-3 * box_a or b.volume > 1e-3 * box_b:
+        ratios.append(abs(np.log(max(a.volume, 1e-6 * box_a) / max(b.volume, 1e-6 * box_b))))
+    return float(max(ratios))
