@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import ast
+import io
 import re
 import statistics
 import subprocess
 import sys
+import tokenize
 from collections.abc import Callable, Iterator
 from functools import cache
 from pathlib import Path
@@ -22,10 +24,10 @@ LEVELS = (
     "exceptions types files processes spatial _version",
     "metrics objects report tasks",
     "hands kernels memory",
-    "hiis",
-    "closure physics",
+    "hiis viewer",
+    "closure physics pictures",
     "planning planner",
-    "dataset export pictures viewer",
+    "dataset export",
     "app cli studies __init__ __main__",
 )
 """Modules and packages directly below ``preshape``; a file imports from lower levels only."""
@@ -37,7 +39,6 @@ BESIDE = {
     ("spatial", "types"),
     ("types", "exceptions"),
     ("planner", "planning"),
-    ("pictures", "viewer"),
     ("cli", "app"),
     ("cli", "studies"),
     ("__main__", "cli"),
@@ -158,9 +159,14 @@ def imports_of(root: Path) -> tuple[Import, ...]:
         folder = path.relative_to(root).parts[:-1]
         for node in ast.walk(tree):
             for target in targets_of(node, folder, set(files)):
-                assert target in files, f"{source} imports {target}, which does not exist"
                 found.append(Import(source, target, node in typing, node in late))
     return tuple(found)
+
+
+def astray(root: Path) -> list[str]:
+    """Imports of modules that do not exist."""
+    there = {name_of(path, root) for path in root.rglob("*.py")}
+    return [str(found) for found in imports_of(root) if found.target not in there]
 
 
 def upward(root: Path) -> list[str]:
@@ -240,6 +246,10 @@ def test_the_reader_of_imports_sees_them() -> None:
     assert any(found.late for found in seen if found.target == "studies")
 
 
+def test_every_import_leads_to_a_module() -> None:
+    assert not astray(ROOT)
+
+
 def test_imports_go_downward() -> None:
     assert not upward(ROOT)
 
@@ -290,7 +300,7 @@ def test_only_what_draws_imports_the_viewer() -> None:
 def test_the_viewer_knows_values_objects_hands_and_report_styles_only() -> None:
     known = {unit_of(f.target) for f in imports_of(ROOT) if unit_of(f.source) == "viewer"} - {"viewer"}
     assert known
-    assert known <= {"exceptions", "types", "objects", "hands", "report"}
+    assert known <= {"exceptions", "files", "types", "objects", "hands", "report"}
 
 
 # The checks themselves: each sees the fault it is for, in whatever file it stands.
@@ -333,6 +343,7 @@ def late(statement: str) -> str:
 def test_the_whole_package_passes(tmp_path: Path) -> None:
     whole = package(tmp_path)
     assert upward(whole) == sideways(whole) == circles(whole) == circles(whole, of=room_of) == []
+    assert astray(whole) == []
     assert len(imports_of(whole)) == 10
 
 
@@ -381,8 +392,7 @@ def test_a_circle_of_rooms_is_seen(tmp_path: Path) -> None:
 
 def test_an_import_of_what_does_not_exist_is_seen(tmp_path: Path) -> None:
     broken = package(tmp_path, **{"closure/grip.py": late("from ..planning.output import write")})
-    with pytest.raises(AssertionError, match=r"closure.grip imports planning.output, which does not exist"):
-        imports_of(broken)
+    assert astray(broken) == ["closure.grip imports planning.output"]
 
 
 def test_the_document_draws_the_same_levels() -> None:
@@ -485,9 +495,27 @@ def test_every_all_is_real(path: Path) -> None:
         assert all(hasattr(module, entry) for entry in listed[0])
 
 
+def lines_of_code(path: Path) -> int:
+    """Lines that hold code; docstrings, comments and blank lines do not count, so that nobody saves words."""
+    text, documented = path.read_text(encoding="utf-8"), set()
+    for node in ast.walk(tree_of(path)):
+        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
+            for entry in node.body:
+                if isinstance(entry, ast.Expr) and isinstance(entry.value, ast.Constant):
+                    documented |= set(range(entry.lineno, (entry.end_lineno or entry.lineno) + 1))
+    silent = (
+        tokenize.COMMENT, tokenize.NL, tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT, tokenize.ENDMARKER,
+    )  # fmt: skip
+    code: set[int] = set()
+    for token in tokenize.generate_tokens(io.StringIO(text).readline):
+        if token.type not in silent:
+            code |= set(range(token.start[0], token.end[0] + 1))
+    return len(code - documented)
+
+
 @every_module
-def test_no_module_is_longer_than_400_lines(path: Path) -> None:
-    assert len(path.read_text(encoding="utf-8").splitlines()) <= 400
+def test_no_module_has_more_than_350_lines_of_code(path: Path) -> None:
+    assert lines_of_code(path) <= 350
 
 
 def test_half_of_the_modules_are_short() -> None:
