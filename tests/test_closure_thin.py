@@ -1,28 +1,29 @@
-"""Thin and flat objects: pinches of a hand, spots of an object, hands put there, and pieces that fit."""
+"""Thin and flat objects: pinches of a hand, patches of an object, hands put there, and pieces that fit."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
+from preshape.closure.candidates import DrawnCandidates, Region, draw_candidates, quaternions
+from preshape.closure.demand import Demand
+from preshape.closure.hand_pinches import FACING, WIDTHS, Pinches, finger_sets, hand_pinches
 from preshape.closure.hand_tables import hand_tables
-from preshape.closure.pinches import FACING, WIDTHS, Pinches, finger_sets, hand_pinches
-from preshape.closure.pinching import NEAR, ROOM, Pincher, in_turn
+from preshape.closure.pinching import NEAR, ROOM, AntipodalPatches, Pincher, alternating, antipodal_patches
 from preshape.closure.preshapes import preshapes
-from preshape.closure.sampling import Sampled, quaternions, sample
-from preshape.closure.search import ClosureSearch, Demand
+from preshape.closure.search import ClosureSearch
 from preshape.closure.settings import ClosureSettings
-from preshape.closure.spots import Spots, find_spots
 from preshape.hands.load import load_hand
 from preshape.hiis.planes import APPROACH_AXES, OPPOSITION_AXES
 from preshape.kernels.chains import rotations
 from preshape.kernels.closing.host import Candidates, ClosingKernel, Fate
 from preshape.kernels.field.host import prepare_field
-from preshape.kernels.fitting.host import Puts, SpotRows, between, fits_plain, frames, put_plain
+from preshape.kernels.fitting.host import PatchRows, PinchPlacements
+from preshape.kernels.fitting.plain import between, fits_plain, frames, place_plain
 from preshape.objects.load import load_object
 from preshape.objects.mesh import TriangleMesh
 from preshape.physics import pieces as pieces_module
-from preshape.physics.pieces import FILLED, FINE, FINER, THRESHOLD, ConvexPieces, decompose, filled_share
+from preshape.physics.pieces import COARSE, FILLED, FINE, FINER, ConvexPieces, decompose, filled_share
 
 HANDS = ("shadow", "allegro", "leap")
 WIDE = 0.004
@@ -42,8 +43,8 @@ def strip() -> TriangleMesh:
     return slab(0.12, 0.03, 0.003)
 
 
-def spots_of(mesh: TriangleMesh, pinches: Pinches) -> Spots:
-    return find_spots(mesh, prepare_field(mesh), float(pinches.tip[0]), pinches.widest)
+def patches_of(mesh: TriangleMesh, pinches: Pinches) -> AntipodalPatches:
+    return antipodal_patches(mesh, prepare_field(mesh), float(pinches.tip[0]), pinches.widest)
 
 
 @pytest.mark.parametrize("name", HANDS)
@@ -103,15 +104,15 @@ class TestSpots:
     @pytest.mark.parametrize("turned", [False, True])
     def test_of_a_strip(self, turned: bool) -> None:
         mesh = slab(0.12, 0.03, 0.003, turned)
-        spots = find_spots(mesh, prepare_field(mesh, cache=None), 0.008, 0.05)
-        flat = np.abs(spots.normal[:, 2]) > 0.999
+        patches = antipodal_patches(mesh, prepare_field(mesh, cache=None), 0.008, 0.05)
+        flat = np.abs(patches.normal[:, 2]) > 0.999
         assert 0.85 < flat.mean() < 1.0
-        np.testing.assert_allclose(spots.width[flat], 0.003, atol=1e-6)
-        np.testing.assert_allclose(spots.middle[flat, 2], 0.0, atol=1e-6)
-        assert {*np.sign(spots.normal[flat, 2])} == {-1.0, 1.0}
+        np.testing.assert_allclose(patches.width[flat], 0.003, atol=1e-6)
+        np.testing.assert_allclose(patches.middle[flat, 2], 0.0, atol=1e-6)
+        assert {*np.sign(patches.normal[flat, 2])} == {-1.0, 1.0}
         # Its ends are too far apart for the hand, its long sides are not.
-        np.testing.assert_allclose(spots.width[~flat], 0.03, atol=1e-6)
-        np.testing.assert_allclose(np.abs(spots.normal[~flat, 1]), 1.0, atol=1e-6)
+        np.testing.assert_allclose(patches.width[~flat], 0.03, atol=1e-6)
+        np.testing.assert_allclose(np.abs(patches.normal[~flat, 1]), 1.0, atol=1e-6)
 
     def test_only_where_fingertips_have_room(self) -> None:
         """A closed shell has walls that no finger comes behind."""
@@ -122,15 +123,15 @@ class TestSpots:
             triangles=np.concatenate([outer.triangles, inner.triangles[:, ::-1] + len(outer.vertices)]),
         )
         field = prepare_field(shell, cache=None)
-        assert len(find_spots(shell, field, 0.005, 0.04))
-        spots = find_spots(shell, field, 0.03, 0.04)
-        assert not len(spots)
+        assert len(antipodal_patches(shell, field, 0.005, 0.04))
+        patches = antipodal_patches(shell, field, 0.03, 0.04)
+        assert not len(patches)
 
 
 @pytest.mark.parametrize("name", HANDS)
 class TestPinched:
-    def drawn(self, name: str, mesh: TriangleMesh, count: int, **where: object) -> Sampled:
-        return pincher(name, mesh).draw(np.random.default_rng(3), count, **where)  # type: ignore[arg-type]
+    def drawn(self, name: str, mesh: TriangleMesh, count: int, **where: object) -> DrawnCandidates:
+        return pincher(name, mesh).draw(np.random.default_rng(3), count, Region(**where))  # type: ignore[arg-type]
 
     def test_as_asked(self, name: str, strip: TriangleMesh) -> None:
         first = self.drawn(name, strip, 200, planes=[2, 7], flips=[True], values=[0.0], fingers=[2, 3])
@@ -156,10 +157,12 @@ class TestPinched:
         search, hand = searched(name, strip), load_hand(name)
         pinching = self.drawn(name, strip, 600)
         assert len(pinching.plane) > 300
-        anywhere = sample(np.random.default_rng(3), preshapes(hand), strip.cog, strip.extents / 2, 600)
+        anywhere = draw_candidates(
+            np.random.default_rng(3), preshapes(hand), strip.cog, strip.extents / 2, 600, Region()
+        )
 
-        def holding(drawn: Sampled) -> float:
-            return float((search.evaluate(drawn, Demand(), wanted=2).hold > 0).sum() / len(drawn.plane))
+        def holding(drawn: DrawnCandidates) -> float:
+            return float((search.evaluate(drawn, Demand()).hold > 0).sum() / len(drawn.plane))
 
         assert holding(pinching) > 0.15
         assert holding(pinching) > 8 * holding(anywhere)
@@ -176,26 +179,31 @@ class TestFitting:
         one = pincher(name, strip)
         p, rng, n = one.pinches, np.random.default_rng(5), 2000
         plane = rng.integers(12, size=n)
-        puts = Puts(
+        placements = PinchPlacements(
             pick=rng.integers(len(p), size=n),
-            spot=rng.integers(len(one.spots), size=n),
+            patch=rng.integers(len(one.patches), size=n),
             approach=APPROACH_AXES[plane],
             side=rng.choice([-1.0, 1.0], size=n)[:, None] * OPPOSITION_AXES[plane],
             tilt=rng.uniform(0.0, 1.2, n),
             off=rng.normal(0.0, [0.4, 0.02, 0.02, 0.02], (n, 4)),
         )
+        normal = one.patches.normal
         # Faces across the approach: the frame that the fingers stand in is all rounding.
-        puts = Puts(
-            *(rows[np.abs((one.spots.normal[puts.spot] * puts.approach).sum(axis=1)) < 0.99] for rows in puts)
+        placements = PinchPlacements(
+            *(
+                rows[np.abs((normal[placements.patch] * placements.approach).sum(axis=1)) < 0.99]
+                for rows in placements
+            )
         )
-        fit, place, turn = one.kernel.put(puts)
-        at, facing = put_plain(p.rows, SpotRows(one.spots.middle, one.spots.normal, one.spots.width), puts)
+        fit, place, turn = one.kernel.place(placements)
+        patches = PatchRows(one.patches.middle, normal, one.patches.width)
+        at, facing = place_plain(p.rows, patches, placements)
         plain = fits_plain(
             prepare_field(strip),
             p.palm,
-            p.mask[puts.pick],
-            p.pads[puts.pick],
-            p.open[puts.pick],
+            p.mask[placements.pick],
+            p.pads[placements.pick],
+            p.open[placements.pick],
             at,
             facing,
             near=NEAR,
@@ -212,7 +220,7 @@ class TestFitting:
 def pincher(name: str, mesh: TriangleMesh) -> Pincher:
     pinches = hand_pinches(load_hand(name))
     kernel = searched(name, mesh).kernel
-    return Pincher(pinches, spots_of(mesh, pinches), mesh.cog, mesh.extents / 2, kernel)
+    return Pincher(pinches, patches_of(mesh, pinches), mesh.cog, mesh.extents / 2, kernel)
 
 
 def searched(name: str, mesh: TriangleMesh) -> ClosureSearch:
@@ -221,8 +229,8 @@ def searched(name: str, mesh: TriangleMesh) -> ClosureSearch:
 
 
 def test_rows_in_turn() -> None:
-    assert in_turn(np.array([2, 2, 2, 3, 3])).tolist() == [0, 3, 1, 4, 2]
-    assert in_turn(np.array([], dtype=np.int64)).tolist() == []
+    assert alternating(np.array([2, 2, 2, 3, 3])).tolist() == [0, 3, 1, 4, 2]
+    assert alternating(np.array([], dtype=np.int64)).tolist() == []
 
 
 def test_frames_are_rotations() -> None:
@@ -259,14 +267,14 @@ class TestPieces:
 
         def cut(mesh: TriangleMesh, threshold: float) -> tuple[np.ndarray, ...]:
             asked.append(threshold)
-            return (np.array(mesh.vertices) * [factor if threshold == THRESHOLD else 1.0, 1, 1],)
+            return (np.array(mesh.vertices) * [factor if threshold == COARSE else 1.0, 1, 1],)
 
         monkeypatch.setattr(pieces_module, "_cut", cut)
         made = decompose(cube, cache=tmp_path)
-        assert asked == [THRESHOLD, *then]
+        assert asked == [COARSE, *then]
         assert filled_share(cube, made) < FILLED
         assert decompose(cube, cache=tmp_path).digest == made.digest
         assert len(asked) <= 2
         # What is asked for by number is not second-guessed, and is another entry of the cache.
-        coarse = decompose(cube, threshold=THRESHOLD, cache=tmp_path)
+        coarse = decompose(cube, threshold=COARSE, cache=tmp_path)
         assert coarse.volume == pytest.approx(factor * cube.volume, rel=1e-6)

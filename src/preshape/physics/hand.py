@@ -1,4 +1,4 @@
-"""A hand as the physics needs it: an MJCF, the body that poses are given for, and the joints in order."""
+"""A hand as physics needs it: an MJCF, the body that poses are given for, and the joints in order."""
 
 from __future__ import annotations
 
@@ -16,19 +16,19 @@ from ..types import Array, freeze, frozen_array, value
 
 @value
 class PhysicsHand:
-    """A hand model with everything that a scene needs of it.
+    """A hand model with all that a scene needs.
 
-    The actuators of the MJCF say which joints are driven together: one on a fixed tendon drives all of its
-    joints, and is told the sum of their angles times the tendon's coefficients.
+    An actuator on a fixed tendon drives all joints of the tendon. Its target is the sum of their angles times
+    the tendon's coefficients.
 
     Attributes:
-        name: for people.
-        mjcf: text of the MJCF.
-        assets: file name (no folder) and content of each mesh that the MJCF names.
-        root: the body whose pose is given; its subtree is the hand, what stands before it is left out.
-        joints: joint names in the order of the angles; other joints below ``root`` are fixed at zero.
-        T_root_palm: (4, 4) palm frame in the frame of ``root``, for poses given as palm poses.
-        source: What loads the hand again, a name or a file; default the name.
+        name: Name of the hand.
+        mjcf: Text of the MJCF.
+        assets: File name without folder, and content, of each mesh that the MJCF names.
+        root: Name of the body whose pose is given. Its subtree is the hand; bodies above it are left out.
+        joints: Joint names in the order of the angles; other joints below ``root`` are fixed at zero.
+        T_root_palm: (4, 4) palm frame in the frame of ``root``, for poses that are given as palm poses.
+        source: Name or file that the hand is loaded from; by default its name.
     """
 
     name: str
@@ -45,14 +45,14 @@ class PhysicsHand:
 
     @property
     def digest(self) -> str:
-        """Hash of the content; two hands with the same digest behave the same."""
+        """Hash of the content; hands with equal digests behave alike."""
         state = hashlib.sha256(repr((self.mjcf, self.root, self.joints)).encode())
         for name, content in self.assets:
             state.update(name.encode() + b"\0" + hashlib.sha256(content).digest())
         return state.hexdigest()
 
     def spec(self) -> Any:
-        """The model as a fresh ``mujoco.MjSpec``: only the wanted joints, no parts for show.
+        """A new ``mujoco.MjSpec`` of the model with the joints in ``joints`` only and without visual geoms.
 
         Raises:
             HandError: MuJoCo cannot read the MJCF, or it lacks the root or a joint.
@@ -77,13 +77,17 @@ class PhysicsHand:
             raise HandError(f"{self.name}: the MJCF has no body {self.root!r}")
         _fix_other_joints(spec, set(self.joints))
         for geom in list(spec.geoms):
-            if _only_for_show(geom):
+            if _is_visual(geom):
                 spec.delete(geom)
         return spec
 
 
 def physics_hand(hand: Hand) -> PhysicsHand:
-    """A hand of the package, its poses given for the MJCF's root body."""
+    """A hand of :mod:`preshape.hands`; its poses are given for the first body of its MJCF.
+
+    Raises:
+        HandError: The MJCF cannot be read, or its first body has no name.
+    """
     try:
         root = ElementTree.fromstring(hand.mjcf).find("worldbody/body")
     except ElementTree.ParseError as error:
@@ -107,14 +111,14 @@ def hand_from_mjcf(
     """A hand from an MJCF file and the meshes beside it, for checks against published models.
 
     Args:
-        path: the file.
-        root: the body whose pose is given.
-        fixed: joints that are left out, fixed at zero.
-        name: for people; default the file's name.
+        path: The MJCF file.
+        root: Name of the body whose pose is given.
+        fixed: Names of joints that are fixed at zero.
+        name: Name of the hand; by default that of the file.
 
     Raises:
         HandError: MuJoCo cannot read the file, or it has no such body.
-        EnvironmentFailure: a file is missing or cannot be read.
+        EnvironmentFailure: A file is missing or cannot be read.
     """
     import mujoco
 
@@ -140,18 +144,18 @@ def hand_from_mjcf(
 
 
 def _fix_other_joints(spec: Any, wanted: set[str]) -> None:
-    """Delete every joint that is not wanted, with the actuators that drive it."""
+    """Delete all joints but the wanted ones, with the actuators that drive them."""
     for actuator in list(spec.actuators):
         if actuator.target not in wanted and spec.tendon(actuator.target) is None:
             spec.delete(actuator)
     for joint in list(spec.joints):
         if joint.name not in wanted:
             spec.delete(joint)
-    for key in list(spec.keys):  # written for all joints
+    for key in list(spec.keys):  # keyframes hold the angles of all joints
         spec.delete(key)
 
 
-def _only_for_show(geom: Any) -> bool:
-    """Whether a geom neither touches anything nor weighs anything."""
+def _is_visual(geom: Any) -> bool:
+    """Whether a geom neither collides nor has mass."""
     massless = geom.parent.explicitinertial or geom.density == 0 or geom.mass == 0
     return geom.contype == 0 and geom.conaffinity == 0 and bool(massless)

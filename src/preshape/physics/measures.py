@@ -1,19 +1,21 @@
-"""What a grasp looks like before anything moves, and what a set of grasps looks like.
+"""Measures of a grasp before anything moves, and of a set of grasps.
 
 Definitions, after the field's benches (DexGraspBench, BODex, Dexonomy):
 
-- penetration: deepest cut of the hand into the object [m]; self-penetration: of the hand into itself;
-- links in contact: bodies of the hand nearer to the object than 2 mm;
-- contact distance: mean over the fingers of the distance to the object, 0 where it is inside, and at most
-  10 mm [C];
-- consistency: largest minus smallest *signed* finger distance, at most 10 mm each: how evenly they touch;
-- diversity of a set: share of the variance on the first principal axis of its grasps, wrist pose in the
-  object's frame (position [m], quaternion with w ≥ 0) and joint angles [rad]; lower is more diverse.
+- penetration: deepest cut of the hand into the object [m]; self-penetration: into itself;
+- links in contact: number of bodies of the hand that are nearer to the object than 2 mm;
+- contact distance: mean distance of the fingers to the object, 0 for one inside, at most 10 mm each [C];
+- consistency: largest minus smallest *signed* distance of the fingers, at most 10 mm each; it says how evenly
+  they touch;
+- diversity of a set: share of the variance that lies on the first principal axis of the grasps, each written
+  as the wrist's pose in the object's frame (position [m], quaternion with w ≥ 0) and joint angles [rad]; a
+  lower share is more diverse.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable
+from typing import Any
 
 import numpy as np
 
@@ -22,20 +24,20 @@ from ..types import Array, IntArray, value
 from .scene import OBJECT, PALM, Scene
 
 REACH = 0.01
-"""Distances beyond this count as this [m]."""
+"""Largest distance that is measured [m]; larger ones count as this."""
 
 
 @value
 class GraspGeometry:
-    """Distances at a pose of hand and object.
+    """Distances between hand and object at one pose; the module defines them.
 
     Attributes:
-        penetration: hand into object [m].
-        self_penetration: hand into itself [m].
-        links: bodies of the hand nearer to the object than the contact distance.
-        parts: fingers, and the palm, nearer than that.
-        contact_distance: mean over the fingers [m].
-        consistency: largest minus smallest finger distance [m].
+        penetration: Depth of the hand in the object [m].
+        self_penetration: Depth of the hand in itself [m].
+        links: Number of links in contact.
+        parts: Number of fingers, and the palm, in contact.
+        contact_distance: Mean distance of the fingers [m].
+        consistency: Largest minus smallest distance of the fingers [m].
     """
 
     penetration: float
@@ -46,23 +48,29 @@ class GraspGeometry:
     consistency: float
 
 
-def place(scene: Scene, data: object, hand: Array, object_pose: Array) -> None:
-    """Reset ``data`` and put hand (7 + joints, root pose and angles) and object (7) there, at rest."""
+def place(scene: Scene, data: Any, hand: Array, object_pose: Array) -> None:
+    """Reset ``data`` and place hand and object at rest.
+
+    Args:
+        scene: The scene.
+        data: Its ``mujoco.MjData``.
+        hand: (7 + joints) root pose x y z w x y z [m] and angles [rad].
+        object_pose: (7,) pose of the object in the world.
+    """
     import mujoco
 
-    d = data
-    mujoco.mj_resetData(scene.model, d)
-    qpos = d.qpos  # type: ignore[attr-defined]
+    mujoco.mj_resetData(scene.model, data)
+    qpos = data.qpos
     if scene.root_address >= 0:
         qpos[scene.root_address : scene.root_address + 7] = hand[:7]
         qpos[scene.joint_address] = hand[7:]
-        d.mocap_pos[0], d.mocap_quat[0] = hand[:3], hand[3:7]  # type: ignore[attr-defined]
-        d.ctrl[:] = scene.controls @ hand[7:]  # type: ignore[attr-defined]
+        data.mocap_pos[0], data.mocap_quat[0] = hand[:3], hand[3:7]
+        data.ctrl[:] = scene.controls @ hand[7:]
     qpos[scene.object_address : scene.object_address + 7] = object_pose
 
 
-def depths(scene: Scene, data: object) -> tuple[float, float]:
-    """Penetration hand-object and hand-hand [m] where things now stand."""
+def depths(scene: Scene, data: Any) -> tuple[float, float]:
+    """Present penetration of the hand into the object and into itself [m]."""
     import mujoco
 
     mujoco.mj_fwdPosition(scene.model, data)
@@ -71,8 +79,11 @@ def depths(scene: Scene, data: object) -> tuple[float, float]:
     return _depth(distance[with_object]), _depth(distance[~with_object])
 
 
-def geometry(scene: Scene, data: object, contact_distance: float) -> GraspGeometry:
-    """Distances where things now stand; widens the object's margin while it looks."""
+def geometry(scene: Scene, data: Any, contact_distance: float) -> GraspGeometry:
+    """Present distances between hand and object.
+
+    The object's margin is widened meanwhile, so that MuJoCo reports contacts up to ``REACH`` apart.
+    """
     import mujoco
 
     model = scene.model
@@ -81,7 +92,7 @@ def geometry(scene: Scene, data: object, contact_distance: float) -> GraspGeomet
     try:
         mujoco.mj_fwdPosition(model, data)
         distance, parts = _contacts(scene, data)
-        pairs = np.asarray(data.contact.geom)  # type: ignore[attr-defined]
+        pairs = np.asarray(data.contact.geom)
     finally:
         model.geom_margin[own] = 0.0
     with_object = (parts == OBJECT).any(axis=1)
@@ -104,8 +115,8 @@ def geometry(scene: Scene, data: object, contact_distance: float) -> GraspGeomet
     )
 
 
-def touching(scene: Scene, data: object) -> int:
-    """How many parts, fingers and palm, press on the object in the last simulation step."""
+def touching(scene: Scene, data: Any) -> int:
+    """Number of parts (fingers and palm) that pressed on the object in the last simulation step."""
     import mujoco
 
     force = np.zeros(6)
@@ -119,11 +130,11 @@ def touching(scene: Scene, data: object) -> int:
 
 
 def diversity(hand_poses: Array, object_poses: Array) -> float | None:
-    """Share of the first principal axis; ``None`` for fewer than two different grasps.
+    """Share of the variance on the first principal axis; ``None`` for fewer than two different grasps.
 
     Args:
-        hand_poses: (n, 7 + joints) root pose in the world and angles.
-        object_poses: (n, 7).
+        hand_poses: (n, 7 + joints) root poses in the world [m] and angles [rad].
+        object_poses: (n, 7) poses of the objects in the world.
     """
     if len(hand_poses) < 2:
         return None
@@ -137,7 +148,7 @@ def diversity(hand_poses: Array, object_poses: Array) -> float | None:
 
 
 def mean(numbers: Iterable[float]) -> float | None:
-    """Mean, ``None`` of nothing."""
+    """The mean; ``None`` without numbers."""
     found = list(numbers)
     return float(np.mean(found)) if found else None
 
@@ -168,9 +179,9 @@ def rate_text(rate: float | None, interval: tuple[float, float] | None) -> str:
     return f"{100 * rate:.1f} % (95 %: {100 * low:.1f} to {100 * high:.1f} %)"
 
 
-def _contacts(scene: Scene, data: object) -> tuple[Array, IntArray]:
-    """(n,) distances [m] and (n, 2) parts of all contacts."""
-    contact = data.contact  # type: ignore[attr-defined]
+def _contacts(scene: Scene, data: Any) -> tuple[Array, IntArray]:
+    """(n,) distances of all contacts [m], and (n, 2) the parts that each one joins."""
+    contact = data.contact
     bodies = scene.model.geom_bodyid[np.asarray(contact.geom).reshape(-1, 2)]
     return np.array(contact.dist, dtype=np.float64).ravel(), scene.part_of_body[bodies]
 

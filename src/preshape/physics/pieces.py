@@ -1,7 +1,7 @@
-"""Objects for physics: convex pieces, by coacd or from a folder, cached by content.
+"""Objects for physics: convex pieces, cut by coacd or read from a folder, and cached.
 
-A cached decomposition is one npz file named by a hash of the mesh and the settings, written whole or not at
-all: several processes may work on the same object and folder at once.
+A cached decomposition is one npz file named by a hash of the mesh and the settings. It is written whole or
+not at all, so several processes may work on the same object at once.
 """
 
 from __future__ import annotations
@@ -18,19 +18,26 @@ from ..files import cache_folder, keep_arrays, read_arrays
 from ..objects.mesh import TriangleMesh
 from ..types import Array, IntArray, freeze, frozen_array, value
 
-THRESHOLD = 0.1  # concavity that coacd accepts first
-FINER = 0.05  # ... its own default: takes four times as long for three times the pieces
-FINE = 0.03  # ... takes ten times as long for five times the pieces
-FILLED = 0.15  # share of the pieces' volume that may be outside of the object, by more than
-OUTSIDE = 0.005  # ... this share of its largest extent
-STANDS_OUT = 0.01  # of that extent may coarse pieces stand out,
-BUT_FOR = 0.01  # ... but for this share of their volume
-SAMPLES = 4000  # points in the pieces that this is measured with
+COARSE, FINER, FINE = 0.1, 0.05, 0.03
+"""Concavity that coacd accepts. ``FINER`` is its default; it takes four times as long as ``COARSE`` for three
+times the pieces, ``FINE`` ten times as long for five times the pieces."""
+FILLED, OUTSIDE = 0.15, 0.005
+"""Coarse pieces are replaced by fine ones when more than the first share of their volume lies outside the
+object, by more than the second share of its largest extent."""
+STANDS_OUT, BUT_FOR = 0.01, 0.01
+"""Coarse pieces are replaced by finer ones when they stand out of the object by more than the first share of
+its largest extent, with more than the second share of their volume."""
+SAMPLES = 4000
+"""Number of points in the pieces at which this is measured."""
 MOST_TRIANGLES = 10_000
+"""Number of triangles that a mesh is simplified to before it is cut."""
 SEED = 0
-RESOLUTION = 30  # of coacd's own repair; at its default 50 a small scan takes minutes
-SMALLEST = 1e-6  # share of the volume under which a piece is dropped
+RESOLUTION = 30
+"""Resolution of coacd's own repair; at its default of 50 a small scan takes minutes."""
+SMALLEST = 1e-6
+"""Share of the whole volume below which a piece is dropped."""
 SUFFIXES = (".obj", ".stl", ".ply", ".off", ".glb", ".gltf")
+"""Suffixes of the meshes in a folder of objects."""
 
 
 @value
@@ -38,12 +45,12 @@ class ConvexPieces:
     """An object as convex pieces, in its own frame.
 
     Attributes:
-        name: the object's name.
-        pieces: (n, 3) corners of each convex piece, at scale 1 [m].
-        volumes: volume of each piece at scale 1 [m³].
+        name: Name of the object.
+        pieces: (n, 3) corners of each convex piece at scale 1 [m].
+        volumes: Volume of each piece at scale 1 [m³].
 
     Raises:
-        ObjectError: no piece has a volume.
+        ObjectError: No piece has a volume.
     """
 
     name: str
@@ -53,24 +60,23 @@ class ConvexPieces:
     def __post_init__(self) -> None:
         from scipy.spatial import ConvexHull, QhullError
 
-        kept, volumes = [], []
+        hulls: list[tuple[Array, float]] = []
         for index, piece in enumerate(self.pieces):
             points = frozen_array(piece, (None, 3), f"{self.name}: piece {index}")
             try:
                 hull = ConvexHull(points)
             except (QhullError, ValueError):  # flat, or fewer than four points
                 continue
-            kept.append(frozen_array(points[hull.vertices], (None, 3), "hull"))
-            volumes.append(float(hull.volume))
-        least = SMALLEST * sum(volumes)
-        both = [(piece, volume) for piece, volume in zip(kept, volumes, strict=True) if volume > least]
-        if not both:
+            hulls.append((frozen_array(points[hull.vertices], (None, 3), "hull"), float(hull.volume)))
+        least = SMALLEST * sum(volume for _, volume in hulls)
+        solid = [(corners, volume) for corners, volume in hulls if volume > least]
+        if not solid:
             raise ObjectError(f"{self.name}: the object encloses no volume; physics needs a solid body")
-        freeze(self, pieces=tuple(p for p, _ in both), volumes=tuple(v for _, v in both))
+        freeze(self, pieces=tuple(p for p, _ in solid), volumes=tuple(v for _, v in solid))
 
     @property
     def volume(self) -> float:
-        """Sum of the pieces' volumes [m³]; where pieces overlap that part counts twice."""
+        """Sum of the volumes of the pieces [m³]; where two pieces overlap, that part counts twice."""
         return float(sum(self.volumes))
 
     @property
@@ -86,24 +92,24 @@ class ConvexPieces:
 
 
 def load_pieces(name: str, folder: str | Path | None = None) -> ConvexPieces:
-    """The pieces of an object by its name.
+    """The convex pieces of an object.
 
     Args:
-        name: the object's name in a grasp array: looked for in ``folder``, then a file or library object.
-        folder: may hold ``NAME/convex/*.obj`` (pieces, used as they are), ``NAME/mesh.obj`` or ``NAME.obj``
-            (or another mesh format; cut into pieces).
+        name: Name of the object in a grasp array; looked for in ``folder``, then as a library object or file.
+        folder: Folder that may hold ``NAME/convex/*.obj`` (pieces, used as they are), ``NAME/mesh.obj`` or
+            ``NAME.obj`` (or another mesh format; cut into pieces).
 
     Raises:
-        UnknownObject: nothing of that name.
-        ObjectError: a mesh that cannot be used.
-        EnvironmentFailure: a file cannot be read.
+        UnknownObject: There is no object of that name.
+        ObjectError: The mesh cannot be used.
+        EnvironmentFailure: A file cannot be read.
     """
     from ..objects.load import load_object
 
     if folder is not None:
         base = Path(folder)
         if not base.is_dir():
-            raise EnvironmentFailure(f"no folder {base}; give the one that holds the objects")
+            raise EnvironmentFailure(f"no folder {base}; give the folder that holds the objects")
         if not Path(name).is_absolute() and ".." not in Path(name).parts:
             if (base / name / "convex").is_dir():
                 return pieces_from_folder(base / name / "convex", name)
@@ -121,10 +127,10 @@ def load_pieces(name: str, folder: str | Path | None = None) -> ConvexPieces:
 
 
 def pieces_from_folder(folder: str | Path, name: str) -> ConvexPieces:
-    """Pieces that were cut before: every mesh in a folder is one, taken as its convex hull.
+    """Pieces that were cut before: each mesh in a folder is one piece, taken as its convex hull.
 
     Raises:
-        ObjectError: no mesh in it, or none with a volume.
+        ObjectError: The folder holds no mesh, or none with a volume.
     """
     from ..objects.load import load_object
 
@@ -137,35 +143,36 @@ def pieces_from_folder(folder: str | Path, name: str) -> ConvexPieces:
 def decompose(
     mesh: TriangleMesh, *, threshold: float | None = None, cache: Path | None = None
 ) -> ConvexPieces:
-    """Cut a mesh into convex pieces, or take them from the cache.
+    """Cut a mesh into convex pieces, or read them from the cache.
 
-    By default it is cut coarsely first, and again finer where the pieces are not the shape that was planned
-    for: where they stand out of it, as over the waist of a bottle, or fill much that is outside, as the bowl
-    of a spoon or the jaws of a wrench.
+    By default the mesh is cut coarsely first. It is cut again, finer, where the pieces differ from the shape
+    that was planned for: where they stand out of it, as over the waist of a bottle, or fill much that is
+    outside, as the bowl of a spoon or the jaws of a wrench.
 
     Args:
-        mesh: need not be watertight.
-        threshold: concavity accepted, 0.01 (fine) to 1 (one hull), whatever is filled.
-        cache: folder; default :func:`preshape.files.cache_folder`. It may be unusable: then nothing is kept.
+        mesh: The mesh; it need not be watertight.
+        threshold: Concavity that is accepted, 0.01 (fine) to 1 (one hull); ``None`` chooses as described.
+        cache: Folder of the cache; by default :func:`preshape.files.cache_folder`. Without a usable folder
+            nothing is cached.
 
     Raises:
-        ObjectError: the mesh encloses no volume, or coacd is not able to cut it.
+        ObjectError: The mesh encloses no volume, or coacd cannot cut it.
         EnvironmentFailure: coacd is not installed.
     """
     folder = (cache or cache_folder()) / "convex"
-    rules = (THRESHOLD, FINER, FINE, FILLED, OUTSIDE, STANDS_OUT, BUT_FOR)
+    rules = (COARSE, FINER, FINE, FILLED, OUTSIDE, STANDS_OUT, BUT_FOR)
     rule = f"{threshold!r}" if threshold is not None else " ".join(map(repr, rules))
     file = folder / f"{_key(mesh, rule)}.npz"
-    kept = _read(file)
-    if kept is None:
-        kept = _fitting(mesh, cache) if threshold is None else _cut(mesh, threshold)
-        keep_arrays(file, corners=np.concatenate(kept), ends=np.cumsum([len(p) for p in kept]))
-    return ConvexPieces(name=mesh.name, pieces=kept)
+    pieces = _read(file)
+    if pieces is None:
+        pieces = _cut_to_fit(mesh, cache) if threshold is None else _cut(mesh, threshold)
+        keep_arrays(file, corners=np.concatenate(pieces), ends=np.cumsum([len(p) for p in pieces]))
+    return ConvexPieces(name=mesh.name, pieces=pieces)
 
 
-def _fitting(mesh: TriangleMesh, cache: Path | None) -> tuple[Array, ...]:
-    """Coarse pieces, or finer ones where those are not the mesh."""
-    coarse = decompose(mesh, threshold=THRESHOLD, cache=cache)
+def _cut_to_fit(mesh: TriangleMesh, cache: Path | None) -> tuple[Array, ...]:
+    """Coarse pieces, or finer ones where the coarse ones differ from the mesh."""
+    coarse = decompose(mesh, threshold=COARSE, cache=cache)
     distance, volume = _distances(mesh, coarse)
     if volume[distance > OUTSIDE].sum() > FILLED:
         return _cut(mesh, FINE)
@@ -173,18 +180,18 @@ def _fitting(mesh: TriangleMesh, cache: Path | None) -> tuple[Array, ...]:
 
 
 def filled_share(mesh: TriangleMesh, pieces: ConvexPieces) -> float:
-    """Share of the pieces' volume that is outside of the mesh, by more than ``OUTSIDE`` of its extent.
+    """Share of the pieces' volume that lies outside the mesh by more than ``OUTSIDE`` of its largest extent.
 
     Args:
-        mesh: need not be watertight.
-        pieces: of the mesh, at scale 1.
+        mesh: The mesh; it need not be watertight.
+        pieces: Pieces of the mesh at scale 1.
     """
-    distance, weight = _distances(mesh, pieces)
-    return float(weight[distance > OUTSIDE].sum())
+    distance, share = _distances(mesh, pieces)
+    return float(share[distance > OUTSIDE].sum())
 
 
 def _distances(mesh: TriangleMesh, pieces: ConvexPieces) -> tuple[Array, Array]:
-    """(n,), (n,) signed distance of points in the pieces, in extents of the mesh; their shares."""
+    """(n,) signed distances of points in the pieces from the mesh, in largest extents; (n,) volume shares."""
     from ..kernels.field.host import SurfaceQuery
 
     rng = np.random.default_rng(SEED)
@@ -210,13 +217,13 @@ def _inside(corners: Array, count: int, rng: np.random.Generator) -> Array:
 
 
 def closed(vertices: Array, triangles: IntArray) -> tuple[Array, IntArray]:
-    """The mesh with equal positions joined and every hole closed by a fan to the middle of its rim.
+    """The mesh with equal positions joined, and each hole closed by a fan to the centre of its rim.
 
-    A scan's seams vanish and its holes get lids; coacd would take an open surface for a thin shell.
+    Without this, coacd would take an open surface for a thin shell.
 
     Args:
-        vertices: (n, 3).
-        triangles: (m, 3).
+        vertices: (n, 3) positions.
+        triangles: (m, 3) vertex indices.
     """
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
@@ -240,12 +247,14 @@ def closed(vertices: Array, triangles: IntArray) -> tuple[Array, IntArray]:
 
 
 def simplified(vertices: Array, triangles: IntArray, most: int = MOST_TRIANGLES) -> tuple[Array, IntArray]:
-    """Fewer triangles: vertices in one cell of a grid become their mean; the grid grows until it suffices.
+    """The mesh with fewer triangles: the vertices in each cell of a grid become their mean.
+
+    The cells grow until few enough triangles are left.
 
     Args:
-        vertices: (n, 3).
-        triangles: (m, 3).
-        most: triangles wanted at most.
+        vertices: (n, 3) positions.
+        triangles: (m, 3) vertex indices.
+        most: Largest number of triangles.
     """
     low, extent = vertices.min(axis=0), float(np.ptp(vertices, axis=0).max())
     cells = 256.0
@@ -267,7 +276,7 @@ def simplified(vertices: Array, triangles: IntArray, most: int = MOST_TRIANGLES)
 
 
 def _key(mesh: TriangleMesh, rule: str) -> str:
-    # A piece of another version of coacd is another piece; without coacd what is cached still serves.
+    # The version of coacd is left out, so that cached pieces also serve where coacd is not installed.
     state = hashlib.sha256(f"convex 2 {rule} {SEED} {MOST_TRIANGLES}".encode())
     for array in (mesh.vertices, mesh.triangles):
         state.update(np.ascontiguousarray(array).tobytes())
@@ -279,10 +288,10 @@ def _cut(mesh: TriangleMesh, threshold: float) -> tuple[Array, ...]:
         import coacd
     except ImportError as error:
         raise EnvironmentFailure(
-            f"{mesh.name}: cutting an object into convex pieces needs the package coacd; install it"
+            f"{mesh.name}: cutting an object into convex pieces needs the package coacd: pip install coacd"
         ) from error
     vertices, triangles = closed(*simplified(*closed(mesh.vertices, mesh.triangles)))
-    # Where half the extent is the unit, coacd's inner tolerances mean the same for a coin and a chair.
+    # With half the extent as unit, coacd's tolerances mean the same for a coin and a chair.
     unit = float(np.ptp(vertices, axis=0).max()) / 2
     if unit <= 0:
         raise ObjectError(f"{mesh.name}: the object has no size")
@@ -299,7 +308,7 @@ def _cut(mesh: TriangleMesh, threshold: float) -> tuple[Array, ...]:
 
 
 def _read(file: Path) -> tuple[Array, ...] | None:
-    """The cached pieces; ``None`` where there are none, or the file is damaged."""
+    """Cached pieces; ``None`` where the file is missing or damaged."""
     try:
         stored = read_arrays(file)
         ends = stored["ends"].astype(np.int64)

@@ -1,6 +1,6 @@
-"""The holding test's numbers in one place, and the probes that push and twist the object.
+"""Settings of the holding test, and the probes: loads that push and twist the object.
 
-The default is the field's six-direction test, as DexGraspBench runs it; the harder variants are ours [C]:
+The default is the field's six-direction test, as DexGraspBench runs it. The harder variants are ours [C]:
 friction 0.3, 28 probes, the strength ladder, and errors of pose and size.
 """
 
@@ -11,19 +11,19 @@ import math
 import numpy as np
 
 from ..exceptions import InputError
-from ..types import Array, freeze, frozen_array, value
+from ..types import FIELD_MASS, FRICTION, Array, freeze, frozen_array, value
 
 PROBE_SETS = ("six", "all")
-"""``six``: forces along ±x ±y ±z. ``all``: 14 forces and 14 torques, ±axes and the 8 diagonals [C]."""
+"""``six``: forces along ±x ±y ±z. ``all``: 14 forces and 14 torques, along the ± axes and 8 diagonals [C]."""
 
 
 @value
 class Probe:
-    """One load on the object, constant while it acts.
+    """A constant load on the object.
 
     Attributes:
-        name: ``force +x``, ``torque +x-y+z`` …, in the world's axes.
-        wrench: (6,) force [N] and torque [N m] about the centre of mass, world axes, for strength 1.
+        name: ``force +x``, ``torque +x-y+z`` …, in world axes.
+        wrench: (6,) force [N] and torque [N m] about the centre of mass, in world axes, at strength 1.
     """
 
     name: str
@@ -35,43 +35,43 @@ class Probe:
 
 @value
 class HoldProtocol:
-    """Everything that decides a holding test, lengths in metres.
+    """Settings of a holding test.
 
     Attributes:
-        mass: of the object [kg].
-        friction: sliding, of every geom.
-        torsion: torsional friction [m], of every geom (condim 4).
-        gain: of the position actuators [N m/rad].
-        torque_limits: whether the actuators keep the torque limits of the hand's model; the field's test
+        mass: Mass of the object [kg].
+        friction: Sliding friction of every geom.
+        torsion: Torsional friction of every geom [m] (condim 4).
+        gain: Gain of the position actuators [N m/rad].
+        torque_limits: Whether the actuators keep the torque limits of the hand's model; the field's test
             lifts them.
-        many_contacts: whether two flat faces touch at several points (MuJoCo's multiccd, on by default since
-            version 4). The field's test was made without; with it a grasp costs twice the time.
-        timestep: [s].
-        stages: interpolation steps from pregrasp to grasp, and from grasp to squeeze.
-        stage_steps: simulation steps of each.
-        checks: how often the object is looked at while a load acts.
-        check_steps: simulation steps between two looks.
-        acceleration: load over mass [m/s²]: a force of ``acceleration * mass``.
-        lever: torque of a torque probe over the force of a force probe [m].
-        displacement_limit: a grasp fails where the object's frame has moved this far [m].
-        rotation_limit: … or turned this far [rad].
-        penetration_limit: the pregrasp may not cut deeper into object or hand [m].
-        contact_distance: a link touches where it is nearer than this [m].
-        clean_penetration: a grasp is clean where it cuts into the object less than this [m].
-        probes: one of ``PROBE_SETS``.
-        ladder: whether the strength ladder is climbed: all probes again at ``ladder_factor`` times the
-            strength, until one fails.
-        ladder_factor: from rung to rung.
-        ladder_rungs: highest rung.
-        position_error: the object stands this far from where it should [m], in a random direction.
-        turn_error: … and is turned by this much [rad], about a random axis.
-        size_error: share by which the object is larger or smaller.
-        seed: of those errors.
-        stop_early: whether the first probe that fails ends the test; the verdict is the same.
+        many_contacts: Whether two flat faces touch at several points (MuJoCo's multiccd, on by default since
+            version 4). The field's test has one; with several a grasp takes twice the time.
+        timestep: Simulation step [s].
+        stages: Interpolation steps from pregrasp to grasp, and again from grasp to squeeze.
+        stage_steps: Simulation steps for each interpolation step.
+        checks: How often the object is checked while a load acts.
+        check_steps: Simulation steps between two checks.
+        acceleration: Force of a probe over the mass of the object [m/s²].
+        lever: Torque of a torque probe over the force of a force probe [m].
+        displacement_limit: A grasp fails when the object's frame has moved this far [m].
+        rotation_limit: A grasp fails when the object has turned this far [rad].
+        penetration_limit: Deepest cut of the pregrasp into the object or the hand that is allowed [m].
+        contact_distance: A link counts as touching when it is nearer than this [m].
+        clean_penetration: A grasp counts as clean when it cuts into the object less than this [m].
+        probes: One of ``PROBE_SETS``.
+        ladder: Whether to climb the strength ladder: all probes again, ``ladder_factor`` times as strong,
+            until one fails.
+        ladder_factor: Ratio of the strengths of two rungs.
+        ladder_rungs: Number of rungs.
+        position_error: Distance by which the object is displaced in a random direction [m].
+        turn_error: Angle by which the object is turned about a random axis [rad].
+        size_error: Share by which the object is larger or smaller.
+        seed: Seed of these errors.
+        stop_early: Whether the first probe that fails ends the test; the verdict is the same.
     """
 
-    mass: float = 0.1
-    friction: float = 0.6
+    mass: float = FIELD_MASS
+    friction: float = FRICTION
     torsion: float = 0.02
     gain: float = 5.0
     torque_limits: bool = False
@@ -117,17 +117,17 @@ class HoldProtocol:
             raise InputError(f"no probe set {self.probes!r}; known: {', '.join(PROBE_SETS)}")
 
     def loads(self) -> tuple[Probe, ...]:
-        """The probes of this protocol, for strength 1."""
+        """The probes at strength 1."""
         return probes(self.probes, self.acceleration * self.mass, self.lever)
 
 
 def probes(kind: str, force: float, lever: float) -> tuple[Probe, ...]:
-    """The loads of a probe set.
+    """The probes of a set.
 
     Args:
-        kind: one of ``PROBE_SETS``.
-        force: [N].
-        lever: torque over force [m].
+        kind: One of ``PROBE_SETS``.
+        force: Force of a probe [N].
+        lever: Torque of a torque probe over ``force`` [m].
 
     >>> [probe.name for probe in probes("six", 1.0, 0.05)][:2], len(probes("all", 1.0, 0.05))
     (['force +x', 'force +y'], 28)

@@ -1,8 +1,8 @@
-"""The scene of a grasp test: hand and object floating in an empty world, as one compiled MuJoCo model.
+"""The scene of a grasp test: hand and object in an otherwise empty world, as one compiled MuJoCo model.
 
-Settings follow the field's test: implicitfast, elliptic cone, impratio 10, two no-slip iterations, no
-gravity, condim 4; the hand's geoms are stiff (solimp 0.5 0.99 0.0001, solref 0.005 1), the object's are
-MuJoCo's default; the hand's root is free and welded to a mocap body, which the poses move.
+Settings follow the field's test: implicitfast integration, elliptic cones, impratio 10, two no-slip
+iterations, no gravity, condim 4. The hand's geoms are stiff (solimp 0.5 0.99 0.0001, solref 0.005 1); the
+object's have MuJoCo's defaults. The hand's root is free and welded to a mocap body, which follows the poses.
 """
 
 from __future__ import annotations
@@ -19,26 +19,27 @@ from .protocol import HoldProtocol
 
 PREFIX = "hand/"
 WORLD, OBJECT, PALM = -2, -1, 0
-"""Values of ``Scene.part_of_body``; fingers count from 1."""
+"""Values of ``Scene.part_of_body``; fingers are numbered from 1."""
 
 
 @value
 class Scene:
-    """A compiled scene and where things stand in it. Read-only: one scene serves many grasps.
+    """A compiled scene and the addresses in it. It is read-only, so one scene serves many grasps.
 
     Attributes:
-        model: the ``mujoco.MjModel``.
-        hand: name of the hand.
-        joints: joint names in the order of the angles.
-        joint_address: (j,) where each angle stands in ``qpos``.
-        root_address: where the hand root's seven numbers begin in ``qpos``.
-        object_address: the same of the object.
-        object_body: body id.
-        controls: (actuators, j) what the actuators are told is this matrix times the angles.
-        part_of_body: (bodies,) ``OBJECT``, ``PALM`` for what moves with the root, or the finger's number.
-        body_names: name of each body, without the prefix.
-        mass: of the object [kg].
-        friction: the object's sliding friction.
+        model: The ``mujoco.MjModel``.
+        hand: Name of the hand.
+        joints: Joint names in the order of the angles.
+        joint_address: (j,) index of each angle in ``qpos``.
+        root_address: First index of the pose of the hand's root in ``qpos``; -1 without a hand.
+        object_address: First index of the object's pose in ``qpos``.
+        object_body: Body id of the object.
+        controls: (actuators, j) matrix; times the angles it gives the actuators' targets.
+        part_of_body: (bodies,) ``WORLD``, ``OBJECT``, ``PALM`` for all that moves with the root, or the
+            number of the finger.
+        body_names: Name of each body, without the prefix.
+        mass: Mass of the object [kg].
+        friction: Sliding friction of the object.
     """
 
     model: Any
@@ -56,7 +57,7 @@ class Scene:
 
     @property
     def fingers(self) -> int:
-        """How many fingers the hand has."""
+        """Number of fingers of the hand."""
         return max(0, int(self.part_of_body.max()))
 
 
@@ -66,13 +67,13 @@ def build_scene(
     """Compile the scene for one hand and one object at one size.
 
     Args:
-        hand: ``None`` leaves the object alone in the world.
-        pieces: the object.
-        scale: factor on its size.
-        protocol: friction, mass, gains.
+        hand: The hand; ``None`` makes a scene of the object alone.
+        pieces: The object at scale 1.
+        scale: Factor on the size of the object.
+        protocol: Friction, mass and gains.
 
     Raises:
-        InputError: the scale is not positive.
+        InputError: The scale is not positive.
         HandError: MuJoCo refuses the hand, or a joint has no actuator.
         ObjectError: MuJoCo refuses the object.
     """
@@ -87,13 +88,13 @@ def build_scene(
     for geom in spec.geoms:
         geom.condim = 4
         geom.friction[:2] = protocol.friction, protocol.torsion
-    _set_options(spec.option, protocol)  # after attaching: the child's never count
+    _set_options(spec.option, protocol)  # the options of an attached model do not count
     try:
         model = spec.compile()
     except ValueError as error:
-        wrong = HandError if hand is not None and hand.name in str(error) else ObjectError
-        who = hand.name if hand is not None else "no hand"
-        raise wrong(f"MuJoCo refuses {pieces.name} with {who}: {error}") from error
+        kind = HandError if hand is not None and hand.name in str(error) else ObjectError
+        name = hand.name if hand is not None else "no hand"
+        raise kind(f"MuJoCo refuses {pieces.name} with {name}: {error}") from error
     return _describe(model, hand, protocol)
 
 
@@ -116,7 +117,7 @@ def _add_hand(spec: Any, hand: PhysicsHand, protocol: HoldProtocol) -> None:
     import mujoco
 
     child = hand.spec()
-    for option in (spec.option, child.option):  # alike, or attaching prints a warning
+    for option in (spec.option, child.option):  # attaching prints a warning where they differ
         _set_options(option, protocol)
     for actuator in child.actuators:
         actuator.gainprm[0] = protocol.gain
@@ -186,7 +187,7 @@ def _describe(model: Any, hand: PhysicsHand | None, protocol: HoldProtocol) -> S
 
 
 def _control_matrix(model: Any) -> Array:
-    """(actuators, degrees of freedom): how fast each actuator's length grows with each joint."""
+    """(actuators, degrees of freedom) derivative of each actuator's length by each joint."""
     import mujoco
 
     data = mujoco.MjData(model)
@@ -200,7 +201,7 @@ def _control_matrix(model: Any) -> Array:
 
 
 def _parts(model: Any, object_body: int) -> IntArray:
-    """The finger of each body: one for every first joint below the root, in the model's order."""
+    """(bodies,) part of each body; a finger begins at each first joint below the root, in model order."""
     parts = np.full(model.nbody, WORLD, dtype=np.int64)
     fingers = 0
     for body in range(1, model.nbody):

@@ -1,1 +1,1 @@
-"""The holding test: a grasp is squeezed, then pushed from every side (ENGINE §4)."""
+"""The holding test: the hand squeezes the object, which is then pushed from every side (ENGINE §4)."""

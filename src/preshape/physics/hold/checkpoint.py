@@ -1,7 +1,7 @@
-"""Results kept while a run goes on: JSON lines, so that a run that was stopped goes on where it was.
+"""Files of results as JSON lines, from which a run that was stopped continues.
 
-The first line says what is tested, by a hash of hand, grasps, objects and protocol; each other line is one
-result. A line that a crash cut short is dropped.
+The first line holds a hash of hand, grasps, objects and protocol; each other line is one result. A line that
+a crash has cut short is dropped.
 """
 
 from __future__ import annotations
@@ -17,39 +17,42 @@ from ...files import locked
 from .report import result_from_json, result_to_json
 from .six_directions import HoldResult
 
+Progress = Callable[[int, int], None]
+"""Called with the number of grasps or instances that are done, and the number of all."""
+
 
 class _Row(Protocol):
     @property
     def row(self) -> int:
-        """Of the grasp or instance in its run."""
+        """Row of the grasp or instance in its run."""
 
 
 R = TypeVar("R", bound=_Row)
 
 
 class ResultFile(Generic[R]):
-    """An open file of one kind of result; a context manager. A subclass says which kind.
+    """An open file of results, used as a context manager; a subclass sets the kind of result.
 
     Attributes:
-        format: the first line's mark; its last word is the version.
-        kind: what such a file holds, for people.
-        of: what two runs must share to share a file.
-        to_json: a result as plain JSON values.
-        from_json: the result again.
-        done: results by row.
+        format: Format name in the first line; its last word is the version.
+        kind: Content of such a file, for messages.
+        subject: What two runs must have in common to share a file, for messages.
+        to_json: Turns a result into plain JSON values.
+        from_json: Inverse of ``to_json``.
+        done: Results by row.
 
     Args:
-        path: the file; made where it is missing.
-        key: hash of what is tested.
+        path: The file; created where it is missing.
+        key: Hash of all that the results depend on.
 
     Raises:
-        InputError: the file is none of ours, or belongs to another test.
-        EnvironmentFailure: it cannot be read or written.
+        InputError: The file has another format, belongs to another test, or is in use.
+        EnvironmentFailure: The file cannot be read or written.
     """
 
     format: str
     kind: str
-    of: str
+    subject: str
     to_json: Callable[[R], dict[str, Any]]
     from_json: Callable[[dict[str, Any]], R]
 
@@ -85,7 +88,7 @@ class ResultFile(Generic[R]):
         """Append results; they are on the disk when this returns.
 
         Raises:
-            EnvironmentFailure: the disk is full, or the file is gone.
+            EnvironmentFailure: The file cannot be written.
         """
         try:
             for result in results:
@@ -100,7 +103,7 @@ class ResultFile(Generic[R]):
         os.fsync(self._file.fileno())
 
     def _read(self, key: str) -> int:
-        """Take in what is there; how many bytes of it are whole lines."""
+        """Read the results into ``done``; returns the number of bytes in complete lines."""
         self._file.seek(0)
         content = self._file.read()
         whole = content.rfind(b"\n") + 1
@@ -108,26 +111,49 @@ class ResultFile(Generic[R]):
         if not lines:
             head = f'{{"format": "{self.format.rpartition(" ")[0]}'.encode()
             if content and not content.startswith(head[: len(content)]):
-                raise self._other(f"is not a file of {self.kind}")
+                raise self._unusable(f"is not a file of {self.kind}")
             return 0
         try:
             first = json.loads(lines[0])
             if first["format"] != self.format:
-                raise self._other(f"has the format {first['format']!r}, not {self.format!r}")
+                raise self._unusable(f"has the format {first['format']!r}, expected {self.format!r}")
             if first["key"] != key:
-                raise self._other(f"belongs to a test of other {self.of}")
+                raise self._unusable(f"belongs to a test of other {self.subject}")
             for line in lines[1:]:
                 result = self.from_json(json.loads(line))
                 self.done[result.row] = result
         except (ValueError, KeyError, TypeError, AttributeError) as error:
-            raise self._other(f"is not a file of {self.kind}, or is damaged") from error
+            raise self._unusable(f"is not a file of {self.kind}, or is damaged") from error
         return whole
 
-    def _other(self, what: str) -> InputError:
-        return InputError(f"{self.path} {what}; choose another file, or remove it to begin anew")
+    def _unusable(self, reason: str) -> InputError:
+        return InputError(f"{self.path} {reason}; choose another file, or remove this one to start again")
 
     def _failure(self, error: OSError) -> EnvironmentFailure:
-        return EnvironmentFailure(f"cannot keep results in {self.path}: {error.strerror}")
+        return EnvironmentFailure(f"cannot save results in {self.path}: {error.strerror}")
+
+
+def result_taker(
+    done: dict[int, R], total: int, file: ResultFile[R] | None, progress: Progress | None
+) -> Callable[[list[R]], None]:
+    """A function that adds finished results to ``done`` and to the file, and reports progress.
+
+    Args:
+        done: Results so far; progress is reported for them at once.
+        total: Number of all results.
+        file: File that results are saved in; ``None`` for none.
+        progress: Called after each call; ``None`` for none.
+    """
+
+    def take(results: list[R]) -> None:
+        done.update({result.row: result for result in results})
+        if file is not None:
+            file.add(results)
+        if progress is not None:
+            progress(len(done), total)
+
+    take([])
+    return take
 
 
 class Checkpoint(ResultFile[HoldResult]):
@@ -135,6 +161,6 @@ class Checkpoint(ResultFile[HoldResult]):
 
     format = "preshape holds 1"
     kind = "holding tests"
-    of = "grasps, objects, hand or settings"
+    subject = "grasps, objects, hand or settings"
     to_json = staticmethod(result_to_json)
     from_json = staticmethod(result_from_json)

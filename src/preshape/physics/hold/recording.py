@@ -1,11 +1,12 @@
-"""A holding test written down while it runs: poses, contact forces, slip, torques and the gap, over time.
+"""A holding test recorded while it runs: poses, contact forces, slip, torques and the gap, over time.
 
-Every probe starts again from the squeezed grasp; a recording lays them one after the other. MuJoCo leaves
-the poses and the contact forces of a step's beginning behind: what is recorded belongs together.
+Every probe starts from the squeezed grasp; a recording puts the probes one after another. After a simulation
+step MuJoCo's data hold the poses and the contact forces of the beginning of that step, so the values of one
+sample belong to the same moment.
 
-Slip is the net way that a part's surface has slid over the object's, in the object's frame, since the part
-began to press, and within a probe since the squeeze ended: it counts the motion of the two bodies' material
-points at the contact along the surface, so that rolling is no slip and trembling adds up to none.
+Slip is the net displacement of a part's surface along the object's surface, in the object's frame, since the
+part began to press; within a probe it counts from the end of the squeeze. It follows the material points of
+both bodies at the contact, so rolling is no slip and vibration does not accumulate.
 """
 
 from __future__ import annotations
@@ -23,35 +24,35 @@ from ..scene import OBJECT, PALM, PREFIX, Scene
 from .six_directions import HoldResult, hold_test
 
 APPROACH = ("pregrasp", "grasp", "squeeze")
-"""The stages before the probes; the first is one sample, of where the hand begins."""
+"""The stages before the probes; the first one is a single sample at the beginning."""
 PRESSES = 1e-6
-"""A part presses on the object where its normal force is more than this [N]."""
+"""A part presses on the object when its normal force exceeds this [N]."""
 FAR = 0.2
-"""Gaps beyond this count as this [m]."""
+"""Largest gap that is measured [m]; larger ones count as this."""
 
 
 @value
 class Recording:
-    """A holding test over time: n samples, p parts of the hand, b bodies, j joints; all in the world's axes.
+    """A holding test over time: n samples, p parts of the hand, b bodies, j joints; all in world axes.
 
     Attributes:
-        result: how the test ended.
-        hand: name of the hand.
-        joints: (j,) names.
-        parts: (p,) ``palm`` and the fingers.
-        stage: (n,) ``pregrasp``, ``grasp``, ``squeeze`` or the probe's name.
-        times: (n,) from the beginning [s]; the probes follow each other.
-        object_pose: (n, 7) position [m] and quaternion w x y z.
-        bodies: (n, b, 7) of every body of the scene's model, the same.
-        load: (n, 6) force [N] and torque [N m] on the object about its centre of mass.
+        result: Result of the test.
+        hand: Name of the hand.
+        joints: (j,) joint names.
+        parts: (p,) ``palm`` and the names of the fingers.
+        stage: (n,) ``pregrasp``, ``grasp``, ``squeeze`` or the name of the probe.
+        times: (n,) time from the beginning [s]; the probes follow one another.
+        object_pose: (n, 7) pose of the object, position [m] and quaternion w x y z.
+        bodies: (n, b, 7) pose of each body of the scene's model.
+        load: (n, 6) load on the object about its centre of mass, force [N] and torque [N m].
         forces: (n, p, 3) contact force of each part on the object [N].
-        points: (n, p, 3) where it acts: the contacts' mean, weighed by normal force [m]; the object's
-            position where nothing presses.
+        points: (n, p, 3) point at which the force acts [m]: mean of the contacts weighted by normal force, or
+            the object's position where the part does not press.
         normal: (n, p) sum of the normal forces [N].
         tangential: (n, p) length of the sum of the friction forces [N].
-        slip: (n, p) see the module [m].
-        torques: (n, j) of the actuators at the joints [N m].
-        gap: (n,) least distance of hand and object, negative where they cut into each other [m].
+        slip: (n, p) slip of each part, as the module defines it [m].
+        torques: (n, j) actuator torques at the joints [N m].
+        gap: (n,) least distance between hand and object, negative where they overlap [m].
     """
 
     result: HoldResult
@@ -86,17 +87,17 @@ class Recording:
 
     @property
     def stages(self) -> tuple[str, ...]:
-        """The stages that were recorded, in their order."""
+        """Names of the recorded stages, in their order."""
         return tuple(dict.fromkeys(self.stage))
 
     def span(self, stage: str) -> slice:
         """The samples of one stage.
 
         Raises:
-            InputError: it was not recorded.
+            InputError: The stage was not recorded.
         """
         if stage not in self.stage:
-            raise InputError(f"no stage {stage!r} in the recording; it has {', '.join(self.stages)}")
+            raise InputError(f"no stage {stage!r} in the recording; known: {', '.join(self.stages)}")
         start = self.stage.index(stage)
         return slice(start, start + self.stage.count(stage))
 
@@ -109,7 +110,7 @@ class Recording:
         return float(self.slip[self.span(stage)].max(initial=0.0))
 
     def moved(self, stage: str) -> tuple[float, float]:
-        """Largest displacement [m] and rotation [rad] of the object in a stage, from where it first stood."""
+        """Largest displacement [m] and rotation [rad] of the object in a stage, from its first pose."""
         poses, first = self.object_pose[self.span(stage)], self.object_pose[0]
         away = np.linalg.norm(poses[:, :3] - first[:3], axis=1)
         turn = 2.0 * np.arccos(np.clip(np.abs(poses[:, 3:] @ first[3:]), 0.0, 1.0))
@@ -130,28 +131,29 @@ def record_hold(
     object_name: str = "",
     scale: float = 1.0,
 ) -> Recording:
-    """Run a holding test and write it down; the test's result is the same as without.
+    """Run and record a holding test; recording does not change its result.
 
     Args:
-        scene: of hand and object.
-        pregrasp: (7 + joints) root pose x y z w x y z in the world and joint angles [m, rad].
-        grasp: the same, where the hand touches.
-        squeeze: the same, the targets that press.
-        object_pose: (7,) in the world.
-        protocol: the test's numbers.
-        probes: names of those to record; default all that the test tries. The rest are run, not recorded.
-        parts: names of palm and fingers, in the order of ``scene.part_of_body``; default ``finger 1`` ….
-        row: of the result, as are the next two.
-        object_name: see there.
-        scale: see there.
+        scene: Scene of hand and object.
+        pregrasp: (7 + joints) root pose x y z w x y z in the world [m] and joint angles [rad].
+        grasp: (7 + joints) the same where the hand touches.
+        squeeze: (7 + joints) the same as targets that press.
+        object_pose: (7,) pose of the object in the world.
+        protocol: Settings of the test.
+        probes: Names of the probes to record; by default all. The other probes run without being recorded.
+        parts: Names of palm and fingers in the order of ``scene.part_of_body``; by default ``palm``,
+            ``finger 1`` ….
+        row: Row for the result.
+        object_name: Name of the object for the result.
+        scale: Scale for the result.
 
     Raises:
-        InputError: a probe that the protocol does not have, or another number of parts.
+        InputError: The protocol has no such probe, or the number of names is wrong.
     """
     known = [probe.name for probe in protocol.loads()]
     unknown = [name for name in probes or () if name not in known]
     if unknown:
-        raise InputError(f"no probe {unknown[0]!r} in the test; it has {', '.join(known)}")
+        raise InputError(f"no probe {unknown[0]!r} in the test; known: {', '.join(known)}")
     names = tuple(parts) or ("palm", *(f"finger {k + 1}" for k in range(scene.fingers)))
     if len(names) != scene.fingers + 1:
         raise InputError(f"the hand has a palm and {scene.fingers} fingers, got {len(names)} names")
@@ -168,24 +170,24 @@ def record_hold(
 
 
 class _Recorder:
-    """The observer: one sample a call."""
+    """The observer of the test: each call takes one sample."""
 
     def __init__(self, scene: Scene, wanted: set[str]) -> None:
         self.scene, self.wanted = scene, wanted
         self.rows: list[dict[str, Any]] = []
-        self.done: set[str] = set()
-        self.running, self.again = "", False
+        self.recorded: set[str] = set()
+        self.running, self.repeated = "", False
         joints = [scene.model.joint(PREFIX + joint) for joint in scene.joints]
         self.speeds = np.array([int(joint.dofadr[0]) for joint in joints], dtype=np.int64)
         bodies = scene.model.geom_bodyid
-        # What touches nothing has no gap either.
+        # Visual geoms do not collide; they have no gap either.
         solid = (scene.model.geom_contype | scene.model.geom_conaffinity) != 0
         own = scene.part_of_body[bodies]
         self.geoms = np.flatnonzero((own >= PALM) & solid), np.flatnonzero(own == OBJECT)
         self.end = self.started = 0.0
         self.shift = np.zeros((scene.fingers + 1, 3))
-        self.before: _Touch | None = None
-        self.squeezed: _Touch | None = None
+        self.before: _State | None = None
+        self.squeezed: _State | None = None
 
     def first(self, pregrasp: Array, object_pose: Array) -> None:
         import mujoco
@@ -197,33 +199,34 @@ class _Recorder:
 
     def __call__(self, name: str, data: Any) -> None:
         scene, begins = self.scene, self.running != name
-        again = name in self.done if begins else self.again  # the ladder tries the probes once more
-        self.running, self.again = name, again
-        if name not in self.wanted or again:
+        # The ladder runs the probes once more; these are not recorded.
+        repeated = name in self.recorded if begins else self.repeated
+        self.running, self.repeated = name, repeated
+        if name not in self.wanted or repeated:
             return
-        self.done.add(name)
+        self.recorded.add(name)
         if begins and self.rows:
             self.end = self.rows[-1]["times"]
-            if name not in APPROACH:  # from the squeezed grasp again
+            if name not in APPROACH:  # each probe starts from the squeezed grasp
                 self.squeezed = self.squeezed or self.before
                 self.before, self.shift = self.squeezed, np.zeros_like(self.shift)
         if begins:
             self.started = self.squeezed.time if self.squeezed else (self.before.time if self.before else 0.0)
-        touch = _Touch(scene, data)
+        state = _State(scene, data)
         if self.before is not None:
-            self.shift = self.shift + self.before.slid(touch)
-        self.before = touch
+            self.shift = self.shift + self.before.slid(state)
+        self.before = state
         self.rows.append(
             {
                 "stage": name,
                 "times": self.end + float(data.time) - self.started,
-                "object_pose": touch.bodies[scene.object_body],
-                "bodies": touch.bodies,
+                "object_pose": state.bodies[scene.object_body],
+                "bodies": state.bodies,
                 "load": np.array(data.xfrc_applied[scene.object_body]),
-                "forces": touch.forces,
-                "points": touch.points,
-                "normal": touch.normal,
-                "tangential": touch.tangential,
+                "forces": state.forces,
+                "points": state.points,
+                "normal": state.normal,
+                "tangential": state.tangential,
                 "slip": np.linalg.norm(self.shift, axis=1),
                 "torques": np.array(data.qfrc_actuator[self.speeds]),
                 "gap": self._gap(data),
@@ -245,8 +248,8 @@ class _Recorder:
         return float(least)
 
 
-class _Touch:
-    """Where everything stands and presses at one sample."""
+class _State:
+    """Poses and contact forces at one sample."""
 
     def __init__(self, scene: Scene, data: Any) -> None:
         import mujoco
@@ -255,7 +258,7 @@ class _Touch:
         self.bodies = np.concatenate([data.xpos, data.xquat], axis=1)
         self.rotations = np.array(data.xmat).reshape(-1, 3, 3)
         count = scene.fingers + 1
-        friction, weighed = np.zeros((count, 3)), np.zeros((count, 3))
+        friction, weighted = np.zeros((count, 3)), np.zeros((count, 3))
         self.forces, self.normal = np.zeros((count, 3)), np.zeros(count)
         self.contacts: list[tuple[int, int, Array, Array, float]] = []  # part, body, point, normal, force
         geoms = np.asarray(data.contact.geom).reshape(-1, 2)
@@ -274,24 +277,27 @@ class _Touch:
             self.forces[part] += found[:3] @ axes
             friction[part] += found[1:3] @ axes[1:]
             self.normal[part] += found[0]
-            weighed[part] += found[0] * point
+            weighted[part] += found[0] * point
             self.contacts.append((part, body, point, axes[0], float(found[0])))
         self.tangential = np.linalg.norm(friction, axis=1)
         pressing = self.normal > 0
         self.points = np.tile(self.bodies[scene.object_body, :3], (count, 1))
-        self.points[pressing] = weighed[pressing] / self.normal[pressing, None]
+        self.points[pressing] = weighted[pressing] / self.normal[pressing, None]
 
-    def slid(self, after: _Touch) -> Array:
-        """(parts, 3) how far each part that presses here and later slid since, in the object's frame [m]."""
-        total, thing = np.zeros_like(self.forces), self.scene.object_body
+    def slid(self, after: _State) -> Array:
+        """(parts, 3) slip of each part until a later sample, in the object's frame [m].
+
+        It is zero for a part that does not press at both samples.
+        """
+        total, own = np.zeros_like(self.forces), self.scene.object_body
         for part, body, point, normal, force in self.contacts:
             if after.normal[part] > 0:
-                apart = self._carried(after, body, point) - self._carried(after, thing, point)
+                apart = self._carried(after, body, point) - self._carried(after, own, point)
                 along = apart - (apart @ normal) * normal
-                total[part] += force / self.normal[part] * (self.rotations[thing].T @ along)
+                total[part] += force / self.normal[part] * (self.rotations[own].T @ along)
         return total
 
-    def _carried(self, after: _Touch, body: int, point: Array) -> Array:
-        """Where the body has taken a point that was fixed to it."""
+    def _carried(self, after: _State, body: int, point: Array) -> Array:
+        """(3,) later position of a point that is fixed in a body [m]."""
         local = self.rotations[body].T @ (point - self.bodies[body, :3])
         return np.asarray(after.rotations[body] @ local + after.bodies[body, :3])

@@ -1,4 +1,4 @@
-"""What a run of holding tests says: one line of JSON a grasp, and figures over the whole set."""
+"""Results of a run of holding tests: figures over all grasps, and every grasp as plain JSON values."""
 
 from __future__ import annotations
 
@@ -14,26 +14,26 @@ from .six_directions import HoldResult, HoldStatus, ProbeResult
 
 @value
 class HoldFigures:
-    """Figures over a set of grasps; ``None`` where nothing could be tested.
+    """Figures over a set of grasps; figures that do not exist are ``None``.
 
     Attributes:
-        grasps: in the set.
-        tested: without those that could not be.
-        held: that passed.
-        rate: share of the tested that passed.
-        interval: of that share, 95 % (Wilson).
-        penetrating: whose pregrasp cuts too deep into object or hand; not held.
-        unstable: whose simulation became unstable; not held.
-        touching: with two parts (fingers, palm) in contact at the grasp pose, whether held or not.
-        clean: that passed, touch at the grasp pose and cut in less than a millimetre.
-        only_by_squeeze: that passed without touching at the grasp pose.
-        penetration: mean at the grasp pose [m], as the next four.
-        self_penetration: mean [m].
-        links: mean number of links in contact.
-        contact_distance: mean [m].
-        consistency: mean difference of the farthest and the nearest finger [m].
-        diversity: share of the first principal axis of the grasps tested; lower is more diverse.
-        strength: mean of the ladder's last factor held, where it was climbed.
+        grasps: Number of grasps in the set.
+        tested: Number of grasps that could be tested.
+        held: Number of grasps that held.
+        rate: Share of the tested grasps that held.
+        interval: 95 % interval of the rate (Wilson).
+        penetrating: Number of grasps whose pregrasp cuts too deep into object or hand; they count as lost.
+        unstable: Number of grasps whose simulation became unstable; they count as lost.
+        touching: Number of tested grasps with two parts (fingers, palm) in contact at the grasp pose.
+        clean: Number of clean grasps (see :class:`~preshape.physics.hold.six_directions.HoldResult`).
+        only_by_squeeze: Number of grasps that held only by the squeeze.
+        penetration: Mean penetration at the grasp pose [m].
+        self_penetration: Mean self-penetration at the grasp pose [m].
+        links: Mean number of links in contact at the grasp pose.
+        contact_distance: Mean contact distance at the grasp pose [m].
+        consistency: Mean consistency at the grasp pose [m].
+        diversity: Diversity of the tested grasps; lower is more diverse.
+        strength: Mean strength, where the ladder was climbed.
     """
 
     grasps: int
@@ -60,9 +60,9 @@ class HoldReport:
     """The results of a run, in the order of the grasps.
 
     Attributes:
-        grasps: as tested: root poses, with the protocol's errors.
-        results: one of each grasp.
-        seconds: that this run took, without what it found done.
+        grasps: The grasps as tested: with root poses and the protocol's errors.
+        results: Result of each grasp.
+        seconds: Time of this run [s], without results that an earlier run had saved.
     """
 
     grasps: GraspSet
@@ -76,13 +76,13 @@ class HoldReport:
 
     def figures(self, object_name: str | None = None) -> HoldFigures:
         """Figures over all grasps, or over those of one object."""
-        rows = [r for r in self.results if object_name in (None, r.object_name)]
-        tested = [r for r in rows if r.status is not HoldStatus.INVALID]
+        results = [r for r in self.results if object_name in (None, r.object_name)]
+        tested = [r for r in results if r.status is not HoldStatus.INVALID]
         shapes = [r.at_grasp for r in tested if r.at_grasp is not None]
-        at = [r.row for r in tested]
+        rows = [r.row for r in tested]
         held = sum(r.held for r in tested)
         return HoldFigures(
-            grasps=len(rows),
+            grasps=len(results),
             tested=len(tested),
             held=held,
             rate=held / len(tested) if tested else None,
@@ -97,46 +97,46 @@ class HoldReport:
             links=mean(g.links for g in shapes),
             contact_distance=mean(g.contact_distance for g in shapes),
             consistency=mean(g.consistency for g in shapes),
-            diversity=diversity(self.grasps.grasp[at], self.grasps.object_pose[at]),
+            diversity=diversity(self.grasps.grasp[rows], self.grasps.object_pose[rows]),
             strength=mean(r.strength for r in tested if r.strength is not None),
         )
 
     @property
     def object_names(self) -> tuple[str, ...]:
-        """The objects, in the order in which they first come."""
+        """Names of the objects, in the order of their first grasps."""
         return tuple(dict.fromkeys(result.object_name for result in self.results))
 
     def to_json(self) -> dict[str, Any]:
-        """Figures over all and for each object, and every grasp, as plain JSON values."""
+        """Figures over all grasps and for each object, and every grasp, as plain JSON values."""
         return {
             "all": asdict(self.figures()),
             "objects": {name: asdict(self.figures(name)) for name in self.object_names},
-            "grasps": [{**self._place(result.row), **result_to_json(result)} for result in self.results],
+            "grasps": [{**self._origin(result.row), **result_to_json(result)} for result in self.results],
         }
 
-    def _place(self, row: int) -> dict[str, Any]:
+    def _origin(self, row: int) -> dict[str, Any]:
         if not self.grasps.origin:
             return {}
         file, file_row = self.grasps.origin[row]
         return {"file": file, "file_row": file_row}
 
     def fault_lines(self) -> tuple[str, ...]:
-        """Every grasp that could not be tested, those of one file and reason together; rows count from 0."""
+        """The grasps that could not be tested, a line for each file and reason; rows count from 0."""
         groups: dict[tuple[str, str], list[int]] = {}
         for result in self.faults:
-            place = self._place(result.row)
-            key = place.get("file", ""), result.reason
-            groups.setdefault(key, []).append(place.get("file_row", result.row))
+            origin = self._origin(result.row)
+            key = origin.get("file", ""), result.reason
+            groups.setdefault(key, []).append(origin.get("file_row", result.row))
         return tuple(
             f"{file}{' ' if file else ''}row{'s' if len(rows) > 1 else ''} {_ranges(rows)}: {reason}"
             for (file, reason), rows in groups.items()
         )
 
     def raise_for_faults(self) -> None:
-        """To be called last: one sentence on the grasps that could not be tested.
+        """Raise an error where grasps could not be tested.
 
         Raises:
-            InputError: there are some; names all.
+            InputError: The message names all of them.
         """
         faults = self.faults
         if not faults:
@@ -150,7 +150,7 @@ class HoldReport:
 
 
 def _ranges(rows: list[int]) -> str:
-    """Numbers in words, neighbours together.
+    """Row numbers as text, with ranges of neighbours.
 
     >>> _ranges([1, 2, 3, 7])
     '1-3, 7'
@@ -173,11 +173,10 @@ def result_from_json(document: dict[str, Any]) -> HoldResult:
     """The inverse of :func:`result_to_json`.
 
     Raises:
-        KeyError, TypeError, ValueError: it is none.
+        KeyError, TypeError, ValueError: The document is no result.
     """
-    names = {field.name for field in fields(HoldResult)}
-    if set(document) != names:
-        raise ValueError("other keys than a result has")
+    if set(document) != {field.name for field in fields(HoldResult)}:
+        raise ValueError("the keys are not those of a result")
     shape = document["at_grasp"]
     return HoldResult(
         **{

@@ -1,17 +1,21 @@
-"""Many grasps: all cores, progress, and a file of results from which a stopped run goes on.
+"""The holding test of many grasps: on all cores, with progress and a file from which a stopped run continues.
 
-Each grasp is tested alone and from rest, so neither the number of processes nor the order nor a stop in
-between changes a result.
+Each grasp is tested alone and from rest. Neither the number of processes nor the order nor an interruption
+changes a result.
 """
 
 from __future__ import annotations
 
 import hashlib
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+
+from ... import spatial
 from ...exceptions import InputError
 from ...hands.compiled import no_mujoco_log
 from ...processes import process_count
@@ -22,20 +26,18 @@ from ..locate import object_pieces
 from ..pieces import ConvexPieces
 from ..pool import Scenes, run_jobs
 from ..protocol import HoldProtocol
-from .checkpoint import Checkpoint
-from .perturb import perturbed
+from .checkpoint import Checkpoint, Progress, result_taker
 from .report import HoldReport
 from .six_directions import HoldResult, HoldStatus, hold_test
 
-Progress = Callable[[int, int], None]
-"""Called with how many grasps are done, and of how many."""
-
-CHUNK = 8  # grasps a task: many enough to share a compiled scene, few enough to spread and to keep
+CHUNK = 8
+"""Grasps of one object that a process tests in a row: enough to share a compiled scene, and few enough to
+spread over the processes and to save results often."""
 
 
 @value
 class _Job:
-    """One grasp as a process gets it."""
+    """One grasp as a worker process gets it; the poses are pregrasp, grasp, squeeze and object."""
 
     row: int
     object_name: str
@@ -53,14 +55,10 @@ class _Tester:
     def test(self, job: _Job) -> HoldResult:
         import mujoco
 
-        pregrasp, grasp, squeeze, thing = job.poses
         try:
             return hold_test(
                 self.scenes.scene(job.object_name, job.scale),
-                pregrasp,
-                grasp,
-                squeeze,
-                thing,
+                *job.poses,
                 self.protocol,
                 row=job.row,
                 object_name=job.object_name,
@@ -68,7 +66,7 @@ class _Tester:
             )
         except InputError as error:
             return _invalid(job.row, job.object_name, job.given_scale, str(error))
-        except mujoco.FatalError as error:  # one grasp is no reason to lose the others
+        except mujoco.FatalError as error:  # one grasp must not end the whole run
             self.scenes.clear()
             return _invalid(job.row, job.object_name, job.given_scale, f"MuJoCo gave up: {error}")
 
@@ -84,25 +82,25 @@ def run_holds(
     progress: Progress | None = None,
     checkpoint: str | Path | None = None,
 ) -> HoldReport:
-    """Put grasps to the holding test.
+    """Run the holding test of all grasps.
 
-    A grasp that cannot be tested does not stop the others: see ``HoldReport.raise_for_faults``.
-    With more than one process the calling script needs the usual ``if __name__ == "__main__":``.
+    A grasp that cannot be tested does not stop the others; see ``HoldReport.raise_for_faults``. With more
+    than one process the calling script needs the usual ``if __name__ == "__main__":``.
 
     Args:
-        grasps: the set.
-        hand: whose grasps they are.
-        protocol: default the field's six directions.
-        objects: folder of the objects, see :func:`preshape.physics.pieces.load_pieces`.
-        pieces: objects already cut, by name; others are looked for.
-        workers: processes; default one for each core.
-        progress: called after every few grasps.
-        checkpoint: file of results; a run that was stopped goes on from it.
+        grasps: The grasps.
+        hand: Their hand.
+        protocol: Settings of the test; by default the field's six directions.
+        objects: Folder of the objects (see :func:`preshape.physics.pieces.load_pieces`).
+        pieces: Objects that are cut already, by name; the others are looked for.
+        workers: Number of processes; by default one for each core.
+        progress: Called after every few grasps.
+        checkpoint: File of results, from which a stopped run continues.
 
     Raises:
-        InputError: the grasps are not for this hand, or the checkpoint is of another run.
-        HandError: the hand's model cannot be used.
-        EnvironmentFailure: a file cannot be read or written, or a process was killed.
+        InputError: The grasps are not for this hand, or the checkpoint belongs to another run.
+        HandError: The hand's model cannot be used.
+        EnvironmentFailure: A file cannot be read or written, or a process was killed.
     """
     start = time.perf_counter()
     protocol = protocol or HoldProtocol()
@@ -114,37 +112,59 @@ def run_holds(
         found, reasons = _objects(given, objects, pieces or {})
         actual = perturbed(given, found, protocol)
         reasons.update({fault.row: fault.reason for fault in given.faults})
-        kept = (
-            stack.enter_context(Checkpoint(checkpoint, _key(actual, hand, found, protocol)))
-            if checkpoint
-            else None
-        )
-        done = dict(kept.done) if kept else {}
+        key = _key(actual, hand, found, protocol)
+        file = stack.enter_context(Checkpoint(checkpoint, key)) if checkpoint else None
+        done = dict(file.done) if file else {}
         for row, reason in reasons.items():
             done[row] = _invalid(row, given.objects[row], float(given.scale[row]), reason)
-        total = len(given)
-        if progress is not None:
-            progress(len(done), total)
-
-        def take(results: list[HoldResult]) -> None:
-            done.update({result.row: result for result in results})
-            if kept is not None:
-                kept.add(results)
-            if progress is not None:
-                progress(len(done), total)
-
-        run_jobs(_chunks(given, actual, set(done)), _Tester(hand, found, protocol), count, take)
+        chunks = _chunks(given, actual, set(done))
+        take = result_taker(done, len(given), file, progress)
+        run_jobs(chunks, _Tester(hand, found, protocol), count, take)
     return HoldReport(
         grasps=actual,
-        results=tuple(done[row] for row in range(total)),
+        results=tuple(done[row] for row in range(len(given))),
         seconds=time.perf_counter() - start,
     )
+
+
+def perturbed(grasps: GraspSet, pieces: Mapping[str, ConvexPieces], protocol: HoldProtocol) -> GraspSet:
+    """The grasps with the object displaced, turned and resized by the protocol's errors, unknown to the hand.
+
+    The error of a grasp depends on the seed and its row only, so each part of a set gets the same errors.
+    The size changes by exactly the given share, up or down with equal chance, about the centre of the
+    object's bounding box. That centre moves by exactly the given distance in a uniformly drawn direction, and
+    the object turns about it by exactly the given angle about a uniformly drawn axis [C].
+
+    Args:
+        grasps: The grasps as planned.
+        pieces: The objects by name; a row whose object is missing stays as it is.
+        protocol: Errors and seed.
+    """
+    if not any((protocol.position_error, protocol.turn_error, protocol.size_error)):
+        return grasps
+    poses, scale = np.array(grasps.object_pose), np.array(grasps.scale)
+    bad = {fault.row for fault in grasps.faults}
+    for row, name in enumerate(grasps.objects):
+        if row in bad or name not in pieces:
+            continue
+        random = np.random.default_rng([protocol.seed, row])
+        direction, axis = (v / np.linalg.norm(v) for v in random.normal(size=(2, 3)))
+        factor = 1.0 + protocol.size_error * random.choice([-1.0, 1.0])
+        T = spatial.pose_from_seven(poses[row])
+        middle = pieces[name].bounds.mean(axis=0)
+        centre = T[:3, :3] @ (middle * scale[row]) + T[:3, 3] + protocol.position_error * direction
+        rotation = spatial.rotation_from_vector(protocol.turn_error * axis) @ T[:3, :3]
+        scale[row] *= factor
+        poses[row] = spatial.seven_from_pose(
+            spatial.pose(rotation, centre - rotation @ (middle * scale[row]))
+        )
+    return replace(grasps, object_pose=poses, scale=scale)
 
 
 def _objects(
     grasps: GraspSet, folder: str | Path | None, pieces: Mapping[str, ConvexPieces]
 ) -> tuple[dict[str, ConvexPieces], dict[int, str]]:
-    """Every object's pieces, and why the grasps of the others cannot be tested."""
+    """The convex pieces of the objects, by name, and why other rows cannot be tested."""
     found: dict[str, ConvexPieces] = {}
     reasons: dict[str, str] = {}
     bad = {fault.row for fault in grasps.faults}
@@ -159,7 +179,7 @@ def _objects(
 
 
 def _chunks(given: GraspSet, actual: GraspSet, done: set[int]) -> list[list[_Job]]:
-    """The grasps still to test, those of one object and size together."""
+    """The grasps that are not done, grouped by object and size so that a chunk shares a scene."""
     groups: dict[tuple[str, float], list[_Job]] = {}
     for row, name in enumerate(given.objects):
         if row in done:
@@ -178,7 +198,7 @@ def _invalid(row: int, name: str, scale: float, reason: str) -> HoldResult:
 def _key(
     grasps: GraspSet, hand: PhysicsHand, pieces: Mapping[str, ConvexPieces], protocol: HoldProtocol
 ) -> str:
-    """Hash of everything that decides the results."""
+    """Hash of all that the results depend on."""
     import mujoco
 
     state = hashlib.sha256(f"{mujoco.__version__} {hand.digest} {protocol!r} {grasps.objects!r}".encode())

@@ -1,10 +1,17 @@
-"""The holding test: pregrasp, grasp, squeeze, then a load on the object; does the hand keep it?
+"""The holding test: the hand squeezes the object, then loads push the object; does the hand hold it?
 
-For each probe: reset to the pregrasp; move to the grasp, then to the squeeze, each ``stages`` interpolation
-steps of ``stage_steps`` simulation steps; apply the load at the object's centre of mass; look at the object
-every ``check_steps`` steps. The way to the squeeze is the same for every probe and MuJoCo is deterministic,
-so it is simulated once and its state, solver warm start included, is put back for each probe: the same
-numbers to the last bit as six full runs.
+The steps of the test are
+
+1. measure distances at the grasp pose;
+2. reset to the pregrasp, and fail where it cuts too deep into the object or the hand;
+3. move to the grasp, then to the squeeze, each in ``stages`` interpolation steps of ``stage_steps``
+   simulation steps;
+4. for each probe: restore the state of the squeeze, apply the load at the object's centre of mass, and check
+   every ``check_steps`` simulation steps how far the object has moved and turned;
+5. with the ladder, repeat step 4 with stronger loads until one is lost.
+
+The field's test simulates steps 2 and 3 again for each probe. MuJoCo is deterministic, so they are simulated
+once here; the saved state includes the solver's warm start, and the results are equal to the last bit.
 """
 
 from __future__ import annotations
@@ -22,11 +29,11 @@ from ..protocol import HoldProtocol, Probe
 from ..scene import Scene
 
 Observer = Callable[[str, Any], None]
-"""Called with ``grasp``, ``squeeze`` or a probe's name, and the ``mujoco.MjData``, while a test runs."""
+"""Called while a test runs, with ``grasp``, ``squeeze`` or the name of a probe, and the ``mujoco.MjData``."""
 
 
 class HoldStatus(enum.Enum):
-    """How a holding test ended; the value is what people read."""
+    """Outcome of a holding test; the values are texts for the user."""
 
     HELD = "held against every probe"
     LOST = "lost the object"
@@ -37,13 +44,13 @@ class HoldStatus(enum.Enum):
 
 @value
 class ProbeResult:
-    """One load.
+    """Result of one probe.
 
     Attributes:
-        name: the probe's.
-        held: whether the object stayed.
-        displacement: of the object's frame, the largest seen [m].
-        rotation: of the object, the largest seen [rad].
+        name: Name of the probe.
+        held: Whether the object stayed within the limits.
+        displacement: Largest displacement of the object's frame at a check [m].
+        rotation: Largest rotation of the object at a check [rad].
     """
 
     name: str
@@ -54,22 +61,24 @@ class ProbeResult:
 
 @value
 class HoldResult:
-    """Everything about one grasp in one test.
+    """Result of the holding test of one grasp.
 
     Attributes:
-        row: of the grasp in its set.
-        object_name: the object's.
-        scale: factor on the object's size, as given.
-        status: how it ended.
-        reason: one sentence.
-        probes: the loads that were tried, in order.
-        strength: the last factor on all loads that was held, 0 if not even 1; ``None`` without ladder.
-        at_grasp: distances at the grasp pose; ``None`` for a grasp that could not be tested.
-        touching_at_grasp: parts (fingers, palm) that press on the object when the hand has come to the grasp.
-        touching_at_squeeze: … when it has come to the squeeze.
-        only_by_squeeze: it held, but at the grasp pose fewer than two parts touch (are nearer than the
-            contact distance): the squeeze, not the grasp, found the object [C].
-        clean: it held, with two parts touching, and cuts into the object less than a millimetre.
+        row: Row of the grasp in its set.
+        object_name: Name of the object.
+        scale: Factor on the object's size, as given.
+        status: Outcome.
+        reason: One sentence on the outcome.
+        probes: Results of the probes, in their order.
+        strength: Largest factor of the ladder at which every probe was held, 0 where not even 1 was; ``None``
+            without a ladder.
+        at_grasp: Distances at the grasp pose; ``None`` for a grasp that could not be tested.
+        touching_at_grasp: Number of parts (fingers and palm) that press on the object at the grasp.
+        touching_at_squeeze: Number of parts that press on the object after the squeeze.
+        only_by_squeeze: Whether the grasp held with fewer than two parts in contact at the grasp pose,
+            so that the squeeze and not the grasp reached the object [C].
+        clean: Whether the grasp held, has two parts in contact, and cuts into the object less than the limit
+            (one millimetre).
     """
 
     row: int
@@ -87,20 +96,20 @@ class HoldResult:
 
     @property
     def held(self) -> bool:
-        """Whether the grasp passes."""
+        """Whether the grasp held."""
         return self.status is HoldStatus.HELD
 
 
 @value
 class Hold:
-    """How the way to the squeeze went.
+    """Result of the motion to the squeeze.
 
     Attributes:
-        at_grasp: distances at the grasp pose.
-        failure: why the test ends here; ``None`` where the hand squeezes.
-        reason: one sentence on the failure.
-        touching_at_grasp: parts (fingers, palm) that press on the object when the hand has come to the grasp.
-        touching_at_squeeze: … when it has come to the squeeze.
+        at_grasp: Distances at the grasp pose.
+        failure: Why the test ends here; ``None`` where the hand squeezes.
+        reason: One sentence on the failure.
+        touching_at_grasp: Number of parts (fingers and palm) that press on the object at the grasp.
+        touching_at_squeeze: Number of parts that press on the object after the squeeze.
     """
 
     at_grasp: GraspGeometry
@@ -126,16 +135,16 @@ def hold_test(
     """Test one grasp.
 
     Args:
-        scene: of hand and object.
-        pregrasp: (7 + joints) root pose x y z w x y z in the world and joint angles [m, rad].
-        grasp: the same, where the hand touches.
-        squeeze: the same, the targets that press.
-        object_pose: (7,) in the world.
-        protocol: the test's numbers; friction, mass and gains are the scene's already.
-        row: repeated in the result, as are the next two.
-        object_name: see there.
-        scale: see there.
-        observer: called after every few simulation steps, for pictures and tables.
+        scene: Scene of hand and object, which has friction, mass and gains of the protocol.
+        pregrasp: (7 + joints) root pose x y z w x y z in the world [m] and joint angles [rad].
+        grasp: (7 + joints) the same where the hand touches.
+        squeeze: (7 + joints) the same as targets that press.
+        object_pose: (7,) pose of the object in the world.
+        protocol: Settings of the test.
+        row: Row for the result.
+        object_name: Name of the object for the result.
+        scale: Scale for the result.
+        observer: Called after every few simulation steps, for pictures and tables.
     """
     import mujoco
 
@@ -162,13 +171,13 @@ def hold_test(
     strength = None
     if protocol.ladder:
         strength = 0.0 if lost else _climb(probe, protocol)
-    shaken = unstable(data)
-    held = not lost and not shaken
-    status = HoldStatus.HELD if held else (HoldStatus.UNSTABLE if shaken else HoldStatus.LOST)
+    blown_up = unstable(data)
+    held = not lost and not blown_up
+    status = HoldStatus.HELD if held else (HoldStatus.UNSTABLE if blown_up else HoldStatus.LOST)
     touches = at_grasp.parts >= 2
     return HoldResult(
         status=status,
-        reason=_sentence(status, lost, len(results), protocol),
+        reason=_reason(status, lost, len(results), protocol),
         probes=tuple(results),
         strength=strength,
         at_grasp=at_grasp,
@@ -191,9 +200,9 @@ def take_hold(
     *,
     observer: Observer | None = None,
 ) -> Hold:
-    """Bring the hand from the pregrasp to the grasp and to the squeeze; every test begins with it.
+    """Move the hand from the pregrasp to the grasp and on to the squeeze, as every test begins.
 
-    ``data``, a fresh ``mujoco.MjData`` of the scene, is left where the hand squeezes, or where it failed. The
+    ``data``, a new ``mujoco.MjData`` of the scene, is left at the squeeze or where the motion failed. The
     other arguments are those of :func:`hold_test`.
     """
     place(scene, data, grasp, object_pose)
@@ -201,20 +210,22 @@ def take_hold(
     place(scene, data, pregrasp, object_pose)
     into_object, into_itself = depths(scene, data)
     if max(into_object, into_itself) > protocol.penetration_limit:
-        what, depth = ("object", into_object) if into_object >= into_itself else ("hand", into_itself)
+        body, depth = ("object", into_object) if into_object >= into_itself else ("hand", into_itself)
         reason = (
-            f"the pregrasp cuts {depth * 1e3:.1f} mm into the {what}; "
+            f"the pregrasp cuts {depth * 1e3:.1f} mm into the {body}; "
             f"at most {protocol.penetration_limit * 1e3:g} mm are allowed"
         )
         return Hold(at_grasp=at_grasp, failure=HoldStatus.PENETRATES, reason=reason)
     _move(scene, data, pregrasp, grasp, protocol, "grasp", observer)
-    at = touching(scene, data)
+    touching_at_grasp = touching(scene, data)
     _move(scene, data, grasp, squeeze, protocol, "squeeze", observer)
-    squeezed = touching(scene, data)
+    touching_at_squeeze = touching(scene, data)
     if unstable(data):
         reason = "the simulation became unstable in the squeeze"
         return Hold(at_grasp=at_grasp, failure=HoldStatus.UNSTABLE, reason=reason)
-    return Hold(at_grasp=at_grasp, touching_at_grasp=at, touching_at_squeeze=squeezed)
+    return Hold(
+        at_grasp=at_grasp, touching_at_grasp=touching_at_grasp, touching_at_squeeze=touching_at_squeeze
+    )
 
 
 def slerp(first: Array, second: Array, share: float) -> Array:
@@ -226,7 +237,7 @@ def slerp(first: Array, second: Array, share: float) -> Array:
 
 
 def unstable(data: Any) -> bool:
-    """Whether MuJoCo met numbers that are not finite or too large since the last reset."""
+    """Whether MuJoCo has met numbers that are not finite or too large since the last reset."""
     import mujoco
 
     bad = (
@@ -246,7 +257,7 @@ def _move(
     name: str,
     observer: Observer | None,
 ) -> None:
-    """Take the hand's targets from ``start`` to ``end``, in equal steps, without ``start`` itself."""
+    """Move the hand's targets from ``start``, which is not applied itself, to ``end`` in equal steps."""
     import mujoco
 
     for stage in range(1, protocol.stages + 1):
@@ -270,11 +281,12 @@ def _load(
     protocol: HoldProtocol,
     observer: Observer | None,
 ) -> ProbeResult:
+    """Apply one load and check the object; ``data`` is at the squeeze."""
     import mujoco
 
     data.xfrc_applied[scene.object_body] = factor * load.wrench
     at = scene.object_address
-    farthest = widest = 0.0
+    displacement = rotation = 0.0
     for _ in range(protocol.checks):
         if observer is None:
             mujoco.mj_step(scene.model, data, protocol.check_steps)
@@ -283,16 +295,17 @@ def _load(
                 mujoco.mj_step(scene.model, data, min(10, protocol.check_steps - done))
                 observer(load.name, data)
         pose = data.qpos[at : at + 7]
-        farthest = max(farthest, float(np.linalg.norm(pose[:3] - object_pose[:3])))
-        widest = max(widest, 2.0 * math.acos(min(1.0, abs(float(pose[3:] @ object_pose[3:])))))
-        # MuJoCo resets a scene that blew up, which would look like an object that never moved.
-        if unstable(data) or farthest >= protocol.displacement_limit or widest >= protocol.rotation_limit:
-            return ProbeResult(name=load.name, held=False, displacement=farthest, rotation=widest)
-    return ProbeResult(name=load.name, held=True, displacement=farthest, rotation=widest)
+        displacement = max(displacement, float(np.linalg.norm(pose[:3] - object_pose[:3])))
+        rotation = max(rotation, 2.0 * math.acos(min(1.0, abs(float(pose[3:] @ object_pose[3:])))))
+        moved = displacement >= protocol.displacement_limit or rotation >= protocol.rotation_limit
+        # MuJoCo resets a scene that has become unstable, and the object would seem not to have moved.
+        if moved or unstable(data):
+            return ProbeResult(name=load.name, held=False, displacement=displacement, rotation=rotation)
+    return ProbeResult(name=load.name, held=True, displacement=displacement, rotation=rotation)
 
 
 def _climb(probe: Callable[[Probe, float], ProbeResult], protocol: HoldProtocol) -> float:
-    """The last factor on the ladder at which every probe was held."""
+    """The largest factor on the ladder at which every probe is held."""
     held = 1.0
     for _ in range(protocol.ladder_rungs):
         factor = held * protocol.ladder_factor
@@ -302,11 +315,12 @@ def _climb(probe: Callable[[Probe, float], ProbeResult], protocol: HoldProtocol)
     return held
 
 
-def _sentence(status: HoldStatus, lost: list[ProbeResult], tried: int, protocol: HoldProtocol) -> str:
+def _reason(status: HoldStatus, lost: list[ProbeResult], tried: int, protocol: HoldProtocol) -> str:
     if status is not HoldStatus.LOST:
         return status.value
     first = lost[0]
-    far = first.displacement >= protocol.displacement_limit
-    how = f"moved {first.displacement * 1e3:.0f} mm" if far else f"turned {math.degrees(first.rotation):.0f}°"
-    more = f", and {len(lost) - 1} more of {tried}" if len(lost) > 1 else ""
-    return f"lost the object: it {how} under {first.name}{more}"
+    motion = f"turned {math.degrees(first.rotation):.0f}°"
+    if first.displacement >= protocol.displacement_limit:
+        motion = f"moved {first.displacement * 1e3:.0f} mm"
+    others = f", and {len(lost) - 1} more of {tried}" if len(lost) > 1 else ""
+    return f"lost the object: it {motion} under {first.name}{others}"

@@ -1,7 +1,7 @@
-"""Many instances of the task benchmark: all cores, progress, and a file from which a stopped run goes on.
+"""The task test of many instances: on all cores, with progress and a file from which a stopped run continues.
 
-Each instance is answered with a fresh memory and tested alone and from rest, so neither the number of
-processes nor the order nor a stop in between changes a result.
+Each instance is answered with a fresh memory and tested alone and from rest. Neither the number of processes
+nor the order nor an interruption changes a result.
 """
 
 from __future__ import annotations
@@ -18,19 +18,28 @@ from ...exceptions import InputError
 from ...hands.compiled import no_mujoco_log
 from ...processes import process_count
 from ..hand import PhysicsHand
-from ..hold.runner import Progress
+from ..hold.checkpoint import Progress, ResultFile, result_taker
 from ..pieces import ConvexPieces, load_pieces
 from ..pool import Scenes, run_jobs
-from .checkpoint import TaskCheckpoint
 from .grasps import Answers
 from .instances import TaskInstance, instance_to_json
 from .protocol import TaskProtocol, TaskResult, TaskStatus, task_test
-from .report import TaskReport
+from .report import TaskReport, result_from_json, result_to_json
 
-CHUNK = 4  # instances of one object that a process takes at once
-
+CHUNK = 4
+"""Instances of one object that a process answers and tests in a row."""
 
 _Job = tuple[int, TaskInstance]
+
+
+class TaskCheckpoint(ResultFile[TaskResult]):
+    """Results of the task test."""
+
+    format = "preshape tasks 1"
+    kind = "task tests"
+    subject = "instances, grasps, hand or settings"
+    to_json = staticmethod(result_to_json)
+    from_json = staticmethod(result_from_json)
 
 
 class _Tester:
@@ -68,11 +77,11 @@ class _Tester:
                 **label,
             )
         except InputError as error:
-            why = str(error)
-        except mujoco.FatalError as error:  # one instance is no reason to lose the others
+            reason = str(error)
+        except mujoco.FatalError as error:  # one instance must not end the whole run
             self.scenes.clear()
-            why = f"MuJoCo gave up: {error}"
-        return TaskResult(status=TaskStatus.INVALID, reason=why, planned=planned, **label)
+            reason = f"MuJoCo gave up: {error}"
+        return TaskResult(status=TaskStatus.INVALID, reason=reason, planned=planned, **label)
 
 
 def run_tasks(
@@ -87,53 +96,43 @@ def run_tasks(
     preparing: Callable[[str], None] | None = None,
     checkpoint: str | Path | None = None,
 ) -> TaskReport:
-    """Answer and test every instance.
+    """Answer and test all instances.
 
     With more than one process the calling script needs the usual ``if __name__ == "__main__":``.
 
     Args:
-        instances: of :func:`preshape.physics.task.instances.make_instances`.
-        hand: in physics.
-        answers: a planner's, or a file's.
-        protocol: default friction 0.6, 0.1 kg.
-        pieces: objects already cut, by name; others are cut, which takes up to two minutes an object once.
-        workers: processes; default one for each core.
-        progress: called after every instance or few.
-        preparing: called with the name of each object before it is cut.
-        checkpoint: file of results; a run that was stopped goes on from it.
+        instances: The instances (see :func:`preshape.physics.task.instances.make_instances`).
+        hand: The hand.
+        answers: Answers of a planner or of a file.
+        protocol: Settings of the test; by default friction 0.6 and 0.1 kg.
+        pieces: Objects that are cut already, by name; cutting another takes up to two minutes, once.
+        workers: Number of processes; by default one for each core.
+        progress: Called after every few instances.
+        preparing: Called with the name of each object before it is cut.
+        checkpoint: File of results, from which a stopped run continues.
 
     Raises:
-        InputError: no such number of workers, or the checkpoint is of another run.
-        HandError: the hand's model cannot be used.
-        EnvironmentFailure: a file cannot be read or written, or a process was killed.
+        InputError: The number of workers is below 1, or the checkpoint belongs to another run.
+        HandError: The hand's model cannot be used.
+        EnvironmentFailure: A file cannot be read or written, or a process was killed.
     """
     start = time.perf_counter()
     protocol = protocol or TaskProtocol()
     count = process_count(workers)
-    done: dict[int, TaskResult] = {}
     with ExitStack() as stack:
         stack.enter_context(no_mujoco_log())
         hand.spec()  # a hand that cannot be used is an error of the run, not of each instance
         found, reasons = _pieces(instances, pieces or {}, preparing)
         key = _key(instances, hand, found, protocol, answers)
-        kept = stack.enter_context(TaskCheckpoint(checkpoint, key)) if checkpoint else None
-        if kept is not None:
-            done.update(kept.done)
+        file = stack.enter_context(TaskCheckpoint(checkpoint, key)) if checkpoint else None
+        done = dict(file.done) if file else {}
         for row, instance in enumerate(instances):
             if instance.object_name in reasons:
-                why = reasons[instance.object_name]
-                done[row] = TaskResult(status=TaskStatus.INVALID, reason=why, **_label(row, instance))
-        if progress is not None:
-            progress(len(done), len(instances))
-
-        def take(results: list[TaskResult]) -> None:
-            done.update({result.row: result for result in results})
-            if kept is not None:
-                kept.add(results)
-            if progress is not None:
-                progress(len(done), len(instances))
-
-        run_jobs(_chunks(instances, done), _Tester(hand, found, protocol, answers), count, take)
+                reason = reasons[instance.object_name]
+                done[row] = TaskResult(status=TaskStatus.INVALID, reason=reason, **_label(row, instance))
+        chunks = _chunks(instances, done)
+        take = result_taker(done, len(instances), file, progress)
+        run_jobs(chunks, _Tester(hand, found, protocol, answers), count, take)
     return TaskReport(
         instances=tuple(instances),
         results=tuple(done[row] for row in range(len(instances))),
@@ -156,7 +155,7 @@ def _pieces(
     given: Mapping[str, ConvexPieces],
     preparing: Callable[[str], None] | None,
 ) -> tuple[dict[str, ConvexPieces], dict[str, str]]:
-    """Every object's pieces, and why there are none of the others."""
+    """The convex pieces of the objects, by name, and the reasons why others have none."""
     found: dict[str, ConvexPieces] = {}
     reasons: dict[str, str] = {}
     for name in dict.fromkeys(instance.object_name for instance in instances):
@@ -173,7 +172,7 @@ def _pieces(
 
 
 def _chunks(instances: Sequence[TaskInstance], done: Mapping[int, TaskResult]) -> list[list[_Job]]:
-    """The instances still to do, those of one object together."""
+    """The instances that are not done, grouped by object and size so that a chunk shares a scene."""
     groups: dict[tuple[str, float], list[_Job]] = {}
     for row, instance in enumerate(instances):
         if row not in done:
@@ -188,7 +187,7 @@ def _key(
     protocol: TaskProtocol,
     answers: Answers,
 ) -> str:
-    """Hash of everything that decides the results."""
+    """Hash of all that the results depend on."""
     import mujoco
 
     head = f"{mujoco.__version__} {hand.digest} {protocol!r} {answers.digest}"
