@@ -23,8 +23,8 @@ from preshape.physics.hold.report import HoldReport
 from preshape.physics.hold.six_directions import HoldResult, HoldStatus
 from preshape.physics.protocol import HoldProtocol
 from preshape.planning import planner_bench
+from preshape.planning.answers import Answer
 from preshape.planning.hand_simulation import execute
-from preshape.planning.plan import Answer
 from preshape.planning.request import PlanRequest
 from preshape.planning.session import Session
 from preshape.tasks import parse_task

@@ -26,8 +26,8 @@ from preshape.hiis.controller import Controller
 from preshape.hiis.planes import allowed_planes
 from preshape.memory import Memory
 from preshape.objects.library import load_library_object, names
-from preshape.planner import layout_of
 from preshape.planning.document import plan_schema
+from preshape.planning.session import layout_of
 from preshape.studies.run import EXPERIMENTS
 from preshape.tasks import FAMILIES, all_named_tasks, parse_task
 

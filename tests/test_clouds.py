@@ -29,8 +29,9 @@ from preshape.objects.scans.symmetry import symmetries
 from preshape.objects.scans.trust import UNSEEN, trust_of, worth
 from preshape.physics.pieces import ConvexPieces
 from preshape.planner import plan
+from preshape.planning.answers import scan_trust, seen_first
 from preshape.planning.document import plan_schema, plan_to_json
-from preshape.planning.plan import Plan, scan_trust, seen_first
+from preshape.planning.plan import Plan
 from preshape.planning.planner_bench import Case
 from preshape.studies.partial_report import cloud_figures, cloud_tables, write_cloud_report
 from preshape.studies.partial_views import CloudRun, agreement, completed, depth_view, run_clouds

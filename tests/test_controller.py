@@ -23,7 +23,7 @@ from preshape.memory import Memory
 from preshape.objects.library import entry, load_library_object, names
 from preshape.objects.load import load_object
 from preshape.objects.mesh import TriangleMesh
-from preshape.planner import layout_of
+from preshape.planning.session import layout_of
 from preshape.tasks import Task, parse_task
 
 LAYOUT = layout_of(load_hand("utah_mit"))
@@ -172,6 +172,10 @@ def test_a_deadlock_reports_the_best_grasp_and_that_it_is_not_good_enough(grid):
 def test_mode_1_keeps_the_estimated_plane_and_never_does_worse_than_mode_0(grid):
     answered = [d for d in grid.values() if d.grasp is not None and d.mode in (0, 1)]
     for d in answered:
+        if d.reason.startswith("known:"):  # the memory held a better one than the search found
+            found = float(d.reason.rpartition("found ")[2])
+            assert d.grasp.judged > found - 0.005
+            continue
         assert d.grasp.plane.index == d.estimate.plane
         if d.mode == 0:
             assert d.grasp.approach_set == d.estimate.approach_set

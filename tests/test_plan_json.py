@@ -14,16 +14,20 @@ import jsonschema
 import numpy as np
 import pytest
 
+from preshape.files import dumps
 from preshape.hiis.decision import Settings
 from preshape.hiis.fuzzy import SET_NAMES
 from preshape.hiis.planes import PLANES
 from preshape.objects.library import load_library_object
-from preshape.planner import Plan, plan
-from preshape.planning.document import GRASP_KEYS, dumps, error_to_json, plan_schema, plan_to_json
+from preshape.planner import plan
+from preshape.planning.document import GRASP_KEYS, error_to_json, plan_schema, plan_to_json
 from preshape.planning.hand_simulation import HandStatus
+from preshape.planning.plan import Plan
 
 EXAMPLE = Path(__file__).parent.parent / "docs" / "plan.example.json"
 PROMISED = {
+    "schema", "executable", "best", "request", "mass", "mass_source", "heaviest_mass", "way_in",
+    "fingers_touching", "missing_motion",
     "status", "reason", "mode", "deadlock", "plane", "flip", "approach_axis", "opposition_axis",
     "transverse_axis", "approach_value", "approach_set", "fingers", "tfvadi", "adi", "net_wrench",
     "stability", "manipulability", "cog", "U", "contacts", "transitions", "hand", "alternatives",

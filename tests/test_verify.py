@@ -15,8 +15,10 @@ from preshape.closure.settings import ClosureSettings
 from preshape.memory import Memory
 from preshape.physics.hold.six_directions import HoldResult, HoldStatus
 from preshape.physics.pieces import ConvexPieces
-from preshape.planner import Plan, plan
+from preshape.physics.protocol import HoldProtocol
+from preshape.planner import plan
 from preshape.planning import verify as verifying
+from preshape.planning.plan import Plan
 
 QUICK = ClosureSettings(everywhere=800, elite=12, rounds=2, finished=4, persistence=1)
 
@@ -101,12 +103,15 @@ def test_a_simulation_that_broke_says_nothing_of_the_grip(fresh, monkeypatch: py
         assert outcomes(memory) == ["lost"]
 
 
-def test_what_stood_in_the_way_does_not_become_what_is_known(fresh, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_outcome_counts_for_its_own_scene(fresh, monkeypatch: pytest.MonkeyPatch) -> None:
     with fresh() as memory:
         told(monkeypatch, *[True] * 3)
-        planned(memory, approaches="-z")
-        planned(memory, avoid=[[0.3, 0.3, 0.3, 0.4, 0.4, 0.4]])
+        planned(memory, approaches="-z")  # a restriction, which says nothing about the object
         assert outcomes(memory) == []
+        planned(memory, avoid=[[0.3, 0.3, 0.3, 0.4, 0.4, 0.4]])
+        assert outcomes(memory) == ["held"]
+        (lesson,) = (e for e in memory.experiences() if e.outcome)
+        assert lesson.scene.startswith("box ")
 
 
 @pytest.mark.parametrize(

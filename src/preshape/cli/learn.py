@@ -137,7 +137,7 @@ def _own_tasks(name: str) -> tuple[str, ...]:
 
 
 def _row(name: str, plan: Plan, weights: NetworkWeights) -> dict[str, Any]:
-    from ..planning.plan import missing_motion
+    from ..planning.answers import missing_motion
 
     shown = plan.answer or plan.best
     grasp = shown.grasp if shown else None

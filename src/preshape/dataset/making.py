@@ -18,8 +18,8 @@ from ..hiis.fuzzy import SET_NAMES
 from ..objects.mesh import TriangleMesh
 from ..physics.task.instances import makes_sense
 from ..physics.task.motion import task_motion
+from ..planning.answers import Answer
 from ..planning.hand_simulation import execute
-from ..planning.plan import Answer
 from ..tasks import Task, parse_task
 from ..types import value
 from .drawing import ShardGrasps, shard_grasps

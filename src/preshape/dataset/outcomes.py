@@ -18,7 +18,7 @@ from ..physics.task.grasps import GivenAnswers, HandPoses
 from ..physics.task.instances import TaskInstance, makes_sense
 from ..physics.task.protocol import TaskProtocol, TaskResult, TaskStatus
 from ..physics.task.runner import run_tasks
-from ..planning.plan import Answer
+from ..planning.answers import Answer
 from ..planning.planner_bench import Case, Planned, grasps_of
 from ..tasks import Task
 from .settings import DatasetSettings, Shard

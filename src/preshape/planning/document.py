@@ -11,7 +11,7 @@ import json
 import sys
 from importlib import resources
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from .._version import __version__
 from ..exceptions import EnvironmentFailure, InputError
@@ -21,9 +21,12 @@ from ..hiis.decision import Settings
 from ..hiis.fuzzy import SET_NAMES
 from ..tasks import family_names
 from ..types import FIELD_MASS, FRICTION
+from .answers import Answer, missing_motion, scan_trust, shortfalls
 from .hand_simulation import HandPose
-from .plan import Answer, Plan, missing_motion, scan_trust, shortfalls
 from .request import SCHEMA, PlanRequest
+
+if TYPE_CHECKING:
+    from .plan import Plan
 
 Document = dict[str, Any]
 

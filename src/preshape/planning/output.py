@@ -6,13 +6,17 @@ import base64
 import tempfile
 from html import escape
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from ..files import make_folder, write_json, write_text, write_whole
 from ..hiis.analyser import VirtualGrasp
 from ..objects.mesh import TriangleMesh
 from ..physics.task.instances import mesh_text
+from .answers import answers_of
 from .document import Document, plan_to_json
-from .plan import Plan, answers_of
+
+if TYPE_CHECKING:
+    from .plan import Plan
 
 
 def save_plan(plan: Plan, folder: Path, document: Document | None = None) -> list[Path]:

@@ -25,8 +25,8 @@ from ..physics.measures import wilson
 from ..physics.pieces import ConvexPieces, load_pieces
 from ..physics.protocol import HoldProtocol
 from ..types import FIELD_MASS, value
+from .answers import Answer, answers_of
 from .grasp_sets import palm_grasps, poses_of
-from .plan import Answer, answers_of
 from .request import PlanRequest
 from .session import Session
 

@@ -29,8 +29,9 @@ from ..objects.load import load_object
 from ..objects.mass import ObjectMass, object_mass
 from ..objects.mesh import TriangleMesh
 from ..types import Array, Experience, value
+from .answers import Answer, seen_first
 from .hand_simulation import execute, hand_geometry
-from .plan import Answer, Plan, seen_first
+from .plan import Plan
 from .request import PlanRequest
 from .verify import VERIFIED, verified_plan
 

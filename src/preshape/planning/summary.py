@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 from rich.console import Console, Group, RenderableType
@@ -16,13 +17,13 @@ from ..hiis.decision import Decision, Status
 from ..hiis.fuzzy import SET_NAMES
 from ..hiis.planes import axis_name
 from ..tasks.task import COMPONENTS
-from ..types import Array
-from .plan import Answer, Plan, missing_motion, scan_trust, shortfalls
+from .answers import Answer, missing_motion, scan_trust, shortfalls
+
+if TYPE_CHECKING:
+    from .plan import Plan
 
 MODE_WORDS = {0: "known", 1: "searched", 2: "task does not fit", 3: "new"}
 """The execution modes in plain words: how the answer was come by."""
-ASIDE = 20.0
-"""A way in that differs from the plane's approach axis by more than this is told beside it [degrees]."""
 _COLOURS = {"reward": "green", "learned": "green", "known": "yellow", "deadlock": "red", "no grasp": "red"}
 _HEADLINES = {
     Status.ANSWER: ("green", "grasp found"),
@@ -83,30 +84,14 @@ def headline_of(plan: Plan) -> tuple[str, str]:
     return colour, headline
 
 
-def direction_words(direction: Array) -> str:
-    """A unit vector as people read it: the nearest axis, and how far it is from it.
-
-    >>> direction_words(np.array([0.0, 0.0, -1.0])), direction_words(np.array([0.0, 0.6, -0.8]))
-    ('-Z', '(0.00, 0.60, -0.80), 37° from -Z')
-    """
-    k = int(np.argmax(np.abs(direction)))
-    axis = f"{'+' if direction[k] > 0 else '-'}{'XYZ'[k]}"
-    angle = float(np.degrees(np.arccos(min(1.0, abs(float(direction[k]))))))
-    if angle < 2.0:
-        return axis
-    numbers = ", ".join(f"{x + 0.0:.2f}" for x in direction)
-    return f"({numbers}), {angle:.0f}° from {axis}"
-
-
 def way_in_words(answer: Answer) -> str:
-    """How the hand comes in, and the approach plane beside it.
-
-    Where the two differ by over ``ASIDE`` the angle is told.
-    """
+    """How the hand comes in, and the approach plane beside it with the angle between the two."""
     plane, way = answer.grasp.plane, answer.way_in
     angle = float(np.degrees(np.arccos(np.clip(plane.approach_axis @ way, -1.0, 1.0))))
-    beside = f", {angle:.0f}° off its approach axis" if angle > ASIDE else ""
-    return f"comes in along {direction_words(way)}; {plane.label}{beside}"
+    if angle < 2.0:
+        return f"comes in along {axis_name(plane.approach_axis).upper()}; {plane.label}"
+    numbers = ", ".join(f"{x + 0.0:.2f}" for x in way)
+    return f"comes in along ({numbers}), {angle:.0f}° off {plane.label}"
 
 
 def _grid(*rows: tuple[str, str | Text]) -> Table:

@@ -15,9 +15,10 @@ from ..physics.pieces import decompose
 from ..physics.protocol import HoldProtocol
 from ..physics.scene import build_scene
 from ..types import FRICTION
+from .answers import Verified, answers_of
 from .grasp_sets import palm_grasps, poses_of
 from .hand_simulation import HandResult
-from .plan import Plan, Verified, answers_of
+from .plan import Plan
 
 VERIFIED = 6
 """Answers that are tried in physics; with a larger ``count`` all of these."""

@@ -13,8 +13,9 @@ from ..hiis.analyser import Aim
 from ..hiis.decision import Decision, Status, Transition
 from ..objects.library import names
 from ..physics.measures import wilson
+from ..planning.answers import Answer
 from ..planning.hand_simulation import HandStatus, execute
-from ..planning.plan import Answer, Plan
+from ..planning.plan import Plan
 from ..report import Cell, Figure, Table
 from ..tasks import all_named_tasks, parse_task
 from . import printed

@@ -38,7 +38,8 @@ from ..physics.hold.runner import run_holds
 from ..physics.pieces import ConvexPieces
 from ..physics.protocol import HoldProtocol
 from ..planner import plan
-from ..planning.plan import Answer, Plan, scan_trust
+from ..planning.answers import Answer, scan_trust
+from ..planning.plan import Plan
 from ..planning.planner_bench import Case, Planned, grasps_of
 from ..planning.session import ON_CLOUDS
 from ..types import FIELD_MASS, Array, value

@@ -1,0 +1,115 @@
+"""Answers of a plan, and what can be said of one: trust, shortfalls, the way in."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..closure.finish import margin_of
+from ..hiis.analyser import Grasp, Grip
+from ..objects.scans.trust import Trust, trust_of, worth
+from ..tasks.task import COMPONENTS, ROTATION_ABSENT, TRANSLATION_ABSENT
+from ..types import Array, value
+from .hand_simulation import HandResult
+
+if TYPE_CHECKING:
+    from .plan import Plan
+
+_ABSENT = np.array([TRANSLATION_ABSENT] * 3 + [ROTATION_ABSENT] * 3)
+
+
+@value
+class Answer:
+    """A grasp and what the hand makes of it.
+
+    Attributes:
+        grasp: The virtual grasp or the grip.
+        hand_result: The hand's postures, or why it retracted.
+        heaviest: Heaviest mass that the grip would still hold for this task [kg]; ``None`` of a virtual
+            grasp, which knows no loads.
+    """
+
+    grasp: Grasp
+    hand_result: HandResult
+    heaviest: float | None = None
+
+    @property
+    def way_in(self) -> Array:
+        """(3,) unit vector along which the hand comes in, mesh frame."""
+        return self.grasp.approach if isinstance(self.grasp, Grip) else self.grasp.plane.approach_axis
+
+
+@value
+class Verified:
+    """What the holding test said.
+
+    Attributes:
+        held: Whether the plan's answer held.
+        tried: Number of answers that were tried until one held.
+        reason: One sentence.
+    """
+
+    held: bool
+    tried: int
+    reason: str
+
+
+def scan_trust(plan: Plan, answer: Answer | None) -> Trust | None:
+    """How much an answer on a point cloud can be trusted; ``None`` on a mesh."""
+    scan = plan.mesh.scan
+    if scan is None:
+        return None
+    return trust_of(scan, answer.grasp.contacts.triangles if answer is not None else None)
+
+
+def shortfalls(plan: Plan, answer: Answer) -> tuple[str, ...]:
+    """What the task asks for and a virtual grasp does not give: present components with ADI 0.
+
+    TFVADI sums six components, so a virtual grasp can pass without the one that matters most. A grip is
+    judged by the loads that it balances, so it has no such shortfall.
+    """
+    if isinstance(answer.grasp, Grip):
+        return ()
+    q, g = plan.decision.task.q, answer.grasp
+    return tuple(
+        f"{name}: the task asks {asked:+.2f}, the grasp gives {given:+.2f}"
+        for name, asked, given, degree, limit in zip(COMPONENTS, q, g.net_wrench, g.adi, _ABSENT, strict=True)
+        if abs(asked) > limit + 1e-9 and degree <= 1e-9
+    )
+
+
+def missing_motion(plan: Plan, answer: Answer) -> str:
+    """The task's largest component, where a virtual grasp gives nothing along it; else empty."""
+    if isinstance(answer.grasp, Grip):
+        return ""
+    share = np.abs(plan.decision.task.q) / [1.0, 1.0, 1.0, 0.8, 0.8, 0.8]
+    largest = np.flatnonzero(share >= share.max() - 1e-9)
+    if (answer.grasp.adi[largest] > 1e-9).any():
+        return ""
+    return " and ".join(COMPONENTS[k] for k in largest)
+
+
+def answers_of(plan: Plan) -> tuple[Answer, ...]:
+    """The answer and its alternatives, best first."""
+    return tuple(a for a in (plan.answer, *plan.alternatives) if a is not None)
+
+
+def seen_first(plan: Plan, *, keep: int) -> Plan:
+    """The plan of a point cloud with its answers ordered by margin and by how much of them was seen.
+
+    Args:
+        plan: With all answers that may be chosen.
+        keep: Number of answers to keep.
+    """
+    scan = plan.mesh.scan
+    if plan.answer is None or scan is None:
+        return plan
+
+    def rank(answer: Answer) -> float:
+        g = answer.grasp  # a grip is ranked by the margin behind its quality, a virtual grasp by its match
+        return (margin_of(g.judged) if isinstance(g, Grip) else g.judged) * worth(scan, g.contacts.triangles)
+
+    best, *others = sorted(answers_of(plan), key=lambda answer: -rank(answer))
+    return replace(plan, answer=best, alternatives=tuple(others[: keep - 1]))
