@@ -1,13 +1,13 @@
 const i = event.target.dataset.i, d = event.currentTarget.dataset, id = event.currentTarget.id;
 if (i !== undefined) {
   event.preventDefault();
-  // Picture and box may be made anew while this goes on: they are looked for every time.
+  // The page may replace curve and input box during a drag, so both are looked up for every event.
   const find = () => [...document.querySelectorAll('label')].find(l => l.textContent === d.box)
     .closest('div:has(input)').querySelector('input');
   const write = Object.getOwnPropertyDescriptor(HTMLInputElement.prototype, 'value').set;
   const move = e => {
     const svg = document.getElementById(id), r = svg && svg.getBoundingClientRect(), v = svg && svg.viewBox.baseVal;
-    if (!r || !r.width) return;  // it is just being made, or its tab was left
+    if (!r || !r.width) return;  // the curve is being replaced, or its tab is hidden
     const at = d.axis === 'x' ? (e.clientX - r.left) / r.width * v.width : (e.clientY - r.top) / r.height * v.height;
     const box = find(), numbers = box.value.split(' ').map(Number);
     let low = +d.low, high = +d.high, x = low + (at - d.from) / (d.to - d.from) * (high - low);

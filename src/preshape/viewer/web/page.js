@@ -4,7 +4,7 @@ const $ = id => document.getElementById(id);
 const data = JSON.parse($("data").textContent);
 const state = {view: 0, share: 1, hidden: new Set(data.hidden), spin: 0, tilt: 0, zoom: 1, pan: [0, 0], playing: 0};
 
-// Bytes.
+// Geometry: base64 text to typed arrays.
 const bytes = text => Uint8Array.from(atob(text), c => c.charCodeAt(0)).buffer;
 function geometry(g) {
   const q = new Int16Array(bytes(g.p)), p = new Float32Array(q.length);
@@ -12,7 +12,7 @@ function geometry(g) {
   return {p, n: new Int8Array(bytes(g.n)), t: g.w ? new Uint32Array(bytes(g.t)) : new Uint16Array(bytes(g.t)), w: g.w};
 }
 
-// Vectors and matrices; a matrix is sixteen numbers, column by column.
+// Vectors and matrices; a matrix has sixteen numbers, column by column.
 const sub = (a, b) => a.map((x, i) => x - b[i]), dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
 const cross = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
 const unit = a => { const l = Math.hypot(...a) || 1; return a.map(x => x / l); };
@@ -27,7 +27,7 @@ function mul(a, b) {
 }
 const ONE = new Float32Array([1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]);
 
-// The camera: where it was put, turned and moved by the reader.
+// The camera: its first pose, rotated and moved by the user.
 function camera(aspect) {
   const home = data.views[state.view].camera;
   const away = sub(home.eye, home.target), flat = Math.hypot(away[0], away[1]);
@@ -150,7 +150,7 @@ function label(view, cam, w, h) {
     span.style.display = d > 0 ? "" : "none";
     return {span, rank: (RANKS.indexOf(l.group) + RANKS.length + 1) % (RANKS.length + 1)};
   });
-  // Where two labels overlap, the less important one goes.
+  // Of two labels that overlap, the less important one is hidden.
   const kept = [];
   for (const {span} of [...places].sort((a, b) => a.rank - b.rank)) {
     if (span.style.display) continue;
@@ -160,7 +160,7 @@ function label(view, cam, w, h) {
   }
 }
 
-// Reading and steering.
+// Readings and controls.
 function choose(index) {
   state.view = index;
   const view = data.views[index];
@@ -203,7 +203,7 @@ for (const [group, words] of Object.entries(data.groups)) {
   label.append(box, " " + words); $("layers").append(label);
 }
 
-// One finger or the left button turns, two or the right button move, the wheel or a pinch comes nearer.
+// One finger or the left button rotates, two fingers or the right button move, wheel or pinch zooms.
 const fingers = new Map();
 let spread = 0;
 canvas.onpointerdown = e => { canvas.setPointerCapture(e.pointerId); fingers.set(e.pointerId, [e.clientX, e.clientY, e.button]); spread = 0; };

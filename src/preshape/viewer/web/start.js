@@ -1,4 +1,4 @@
-// Runs before the viewer's own script, which decides here how many samples a pixel gets.
+// Runs before viser's script and decides the number of samples per pixel.
 (() => {
   const probe = document.createElement('canvas').getContext('webgl');
   const named = probe && probe.getExtension('WEBGL_debug_renderer_info');
@@ -7,7 +7,7 @@
   const make = HTMLCanvasElement.prototype.getContext;
   HTMLCanvasElement.prototype.getContext = function (kind, wanted) {
     if (!kind.startsWith('webgl')) return make.call(this, kind, wanted);
-    // The server is told the size that a person sees, not that of the buffer: labels and phones go by it.
+    // The server gets the size on the screen, not that of the buffer: label layout and phone detection need it.
     for (const [side, seen] of [['width', 'clientWidth'], ['height', 'clientHeight']]) {
       const {get, set} = Object.getOwnPropertyDescriptor(HTMLCanvasElement.prototype, side);
       Object.defineProperty(this, side, {configurable: true, set, get() { return this[seen] || get.call(this); }});
@@ -15,14 +15,13 @@
     return make.call(this, kind, software ? {...wanted, antialias: false, preserveDrawingBuffer: false} : wanted);
   };
   if (!software) return;
-  // Where software draws the scene, every sample is the processor's work: while the view moves there are few,
-  // as soon as it rests there are many.
+  // With software rendering every sample costs CPU time: few samples while the view moves, many when it rests.
   const MOVING = 0.6, RESTING = 1.5, REST = 350;
   const inner = name => window[name] || {};
   let held = false, timer = 0;
   const draw = ratio => {
     const settings = inner('__viserTestpoints').devSettings, back = inner('__viserMutable').backgroundMaterial;
-    if (back) back.visible = false;  // a picture behind the scene, which this scene has not
+    if (back) back.visible = false;  // viser draws a background image, which this scene does not have
     if (settings && settings.get().fixedDpr !== ratio) settings.set({fixedDpr: ratio});
   };
   const rest = () => held || draw(RESTING * devicePixelRatio);
