@@ -11,8 +11,8 @@ import pytest
 from scipy.spatial import cKDTree
 
 from preshape.exceptions import InputError
-from preshape.kernels.field.host import DistanceField, SurfaceQuery, prepare_field
 from preshape.kernels.field import plain as field_numpy
+from preshape.kernels.field.host import DistanceField, SurfaceQuery, prepare_field
 from preshape.kernels.field.winding import oriented_triangles
 from preshape.kernels.surface_points import surface_points
 from preshape.objects.library import load_library_object
@@ -55,7 +55,7 @@ def on_device(field: DistanceField, points: Array) -> tuple[Array, Array]:
     """Distance and gradient by the kernel."""
     import warp as wp
 
-    from preshape.kernels.field.host import warp as warp_field
+    from preshape.kernels.field import warp as warp_field
 
     distance = wp.zeros(len(points), dtype=float, device="cpu")
     gradient = wp.zeros(len(points), dtype=wp.vec3, device="cpu")

@@ -16,7 +16,7 @@ from ..kernels.closing.host import Candidates, ClosingKernel
 from ..kernels.field.host import DistanceField
 from ..kernels.field.plain import field_distance
 from ..kernels.field.winding import oriented_triangles
-from ..kernels.fitting.host import FittingKernel, Puts, SpotRows
+from ..kernels.fitting.host import FittingKernel, PatchRows, PinchPlacements
 from ..kernels.rays import MISS, RayCaster
 from ..objects.mesh import TriangleMesh
 from ..types import Array, IntArray, value
@@ -30,7 +30,7 @@ OPPOSITE = 0.9
 THINNEST = 0.001
 """Thinner parts are not looked for: the distance grid does not resolve them [m] [C]."""
 TIP_DEPTH = 0.002
-"""Apparent depth of a fingertip in the object that is accepted, because the grid blurs the surface [m] [C]."""
+"""Apparent depth of a fingertip in the object that is accepted: the grid blurs the surface [m] [C]."""
 PINCHED = 0.5
 """Share of the candidates that are pinches, as far as enough of them fit [C]."""
 ALIGNED = 0.55
@@ -134,7 +134,7 @@ class Pincher:
             closing.field,
             pinches.palm,
             pinches.rows,
-            SpotRows(patches.middle, patches.normal, patches.width),
+            PatchRows(patches.middle, patches.normal, patches.width),
             near=NEAR,
             room=ROOM,
             device=closing.device,
@@ -175,10 +175,12 @@ class Pincher:
             # 2. Pairs, thumb sides and pinches.
             patch, column = np.divmod(_weighted_draw(rng, weight.ravel(), n), len(numbers))
             flip = np.asarray(region.flips)[rng.integers(len(region.flips), size=n)]
-            puts = self._puts(rng, allowed, patch, a[column], sides[flip.astype(np.int64), column])
+            placements = self._placements(
+                rng, allowed, patch, a[column], sides[flip.astype(np.int64), column]
+            )
             # 3. Placed and tested.
-            fit, palm, turn = self.kernel.put(puts)
-            parts.append((patch[fit], column[fit], flip[fit], puts.pick[fit], palm, turn))
+            fit, palm, turn = self.kernel.place(placements)
+            parts.append((patch[fit], column[fit], flip[fit], placements.pick[fit], palm, turn))
             if sum(len(part[0]) for part in parts) >= count:
                 break
         patch, column, flip, pick, palm, turn = (np.concatenate(each) for each in zip(*parts, strict=True))
@@ -197,9 +199,9 @@ class Pincher:
             preshape=np.full(len(rows), -1),
         )
 
-    def _puts(
+    def _placements(
         self, rng: np.random.Generator, allowed: IntArray, patch: IntArray, approach: Array, side: Array
-    ) -> Puts:
+    ) -> PinchPlacements:
         """A pinch for each patch, and how it is turned there.
 
         Args:
@@ -216,9 +218,9 @@ class Pincher:
         off = rng.normal(0.0, 1.0, (n, 4))
         off[:, 0] *= AROUND
         off[:, 1:] *= slant[patch, None]
-        return Puts(
+        return PinchPlacements(
             pick=allowed[np.clip(about, 0, len(allowed) - 1)],
-            spot=patch,
+            patch=patch,
             approach=approach,
             side=side,
             tilt=rng.uniform(0.0, TILT, n),

@@ -1,4 +1,4 @@
-"""Warp, quiet and announced: its import, its compilation, and launches on several CPU threads."""
+"""Warp: import without a greeting, compilation with a message, and launches on several CPU threads."""
 
 from __future__ import annotations
 
@@ -11,10 +11,13 @@ from contextlib import contextmanager
 from functools import cache
 from itertools import pairwise
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
+from ..processes import usable_cores
+
 SMALLEST_PART = 16
-"""Threads are not worth their start for fewer candidates than this."""
+"""Least number of candidates for which a further thread is worth its start."""
 
 
 @cache
@@ -23,20 +26,40 @@ def warp() -> Any:
     import warp as wp
 
     wp.config.log_level = max(wp.config.log_level, wp.LOG_ERROR)
-    with _quiet():
+    with _no_standard_error():
         wp.init()
-    if not any(Path(wp.config.kernel_cache_dir).glob("*preshape.kernels.closing.warp*")):
-        print("compiling the kernels for this machine, once: about 20 s ...", file=sys.stderr, flush=True)
     return wp
 
 
+def load_kernels(module: ModuleType, device: str) -> None:
+    """Load a module of kernels, before several threads ask for it; compile it where that is necessary.
+
+    Args:
+        module: A Python module with Warp kernels.
+        device: ``cpu`` or a CUDA device's name.
+    """
+    wp = warp()
+    # Warp names the folder of the compiled module by a hash of its content; the CPU runs blocks of one
+    # thread.
+    folder = wp.get_module(module.__name__).get_module_identifier(1 if device == "cpu" else None)
+    if not (Path(wp.config.kernel_cache_dir) / folder).exists():
+        _announce_compilation()
+    wp.load_module(module, device=device)
+
+
+@cache
+def _announce_compilation() -> None:
+    """Say once that the first use takes longer."""
+    print("compiling the kernels for this machine, once: about 20 s ...", file=sys.stderr, flush=True)
+
+
 @contextmanager
-def _quiet() -> Iterator[None]:
-    """Standard error thrown away: Warp's library tells a machine without a GPU so, whatever the log level."""
+def _no_standard_error() -> Iterator[None]:
+    """Discard standard error: on a machine without a GPU Warp's library writes there at any log level."""
     sys.stderr.flush()
     try:
-        kept = os.dup(2)
-    except OSError:  # no standard error at all
+        original = os.dup(2)
+    except OSError:  # there is no standard error
         yield
         return
     nowhere = os.open(os.devnull, os.O_WRONLY)
@@ -44,14 +67,14 @@ def _quiet() -> Iterator[None]:
         os.dup2(nowhere, 2)
         yield
     finally:
-        os.dup2(kept, 2)
-        os.close(kept)
+        os.dup2(original, 2)
+        os.close(original)
         os.close(nowhere)
 
 
 def usable_threads(device: str) -> int:
-    """How many CPU threads a launch is split over: Warp itself uses one; a GPU needs no help."""
-    return len(os.sched_getaffinity(0)) if device == "cpu" else 1
+    """Number of CPU threads for a launch: Warp itself uses one on the CPU; a GPU needs no more."""
+    return usable_cores() if device == "cpu" else 1
 
 
 @cache
@@ -60,19 +83,19 @@ def _pool(threads: int) -> ThreadPoolExecutor:
 
 
 def part_count(count: int, threads: int) -> int:
-    """Into how many parts :func:`in_parts` cuts ``count``."""
+    """Number of parts into which :func:`in_parts` cuts ``count`` candidates."""
     parts = max(1, min(threads, count // SMALLEST_PART))
-    # More parts than threads: candidates differ in what they cost.
+    # Twice as many parts as threads, because candidates take different times.
     return 1 if parts == 1 else 2 * parts
 
 
 def in_parts(launch: Callable[[int, int], None], count: int, threads: int) -> None:
-    """Call ``launch(first, size)`` for parts that cover ``count``, side by side.
+    """Call ``launch(first, size)`` for parts that together cover ``count`` candidates, on several threads.
 
     Args:
-        launch: starts at ``first`` and does ``size``.
-        count: how many there are in all.
-        threads: how many parts at most.
+        launch: Processes ``size`` candidates from number ``first`` on.
+        count: Number of candidates.
+        threads: Largest number of threads.
     """
     parts = part_count(count, threads)
     if parts == 1:
@@ -80,13 +103,13 @@ def in_parts(launch: Callable[[int, int], None], count: int, threads: int) -> No
             launch(0, count)
         return
     edges = [count * k // parts for k in range(parts + 1)]
-    left = deque(pairwise(edges))
+    pending = deque(pairwise(edges))
 
     def work() -> None:
-        while left:
+        while pending:
             try:
-                first, end = left.popleft()
-            except IndexError:  # another was quicker
+                first, end = pending.popleft()
+            except IndexError:  # another thread took the last part
                 return
             launch(first, end - first)
 
@@ -95,6 +118,6 @@ def in_parts(launch: Callable[[int, int], None], count: int, threads: int) -> No
         work()
         for helper in helpers:
             helper.result()
-    finally:  # interrupted or not, nobody writes on when this returns
-        left.clear()
+    finally:  # even if interrupted, no thread writes after the return
+        pending.clear()
         wait(helpers)

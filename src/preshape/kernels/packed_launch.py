@@ -1,9 +1,12 @@
-"""Arrays and launches that are kept between calls: making them anew costs more than a small batch's work."""
+"""Device arrays and packed launches that are reused between calls.
+
+Making them anew for each call would take longer than the computation of a small batch.
+"""
 
 from __future__ import annotations
 
 import threading
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -11,54 +14,54 @@ import numpy as np
 from ..types import IntArray
 from .launch import in_parts, part_count, warp
 
-LEAST_ROOM = 64
-"""Rows that an array has room for at first."""
-FIRST = object()
-"""Stands for the number of the first row, among the arguments of a :class:`Launch`."""
+LEAST_CAPACITY = 64
+"""Rows of a new array."""
+FIRST_ROW = object()
+"""Placeholder for the number of a part's first row, among the arguments of a :class:`PackedLaunch`."""
 
 
-class Rows:
-    """An array on a device, with room for as many rows as were ever asked for.
+class DeviceRows:
+    """An array on a device whose capacity grows with the largest number of rows that was needed.
 
     Args:
         dtype: Warp's type of an element.
-        shape: of a row; empty for one element.
+        shape: Shape of a row; empty for one element.
         device: ``cpu`` or a CUDA device's name.
     """
 
     def __init__(self, dtype: Any, *shape: int, device: str) -> None:
         self._dtype, self._shape, self._device = dtype, shape, device
         self.array: Any = None
-        self._seen: Any = None
+        self._host_view: Any = None
         self.capacity = 0
 
-    def room(self, count: int) -> None:
-        """Make room for ``count`` rows; what was there may be lost."""
+    def reserve(self, count: int) -> None:
+        """Make room for ``count`` rows; the content may be lost."""
         if count <= self.capacity:
             return
-        self.capacity = max(LEAST_ROOM, count, 2 * self.capacity)
+        self.capacity = max(LEAST_CAPACITY, count, 2 * self.capacity)
         self.array = warp().zeros((self.capacity, *self._shape), dtype=self._dtype, device=self._device)
-        # The host's own memory, where the device is the host.
-        self._seen = self.array.numpy() if self._device == "cpu" else None
+        # On the CPU, NumPy reads and writes the array's own memory.
+        self._host_view = self.array.numpy() if self._device == "cpu" else None
 
     def put(self, values: Any) -> None:
-        """Write the first rows.
-
-        Args:
-            values: (n, ...) array.
-        """
-        self.room(len(values))
+        """Write an array (n, ...) to the first n rows."""
+        self.reserve(len(values))
         if not len(values):
             return
-        if self._seen is None:
+        if self._host_view is None:
             self.array[: len(values)].assign(np.ascontiguousarray(values))
         else:
-            self._seen[: len(values)] = values
+            self._host_view[: len(values)] = values
 
     def get(self, which: int | IntArray) -> Any:
-        """A copy of the first so many rows, or of those with these numbers."""
-        if self._seen is not None:
-            return self._seen[:which].copy() if isinstance(which, int | np.integer) else self._seen[which]
+        """A copy of the first ``which`` rows, or of the rows with these numbers."""
+        if self._host_view is not None:
+            return (
+                self._host_view[:which].copy()
+                if isinstance(which, int | np.integer)
+                else self._host_view[which]
+            )
         count = which if isinstance(which, int | np.integer) else int(which.max(initial=-1)) + 1
         if not count:
             return warp().zeros((0, *self._shape), dtype=self._dtype, device="cpu").numpy()
@@ -66,42 +69,47 @@ class Rows:
         return host if isinstance(which, int | np.integer) else host[which]
 
 
-class Launch:
-    """A kernel whose arguments are packed once.
+class PackedLaunch:
+    """A kernel whose arguments are packed once and changed one by one.
 
     Args:
-        kernel: of Warp.
-        arguments: in the kernel's order; :class:`Rows` stand for their arrays, :data:`FIRST` for the number
-            of the first row of a part.
+        kernel: A Warp kernel.
+        arguments: Its arguments by name, in the kernel's order. :class:`DeviceRows` stand for their arrays,
+            :data:`FIRST_ROW` for the number of the first row of a part.
         device: ``cpu`` or a CUDA device's name.
-        threads: parts that run side by side on the CPU.
+        threads: Largest number of CPU threads.
+
+    Attributes:
+        lock: To be held from the writing of the rows until the results are read.
     """
 
-    def __init__(self, kernel: Any, arguments: Sequence[Any], *, device: str, threads: int) -> None:
-        self._kernel, self._arguments = kernel, list(arguments)
+    def __init__(self, kernel: Any, arguments: Mapping[str, Any], *, device: str, threads: int) -> None:
+        assert list(arguments) == [argument.label for argument in kernel.adj.args]
+        self._kernel, self._arguments = kernel, list(arguments.values())
         self._device, self._threads = device, threads
-        self._first = next(k for k, item in enumerate(self._arguments) if item is FIRST)
-        self._rows = {k: item for k, item in enumerate(self._arguments) if isinstance(item, Rows)}
+        self._place = {name: k for k, name in enumerate(arguments)}
+        self._first = next(k for k, item in enumerate(self._arguments) if item is FIRST_ROW)
+        self._rows = {k: item for k, item in enumerate(self._arguments) if isinstance(item, DeviceRows)}
         self._commands: list[Any] = []
-        self._known: dict[int, Any] = {}
+        self._packed: dict[int, Any] = {}
         self.lock = threading.Lock()
-        """To be held from the writing of the rows until the reading of the results."""
 
-    def __call__(self, count: int, changed: Mapping[int, Any] | None = None) -> None:
+    def __call__(self, count: int, changed: Mapping[str, Any] | None = None) -> None:
         """Run the kernel on the first ``count`` rows.
 
         Args:
-            count: how many.
-            changed: arguments, by their place, that may differ from those of the call before.
+            count: Number of rows.
+            changed: Arguments by name that may differ from those of the last call.
         """
         for rows in self._rows.values():
-            rows.room(max(1, count))
-        now: dict[int, Any] = {k: rows.array for k, rows in self._rows.items()} | dict(changed or {})
-        fresh = {k: item for k, item in now.items() if k not in self._known or self._known[k] is not item}
+            rows.reserve(max(1, count))
+        now: dict[int, Any] = {k: rows.array for k, rows in self._rows.items()}
+        now |= {self._place[name]: item for name, item in (changed or {}).items()}
+        fresh = {k: item for k, item in now.items() if k not in self._packed or self._packed[k] is not item}
         for command in self._commands:
             for k, item in fresh.items():
                 command.set_param_at_index(k, item)
-        self._known |= fresh
+        self._packed |= fresh
         for _ in range(len(self._commands), part_count(count, self._threads)):
             self._commands.append(self._command())
         spare = list(self._commands)
@@ -115,6 +123,6 @@ class Launch:
         in_parts(part, count, self._threads)
 
     def _command(self) -> Any:
-        given = [self._known.get(k, item) for k, item in enumerate(self._arguments)]
+        given = [self._packed.get(k, item) for k, item in enumerate(self._arguments)]
         given[self._first] = 0
         return warp().launch(self._kernel, dim=1, inputs=given, device=self._device, record_cmd=True)

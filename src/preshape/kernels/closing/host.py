@@ -1,8 +1,8 @@
-"""Closing many hands on one object: host side of the closing kernel.
+"""Closing many hands on one object: the host side of the closing kernel.
 
-A candidate is a wrist pose and a preshape. Its fingers move along the closing path, each until one of its
-links touches; what they touch, and where, comes back. The kernel is :mod:`preshape.kernels.closing.warp`, on
-the CPU and on CUDA; :mod:`preshape.kernels.closing.plain` is its specification.
+A candidate is a palm pose and a preshape. Each of its fingers moves along the closing path until one of its
+links touches the object; the contacts are returned. The kernel is :mod:`.warp`, on the CPU and on CUDA;
+:mod:`.plain` is its specification.
 """
 
 from __future__ import annotations
@@ -22,16 +22,14 @@ if TYPE_CHECKING:
     from ..tables import HandTables
 
 CONTACTS = 8
-"""Room for contacts of one candidate."""
+"""Largest number of contacts of one candidate."""
 CLOSING_ARRAYS = ("fate", "closing", "sphere", "points", "normals_in", "counts")
-"""Everything in :class:`Closings`, one row a candidate."""
-_FAR = 1e6
-_SETTINGS = 6
-"""Place of the clearance among the closing kernel's arguments; the other settings come after it."""
+"""The arrays of :class:`Closings`, one row for each candidate."""
+_FAR = 1e6  # as FAR of the kernels [m]
 
 
 class Fate(IntEnum):
-    """What became of a candidate."""
+    """How the closing of a candidate ended."""
 
     CLOSED = 0
     PALM_INSIDE = 1
@@ -42,13 +40,13 @@ class Fate(IntEnum):
 
 @value
 class Candidates:
-    """n hands about to close.
+    """n hands before they close.
 
     Attributes:
-        place: (n, 3) palm frame in the mesh frame [m].
-        turn: (n, 4) its orientation, quaternion wxyz.
-        start: (n, j) joint angles at the beginning of the closing path [rad].
-        mask: (n,) bit f is set where finger f closes.
+        place: (n, 3) origin of the palm frame in the mesh frame [m].
+        turn: (n, 4) orientation of the palm frame in the mesh frame, quaternion wxyz.
+        start: (n, j) joint angles at the beginning of the closing path, the preshape [rad].
+        mask: (n,) bit f is set if finger f closes.
     """
 
     place: Array
@@ -60,7 +58,7 @@ class Candidates:
         return len(self.place)
 
     def take(self, rows: IntArray) -> Candidates:
-        """The candidates of these rows, in that order."""
+        """The candidates ``rows`` (k,), in that order."""
         return Candidates(
             place=self.place[rows], turn=self.turn[rows], start=self.start[rows], mask=self.mask[rows]
         )
@@ -72,11 +70,12 @@ class Closings:
 
     Attributes:
         fate: (n,) :class:`Fate`.
-        closing: (n, f) how far each finger closed, 0..1; 0 where it touches nothing.
-        sphere: (n, f) the sphere that touches, -1 for none.
-        points: (n, 8, 3) contact points [m], the thumb's first; only the first ``counts`` are filled.
+        closing: (n, f) place of each finger on its closing path, 0..1; 0 where it touches nothing.
+        sphere: (n, f) number of the touching sphere; -1 for none.
+        points: (n, 8, 3) contact points in the mesh frame [m], the thumb's first; only the first ``counts``
+            are filled.
         normals_in: (n, 8, 3) inward unit normals.
-        counts: (n,) contacts; 0 unless ``CLOSED``.
+        counts: (n,) number of contacts; 0 unless ``CLOSED``.
     """
 
     fate: IntArray
@@ -87,30 +86,33 @@ class Closings:
     counts: IntArray
 
     def take(self, rows: IntArray) -> Closings:
-        """Those of these rows, in that order."""
+        """The closings of candidates ``rows`` (k,), in that order."""
         return Closings(**{name: getattr(self, name)[rows] for name in CLOSING_ARRAYS})
 
 
 @value
 class Obstacles:
-    """What hand and fingers must stay out of, in the mesh frame.
+    """Solid parts of the scene, in the mesh frame, that the hand must stay out of.
 
     Attributes:
-        planes: (k, 4) half-spaces n·x < d that are solid: unit normal and offset [m].
-        boxes: (b, 2, 3) lower and upper corners [m].
+        planes: (k, 4) solid half-spaces n·x < d: unit normal n and offset d [m].
+        boxes: (b, 2, 3) lower and upper corners of solid boxes [m].
+
+    Raises:
+        InputError: A normal has not length 1, or a lower corner is not below the upper one.
     """
 
     planes: Array = field(default_factory=lambda: np.zeros((0, 4)))
     boxes: Array = field(default_factory=lambda: np.zeros((0, 2, 3)))
 
     def __post_init__(self) -> None:
-        planes = frozen_array(self.planes, (None, 4), "planes to keep out of")
-        boxes = frozen_array(self.boxes, (None, 2, 3), "boxes to keep out of")
+        planes = frozen_array(self.planes, (None, 4), "planes to avoid")
+        boxes = frozen_array(self.boxes, (None, 2, 3), "boxes to avoid")
         lengths = np.linalg.norm(planes[:, :3], axis=1)
         if (np.abs(lengths - 1.0) > 1e-3).any():
             raise InputError(f"a plane's normal must have length 1, got {lengths.tolist()}")
         if not (boxes[:, 0] < boxes[:, 1]).all():
-            raise InputError("a box to keep out of is its lower corner, then its upper")
+            raise InputError("a box to avoid is its lower corner, then its upper")
         freeze(self, planes=planes, boxes=boxes)
 
     def __bool__(self) -> bool:
@@ -118,30 +120,30 @@ class Obstacles:
 
 
 class ClosingKernel:
-    """One hand and one object on a device, ready to close candidates.
+    """One hand and one object on a device.
 
     Args:
-        tables: the hand's arrays, :class:`preshape.kernels.tables.HandTables`.
-        distances: the object's signed distance.
+        tables: The hand's arrays.
+        distances: The object's signed distance field.
         device: ``cpu`` or a CUDA device's name.
-        threads: parts of a batch that run side by side on the CPU; default one for each core.
+        threads: Number of CPU threads; default one for each core.
     """
 
     def __init__(
         self, tables: HandTables, distances: DistanceField, *, device: str = "cpu", threads: int | None = None
     ) -> None:
-        from ..launch import usable_threads, warp
+        from ..launch import load_kernels, usable_threads, warp
 
         self._wp = wp = warp()
         from . import warp as warp_closing
         from . import warp_clearance, warp_hand
 
         for module in (warp_closing, warp_clearance):
-            wp.load_module(module, device=device)  # before any thread asks for it
+            load_kernels(module, device)
 
         self.device, self.threads = device, threads or usable_threads(device)
         self.fingers, self.joints = len(tables.joint_start) - 1, len(tables.axis)
-        self._widest = int(np.diff(tables.joint_start).max())
+        self._most_joints = int(np.diff(tables.joint_start).max())  # of one finger
         hand, grid = warp_hand.HandArrays(), warp_hand.FieldArrays()
         for name in ("joint_start", "moving", "group_start", "group_sphere", "palm_group"):
             setattr(hand, name, wp.array(getattr(tables, name), dtype=wp.int32, device=device))
@@ -162,21 +164,31 @@ class ClosingKernel:
         self._launches(warp_closing.close_hand, warp_clearance.clearances)
 
     def _launches(self, close: Any, clear: Any) -> None:
-        from ..packed_launch import FIRST, Launch, Rows
+        from ..packed_launch import FIRST_ROW, DeviceRows, PackedLaunch
 
         wp, fingers, joints, device = self._wp, self.fingers, self.joints, self.device
-        how: Any = {"device": device, "threads": self.threads}
 
-        def rows(dtype: Any, *shape: int) -> Rows:
-            return Rows(dtype, *shape, device=device)
+        def rows(dtype: Any, *shape: int) -> DeviceRows:
+            return DeviceRows(dtype, *shape, device=device)
 
+        model = {"hand": self.hand, "field": self.field}
         self._in = {
             "place": rows(wp.vec3),
             "turn": rows(wp.quat),
             "start": rows(wp.float32, joints),
             "mask": rows(wp.int32),
         }
-        scratch = rows(wp.vec3, self._widest), rows(wp.mat33, self._widest)
+        settings = {
+            "clearance": 0.0,
+            "palm_clearance": 0.0,
+            "tolerance": 1e-4,
+            "wanted": 3,
+            "first": FIRST_ROW,
+        }
+        scratch = {
+            "joint_place": rows(wp.vec3, self._most_joints),
+            "joint_turn": rows(wp.mat33, self._most_joints),
+        }
         self._out = {
             "fate": rows(wp.int32),
             "closing": rows(wp.float32, fingers),
@@ -185,20 +197,14 @@ class ClosingKernel:
             "normals_in": rows(wp.vec3, CONTACTS),
             "counts": rows(wp.int32),
         }
-        settings = (0.0, 0.0, 1e-4, 3)
-        self._close = Launch(
-            close,
-            [self.hand, self.field, *self._in.values(), *settings, FIRST, *scratch, *self._out.values()],
-            **how,
-        )
-        self._posed = rows(wp.vec3), rows(wp.quat), rows(wp.float32, joints)
-        self._to_object, self._to_rest = rows(wp.float32, fingers + 1), rows(wp.float32)
-        self._kept_out: Obstacles | None = None
-        self._solid = self._solids(Obstacles())
-        apart = self._to_object, self._to_rest
-        self._clear = Launch(
-            clear, [self.hand, self.field, *self._solid.values(), *self._posed, _FAR, FIRST, *apart], **how
-        )
+        given = {**model, **self._in, **settings, **scratch, **self._out}
+        self._close = PackedLaunch(close, given, device=device, threads=self.threads)
+        self._posed = {"place": rows(wp.vec3), "turn": rows(wp.quat), "posture": rows(wp.float32, joints)}
+        self._apart = {"to_object": rows(wp.float32, fingers + 1), "to_obstacles": rows(wp.float32)}
+        self._obstacles: Obstacles | None = None
+        self._solids = self._on_device(Obstacles())
+        given = {**model, **self._solids, **self._posed, "enough": _FAR, "first": FIRST_ROW, **self._apart}
+        self._clear = PackedLaunch(clear, given, device=device, threads=self.threads)
 
     def close(
         self,
@@ -212,27 +218,36 @@ class ClosingKernel:
         """Close every candidate.
 
         Args:
-            candidates: n of them.
-            wanted: contacts that a candidate must find, the thumb's included.
-            clearance: how far from the surface a finger stops [m].
-            palm_clearance: how near the palm may come [m].
-            tolerance: to which a finger finds that distance [m].
+            candidates: The n candidates.
+            wanted: Least number of contacts, the thumb's included.
+            clearance: Distance from the surface at which a finger stops [m].
+            palm_clearance: Least distance of the palm from the surface [m].
+            tolerance: Accuracy of the distance at which a finger stops [m].
         """
         with self._close.lock:
-            self._run(candidates, (clearance, palm_clearance, tolerance, wanted))
+            self._run(candidates, wanted, clearance, palm_clearance, tolerance)
             return self._read(len(candidates))
 
     def closed(self, candidates: Candidates, *, wanted: int = 3) -> tuple[IntArray, Closings]:
-        """(k,) which of the candidates closed, and how these did."""
+        """(k,) numbers of the candidates that closed, and how these closed."""
         with self._close.lock:
-            self._run(candidates, (0.0, 0.0, 1e-4, wanted))
+            self._run(candidates, wanted)
             rows = np.flatnonzero(self._out["fate"].get(len(candidates)) == Fate.CLOSED)
             return rows, self._read(rows)
 
-    def _run(self, candidates: Candidates, settings: tuple[float, float, float, int]) -> None:
-        for name, values in zip(("place", "turn", "start", "mask"), _arrays(candidates), strict=True):
-            self._in[name].put(values)
-        self._close(len(candidates), dict(enumerate(settings, _SETTINGS)))
+    def _run(
+        self,
+        candidates: Candidates,
+        wanted: int,
+        clearance: float = 0.0,
+        palm_clearance: float = 0.0,
+        tolerance: float = 1e-4,
+    ) -> None:
+        arrays = candidates.place, _xyzw(candidates.turn), candidates.start, candidates.mask
+        for rows, values in zip(self._in.values(), arrays, strict=True):
+            rows.put(values)
+        settings = {"clearance": clearance, "palm_clearance": palm_clearance, "tolerance": tolerance}
+        self._close(len(candidates), {**settings, "wanted": wanted})
 
     def _read(self, which: int | IntArray) -> Closings:
         return Closings(**{name: rows.get(which) for name, rows in self._out.items()})
@@ -246,37 +261,34 @@ class ClosingKernel:
         *,
         enough: float = math.inf,
     ) -> tuple[Array, Array]:
-        """How far hands in given postures are from the object and from what is to be kept out of.
+        """Distances of hands in given postures from the object and from obstacles.
 
         Args:
-            place: (n, 3) palm frames [m].
-            turn: (n, 4) quaternions wxyz.
+            place: (n, 3) origins of the palm frames in the mesh frame [m].
+            turn: (n, 4) orientations of the palm frames, quaternions wxyz.
             posture: (n, j) joint angles [rad].
-            obstacles: a table, boxes.
-            enough: what is farther than this [m] is given as so far; the less, the faster.
+            obstacles: Table and boxes.
+            enough: Larger distances are returned as this one [m]; a smaller value is faster.
 
         Returns:
-            (n, f + 1) distance of each finger and, last, of the palm to the object; (n,) of the whole hand
-            to the obstacles [m], negative inside.
+            (n, f + 1) distance of each finger and, last, of the palm from the object [m], and (n,) distance
+            of the whole hand from the obstacles [m]; negative inside.
         """
         n = len(place)
         with self._clear.lock:
-            if self._kept_out is not obstacles:
-                self._kept_out, self._solid = obstacles, self._solids(obstacles or Obstacles())
-            for rows, values in zip(self._posed, (place, _xyzw(turn), posture), strict=True):
+            if self._obstacles is not obstacles:
+                self._obstacles, self._solids = obstacles, self._on_device(obstacles or Obstacles())
+            for rows, values in zip(self._posed.values(), (place, _xyzw(turn), posture), strict=True):
                 rows.put(values)
-            self._clear(n, {**self._solid, 7: min(float(enough), _FAR)})
-            return self._to_object.get(n), self._to_rest.get(n)
+            self._clear(n, {**self._solids, "enough": min(float(enough), _FAR)})
+            to_object, to_obstacles = self._apart.values()
+            return to_object.get(n), to_obstacles.get(n)
 
-    def _solids(self, rest: Obstacles) -> dict[int, Any]:
+    def _on_device(self, obstacles: Obstacles) -> dict[str, Any]:
         wp = self._wp
-        planes = wp.array(np.reshape(rest.planes, (-1, 4)), dtype=wp.vec4, device=self.device)
-        boxes = wp.array(np.reshape(rest.boxes, (-1, 2, 3)), dtype=wp.vec3, device=self.device)
-        return {2: planes, 3: boxes}
-
-
-def _arrays(candidates: Candidates) -> tuple[Array, Array, Array, IntArray]:
-    return candidates.place, _xyzw(candidates.turn), candidates.start, candidates.mask
+        planes = wp.array(np.reshape(obstacles.planes, (-1, 4)), dtype=wp.vec4, device=self.device)
+        boxes = wp.array(np.reshape(obstacles.boxes, (-1, 2, 3)), dtype=wp.vec3, device=self.device)
+        return {"planes": planes, "boxes": boxes}
 
 
 def _xyzw(quaternions: Array) -> Array:

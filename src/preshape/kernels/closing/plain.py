@@ -1,6 +1,22 @@
-"""The closing kernel in plain NumPy: what :mod:`preshape.kernels.closing.warp` computes, step by step.
+"""The closing kernel in plain NumPy and double precision: the specification of :mod:`.warp`.
 
-In double precision, over all candidates at once. The search uses the kernel; this is its specification.
+For each candidate:
+
+1. Palm. If a sphere of the palm is nearer to the object than ``palm_clearance``, the candidate ends there.
+2. For each finger, the thumb first because most candidates fail on it:
+
+   1. Start. If the finger, used or not, is in the object at the beginning of its path, the candidate ends
+      there.
+   2. Steps. The distance of a sphere over its speed bounds how far the path is free, onwards and back. A step
+      goes as far as the bounds at both of its ends will probably cover (Bán and Valasek 2023). Where they do
+      not cover it, the step is shortened to the bound at its beginning (Keinert et al. 2014).
+   3. Touch. Once a step ends in the object, the touch is bracketed; false position and bisection find it.
+   4. Contact. It is the point of the surface nearest to the touching sphere, by the field's gradient. A
+      candidate whose thumb touches nothing ends there.
+3. Count. A candidate with fewer contacts than ``wanted`` ends there; the others have closed.
+
+R. Bán and G. Valasek, Automatic step size relaxation in sphere tracing, Eurographics short papers, 2023.
+B. Keinert et al., Enhanced sphere tracing, Smart Tools and Applications in Graphics, 2014.
 """
 
 from __future__ import annotations
@@ -18,21 +34,22 @@ from .host import CONTACTS, Candidates, Closings, Fate, Obstacles
 
 STEPS = 64
 """Most steps along the closing path."""
-RELAXED, EXTRA = 1.96, 1e-4
-"""Factor on a step, 2 being as far as could be covered; what it goes further in units of the path."""
-FALSE_POSITIONS, HALVINGS = 6, 14
-"""Steps that find the touch once it lies between two points."""
+RELAXATION, EXTRA = 1.96, 1e-4
+"""Factor on a step, below its limit of 2, and a length added to every step, in units of the path."""
+FALSE_POSITIONS, BISECTIONS = 6, 14
+"""Iterations that find a bracketed touch."""
 FAR = 1e6
+"""Distance where there is nothing [m]."""
 
 
-class Nearest(NamedTuple):
-    """What is nearest to the object of one finger, for n candidates.
+class NearestSphere(NamedTuple):
+    """The sphere of one finger that is nearest to the object, for n candidates.
 
     Attributes:
-        distance: (n,) of the nearest sphere [m], less the clearance.
-        step: (n,) how far the closing may go, or go back, before any sphere can touch; 2 at most.
-        centre: (n, 3) of the nearest sphere [m].
-        sphere: (n,) its number, -1 where the finger has none.
+        distance: (n,) its distance [m], less the clearance.
+        step: (n,) how far the finger may close or open before any of its spheres can touch, at most 2.
+        centre: (n, 3) its centre [m].
+        sphere: (n,) its number; -1 where the finger has none.
     """
 
     distance: Array
@@ -40,14 +57,14 @@ class Nearest(NamedTuple):
     centre: Array
     sphere: IntArray
 
-    def put(self, rows: IntArray | BoolArray, other: Nearest) -> None:
-        """These rows replaced by another's."""
+    def put(self, rows: IntArray | BoolArray, other: NearestSphere) -> None:
+        """Replace these rows."""
         self.distance[rows], self.step[rows] = other.distance, other.step
         self.centre[rows], self.sphere[rows] = other.centre, other.sphere
 
-    def take(self, rows: IntArray) -> Nearest:
-        """These rows."""
-        return Nearest(self.distance[rows], self.step[rows], self.centre[rows], self.sphere[rows])
+    def take(self, rows: IntArray) -> NearestSphere:
+        """A copy of these rows."""
+        return NearestSphere(self.distance[rows], self.step[rows], self.centre[rows], self.sphere[rows])
 
 
 def close_plain(
@@ -66,54 +83,59 @@ def close_plain(
     fate = np.full(n, Fate.CLOSED, dtype=np.int64)
     closing, sphere = np.zeros((n, fingers)), np.full((n, fingers), -1, dtype=np.int64)
     points, normals = np.zeros((n, CONTACTS, 3)), np.zeros((n, CONTACTS, 3))
-    found = np.zeros(n, dtype=np.int64)
+    counts = np.zeros(n, dtype=np.int64)
+    # 1. Palm
     palm = _distances(field, _moved(candidates.place, turns, tables.palm), tables.palm)
     fate[palm.min(axis=1, initial=FAR) < palm_clearance] = Fate.PALM_INSIDE
-    # The thumb first: most candidates fail on it.
+    # 2. Fingers, the thumb first
     for finger in [tables.thumb, *(f for f in range(fingers) if f != tables.thumb)]:
         rows = np.flatnonzero(fate == Fate.CLOSED)
-        hands = Placed(
+        hands = PlacedFinger(
             tables, field, finger, candidates.place[rows], turns[rows], candidates.start[rows], clearance
         )
+        # 2.1 Start
         opened = hands.nearest(np.arange(len(rows)), np.zeros(len(rows)))
         inside = opened.distance < 0.0
         fate[rows[inside]] = Fate.FINGERS_INSIDE
         used = (candidates.mask[rows] >> finger) & 1 == 1
         active = np.flatnonzero(~inside & used)
+        # 2.2 Steps, 2.3 Touch
         c, near = _close(hands, active, opened, tolerance)
+        # 2.4 Contact
         touches = near.distance <= 3.0 * tolerance
-        touching, at = rows[active[touches]], found[rows[active[touches]]]
+        touching, at = rows[active[touches]], counts[rows[active[touches]]]
         which = near.sphere[touches]
-        slope = field_gradient(field, near.centre[touches])
+        gradient = field_gradient(field, near.centre[touches])
         reach = tables.sphere[which, 3] + clearance + near.distance[touches]
         closing[touching, finger], sphere[touching, finger] = c[touches], which
-        points[touching, at] = near.centre[touches] - slope * reach[:, None]
-        normals[touching, at] = -slope
-        found[touching] += 1
+        points[touching, at] = near.centre[touches] - gradient * reach[:, None]
+        normals[touching, at] = -gradient
+        counts[touching] += 1
         if finger == tables.thumb:
             fate[rows[active[~touches]]] = Fate.THUMB_MISSES
-    fate[(fate == Fate.CLOSED) & (found < wanted)] = Fate.TOO_FEW
+    # 3. Count
+    fate[(fate == Fate.CLOSED) & (counts < wanted)] = Fate.TOO_FEW
     return Closings(
         fate=fate,
         closing=closing,
         sphere=sphere,
         points=points,
         normals_in=normals,
-        counts=np.where(fate == Fate.CLOSED, found, 0),
+        counts=np.where(fate == Fate.CLOSED, counts, 0),
     )
 
 
-class Placed:
-    """One finger of n hands in place.
+class PlacedFinger:
+    """One finger of n candidates.
 
     Args:
-        tables: of the hand.
-        field: the object's.
-        finger: which.
-        place: (n, 3) palm frames [m].
-        turns: (n, 3, 3) their rotations.
+        tables: Of the hand.
+        field: The object's distance field.
+        finger: Number of the finger.
+        place: (n, 3) origins of the palm frames [m].
+        turns: (n, 3, 3) rotations of the palm frames.
         start: (n, j) joint angles at the beginning of the path [rad].
-        clearance: how far from the surface a finger stops [m].
+        clearance: Distance from the surface at which the finger stops [m].
     """
 
     def __init__(
@@ -130,8 +152,8 @@ class Placed:
         self.joints = range(int(tables.joint_start[finger]), int(tables.joint_start[finger + 1]))
         self.place, self.turns, self.start, self.clearance = place, turns, start, clearance
 
-    def nearest(self, rows: IntArray, c: Array) -> Nearest:
-        """The nearest sphere of these hands at these points (as many) of the closing path."""
+    def nearest(self, rows: IntArray, c: Array) -> NearestSphere:
+        """The nearest spheres of candidates ``rows`` (m,) at the points ``c`` (m,) of the closing path."""
         tables = self.tables
         angles = {j: self.start[rows, j] + path_offset(tables, j, c) for j in self.joints}
         return nearest_link(
@@ -145,7 +167,7 @@ class Placed:
 
 
 def path_offset(tables: HandTables, joint: int, c: Array) -> Array:
-    """(n,) joint angles on the closing path, from its first value [rad]."""
+    """(n,) angle of a joint at the points ``c`` (n,) of the closing path, less its first angle [rad]."""
     knots = np.linspace(0.0, 1.0, len(tables.path))
     return np.interp(c, knots, tables.path[:, joint]) - tables.path[0, joint]
 
@@ -157,19 +179,19 @@ def nearest_link(
     place: Array,
     turns: Array,
     clearance: float,
-) -> Nearest:
-    """The nearest sphere of one finger to the object, and how far the closing may go unharmed.
+) -> NearestSphere:
+    """The nearest sphere of one finger, and how far the finger may move before any sphere can touch.
 
     Args:
-        tables: of the hand.
-        field: the object's.
+        tables: Of the hand.
+        field: The object's distance field.
         angles: (n,) angle of each of the finger's joints, in their order [rad].
-        place: (n, 3) palm frames [m].
-        turns: (n, 3, 3) their rotations.
-        clearance: taken off every distance [m].
+        place: (n, 3) origins of the palm frames [m].
+        turns: (n, 3, 3) rotations of the palm frames.
+        clearance: Subtracted from every distance [m].
     """
     n = len(place)
-    best = Nearest(np.full(n, FAR), np.full(n, 2.0), np.zeros((n, 3)), np.full(n, -1, dtype=np.int64))
+    best = NearestSphere(np.full(n, FAR), np.full(n, 2.0), np.zeros((n, 3)), np.full(n, -1, dtype=np.int64))
     p, R = place, turns
     for joint, angle in angles.items():
         p = p + R @ tables.offset[joint]
@@ -183,7 +205,7 @@ def nearest_link(
         closer = d[np.arange(n), k] < best.distance
         best.put(
             closer,
-            Nearest(
+            NearestSphere(
                 distance=d[closer, k[closer]],
                 step=best.step[closer],
                 centre=x[closer, k[closer]],
@@ -194,61 +216,64 @@ def nearest_link(
     return best
 
 
-def _close(hands: Placed, rows: IntArray, opened: Nearest, tolerance: float) -> tuple[Array, Nearest]:
-    """Close one finger of the hands in these rows: how far, and what is nearest there."""
+def _close(
+    hands: PlacedFinger, rows: IntArray, opened: NearestSphere, tolerance: float
+) -> tuple[Array, NearestSphere]:
+    """Steps 2.2 and 2.3: where the finger of candidates ``rows`` (m,) stops, and what is nearest there."""
     c = np.zeros(len(rows))
     near = opened.take(rows)
-    trend = np.full(len(rows), -0.5)
+    trend = np.full(len(rows), -0.5)  # change of the bound per unit of the path
     going = np.arange(len(rows))
     for _ in range(STEPS):
         going = going[(near.distance[going] > tolerance) & (c[going] < 1.0)]
         if not len(going):
             break
-        before, was = c[going], near.take(going)
-        # As far as what is sure here and there, by its trend, will cover (Bán and Valasek 2023).
-        c[going] = np.minimum(1.0, before + RELAXED / (1.0 - trend[going]) * was.step + EXTRA)
+        before, last = c[going], near.take(going)
+        # The bound at the end of the step is extrapolated by its trend.
+        c[going] = np.minimum(1.0, before + RELAXATION / (1.0 - trend[going]) * last.step + EXTRA)
         near.put(going, hands.nearest(rows[going], c[going]))
-        # Where it does not cover the way between: only what is sure (Keinert et al. 2014).
-        short = (near.distance[going] >= 0.0) & (
-            c[going] - before > was.step + near.step[going] + 2.0 * EXTRA
+        # Do the bounds at both ends cover the step?
+        uncovered = (near.distance[going] >= 0.0) & (
+            c[going] - before > last.step + near.step[going] + 2.0 * EXTRA
         )
-        back = going[short]
-        c[back] = before[short] + was.step[short]
+        back = going[uncovered]
+        c[back] = before[uncovered] + last.step[uncovered]
         near.put(back, hands.nearest(rows[back], c[back]))
-        trend[going] = np.clip((near.step[going] - was.step) / (c[going] - before), -1.0, 0.5)
-        over = near.distance[going] < 0.0
-        _refine(hands, rows, going[over], c, near, before[over], was.distance[over], tolerance)
-        going = going[~over]
+        trend[going] = np.clip((near.step[going] - last.step) / (c[going] - before), -1.0, 0.5)
+        inside = near.distance[going] < 0.0
+        _find_touch(hands, rows, going[inside], c, near, before[inside], last.distance[inside], tolerance)
+        going = going[~inside]
     return c, near
 
 
-def _refine(
-    hands: Placed,
+def _find_touch(
+    hands: PlacedFinger,
     rows: IntArray,
-    over: IntArray,
+    inside: IntArray,
     c: Array,
-    near: Nearest,
+    near: NearestSphere,
     low: Array,
     d_low: Array,
     tolerance: float,
 ) -> None:
-    """Overshot, by a little: the touch lies between ``low`` and c; sets c and what is nearest there."""
-    low, high, d_low, d_high = low.copy(), c[over], d_low.copy(), near.distance[over]
-    left = np.arange(len(over))
-    for k in range(FALSE_POSITIONS + HALVINGS):
+    """Step 2.3: the touch between ``low``, outside the object, and ``c``, inside; sets ``c`` and ``near``."""
+    low, high, d_low, d_high = low.copy(), c[inside], d_low.copy(), near.distance[inside]
+    left = np.arange(len(inside))
+    for k in range(FALSE_POSITIONS + BISECTIONS):
         if not len(left):
             return
         share = np.clip((d_low[left] - 0.5 * tolerance) / (d_low[left] - d_high[left]), 0.05, 0.95)
         if k >= FALSE_POSITIONS:
             share[:] = 0.5
-        at = over[left]
+        at = inside[left]
         c[at] = low[left] + (high[left] - low[left]) * share
         near.put(at, hands.nearest(rows[at], c[at]))
         d, outside = near.distance[at], near.distance[at] >= 0.0
         low[left[outside]], d_low[left[outside]] = c[at[outside]], d[outside]
         high[left[~outside]], d_high[left[~outside]] = c[at[~outside]], d[~outside]
         left = left[~(outside & (d <= tolerance))]
-    at = over[left]
+    # Not found to the tolerance: the last point outside the object.
+    at = inside[left]
     c[at] = low[left]
     near.put(at, hands.nearest(rows[at], c[at]))
 
@@ -263,43 +288,43 @@ def clearances_plain(
 ) -> tuple[Array, Array]:
     """As :meth:`preshape.kernels.closing.host.ClosingKernel.clearances`."""
     n, fingers = len(place), len(tables.joint_start) - 1
-    turns, rest = rotations(turn), obstacles or Obstacles()
-    to_object, to_rest = np.full((n, fingers + 1), FAR), np.full(n, FAR)
+    turns, scene = rotations(turn), obstacles or Obstacles()
+    to_object, to_obstacles = np.full((n, fingers + 1), FAR), np.full(n, FAR)
 
-    def meet(column: int, p: Array, R: Array, spheres: Array) -> None:
+    def include(column: int, p: Array, R: Array, spheres: Array) -> None:
         x = _moved(p, R, spheres)
         d = _distances(field, x, spheres).min(axis=1, initial=FAR)
-        room = room_of(rest, x.reshape(-1, 3)).reshape(x.shape[:2]) - spheres[:, 3]
+        free = obstacle_distance(scene, x.reshape(-1, 3)).reshape(x.shape[:2]) - spheres[:, 3]
         to_object[:, column] = np.minimum(to_object[:, column], d)
-        to_rest[:] = np.minimum(to_rest, room.min(axis=1, initial=FAR))
+        to_obstacles[:] = np.minimum(to_obstacles, free.min(axis=1, initial=FAR))
 
-    meet(fingers, place, turns, tables.palm)
+    include(fingers, place, turns, tables.palm)
     for finger in range(fingers):
         p, R = place, turns
         for joint in range(tables.joint_start[finger], tables.joint_start[finger + 1]):
             p = p + R @ tables.offset[joint]
             R = R @ rotations(tables.turn[joint]) @ about(tables.axis[[joint]], posture[:, [joint]])[:, 0]
-            meet(finger, p, R, tables.sphere[tables.sphere_start[joint] : tables.sphere_start[joint + 1]])
-    return to_object, to_rest
+            include(finger, p, R, tables.sphere[tables.sphere_start[joint] : tables.sphere_start[joint + 1]])
+    return to_object, to_obstacles
 
 
-def room_of(obstacles: Obstacles, x: Array) -> Array:
+def obstacle_distance(obstacles: Obstacles, x: Array) -> Array:
     """(n,) signed distance from points (n, 3) to the nearest half-space or box [m]."""
-    room = np.full(len(x), FAR)
+    distance = np.full(len(x), FAR)
     for plane in np.reshape(obstacles.planes, (-1, 4)):
-        room = np.minimum(room, x @ plane[:3] - plane[3])
+        distance = np.minimum(distance, x @ plane[:3] - plane[3])
     for low, high in np.reshape(obstacles.boxes, (-1, 2, 3)):
         out = np.abs(x - (low + high) / 2) - (high - low) / 2
         away = np.linalg.norm(np.maximum(out, 0.0), axis=1)
-        room = np.minimum(room, away + np.minimum(out.max(axis=1), 0.0))
-    return room
+        distance = np.minimum(distance, away + np.minimum(out.max(axis=1), 0.0))
+    return distance
 
 
 def _moved(p: Array, R: Array, spheres: Array) -> Array:
-    """(n, s, 3) centres of spheres (s, 4) that are fixed to frames p (n, 3), R (n, 3, 3)."""
+    """(n, s, 3) centres of spheres (s, 4) in frames with origins p (n, 3) and rotations R (n, 3, 3) [m]."""
     return np.asarray(p[:, None] + np.einsum("nij,sj->nsi", R, spheres[:, :3]))
 
 
 def _distances(field: DistanceField, x: Array, spheres: Array) -> Array:
-    """(n, s) distance of spheres with their centres at x (n, s, 3) to the object [m]."""
+    """(n, s) distance of spheres with centres x (n, s, 3) from the object [m]."""
     return np.asarray(field_distance(field, x.reshape(-1, 3)).reshape(x.shape[:2]) - spheres[:, 3])

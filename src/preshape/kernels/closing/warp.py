@@ -1,15 +1,10 @@
-"""The closing kernel: one thread puts one hand in its preshape and closes every finger until it touches.
+"""The closing kernel: one thread closes one candidate.
 
-A finger goes along its closing path in steps. At each point every sphere's distance over its speed bounds
-how far the path is free, onwards and back; a step goes as far as the bounds at both its ends are likely to
-cover, and is taken back to what was sure where they do not. Once a step ends inside the object, the touch
-lies within it and is found by false position and halving. Bounds of groups spare most of the spheres.
+The steps, numbered as in the comments, are those of :mod:`.plain`, the specification; this kernel computes
+them in single precision. A group of spheres is skipped where the sphere round it shows that none of them
+matters.
 
-Import this module only inside a function: it loads Warp. It runs unchanged on the processor and on CUDA;
-:mod:`preshape.kernels.closing.plain` is the plain version.
-
-R. Bán and G. Valasek, Automatic step size relaxation in sphere tracing, Eurographics short papers, 2023.
-B. Keinert et al., Enhanced sphere tracing, Smart Tools and Applications in Graphics, 2014.
+Import this module only inside a function: it loads Warp. It runs unchanged on the CPU and on CUDA.
 """
 
 # Types are Warp's, not Python's; and a literal that a loop changes must be written as float(...) or int(...).
@@ -24,24 +19,24 @@ from .warp_hand import FAR, FieldArrays, HandArrays, distance_at
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 1})
 
-# What became of a candidate; the order of ``kernels.closing.Fate``.
+# As Fate of the host.
 CLOSED = wp.constant(0)
 PALM_INSIDE = wp.constant(1)
 FINGERS_INSIDE = wp.constant(2)
 THUMB_MISSES = wp.constant(3)
 TOO_FEW = wp.constant(4)
 
-# Steps along the closing path; their factor; what they go further in any case; steps that find the touch.
+# As in plain, where they are explained.
 STEPS = wp.constant(64)
-RELAXED = wp.constant(1.96)
+RELAXATION = wp.constant(1.96)
 EXTRA = wp.constant(1.0e-4)
 FALSE_POSITIONS = wp.constant(6)
-HALVINGS = wp.constant(14)
+BISECTIONS = wp.constant(14)
 
 
 @wp.func
 def path_offset(hand: HandArrays, joint: int, c: float):
-    """Joint angle on the closing path, from its first value."""
+    """Angle of a joint at c of the closing path, less its first angle [rad]."""
     share = c * float(hand.knots - 1)
     low = wp.min(int(share), hand.knots - 2)
     part = share - float(low)
@@ -49,14 +44,14 @@ def path_offset(hand: HandArrays, joint: int, c: float):
 
 
 @wp.struct
-class Nearest:
-    """What is nearest to the object of some of a finger's joints.
+class NearestSphere:
+    """The sphere of some of a finger's joints that is nearest to the object.
 
     Attributes:
-        distance: of the nearest sphere [m], less the clearance.
-        step: how far the closing may go, or go back, before any sphere can touch.
-        sphere: its number, -1 for none.
-        centre: of it [m].
+        distance: Its distance [m], less the clearance.
+        step: How far the finger may close or open before any of these spheres can touch.
+        sphere: Its number, -1 for none.
+        centre: Its centre [m].
     """
 
     distance: wp.float32
@@ -67,25 +62,28 @@ class Nearest:
 
 @wp.struct
 class Frame:
-    """Where a joint stands in the object's frame."""
+    """Place and orientation of a joint in the object's frame."""
 
     place: wp.vec3
     turn: wp.quat
 
 
 @wp.func
-def put_joints(
+def place_joints(
+    # Model:
     hand: HandArrays,
+    # In:
     start: wp.array2d(dtype=wp.float32),
     candidate: int,
     first: int,
     end: int,
     c: float,
     before: Frame,
+    # Out:
     place: wp.array2d(dtype=wp.vec3),
-    facing: wp.array2d(dtype=wp.mat33),
+    turn: wp.array2d(dtype=wp.mat33),
 ):
-    """Put joints ``first`` to ``end`` where they stand at c on the closing path; the frame of the last."""
+    """Place joints ``first`` to ``end`` at c of the closing path, and return the frame of the last."""
     p = before.place
     q = before.turn
     for joint in range(first, end):
@@ -97,7 +95,7 @@ def put_joints(
         )
         q = q * hand.turn[joint] * wp.quat_from_axis_angle(hand.axis[joint], angle)
         place[candidate, joint - first] = p
-        facing[candidate, joint - first] = wp.quat_to_matrix(q)
+        turn[candidate, joint - first] = wp.quat_to_matrix(q)
     last = Frame()
     last.place = p
     last.turn = q
@@ -105,27 +103,29 @@ def put_joints(
 
 
 @wp.func
-def nearest_link(
+def nearest_placed(
+    # Model:
     hand: HandArrays,
     field: FieldArrays,
+    # In:
     candidate: int,
     first: int,
     end: int,
     place: wp.array2d(dtype=wp.vec3),
-    facing: wp.array2d(dtype=wp.mat33),
-    others: Nearest,
+    turn: wp.array2d(dtype=wp.mat33),
+    others: NearestSphere,
     clearance: float,
 ):
-    """The nearest sphere of joints ``first`` to ``end`` where they have been put, and of some others."""
+    """The nearest sphere of the placed joints ``first`` to ``end`` and of ``others``."""
     least = others.distance
     step = others.step
     which = others.sphere
     centre = others.centre
-    # The fingertip first: it moves most and is nearest most of the time, which spares the rest.
+    # The fingertip first: it is nearest most of the time, so most groups of the other links are skipped.
     for back in range(end - first):
         joint = end - 1 - back
         p = place[candidate, joint - first]
-        m = facing[candidate, joint - first]
+        m = turn[candidate, joint - first]
         for group in range(hand.group_start[joint], hand.group_start[joint + 1]):
             around = hand.bound[group]
             free = (
@@ -142,7 +142,7 @@ def nearest_link(
                         centre = x
                     if d < step * hand.speed[k]:
                         step = d / hand.speed[k]
-    near = Nearest()
+    near = NearestSphere()
     near.distance = least
     near.step = step
     near.sphere = which
@@ -152,28 +152,33 @@ def nearest_link(
 
 @wp.func
 def nearest_at(
+    # Model:
     hand: HandArrays,
     field: FieldArrays,
+    # In:
     start: wp.array2d(dtype=wp.float32),
     candidate: int,
     first: int,
     end: int,
     c: float,
     before: Frame,
-    place: wp.array2d(dtype=wp.vec3),
-    facing: wp.array2d(dtype=wp.mat33),
-    others: Nearest,
+    others: NearestSphere,
     clearance: float,
+    # Scratch:
+    place: wp.array2d(dtype=wp.vec3),
+    turn: wp.array2d(dtype=wp.mat33),
 ):
-    """The nearest sphere of joints ``first`` to ``end`` at c on the closing path, and of some others."""
-    put_joints(hand, start, candidate, first, end, c, before, place, facing)
-    return nearest_link(hand, field, candidate, first, end, place, facing, others, clearance)
+    """The nearest sphere of joints ``first`` to ``end`` at c of the closing path, and of ``others``."""
+    place_joints(hand, start, candidate, first, end, c, before, place, turn)
+    return nearest_placed(hand, field, candidate, first, end, place, turn, others, clearance)
 
 
 @wp.kernel
 def close_hand(
+    # Model:
     hand: HandArrays,
     field: FieldArrays,
+    # In:
     place: wp.array(dtype=wp.vec3),
     turn: wp.array(dtype=wp.quat),
     start: wp.array2d(dtype=wp.float32),
@@ -183,33 +188,34 @@ def close_hand(
     tolerance: wp.float32,
     wanted: wp.int32,
     first: wp.int32,
-    # scratch: the joints of the finger in hand
+    # Scratch: the joints of the finger that closes.
     joint_place: wp.array2d(dtype=wp.vec3),
-    joint_facing: wp.array2d(dtype=wp.mat33),
-    # out
+    joint_turn: wp.array2d(dtype=wp.mat33),
+    # Out:
     fate: wp.array(dtype=wp.int32),
     closing: wp.array2d(dtype=wp.float32),
     sphere: wp.array2d(dtype=wp.int32),
     points: wp.array2d(dtype=wp.vec3),
-    normals: wp.array2d(dtype=wp.vec3),
+    normals_in: wp.array2d(dtype=wp.vec3),
     counts: wp.array(dtype=wp.int32),
 ):
-    """Close one hand's fingers, one after the other; see :meth:`.closing.ClosingKernel.close`."""
+    """Close the fingers of one candidate; see :meth:`.host.ClosingKernel.close`."""
     i = first + wp.tid()
     for finger in range(hand.fingers):
         closing[i, finger] = 0.0
         sphere[i, finger] = -1
     for k in range(points.shape[1]):
         points[i, k] = wp.vec3()
-        normals[i, k] = wp.vec3()
+        normals_in[i, k] = wp.vec3()
     counts[i] = 0
-    nothing = Nearest()
+    nothing = NearestSphere()
     nothing.distance = FAR
     nothing.step = 2.0
     nothing.sphere = -1
     palm = Frame()
     palm.place = place[i]
     palm.turn = turn[i]
+    # 1. Palm
     m = wp.quat_to_matrix(palm.turn)
     inside = bool(False)
     for group in range(hand.palm_bound.shape[0]):
@@ -224,71 +230,61 @@ def close_hand(
         fate[i] = PALM_INSIDE
         return
     found = int(0)
-    # The thumb first: most candidates fail on it.
-    for turnwise in range(hand.fingers):
-        finger = turnwise
-        if turnwise == 0:
+    # 2. Fingers, the thumb first
+    for order in range(hand.fingers):
+        finger = order
+        if order == 0:
             finger = hand.thumb
-        elif turnwise <= hand.thumb:
-            finger = turnwise - 1
+        elif order <= hand.thumb:
+            finger = order - 1
         moving = hand.moving[finger]
         end = hand.joint_start[finger + 1]
         c = float(0.0)
-        # What closing does not move stays where it is.
+        # 2.1 Start. Joints that closing does not move are placed once.
         base = hand.joint_start[finger]
-        root = put_joints(hand, start, i, base, moving, c, palm, joint_place, joint_facing)
-        still = nearest_link(hand, field, i, base, moving, joint_place, joint_facing, nothing, clearance)
+        root = place_joints(hand, start, i, base, moving, c, palm, joint_place, joint_turn)
+        still = nearest_placed(hand, field, i, base, moving, joint_place, joint_turn, nothing, clearance)
         near = nearest_at(
-            hand, field, start, i, moving, end, c, root, joint_place, joint_facing, still, clearance
+            hand, field, start, i, moving, end, c, root, still, clearance, joint_place, joint_turn
         )
         if near.distance < 0.0:
             fate[i] = FINGERS_INSIDE
             return
         if (mask[i] >> finger) & 1 == 0:
             continue
-        trend = float(-0.5)
+        # 2.2 Steps
+        trend = float(-0.5)  # change of the bound per unit of the path
         for _ in range(STEPS):
             if near.distance <= tolerance or c >= 1.0:
                 break
             before = c
             d_before = near.distance
-            sure = near.step
-            # As far as what is sure here and there, by its trend, will cover (Bán and Valasek 2023).
-            c = wp.min(1.0, before + RELAXED / (1.0 - trend) * sure + EXTRA)
+            bound = near.step
+            # The bound at the end of the step is extrapolated by its trend.
+            c = wp.min(1.0, before + RELAXATION / (1.0 - trend) * bound + EXTRA)
             near = nearest_at(
-                hand, field, start, i, moving, end, c, root, joint_place, joint_facing, still, clearance
+                hand, field, start, i, moving, end, c, root, still, clearance, joint_place, joint_turn
             )
-            if near.distance >= 0.0 and c - before > sure + near.step + 2.0 * EXTRA:
-                # It does not cover the way between: only what is sure (Keinert et al. 2014).
-                c = before + sure
+            # The bounds at both ends do not cover the step: shorten it.
+            if near.distance >= 0.0 and c - before > bound + near.step + 2.0 * EXTRA:
+                c = before + bound
                 near = nearest_at(
-                    hand, field, start, i, moving, end, c, root, joint_place, joint_facing, still, clearance
+                    hand, field, start, i, moving, end, c, root, still, clearance, joint_place, joint_turn
                 )
-            trend = wp.clamp((near.step - sure) / (c - before), -1.0, 0.5)
+            trend = wp.clamp((near.step - bound) / (c - before), -1.0, 0.5)
             if near.distance < 0.0:
-                # Overshot, by a little: the touch lies in between.
+                # 2.3 Touch. It lies between ``before`` and c.
                 low = before
                 high = c
                 d_low = d_before
                 d_high = near.distance
-                for k in range(FALSE_POSITIONS + HALVINGS):
+                for k in range(FALSE_POSITIONS + BISECTIONS):
                     share = wp.clamp((d_low - 0.5 * tolerance) / (d_low - d_high), 0.05, 0.95)
                     if k >= FALSE_POSITIONS:
                         share = 0.5
                     c = low + (high - low) * share
                     near = nearest_at(
-                        hand,
-                        field,
-                        start,
-                        i,
-                        moving,
-                        end,
-                        c,
-                        root,
-                        joint_place,
-                        joint_facing,
-                        still,
-                        clearance,
+                        hand, field, start, i, moving, end, c, root, still, clearance, joint_place, joint_turn
                     )
                     if near.distance < 0.0:
                         high = c
@@ -299,33 +295,25 @@ def close_hand(
                         if near.distance <= tolerance:
                             break
                 if near.distance < 0.0 or near.distance > tolerance:
+                    # Not found to the tolerance: the last point outside the object.
                     c = low
                     near = nearest_at(
-                        hand,
-                        field,
-                        start,
-                        i,
-                        moving,
-                        end,
-                        c,
-                        root,
-                        joint_place,
-                        joint_facing,
-                        still,
-                        clearance,
+                        hand, field, start, i, moving, end, c, root, still, clearance, joint_place, joint_turn
                     )
                 break
+        # 2.4 Contact
         if near.distance <= 3.0 * tolerance:
-            g = field_gradient(field.distance, field.origin, field.inverse_spacing, near.centre)
-            r = hand.sphere[near.sphere][3]
+            gradient = field_gradient(field.distance, field.origin, field.inverse_spacing, near.centre)
+            radius = hand.sphere[near.sphere][3]
             closing[i, finger] = c
             sphere[i, finger] = near.sphere
-            points[i, found] = near.centre - g * (r + clearance + near.distance)
-            normals[i, found] = -g
+            points[i, found] = near.centre - gradient * (radius + clearance + near.distance)
+            normals_in[i, found] = -gradient
             found += 1
         elif finger == hand.thumb:
             fate[i] = THUMB_MISSES
             return
+    # 3. Count
     if found < wanted:
         fate[i] = TOO_FEW
         return

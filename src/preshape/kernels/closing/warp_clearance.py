@@ -1,7 +1,7 @@
-"""How far hands in given postures are from the object and from what is to be kept out of: one thread a hand.
+"""Distances of hands in given postures from the object and from obstacles; one thread computes one hand.
 
-Import this module only inside a function: it loads Warp. :mod:`preshape.kernels.closing.plain` is the plain
-version.
+Import this module only inside a function: it loads Warp. ``clearances_plain`` of :mod:`.plain` is the
+specification.
 """
 
 # Types are Warp's, not Python's; and a literal that a loop changes must be written as float(...) or int(...).
@@ -16,12 +16,12 @@ wp.set_module_options({"enable_backward": False, "max_unroll": 1})
 
 
 @wp.func
-def room_of(planes: wp.array(dtype=wp.vec4), boxes: wp.array2d(dtype=wp.vec3), x: wp.vec3):
-    """Distance from a point to the nearest half-space or box that is to be kept out of."""
-    room = float(FAR)
+def obstacle_distance(planes: wp.array(dtype=wp.vec4), boxes: wp.array2d(dtype=wp.vec3), x: wp.vec3):
+    """Signed distance from a point to the nearest half-space or box [m]."""
+    distance = float(FAR)
     for k in range(planes.shape[0]):
         s = planes[k]
-        room = wp.min(room, s[0] * x[0] + s[1] * x[1] + s[2] * x[2] - s[3])
+        distance = wp.min(distance, s[0] * x[0] + s[1] * x[1] + s[2] * x[2] - s[3])
     for k in range(boxes.shape[0]):
         middle = 0.5 * (boxes[k, 0] + boxes[k, 1])
         half = 0.5 * (boxes[k, 1] - boxes[k, 0])
@@ -31,39 +31,42 @@ def room_of(planes: wp.array(dtype=wp.vec4), boxes: wp.array2d(dtype=wp.vec3), x
             wp.abs(x[2] - middle[2]) - half[2],
         )
         away = wp.vec3(wp.max(out[0], 0.0), wp.max(out[1], 0.0), wp.max(out[2], 0.0))
-        room = wp.min(room, wp.length(away) + wp.min(wp.max(out[0], wp.max(out[1], out[2])), 0.0))
-    return room
+        distance = wp.min(distance, wp.length(away) + wp.min(wp.max(out[0], wp.max(out[1], out[2])), 0.0))
+    return distance
 
 
 @wp.kernel
 def clearances(
+    # Model:
     hand: HandArrays,
     field: FieldArrays,
     planes: wp.array(dtype=wp.vec4),
     boxes: wp.array2d(dtype=wp.vec3),
+    # In:
     place: wp.array(dtype=wp.vec3),
     turn: wp.array(dtype=wp.quat),
     posture: wp.array2d(dtype=wp.float32),
     enough: wp.float32,
     first: wp.int32,
-    # out
+    # Out:
     to_object: wp.array2d(dtype=wp.float32),
-    to_rest: wp.array(dtype=wp.float32),
+    to_obstacles: wp.array(dtype=wp.float32),
 ):
-    """Distance of each finger and, last, of the palm to the object; of the whole hand to the obstacles.
+    """Distance of each finger and, last, of the palm from the object; of the whole hand from the obstacles.
 
-    What is farther than ``enough`` counts as so far.
+    Distances above ``enough`` are returned as ``enough``. A group of spheres is skipped where the sphere
+    round it is farther from everything than what was found so far.
     """
     i = first + wp.tid()
     obstacles = planes.shape[0] + boxes.shape[0]
-    room = float(enough)
+    free = float(enough)
     m = wp.quat_to_matrix(turn[i])
     least = float(enough)
     for group in range(hand.palm_bound.shape[0]):
         around = hand.palm_bound[group]
         x = place[i] + m * wp.vec3(around[0], around[1], around[2])
         near = bool(distance_at(field, x) - around[3] < least)
-        if obstacles > 0 and room_of(planes, boxes, x) - around[3] < room:
+        if obstacles > 0 and obstacle_distance(planes, boxes, x) - around[3] < free:
             near = True
         if near:
             for k in range(hand.palm_group[group], hand.palm_group[group + 1]):
@@ -71,7 +74,7 @@ def clearances(
                 x = place[i] + m * wp.vec3(s[0], s[1], s[2])
                 least = wp.min(least, distance_at(field, x) - s[3])
                 if obstacles > 0:
-                    room = wp.min(room, room_of(planes, boxes, x) - s[3])
+                    free = wp.min(free, obstacle_distance(planes, boxes, x) - s[3])
     to_object[i, hand.fingers] = least
     for finger in range(hand.fingers):
         p = place[i]
@@ -85,7 +88,7 @@ def clearances(
                 around = hand.bound[group]
                 x = p + m * wp.vec3(around[0], around[1], around[2])
                 near = bool(distance_at(field, x) - around[3] < least)
-                if obstacles > 0 and room_of(planes, boxes, x) - around[3] < room:
+                if obstacles > 0 and obstacle_distance(planes, boxes, x) - around[3] < free:
                     near = True
                 if near:
                     for k in range(hand.group_sphere[group], hand.group_sphere[group + 1]):
@@ -93,6 +96,6 @@ def clearances(
                         x = p + m * wp.vec3(s[0], s[1], s[2])
                         least = wp.min(least, distance_at(field, x) - s[3])
                         if obstacles > 0:
-                            room = wp.min(room, room_of(planes, boxes, x) - s[3])
+                            free = wp.min(free, obstacle_distance(planes, boxes, x) - s[3])
         to_object[i, finger] = least
-    to_rest[i] = room
+    to_obstacles[i] = free

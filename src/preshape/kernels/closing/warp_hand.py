@@ -1,4 +1,4 @@
-"""A hand and an object's field as the kernels see them.
+"""A hand and an object's distance field as the kernels read them.
 
 Import this module only inside a function: it loads Warp.
 """
@@ -19,7 +19,7 @@ FAR = wp.constant(1.0e6)
 
 @wp.struct
 class HandArrays:
-    """See :class:`preshape.kernels.tables.HandTables`."""
+    """As :class:`preshape.kernels.tables.HandTables`."""
 
     joint_start: wp.array(dtype=wp.int32)
     offset: wp.array(dtype=wp.vec3)
@@ -44,7 +44,7 @@ class HandArrays:
 
 @wp.struct
 class FieldArrays:
-    """See :class:`preshape.kernels.field.host.DistanceField`."""
+    """As :class:`preshape.kernels.field.host.DistanceField`."""
 
     distance: wp.array3d(dtype=wp.float32)
     origin: wp.vec3

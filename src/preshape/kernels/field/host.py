@@ -1,10 +1,8 @@
-"""The object's signed distance field, prepared once and kept on disk, and exact queries of its surface.
+"""The object's signed distance field, computed once and cached on disk, and exact queries of its surface.
 
-The sign is the generalised winding number (Jacobson et al. 2013), so a scan with holes has an inside too. A
-triangle that is wound against its neighbours is turned first (:mod:`preshape.kernels.field.winding`).
-
-The grid is :func:`preshape.kernels.field.warp.field_distance` on the device and
-:func:`preshape.kernels.field.plain.field_distance` in NumPy.
+The sign comes from the generalised winding number (Jacobson et al. 2013), so a scan with holes has an inside
+too. Triangles that are wound against their neighbours are reversed first (:mod:`.winding`). The field is read
+by ``field_distance``, of :mod:`.warp` on the device and of :mod:`.plain` in NumPy.
 """
 
 from __future__ import annotations
@@ -21,32 +19,34 @@ from ...exceptions import InputError
 from ...files import cache_folder, keep_arrays, read_arrays
 from ...objects.mesh import TriangleMesh
 from ...types import Array, IntArray, freeze, frozen_array, read_only, value
-from ..launch import in_parts, usable_threads, warp
-from ..packed_launch import FIRST, Launch, Rows
+from ..launch import in_parts, load_kernels, usable_threads, warp
+from ..packed_launch import FIRST_ROW, DeviceRows, PackedLaunch
 from ..surface_points import surface_points as surface_points
 from .winding import oriented_triangles
 
 CELLS = 64
 PADDING = 0.02
 MOST_CELLS = 512
-COARSE = 32  # nodes of the coarsest grid along the longest side, which is exact throughout
-BAND = 0.01  # exact this near the surface [m] in every grid: where the middle of a fingertip comes
+COARSE = 32  # nodes along the longest side of the coarsest grid, every node of which is exact
+BAND = (
+    0.01  # every grid is exact within this distance of the surface [m], where the centres of fingertips are
+)
 USER_CACHE = ""
-"""The user's own cache folder, or ``PRESHAPE_CACHE``."""
+"""Stands for ``PRESHAPE_CACHE``, or the user's own cache folder."""
 
 
 @value
 class DistanceField:
-    """Signed distances to one object on a grid of cubic cells, in the object's frame.
+    """Signed distances to one object on a grid of cubic cells, in the mesh frame.
 
     Attributes:
         origin: (3,) position of node (0, 0, 0) [m].
-        spacing: edge of a cell [m].
+        spacing: Edge of a cell [m].
         distance: (nx, ny, nz) float32 signed distance at the nodes [m], negative inside.
-        digest: hash of the mesh and the settings that it was made from.
+        digest: Hash of the mesh and of the settings of the field.
 
     Raises:
-        InputError: fewer than two nodes along an axis, or numbers that are not finite.
+        InputError: There are fewer than two nodes along an axis, or numbers that are not finite.
     """
 
     origin: Array
@@ -74,22 +74,22 @@ class DistanceField:
 def prepare_field(
     mesh: TriangleMesh, *, cells: int = CELLS, padding: float = PADDING, cache: Path | str | None = USER_CACHE
 ) -> DistanceField:
-    """The signed distance field of an object, from the cache where it has been made before.
+    """The signed distance field of an object, from the cache if it was computed before.
 
-    The nodes hold the exact distance within 7 cells and within 10 mm of the surface, beyond both a lower
-    bound, some 5 % low. Between nodes the interpolant errs by up to about a quarter of the spacing where
-    the surface has an edge, and by half of it where a wall is thinner than that; round fingertips, whose
-    middles stay away from the surface, notice less.
+    The nodes hold the exact distance within 7 cells and within 10 mm of the surface; beyond both they hold a
+    lower bound, about 5 % low. Between nodes the interpolation error is up to a quarter of the spacing at an
+    edge of the surface, and up to half of it at a wall that is thinner than the spacing. It is less for round
+    fingertips, because their centres stay away from the surface.
 
     Args:
-        mesh: need not be watertight, nor wound consistently.
-        cells: nodes along the longest side, padding included.
-        padding: room round the object's bounding box [m].
-        cache: folder; :data:`USER_CACHE` for the user's own, ``None`` to keep nothing. It may be
-            unusable: then nothing is kept.
+        mesh: The object; it need be neither watertight nor consistently wound.
+        cells: Nodes along the longest side, padding included.
+        padding: Margin around the object's bounding box [m].
+        cache: Folder of the cache; :data:`USER_CACHE` for the user's own, ``None`` for no cache. A folder
+            that cannot be used is ignored.
 
     Raises:
-        InputError: ``cells`` not in 8..512, or ``padding`` negative or not finite.
+        InputError: ``cells`` is not in 8..512, or ``padding`` is negative or not finite.
     """
     if isinstance(cells, bool) or not isinstance(cells, int | np.integer) or not 8 <= cells <= MOST_CELLS:
         raise InputError(f"cells must be a whole number from 8 to {MOST_CELLS}, got {cells!r}")
@@ -114,13 +114,13 @@ def prepare_field(
 
 @value
 class Closest:
-    """Nearest surface points of n points.
+    """The nearest surface points of n points.
 
     Attributes:
-        distance: (n,) signed [m], negative inside.
-        point: (n, 3) on the surface [m].
-        normal_out: (n, 3) unit normal of the face, towards increasing signed distance.
-        triangle: (n,) index of the face.
+        distance: (n,) signed distance [m], negative inside.
+        point: (n, 3) nearest point of the surface [m].
+        normal_out: (n, 3) unit normal of its triangle, towards increasing signed distance.
+        triangle: (n,) index of its triangle.
     """
 
     distance: Array
@@ -133,12 +133,12 @@ class SurfaceQuery:
     """Exact nearest points on one mesh, in single precision.
 
     Args:
-        mesh: need not be watertight, nor wound consistently.
-        device: Warp's name of the device.
+        mesh: The object; it need be neither watertight nor consistently wound.
+        device: ``cpu`` or a CUDA device's name.
 
     Attributes:
-        mesh: the ``warp.Mesh``, in the object's frame; its ``id`` is the first argument of
-            :func:`preshape.kernels.field.warp.nearest_on_mesh`. It lives as long as this object.
+        mesh: The ``warp.Mesh``, in the mesh frame; its ``id`` is the first argument of
+            :func:`preshape.kernels.field.warp.nearest_on_mesh`. It exists as long as this object.
     """
 
     def __init__(self, mesh: TriangleMesh, device: str = "cpu") -> None:
@@ -146,29 +146,32 @@ class SurfaceQuery:
         self.mesh = _warp_mesh(mesh, device)
         self._bounds = mesh.bounds
         wp, warp_field = _warp()
-        self._given = Rows(wp.vec3, device=device)
-        kinds = (wp.float32, wp.vec3, wp.vec3, wp.int32)
-        self._found = [Rows(kind, device=device) for kind in kinds]
-        arguments = [self.mesh.id, FIRST, 0.0, self._given, *self._found]
-        self._closest = Launch(
-            warp_field.closest_points, arguments, device=device, threads=usable_threads(device)
+        self._given = DeviceRows(wp.vec3, device=device)
+        kinds = {"distance": wp.float32, "point": wp.vec3, "normal_out": wp.vec3, "triangle": wp.int32}
+        self._found = {name: DeviceRows(kind, device=device) for name, kind in kinds.items()}
+        arguments = {"mesh": self.mesh.id, "points": self._given, "reach": 0.0, "first": FIRST_ROW}
+        self._closest = PackedLaunch(
+            warp_field.closest_points,
+            {**arguments, **self._found},
+            device=device,
+            threads=usable_threads(device),
         )
 
     def closest(self, points: ArrayLike) -> Closest:
         """The nearest surface point of each point.
 
         Args:
-            points: (n, 3) [m], object frame.
+            points: (n, 3) in the mesh frame [m].
 
         Raises:
-            InputError: not n×3 finite numbers.
+            InputError: The points are not n×3 finite numbers.
         """
         where = frozen_array(points, (None, 3), "points")
         far = float(np.abs(self._bounds).max() + np.abs(where).max(initial=0.0)) * 4.0
         with self._closest.lock:
             self._given.put(where)
-            self._closest(len(where), {2: far})
-            distance, point, normal_out, triangle = (rows.get(len(where)) for rows in self._found)
+            self._closest(len(where), {"reach": far})
+            distance, point, normal_out, triangle = (rows.get(len(where)) for rows in self._found.values())
         return Closest(
             distance=read_only(distance.astype(np.float64)),
             point=read_only(point.astype(np.float64)),
@@ -186,7 +189,7 @@ def _warp() -> tuple[Any, Any]:
 
 def _warp_mesh(mesh: TriangleMesh, device: str) -> Any:
     wp, warp_field = _warp()
-    wp.load_module(warp_field, device=device)  # before any thread asks for it
+    load_kernels(warp_field, device)
     triangles = oriented_triangles(mesh)
     return wp.Mesh(
         points=wp.array(mesh.vertices.astype(np.float32), dtype=wp.vec3, device=device),
@@ -217,7 +220,7 @@ def _fill(mesh: TriangleMesh, cells: int, padding: float, digest: str) -> Distan
     for level in reversed(range(doublings)):
 
         def fill(first: int, count: int, level: int = level) -> None:
-            inputs = [query.id, first, corner, spacing * 2**level, BAND, grids[level + 1], grids[level]]
+            inputs = [query.id, grids[level + 1], first, corner, spacing * 2**level, BAND, grids[level]]
             wp.launch(warp_field.fine_nodes, dim=count, inputs=inputs, device="cpu")
 
         in_parts(fill, grids[level].size, usable_threads("cpu"))
@@ -232,7 +235,7 @@ def _digest(mesh: TriangleMesh, cells: int, padding: float) -> str:
 
 
 def _read(file: Path, digest: str) -> DistanceField | None:
-    """The cached field; ``None`` where there is none, or the file is damaged."""
+    """The cached field; ``None`` if there is none or its file is damaged."""
     try:
         stored = read_arrays(file)
         if str(stored["digest"]) != digest or stored["distance"].dtype != np.float32:

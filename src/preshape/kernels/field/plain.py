@@ -1,7 +1,7 @@
-"""Signed distance in plain NumPy: what the kernels of :mod:`preshape.kernels.field.warp` compute.
+"""Signed distance in plain NumPy: the specification of the kernels of :mod:`.warp`.
 
-The lookups serve scripts and drawings too; :func:`closest_plain` and :func:`winding_number` compare every
-point with every triangle and serve as the specification only.
+The package also uses the lookups :func:`field_distance` and :func:`field_gradient`. :func:`closest_plain` and
+:func:`winding_number` compare every point with every triangle and serve tests only.
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ def field_distance(field: DistanceField, points: Array) -> Array:
     """Signed distance at points: trilinear inside the grid, a lower bound outside it.
 
     Args:
-        field: the object's.
-        points: (n, 3) [m], object frame.
+        field: The object's distance field.
+        points: (n, 3) in the mesh frame [m].
 
     Returns:
         (n,) [m].
@@ -30,11 +30,11 @@ def field_distance(field: DistanceField, points: Array) -> Array:
 
 
 def field_gradient(field: DistanceField, points: Array) -> Array:
-    """Unit gradient of :func:`field_distance`; zero where it is flat.
+    """Unit gradient of :func:`field_distance`; zero where the interpolant is flat.
 
     Args:
-        field: the object's.
-        points: (n, 3) [m], object frame.
+        field: The object's distance field.
+        points: (n, 3) in the mesh frame [m].
 
     Returns:
         (n, 3).
@@ -57,7 +57,7 @@ def field_gradient(field: DistanceField, points: Array) -> Array:
 
 
 def _cell(field: DistanceField, points: Array) -> tuple[IntArray, Array, Array]:
-    """Lowest corner of each point's cell, place in it (0..1), and how many cells it lies off the grid."""
+    """Lowest corner of each point's cell, place in the cell (0..1), and offset from the grid in cells."""
     x = (np.asarray(points, dtype=np.float64) - field.origin) / field.spacing
     nodes = np.array(field.distance.shape)
     inside = np.clip(x, 0, nodes - 1)
@@ -78,8 +78,8 @@ def closest_plain(mesh: TriangleMesh, points: Array) -> Closest:
     """Nearest surface points, by comparing every point with every triangle (Ericson 2005, §5.1.5).
 
     Args:
-        mesh: wound consistently outward.
-        points: (n, 3) [m].
+        mesh: The object, its triangles wound outward.
+        points: (n, 3) in the mesh frame [m].
     """
     a, b, c = (mesh.corners[:, i] for i in range(3))
     point = np.empty((len(points), 3))
@@ -103,7 +103,7 @@ def closest_plain(mesh: TriangleMesh, points: Array) -> Closest:
 
 
 def _on_face(a: Array, b: Array, c: Array, normal: Array, p: Array) -> Array:
-    """Foot of the point on each triangle's plane; NaN where it lies outside the triangle."""
+    """Projection of the point onto each triangle's plane; NaN where it is outside the triangle."""
     foot = p - np.einsum("ij,ij->i", p - a, normal)[:, None] * normal
     inside = np.ones(len(a), dtype=bool)
     for start, end in ((a, b), (b, c), (c, a)):
@@ -125,11 +125,11 @@ def winding_number(mesh: TriangleMesh, points: Array) -> Array:
     """Generalised winding number: sum of the solid angles of all triangles (van Oosterom & Strackee 1983).
 
     Args:
-        mesh: wound consistently outward.
-        points: (n, 3) [m], not on the surface.
+        mesh: The object, its triangles wound outward.
+        points: (n, 3) in the mesh frame [m], not on the surface.
 
     Returns:
-        (n,) about 1 inside, 0 outside, between them near a hole.
+        (n,) about 1 inside, about 0 outside, in between near a hole.
     """
     total = np.empty(len(points))
     for row, p in enumerate(points):

@@ -1,10 +1,11 @@
 """Signed distance on the device: grid lookup, exact closest point, and the kernels that fill the grid.
 
-Import this module only inside a function: it loads Warp. Everything here runs unchanged on the processor
-and on CUDA; :mod:`preshape.kernels.field.plain` is the plain version of the same functions.
+Import this module only inside a function: it loads Warp. It runs unchanged on the CPU and on CUDA;
+:mod:`.plain` is the specification.
 
-A field is a grid of signed distances [m], negative inside, in the object's frame: node (i, j, k) lies at
-``origin + spacing * (i, j, k)``. Every function takes field, origin, inverse spacing, point, in this order.
+A field is a grid of signed distances [m], negative inside, in the mesh frame: node (i, j, k) is at
+``origin + spacing * (i, j, k)``. Every function takes field, origin, inverse spacing and point, in this
+order.
 """
 # Types are Warp's, not Python's; and a literal that a loop changes must be written as float(...) or int(...).
 # mypy: disable-error-code="attr-defined,call-overload,index,no-untyped-def,operator,untyped-decorator"
@@ -12,22 +13,21 @@ A field is a grid of signed distances [m], negative inside, in the object's fram
 
 import warp as wp
 
-wp.config.log_level = max(wp.config.log_level, wp.LOG_ERROR)  # standard output belongs to the command line
+wp.config.log_level = max(wp.config.log_level, wp.LOG_ERROR)  # standard output is for the command line
 wp.set_module_options({"enable_backward": False, "max_unroll": 1})
 
 THRESHOLD = wp.constant(0.5)
 """Winding number above which a point is inside (Barill et al. 2018)."""
 
 ACCURACY = wp.constant(2.0)
-"""A cluster of triangles further than this many of its radii counts as one dipole (the paper's β)."""
+"""A cluster of triangles farther away than this many of its radii counts as one dipole (β in that paper)."""
 
 FACING = wp.constant(0.5)
-"""Least cosine between a face and the direction to its closest point for the sign to turn its normal."""
-
+"""A normal is reversed if its cosine with the direction of increasing distance is below minus this."""
 
 FAR = wp.constant(3.5)
-"""Beyond this many edges of a coarse cell from the surface the field is a lower bound: some 5 % low, and
-on ridges midway between surfaces by up to half the diagonal of a coarse cell more."""
+"""Farther from the surface than this many edges of a coarse cell, the field is a lower bound: about 5 % low,
+and up to half the diagonal of a coarse cell lower midway between two surfaces."""
 
 HALF_DIAGONAL = wp.constant(0.8661)
 """Of a cube of edge 1, rounded up."""
@@ -37,9 +37,9 @@ HALF_DIAGONAL = wp.constant(0.8661)
 def field_distance(field: wp.array3d[float], origin: wp.vec3, inverse_spacing: float, p: wp.vec3) -> float:
     """Signed distance at a point [m]: trilinear inside the grid, a lower bound outside it.
 
-    Outside, with q the nearest point of the grid's box: the surface lies in the box, the box is convex, so
-    the angle at q is never acute and |p - s|² ≥ |p - q|² + |q - s|² for every surface point s. Hence the
-    root of |p - q|² + d(q)² never exceeds the distance, and it is continuous across the box.
+    Outside, let q be the nearest point of the grid's box. The surface lies in the box and the box is convex,
+    so the angle at q is never acute, and |p - s|² ≥ |p - q|² + |q - s|² for every surface point s. Hence the
+    root of |p - q|² + d(q)² never exceeds the distance, and it is continuous at the box.
     """
     x = (p[0] - origin[0]) * inverse_spacing
     y = (p[1] - origin[1]) * inverse_spacing
@@ -73,10 +73,7 @@ def field_distance(field: wp.array3d[float], origin: wp.vec3, inverse_spacing: f
 
 @wp.func
 def field_gradient(field: wp.array3d[float], origin: wp.vec3, inverse_spacing: float, p: wp.vec3) -> wp.vec3:
-    """Unit gradient of :func:`field_distance`: away from the surface outside, towards it inside.
-
-    Zero where the interpolant is flat (between two equally near surfaces).
-    """
+    """Unit gradient of :func:`field_distance`; zero where the interpolant is flat."""
     x = (p[0] - origin[0]) * inverse_spacing
     y = (p[1] - origin[1]) * inverse_spacing
     z = (p[2] - origin[2]) * inverse_spacing
@@ -112,7 +109,7 @@ def field_gradient(field: wp.array3d[float], origin: wp.vec3, inverse_spacing: f
     ay = y - cy
     az = z - cz
     if ax * ax + ay * ay + az * az > 0.0:
-        # The derivative of the root: the part outside the box, and the grid's own slope along its face.
+        # The derivative of the root: its part outside the box, and the grid's slope along the box's face.
         value = wp.max(low + u * (high - low), 0.0) * inverse_spacing * inverse_spacing
         if ax != 0.0:
             rise[0] = 0.0
@@ -125,14 +122,14 @@ def field_gradient(field: wp.array3d[float], origin: wp.vec3, inverse_spacing: f
 
 
 @wp.struct
-class Nearest:
-    """What is nearest to a point on a mesh.
+class SurfacePoint:
+    """The surface point nearest to a point.
 
     Attributes:
-        distance: signed [m], negative inside; infinite where the mesh has no solid triangle.
-        point: on the surface [m].
-        normal_out: of the face, unit, towards increasing signed distance.
-        triangle: index of the face, -1 for none.
+        distance: Signed distance [m], negative inside; infinite if the mesh has no triangle with an area.
+        point: The surface point [m].
+        normal_out: Unit normal of its triangle, towards increasing signed distance.
+        triangle: Index of its triangle, -1 for none.
     """
 
     distance: float
@@ -142,15 +139,15 @@ class Nearest:
 
 
 @wp.func
-def nearest_on_mesh(mesh: wp.uint64, p: wp.vec3, reach: float) -> Nearest:
-    """The surface point nearest to a point, exactly, for use within any kernel.
+def nearest_on_mesh(mesh: wp.uint64, p: wp.vec3, reach: float) -> SurfacePoint:
+    """The surface point nearest to a point, exactly.
 
     Args:
         mesh: ``SurfaceQuery.mesh.id``.
-        p: in the object's frame [m].
-        reach: nothing further than this is looked for [m].
+        p: The point, in the mesh frame [m].
+        reach: Largest distance that is searched [m].
     """
-    found = Nearest()
+    found = SurfacePoint()
     found.distance = wp.inf
     found.triangle = -1
     hit = wp.mesh_query_point_sign_winding_number(mesh, p, reach, ACCURACY, THRESHOLD)
@@ -159,7 +156,7 @@ def nearest_on_mesh(mesh: wp.uint64, p: wp.vec3, reach: float) -> Nearest:
         n = wp.mesh_eval_face_normal(mesh, hit.face)
         away = hit.sign * (p - q)
         length = wp.length(away)
-        # On the back of a single sheet both sides are outside: there the normal turns towards the point.
+        # Both sides of a single sheet are outside; behind it the normal is reversed, towards the point.
         if wp.dot(n, away) < -FACING * length:
             n = -n
         found.distance = hit.sign * length
@@ -171,7 +168,7 @@ def nearest_on_mesh(mesh: wp.uint64, p: wp.vec3, reach: float) -> Nearest:
 
 @wp.func
 def node_of(index: int, shape: wp.vec3i) -> wp.vec3i:
-    """Node (i, j, k) of a running number, k fastest."""
+    """Node (i, j, k) of a running number; k counts fastest."""
     return wp.vec3i(index // (shape[1] * shape[2]), (index // shape[2]) % shape[1], index % shape[2])
 
 
@@ -183,7 +180,7 @@ def position_of(origin: wp.vec3, spacing: float, node: wp.vec3i) -> wp.vec3:
 
 @wp.func
 def signed_distance(mesh: wp.uint64, p: wp.vec3, reach: float) -> float:
-    """Exact signed distance [m], ``reach`` where the surface is further than that."""
+    """Exact signed distance [m]; ``reach`` if the surface is farther away."""
     hit = wp.mesh_query_point_sign_winding_number(mesh, p, reach, ACCURACY, THRESHOLD)
     found = reach
     if hit.result:
@@ -193,39 +190,50 @@ def signed_distance(mesh: wp.uint64, p: wp.vec3, reach: float) -> float:
 
 @wp.kernel
 def coarse_nodes(
+    # Model:
     mesh: wp.uint64,
+    # In:
     first: int,
     origin: wp.vec3,
     spacing: float,
     reach: float,
+    # Out:
     distance: wp.array3d[float],
 ):
-    """Exact signed distance at the nodes of the coarse grid; threads count from ``first``."""
+    """Exact signed distance at the nodes of the coarsest grid."""
     node = node_of(wp.tid() + first, wp.vec3i(distance.shape[0], distance.shape[1], distance.shape[2]))
     distance[node[0], node[1], node[2]] = signed_distance(mesh, position_of(origin, spacing, node), reach)
 
 
 @wp.kernel
 def fine_nodes(
+    # Model:
     mesh: wp.uint64,
+    coarse: wp.array3d[float],
+    # In:
     first: int,
     origin: wp.vec3,
     spacing: float,
     band: float,
-    coarse: wp.array3d[float],
+    # Out:
     distance: wp.array3d[float],
 ):
-    """Distance at every node: exact within ``band`` and some cells, a lower bound beyond both.
+    """Distance at the nodes of a grid, from the grid of twice its spacing.
 
-    Far: interpolation weights are positive, so interpolating a minimum of distances to surface points never
-    exceeds the minimum of their interpolants; and that of one distance, whose second derivatives are at
-    most 1 / r, exceeds it by at most 3 edge² / (8 r). Taking that away leaves a lower bound of |distance|.
-    The coarse grid may be made so itself: what is inexact there is over 6.7 of these edges, and where one
-    corner is under 3.5 no other is over 5.3.
-    Near: the coarse grid bounds the search. A ball round a coarse node that the surface does not enter has
-    one sign, except across a hole of an open surface: where the corners differ, the winding number decides.
+    1. Cell. The eight coarse nodes around the node give an upper bound of its distance, and often its sign.
+    2. Far from the surface, the interpolated distance less an error bound is a lower bound of the distance.
+       Interpolation weights are positive, so interpolating a minimum of distances to surface points never
+       exceeds the minimum of the interpolants. The interpolant of one such distance, whose second derivatives
+       are at most 1 / r, exceeds it by at most 3 edge² / (8 r). The coarse values may be such bounds
+       themselves: they are inexact beyond 6.7 of the present edges only, and if one corner of a cell is
+       within 3.5 edges, none is beyond 5.3.
+    3. Near the surface with a known sign, the exact distance is searched within the upper bound. The sign is
+       known if all eight nodes have it, and the surface does not enter the ball round one of them that holds
+       the node; a ball has one sign, except across a hole of an open surface.
+    4. Otherwise the winding number decides the sign.
     """
     node = node_of(wp.tid() + first, wp.vec3i(distance.shape[0], distance.shape[1], distance.shape[2]))
+    # 1. Cell
     i = node[0] // 2
     j = node[1] // 2
     k = node[2] // 2
@@ -254,31 +262,36 @@ def fine_nodes(
     sign = wp.where(inside == 0, 1.0, -1.0)
     bound = 1.001 * bound + 1.0e-6 * spacing
     if (inside == 0 or inside == 8) and least > wp.max(FAR * edge, band):
-        # No point of the cell is further than half its diagonal from a corner.
+        # 2. Far; no point of the cell is farther from its nearest corner than half the diagonal.
         found = sign * (mean - 0.375 * edge * edge / (least - HALF_DIAGONAL * edge))
     elif (inside == 0 or inside == 8) and clear:
+        # 3. Near, the sign known
         near = wp.mesh_query_point_no_sign(mesh, position_of(origin, spacing, node), bound)
         found = sign * bound
         if near.result:
             q = wp.mesh_eval_position(mesh, near.face, near.u, near.v)
             found = sign * wp.length(position_of(origin, spacing, node) - q)
     else:
+        # 4. Near, the sign unknown
         found = signed_distance(mesh, position_of(origin, spacing, node), bound)
     distance[node[0], node[1], node[2]] = found
 
 
 @wp.kernel
 def closest_points(
+    # Model:
     mesh: wp.uint64,
-    first: int,
-    reach: float,
+    # In:
     points: wp.array[wp.vec3],
+    reach: float,
+    first: int,
+    # Out:
     distance: wp.array[float],
     point: wp.array[wp.vec3],
     normal_out: wp.array[wp.vec3],
     triangle: wp.array[int],
 ):
-    """:func:`nearest_on_mesh` of many points; threads count from ``first``."""
+    """:func:`nearest_on_mesh` of many points."""
     t = wp.tid() + first
     found = nearest_on_mesh(mesh, points[t], reach)
     distance[t] = found.distance
@@ -289,14 +302,17 @@ def closest_points(
 
 @wp.kernel
 def sample_field(
+    # Model:
     field: wp.array3d[float],
     origin: wp.vec3,
     inverse_spacing: float,
+    # In:
     points: wp.array[wp.vec3],
+    # Out:
     distance: wp.array[float],
     gradient: wp.array[wp.vec3],
 ):
-    """Distance and gradient at many points, for tests and drawings."""
+    """Distance and gradient at many points, for tests."""
     t = wp.tid()
     distance[t] = field_distance(field, origin, inverse_spacing, points[t])
     gradient[t] = field_gradient(field, origin, inverse_spacing, points[t])

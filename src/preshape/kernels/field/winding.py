@@ -1,7 +1,7 @@
-"""Triangles wound alike, so that a winding number means something for a careless scan.
+"""Consistent winding of the triangles of any mesh, which the winding number needs.
 
-Neighbours across an edge should pass along it in opposite directions. Where they do not,
-one of them is turned.
+Two triangles at an edge are wound consistently if they pass along it in opposite directions. Where they do
+not, one of them is reversed.
 """
 
 from __future__ import annotations
@@ -13,18 +13,22 @@ from ...types import Array, BoolArray, IntArray
 
 
 def oriented_triangles(mesh: TriangleMesh) -> IntArray:
-    """The mesh's triangles, in the same order, each wound like its neighbours and the whole outward.
+    """The mesh's triangles in the same order, wound consistently and outward.
 
-    Each connected part keeps the winding of most of its area; a closed part turns outward unless it lies
-    within the box of another (then it may be a cavity); the open parts turn together if their volume is
-    negative. A part that cannot be wound consistently (a Möbius band) stays as it is.
+    1. Each connected part takes the winding of the larger part of its area.
+    2. A closed part is turned outward, unless it lies in the bounding box of another part: then it may be a
+       cavity.
+    3. The open parts are reversed together if their volume is negative.
+
+    A part that cannot be wound consistently (a Möbius band) is not changed.
 
     Args:
-        mesh: any.
+        mesh: Any mesh.
 
     Returns:
-        (m, 3) indices into ``mesh.vertices``; the mesh's own array where nothing had to be turned.
+        (m, 3) indices into ``mesh.vertices``; the mesh's own array if nothing had to be reversed.
     """
+    # Edges that belong to two triangles join them; an edge of one triangle makes its part open.
     points, same = np.unique(mesh.vertices, axis=0, return_inverse=True)
     faces = same.ravel()[mesh.triangles]
     count = len(faces)
@@ -38,9 +42,11 @@ def oriented_triangles(mesh: TriangleMesh) -> IntArray:
     sizes = np.diff(np.r_[starts, len(key)])
     shared = starts[sizes == 2]
     a, b, alike = owner[shared], owner[shared + 1], forward[shared] != forward[shared + 1]
+    # 1. Winding of each part
     part, turn = _parts(a, b, alike, mesh.areas)
     open_part = np.zeros(part.max() + 1, dtype=bool)
     open_part[part[owner[starts[sizes == 1]]]] = True
+    # 2. and 3. Six times the volume under each triangle says which way its part faces.
     sixfold = np.einsum("ij,ij->i", mesh.corners[:, 0] - mesh.cog, np.cross(*_sides(mesh)))
     volume = np.bincount(part, weights=np.where(turn, -sixfold, sixfold))
     backward = np.where(open_part, volume[open_part].sum() < 0, volume < 0)
@@ -57,9 +63,9 @@ def _sides(mesh: TriangleMesh) -> tuple[Array, Array]:
 
 
 def _parts(a: IntArray, b: IntArray, alike: BoolArray, areas: Array) -> tuple[IntArray, BoolArray]:
-    """Connected part of each triangle, and whether it must turn to agree with most of its part's area.
+    """Connected part of each triangle, and whether the triangle must be reversed to agree with its part.
 
-    Every triangle stands twice in the graph, as it is and turned; what is consistent is connected.
+    In the graph every triangle is two nodes, as it is and reversed; nodes that agree are connected.
     """
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
@@ -71,7 +77,7 @@ def _parts(a: IntArray, b: IntArray, alike: BoolArray, areas: Array) -> tuple[In
     total, label = connected_components(graph, directed=False)
     straight, turned = label[:count], label[count:]
     weight = np.bincount(straight, weights=areas, minlength=total)
-    # A turned triangle's area counts for the opposite winding of its part.
+    # The area of a reversed triangle counts for the opposite winding of its part.
     chosen = weight[straight] >= weight[turned]
     first = np.minimum(straight, turned)
     _, part = np.unique(first, return_inverse=True)
@@ -88,7 +94,7 @@ def _not_within_another(mesh: TriangleMesh, part: IntArray) -> BoolArray:
     high = np.full((count, 3), -np.inf)
     np.minimum.at(low, part, mesh.corners.min(axis=1))
     np.maximum.at(high, part, mesh.corners.max(axis=1))
-    if count > 2000:  # crumbs: too many to compare in pairs, and none is a cavity worth the name
+    if count > 2000:  # too many to compare in pairs; such fragments are no cavities
         return np.ones(count, dtype=bool)
     within = np.all((low[:, None] > low[None]) & (high[:, None] < high[None]), axis=2)
     return np.logical_not(within.any(axis=1))

@@ -1,1 +1,1 @@
-"""Fitting of contact planes: host code and Warp kernels."""
+"""Pinches at antipodal patches: host code, Warp kernels, and the NumPy twin that specifies them."""

@@ -1,8 +1,8 @@
-"""The fitting kernel: one thread puts one pinch between two faces, and looks whether it is in place there.
+"""The fitting kernel: one thread places one pinch at a patch and tests whether it fits there.
 
-Import this module only inside a function: it loads Warp. It runs unchanged on the processor and on CUDA;
-:func:`~preshape.kernels.fitting.host.put_plain` and :func:`~preshape.kernels.fitting.host.fits_plain` are the
-plain version.
+The steps, numbered as in the comments, are those of :mod:`.plain`, the specification.
+
+Import this module only inside a function: it loads Warp. It runs unchanged on the CPU and on CUDA.
 """
 
 # Types are Warp's, not Python's; and a literal that a loop changes must be written as float(...) or int(...).
@@ -18,7 +18,7 @@ wp.set_module_options({"enable_backward": False, "max_unroll": 1})
 
 @wp.struct
 class PinchArrays:
-    """See :class:`preshape.kernels.fitting.host.PinchRows`; and the spheres of the palm."""
+    """As :class:`preshape.kernels.fitting.host.PinchRows`, with the spheres of the palm."""
 
     palm: wp.array(dtype=wp.vec4)
     mask: wp.array(dtype=wp.int32)
@@ -35,7 +35,7 @@ class PinchArrays:
 
 @wp.func
 def frame(first: wp.vec3, second: wp.vec3):
-    """The rotation whose first column is ``first``, and the second as near to ``second`` as can be."""
+    """The rotation whose first column is ``first`` and whose second is as near to ``second`` as possible."""
     across = second - wp.dot(first, second) * first
     across = across / wp.max(wp.length(across), 1.0e-9)
     return wp.matrix_from_cols(first, across, wp.cross(first, across))
@@ -43,8 +43,8 @@ def frame(first: wp.vec3, second: wp.vec3):
 
 @wp.func
 def fits(field: FieldArrays, pinch: PinchArrays, row: int, near: float, room: float, p: wp.vec3, m: wp.mat33):
-    """Whether there is object where each finger would meet it, and none where the opened hand is."""
-    # The opened links first: most of those that do not fit fail on them.
+    """5. Fit: whether the opened hand is clear, each pad near the surface, and the palm outside; 1 or 0."""
+    # The opened links first, because most placements that do not fit fail on them.
     for k in range(pinch.links.shape[1]):
         if distance_at(field, p + m * pinch.links[row, k]) <= room:
             return 0
@@ -60,7 +60,8 @@ def fits(field: FieldArrays, pinch: PinchArrays, row: int, near: float, room: fl
 
 
 @wp.kernel
-def put_pinch(
+def place_pinch(
+    # Model:
     field: FieldArrays,
     pinch: PinchArrays,
     near: wp.float32,
@@ -68,25 +69,28 @@ def put_pinch(
     middle: wp.array(dtype=wp.vec3),
     normal: wp.array(dtype=wp.vec3),
     width: wp.array(dtype=wp.float32),
+    # In:
     pick: wp.array(dtype=wp.int32),
-    spot: wp.array(dtype=wp.int32),
+    patch: wp.array(dtype=wp.int32),
     approach: wp.array(dtype=wp.vec3),
     side: wp.array(dtype=wp.vec3),
     tilt: wp.array(dtype=wp.float32),
     off: wp.array(dtype=wp.vec4),
     first: wp.int32,
-    # out
+    # Out:
     place: wp.array(dtype=wp.vec3),
     turn: wp.array(dtype=wp.quat),
-    good: wp.array(dtype=wp.int32),
+    fit: wp.array(dtype=wp.int32),
 ):
-    """Put one pinch; see :meth:`.fitting.FittingKernel.put`."""
+    """Place one pinch; see :meth:`.host.FittingKernel.place`."""
     i = first + wp.tid()
     row = pick[i]
-    w = width[spot[i]]
-    n = normal[spot[i]]
+    w = width[patch[i]]
+    # 1. Side
+    n = normal[patch[i]]
     if wp.dot(n, side[i]) < 0.0:
         n = -n
+    # 2. Pads
     more = w - pinch.width[row]
     between = 0.5 * (
         pinch.thumb[row] + more * pinch.thumb_rate[row] + pinch.others[row] + more * pinch.others_rate[row]
@@ -94,6 +98,7 @@ def put_pinch(
     o = pinch.opposition[row]
     aside = more * (pinch.thumb_rate[row] - pinch.others_rate[row] - o)
     facing = wp.normalize((w + 2.0 * pinch.tip) * o + aside)
+    # 3. Orientation
     ahead = wp.vec3(0.0, -wp.sin(tilt[i]), wp.cos(tilt[i]))
     m = frame(n, approach[i]) * wp.transpose(frame(facing, ahead))
     e = off[i]
@@ -101,7 +106,8 @@ def put_pinch(
     angle = wp.length(by)
     if angle > 1.0e-9:
         m = wp.quat_to_matrix(wp.quat_from_axis_angle(by / angle, angle)) * m
-    p = middle[spot[i]] - m * between
+    # 4. Place
+    p = middle[patch[i]] - m * between
     place[i] = p
     turn[i] = wp.normalize(wp.quat_from_matrix(m))
-    good[i] = fits(field, pinch, row, near, room, p, m)
+    fit[i] = fits(field, pinch, row, near, room, p, m)

@@ -1,4 +1,29 @@
-"""The NumPy twin of the wrench-margin kernel: the same search in double precision, one at a time."""
+"""The wrench-margin kernel in plain NumPy and double precision, one candidate at a time: the specification.
+
+The wrenches that the contacts can produce are known by their support: how far they reach along a direction,
+and at which wrench. The nearest producible wrench to a target is found by Wolfe's method (1976), with a set
+of support points whose hull holds the nearest wrench so far. For one candidate:
+
+1. Residual. For each wrench w asked for, the target is b + w. The search
+
+   1. settles the set: it finds the nearest point of its hull to the target and drops the points that do not
+      carry it;
+   2. takes the support along the direction from the nearest point to the target;
+   3. ends where that support lies hardly beyond the nearest point, or where the distance is not above the
+      largest so far; otherwise the support point joins the set.
+
+   The set of one target is the start for the next.
+2. Base. The same search for the target b, with normal forces that sum to at most one (no force at all is one
+   more support point), decides whether b is producible. If not, the strength is 0.
+3. Strength. For each wrench w, the target is b + k w with the least k so far. The plane across the direction
+   from the nearest point to the target bounds k for every wrench (a cutting plane), so k shrinks until the
+   target is producible. With a cone, the wrench of the cone that the plane stops first becomes w.
+4. Restarts. Over a cone, k can have two local minima, and a search that begins at the lower end of one does
+   not find the other. From ``restart`` on, each start therefore descends from the largest k; the least result
+   counts.
+
+P. Wolfe, Finding the nearest point in a polytope, Mathematical Programming 11, 1976.
+"""
 
 from __future__ import annotations
 
@@ -10,27 +35,34 @@ import numpy as np
 from ...types import Array
 
 GAP = 3e-3
-"""Relative error at which a residual or a strength counts as found."""
+"""Relative error at which the search of a residual or a strength ends."""
 GAP_FLOOR = 3e-6
-"""The same of a residual near zero, in units of the grip."""
+"""Absolute error at which the search of a residual ends, in units of the grip."""
 K_FLOOR = 2e-5
-"""A strength up to this is zero."""
+"""A strength up to this counts as zero, in units of the grip."""
 ROUNDING = 2e-7
-"""Distance that is rounding in the kernel's single precision, over the length of the longest wrench."""
+"""Distance that counts as rounding in single precision, as a share of the longest wrench."""
 TURNS = 60
-"""Steps of a search after which it ends where it is."""
+"""Largest number of steps of one search."""
 
 
-class Grip(NamedTuple):
-    """The contacts of one candidate: (n, 3) arms over ℓ, (n, 3) inward normals, μ, γ/ℓ."""
+class SoftContacts(NamedTuple):
+    """The soft-finger contacts of one candidate.
+
+    Attributes:
+        arms: (n, 3) contact points from the reference point, over ℓ.
+        normals: (n, 3) inward unit normals.
+        mu: Friction coefficient μ.
+        gamma: Torsional friction over ℓ, γ/ℓ.
+    """
 
     arms: Array
     normals: Array
     mu: float
     gamma: float
 
-    def highest(self, y: Array) -> tuple[float, Array]:
-        """The support along y (6,) of what a unit of normal force can produce, and where it is reached."""
+    def support(self, y: Array) -> tuple[float, Array]:
+        """How far the wrenches of unit normal force reach along y (6,), and the wrench (6,) that does."""
         g = y[:3] + np.cross(y[3:], self.arms)
         along = np.einsum("ij,ij->i", self.normals, g)
         across = g - along[:, None] * self.normals
@@ -46,41 +78,53 @@ class Grip(NamedTuple):
 
 
 class NearestPoint:
-    """Wolfe's method: the point nearest to a target of the hull of at most seven independent points."""
+    """Wolfe's method: the nearest point to a target of the hull of at most seven independent points.
+
+    Args:
+        first: (6,) the first point.
+    """
 
     def __init__(self, first: Array) -> None:
         self.points, self.weights = first[None], np.ones(1)
 
     def add(self, point: Array) -> None:
-        """One more point; no weight yet."""
+        """Add a point, with no weight yet."""
         self.points = np.concatenate([self.points, point[None]])
         self.weights = np.append(self.weights, 0.0)
 
     def settle(self, target: Array, same: bool) -> tuple[Array, bool]:
-        """Find the nearest point; drop the points that do not carry it.
+        """Find the nearest point and drop the points that do not carry it.
+
+        1. Find the nearest point of the affine hull to the target, and its weights.
+        2. If all weights are positive, it is the nearest point of the hull.
+        3. Otherwise move towards it up to the hull's boundary, drop the point that has no weight there, and
+           go to 1.
 
         Args:
             target: (6,).
-            same: whether the target is where it was before the last point was added.
+            same: Whether the target is unchanged since the last point was added.
 
         Returns:
-            (6,) target minus nearest, and whether the last point was of no use: in the span of the others, or
-            dropped at once. With another target that means nothing.
+            (6,) target minus nearest point, and whether the last point was of no use: it is in the span of
+            the others, or it was dropped at once. With a changed target that means nothing.
         """
         stalled = False
         while True:
+            # 1. Affine hull
             edges, right, dependent = self._basis()
             stalled = stalled or (same and dependent)
             away = target - self.points[0]
             t = edges @ away
             away = away - t @ edges
-            away = away - (edges @ away) @ edges  # however short, square to the edges
+            away = away - (edges @ away) @ edges  # perpendicular to the edges, however short
             part = np.linalg.solve(right, t) if len(t) else t
             c = np.concatenate([[1.0 - part.sum()], part])
+            # 2. Inside
             out = np.flatnonzero(c <= 0.0)
             if not len(out):
                 self.weights = c
                 return away, stalled
+            # 3. Boundary
             share = self.weights[out] / np.maximum(self.weights[out] - c[out], 1e-30)
             drop = int(out[np.argmin(share)])
             stalled = stalled or (same and drop == len(c) - 1 and self.weights[drop] == 0.0)
@@ -89,6 +133,7 @@ class NearestPoint:
             self.points = np.delete(self.points, drop, axis=0)
 
     def _basis(self) -> tuple[Array, Array, bool]:
+        """Edges from point 0 as orthonormal rows (k, 6) times a triangle (k, k); whether one is dependent."""
         k = len(self.points) - 1
         edges, right, dependent = np.zeros((k, 6)), np.zeros((k, k)), False
         for i in range(k):
@@ -106,8 +151,16 @@ class NearestPoint:
         return edges, right, dependent
 
 
-class Answer(NamedTuple):
-    """Residual, strength, which wrench decided each (-1: none), and the (6,) wrench that decided strength."""
+class CandidateMargin(NamedTuple):
+    """Residual and strength of one candidate, as in :class:`~preshape.kernels.margin.host.Margins`.
+
+    Attributes:
+        residual: In units of the grip.
+        strength: In units of the grip.
+        residual_worst: Index of the wrench that decided the residual; -1 for none.
+        strength_worst: Index of the wrench that decided the strength; -1 for none.
+        worst: (6,) the unit wrench that decided the strength.
+    """
 
     residual: float
     strength: float
@@ -116,8 +169,8 @@ class Answer(NamedTuple):
     worst: Array
 
 
-def hardest(axis: Array, half_angle: float, y: Array) -> tuple[float, Array]:
-    """Of the unit wrenches within the half-angle of the axis the one that goes farthest along y."""
+def cone_support(axis: Array, half_angle: float, y: Array) -> tuple[float, Array]:
+    """How far the unit wrenches within ``half_angle`` of ``axis`` reach along y; and the one that does."""
     along = float(y @ axis)
     across = y - along * axis
     width = float(np.linalg.norm(across))
@@ -129,35 +182,37 @@ def hardest(axis: Array, half_angle: float, y: Array) -> tuple[float, Array]:
 
 
 def margin_plain(
-    grip: Grip,
+    contacts: SoftContacts,
     wrenches: Array,
     base: Array,
     *,
     bound: float = math.inf,
     cone: tuple[Array, float] | None = None,
-    anew: int | None = None,
-) -> Answer:
+    restart: int | None = None,
+) -> CandidateMargin:
     """Residual and strength of one candidate; see :func:`preshape.kernels.margin.host.margins`.
 
     Args:
-        grip: the contacts.
-        wrenches: (m, 6) asked for; with a cone those that the search starts from.
-        base: (6,) asked for all the while.
-        bound: residual above which the search ends.
-        cone: unit axis and half-angle; then there is no residual, and strength is against the whole cone.
-        anew: from this one of the wrenches on, each is searched from as if it were the first.
+        contacts: The contacts.
+        wrenches: (m, 6) wrenches asked for; with a cone the wrenches from which the search starts.
+        base: (6,) wrench that is asked for all the while.
+        bound: The search ends once the residual is certainly above this.
+        cone: (6,) unit axis and half-angle [rad]. Then there is no residual, and the strength is against the
+            whole cone.
+        restart: From this index of the wrenches on, each is searched from independently.
     """
     sizes = np.linalg.norm(wrenches, axis=1)
     units = wrenches / np.where(sizes > 0.0, sizes, 1.0)[:, None]
-    if not len(grip.arms):
-        return Answer(math.inf, 0.0, -1, -1, units[0])
-    size = 1.0 + float(np.linalg.norm(grip.arms, axis=1).max())
+    if not len(contacts.arms):
+        return CandidateMargin(math.inf, 0.0, -1, -1, units[0])
+    size = 1.0 + float(np.linalg.norm(contacts.arms, axis=1).max())
     eps = ROUNDING * size
-    near = NearestPoint(grip.highest(base + (wrenches[0] if cone is None else 0.0))[1])
-    strength = top = float(np.linalg.norm(base)) + math.sqrt(1.0 + grip.mu**2) * size + grip.gamma
+    near = NearestPoint(contacts.support(base + (wrenches[0] if cone is None else 0.0))[1])
+    strength = top = float(np.linalg.norm(base)) + math.sqrt(1.0 + contacts.mu**2) * size + contacts.gamma
     found: list[tuple[float, int, Array]] = []
     residual, residual_worst = 0.0, -1
 
+    # 1. Residual
     for j in range(len(wrenches) if cone is None else 0):
         z = base + wrenches[j]
         for turn in range(TURNS):
@@ -167,16 +222,17 @@ def margin_plain(
                 d = 0.0
                 break
             y = away / d
-            height, q = grip.highest(y)
-            gain = height - float(y @ z) + d  # how far q lies beyond the nearest point so far
+            height, q = contacts.support(y)
+            gain = height - float(y @ z) + d  # how far q lies beyond the nearest point
             if d - gain > bound:
-                return Answer(d - gain, 0.0, j, -1, units[0])
+                return CandidateMargin(d - gain, 0.0, j, -1, units[0])
             if stalled or d <= residual or gain <= max(GAP * d + GAP_FLOOR, eps):
                 break
             near.add(q)
         if d > residual:
             residual, residual_worst = d, j
 
+    # 2. Base
     strength_worst, worst = -1, units[0]
     if base.any():
         for turn in range(TURNS):
@@ -186,20 +242,22 @@ def margin_plain(
                 d = 0.0
                 break
             y = away / d
-            height, q = _with_nothing(*grip.highest(y))
+            height, q = _with_zero(*contacts.support(y))
             if float(y @ base) - height > 10.0 * eps:
-                return Answer(residual, 0.0, residual_worst, -1, worst)
+                return CandidateMargin(residual, 0.0, residual_worst, -1, worst)
             gain = height - float(y @ base) + d
             if stalled or gain <= eps:
                 break
             near.add(q)
         if d > 100.0 * eps:
-            return Answer(residual, 0.0, residual_worst, -1, worst)
+            return CandidateMargin(residual, 0.0, residual_worst, -1, worst)
 
+    # 3. Strength
     for j in range(len(units)):
         if strength <= K_FLOOR:
             break
-        if anew is not None and j >= anew:
+        # 4. Restarts
+        if restart is not None and j >= restart:
             found.append((strength, strength_worst, worst))
             strength = top
         asked, same = units[j], False
@@ -210,17 +268,18 @@ def margin_plain(
             if d <= eps or len(near.points) == 7:
                 break
             y = away / d
-            height, q = _with_nothing(*grip.highest(y))
+            height, q = _with_zero(*contacts.support(y))
             gain = height - float(y @ z) + d
             before, slope = strength, float(y @ asked)
+            # The plane across y stops the wrench that reaches farthest along y.
             if cone is None:
                 along = units @ y
-                who = int(np.argmax(along))
-                far, w = float(along[who]), units[who]
+                index = int(np.argmax(along))
+                far, w = float(along[index]), units[index]
             else:
-                who, (far, w) = j, hardest(*cone, y)
+                index, (far, w) = j, cone_support(*cone, y)
             if far > 1e-9 and max(height - float(y @ base), 0.0) / far < strength:
-                strength, strength_worst, worst = max(height - float(y @ base), 0.0) / far, who, w
+                strength, strength_worst, worst = max(height - float(y @ base), 0.0) / far, index, w
                 if cone is not None:
                     asked = w
             same = strength == before
@@ -230,10 +289,14 @@ def margin_plain(
                 break
             if gain > eps:
                 near.add(q)
-    strength, strength_worst, worst = min([*found, (strength, strength_worst, worst)], key=lambda one: one[0])
-    return Answer(residual, 0.0 if strength <= K_FLOOR else strength, residual_worst, strength_worst, worst)
+    strength, strength_worst, worst = min(
+        [*found, (strength, strength_worst, worst)], key=lambda entry: entry[0]
+    )
+    return CandidateMargin(
+        residual, 0.0 if strength <= K_FLOOR else strength, residual_worst, strength_worst, worst
+    )
 
 
-def _with_nothing(height: float, point: Array) -> tuple[float, Array]:
-    """The support with normal forces that sum to at most one: no force at all is one more wrench."""
+def _with_zero(height: float, point: Array) -> tuple[float, Array]:
+    """The support with normal forces that sum to at most one, which adds the zero wrench."""
     return (height, point) if height >= 0.0 else (0.0, np.zeros(6))

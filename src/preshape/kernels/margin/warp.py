@@ -1,14 +1,14 @@
-"""Wrench margins of one candidate grasp, as a Warp function and a kernel (one thread a candidate).
+"""Wrench margins of one candidate, as a Warp function and a kernel; one thread computes one candidate.
 
-What is computed is told in :mod:`.host`, which launches it; :mod:`.plain` is the plain version.
-Import this module only inside a function: it loads Warp. It runs unchanged on the processor and on CUDA.
+What is computed is described in :mod:`.host`, and how in :mod:`.plain`, the specification, whose steps 1 to 4
+are the modes here. Two things differ:
 
-The nearest producible wrench is found by Wolfe's method (1976): a set of at most seven affinely independent
-support points, whose hull holds the nearest wrench found so far. Small distances drown in a Gram matrix of
-single precision, so the set is kept as an orthonormal basis of its edges. The strength is a cutting plane
-on top: the plane across the way from the nearest wrench to the target b + k w stops the ray there, and k
-shrinks to that. All targets of a candidate go through one loop, one step of the set a turn, so that the
-threads of a GPU stay together; the set of one target is where the next begins.
+- Small distances would drown in a Gram matrix of single precision, so the set of support points is kept as an
+  orthonormal basis of its edges, which is updated as points join and leave.
+- All targets of a candidate go through one loop, one step of the set a turn, so that the threads of a GPU
+  stay together.
+
+Import this module only inside a function: it loads Warp. It runs unchanged on the CPU and on CUDA.
 """
 # Types are Warp's, not Python's; and a literal that a loop changes must be written as float(...) or int(...).
 # mypy: disable-error-code="attr-defined,call-overload,index,no-untyped-def,operator,untyped-decorator"
@@ -19,7 +19,7 @@ from __future__ import annotations
 
 import warp as wp
 
-from .warp_support import FAR, bounded, dot, hardest, highest, mat83, vec6
+from .warp_support import FAR, cone_support, dot, mat83, plane_bound, support, vec6
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 1, "optimization_level": 3})
 
@@ -27,7 +27,7 @@ vec7 = wp.types.vector(length=7, dtype=wp.float32)
 mat66 = wp.types.matrix(shape=(6, 6), dtype=wp.float32)
 mat76 = wp.types.matrix(shape=(7, 6), dtype=wp.float32)
 
-# What a turn is for; a candidate goes through them in this order.
+# Modes: what the present target serves. A candidate goes through them in this order.
 RESIDUAL = wp.constant(0)
 BASE = wp.constant(1)
 STRENGTH = wp.constant(2)
@@ -56,32 +56,40 @@ def margin(
     axis: vec6,
     cos_half: float,
     sin_half: float,
-    anew: int,
+    restart: int,
     bound: float,
     most: float,
     floor: float,
 ):
     """Residual and strength of one candidate.
 
+    Each turn of the loop
+
+    1. completes the orthonormal basis of the set's edges with the points that joined;
+    2. finds the nearest point of the affine hull to the target, and its weights;
+    3. if that point is outside the hull, moves to the boundary and drops a point; the turn ends;
+    4. otherwise takes the support along the direction to the target and, by mode, shrinks the residual's or
+       the strength's uncertainty; the support point joins the set;
+    5. if the target is finished, records its result and goes to the next target or mode.
+
     Args:
-        arms: contact positions from the reference point over the length.
-        normals: unit inward normals.
-        count: contacts, 0..8.
-        mu: friction.
-        gamma: torsional friction over the length.
-        base: wrench that is asked for all the while.
+        arms: Contact points from the reference point, over ℓ.
+        normals: Inward unit normals.
+        count: Number of contacts, 0..8.
+        mu: Friction coefficient.
+        gamma: Torsional friction over ℓ.
+        base: Wrench that is asked for all the while.
         units: (m,) directions of the wrenches asked for.
         sizes: (m,) their sizes.
-        axis: unit, of a cone of wrenches, or zeros. With a cone there is no residual, and strength is against
-            every unit wrench of the cone; the search starts from ``units``.
-        cos_half: of the cone's half-angle.
-        sin_half: of the cone's half-angle.
-        anew: from this one of ``units`` on, each descends from the top: of a cone's two valleys the search
-            finds the deeper one only where it does not begin at the bottom of the other.
-        bound: the search ends where the residual is certainly above this; below 0, only the strength is
+        axis: Unit axis of a cone of wrenches, or zeros. With a cone there is no residual, and the strength is
+            against every unit wrench of the cone; the search starts from ``units``.
+        cos_half: Cosine of the cone's half-angle.
+        sin_half: Sine of the cone's half-angle.
+        restart: From this index of ``units`` on, each is searched from independently.
+        bound: The search ends once the residual is certainly above this; below 0, only the strength is
             sought.
-        most: strength above this is not told from it.
-        floor: the search ends where the strength is certainly no more than this.
+        most: Larger strengths are returned as this one.
+        floor: The search ends once the strength is certainly not above this.
 
     Returns:
         Residual, strength, the indices of the wrenches that decided them, and the wrench of the cone that
@@ -117,8 +125,8 @@ def margin(
             mode = STRENGTH
             z = asked * strength
 
-    # The set, and the weights of its nearest point. Its edges from point 0 are the orthonormal ``edges``
-    # times the upper triangle ``right``, whose diagonal is kept inverted.
+    # The set of support points and the weights of its nearest point. Its edges from point 0 are the
+    # orthonormal ``edges`` times the upper triangle ``right``, whose diagonal is stored inverted.
     points = mat76()
     weights = vec7()
     edges = mat66()
@@ -127,11 +135,11 @@ def margin(
     c = vec7()
     used = int(1)
     fresh = int(1)
-    same = bool(False)  # whether z is where it was the turn before
+    same = bool(False)  # whether the target is that of the last turn
     stalled = bool(False)
     turn = int(0)
     if count > 0:
-        height, first = highest(arms, normals, count, mu, gamma, z)
+        height, first = support(arms, normals, count, mu, gamma, z)
         points[0] = first
         weights[0] = 1.0
     else:
@@ -142,15 +150,16 @@ def margin(
         mode = DONE
 
     while mode != DONE:
-        # Complete the orthonormal edges; orthogonalised twice.
+        # 1. Basis; an edge is orthogonalised again where little of it was left, because rounding is then a
+        # large part of it.
         for i in range(fresh, used):
             e = points[i] - points[0]
             long = wp.sqrt(dot(e, e))
             rest = float(long)
-            again = bool(i > 1)
+            repeat = bool(i > 1)
             for j in range(i - 1):
                 right[j, i - 1] = 0.0
-            while again:
+            while repeat:
                 before = rest
                 whole = e
                 for j in range(i - 1):
@@ -158,26 +167,26 @@ def margin(
                     right[j, i - 1] = right[j, i - 1] + s
                     e = e - edges[j] * s
                 rest = wp.sqrt(dot(e, e))
-                # Where little was left, rounding is a large part of it.
-                again = rest < 0.5 * before and rest > 1.0e-6 * long
+                repeat = rest < 0.5 * before and rest > 1.0e-6 * long
             if rest > 1.0e-6 * long:
                 edges[i - 1] = e / rest
                 right[i - 1, i - 1] = 1.0 / rest
             else:
-                # In the span of the others: it gets no weight and is dropped.
+                # In the span of the others: it will get no weight and be dropped.
                 edges[i - 1] = vec6()
                 right[i - 1, i - 1] = 1.0
                 stalled = same
         fresh = used
 
-        # The point of the affine hull nearest to z, and its weights.
+        # 2. Nearest point of the affine hull
         away = z - points[0]
         whole = away
         for j in range(used - 1):
             s = dot(edges[j], whole)
             t[j] = s
             away = away - edges[j] * s
-        # Again: as a direction, what is left must be square to the edges, however short.
+        # Repeated, because the remainder serves as a direction and must be perpendicular to the edges,
+        # however short.
         whole = away
         for j in range(used - 1):
             away = away - edges[j] * dot(edges[j], whole)
@@ -191,7 +200,7 @@ def margin(
             c[j + 1] = s
             c[0] = c[0] - s
 
-        # Where it is outside the hull: go towards it to the hull's edge, and drop the point left behind.
+        # 3. Outside the hull: move to the boundary and drop the point that has no weight there.
         theta = float(1.0)
         drop = int(-1)
         for i in range(used):
@@ -211,6 +220,7 @@ def margin(
             used = used - 1
             fresh = wp.max(drop, 1)
         else:
+            # 4. Support
             for i in range(used):
                 weights[i] = c[i]
             turn = turn + 1
@@ -225,11 +235,11 @@ def margin(
             gain = float(0.0)
             q = vec6()
             if d > 0.0:
-                height, q = highest(arms, normals, count, mu, gamma, y)
+                height, q = support(arms, normals, count, mu, gamma, y)
                 if mode != RESIDUAL and height < 0.0:
                     height = 0.0
                     q = vec6()
-                gain = height - dot(y, z) + d  # how far it lies beyond the nearest point so far
+                gain = height - dot(y, z) + d  # how far q lies beyond the nearest point
                 if mode == RESIDUAL:
                     if d - gain > bound:
                         residual = d - gain
@@ -245,7 +255,7 @@ def margin(
                     before = strength
                     slope = dot(y, asked)
                     if cone:
-                        far, w = hardest(axis, cos_half, sin_half, y)
+                        far, w = cone_support(axis, cos_half, sin_half, y)
                         if far > 1.0e-9:
                             k = wp.max(height - dot(y, base), 0.0) / far
                             if k < strength:
@@ -254,10 +264,10 @@ def margin(
                                 asked = w
                                 strength_worst = target
                     else:
-                        k, who = bounded(base, units, y, height)
+                        k, index = plane_bound(base, units, y, height)
                         if k < strength:
                             strength = k
-                            strength_worst = who
+                            strength_worst = index
                     if d <= wp.max(GAP * before, K_FLOOR) * slope or strength <= enough:
                         finished = True
                     same = strength == before
@@ -270,6 +280,7 @@ def margin(
                     finished = True
             stalled = False
 
+            # 5. Next target
             if finished and mode != DONE:
                 if mode == RESIDUAL and d > residual:
                     residual = d
@@ -289,7 +300,8 @@ def margin(
                         mode = BASE
                 if mode == STRENGTH and (target == m or strength <= enough):
                     mode = DONE
-                if mode == STRENGTH and target >= anew:
+                # A restart keeps the least strength so far and begins at the top.
+                if mode == STRENGTH and target >= restart:
                     if strength < least:
                         least = strength
                         least_worst = strength_worst
@@ -313,42 +325,44 @@ def margin(
 
 @wp.kernel
 def margins(
+    # Model:
     units: wp.array(dtype=vec6),
     sizes: wp.array(dtype=float),
     base: vec6,
     axis: vec6,
     cos_half: float,
     sin_half: float,
-    anew: int,
+    restart: int,
     friction: float,
     torsion: float,
+    # In:
     points: wp.array2d(dtype=wp.vec3),
     normals_in: wp.array2d(dtype=wp.vec3),
     counts: wp.array(dtype=wp.int32),
     lengths: wp.array(dtype=float),
     most: wp.array(dtype=float),
-    reference: wp.vec3,
     bound: float,
     floor: float,
     first: int,
+    # Out:
     residual: wp.array(dtype=float),
     strength: wp.array(dtype=float),
     worst: wp.array2d(dtype=wp.int32),
     wrench: wp.array(dtype=vec6),
 ):
-    """One candidate a thread; see :func:`margin`."""
+    """One thread computes one candidate; see :func:`margin`."""
     tid = first + wp.tid()
     arms = mat83()
     normals = mat83()
     count = wp.clamp(counts[tid], 0, CONTACTS)
-    broken = bool(False)
+    finite = bool(True)
     length = lengths[tid]
     for i in range(count):
-        arms[i] = (points[tid, i] - reference) / length
+        arms[i] = points[tid, i] / length
         normals[i] = normals_in[tid, i]
         if not (wp.isfinite(arms[i]) and wp.isfinite(normals[i])):
-            broken = True
-    if broken:
+            finite = False
+    if not finite:
         count = 0
     r, s, i, j, w = margin(
         arms,
@@ -362,7 +376,7 @@ def margins(
         axis,
         cos_half,
         sin_half,
-        anew,
+        restart,
         bound,
         most[tid],
         floor,

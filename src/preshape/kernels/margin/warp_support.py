@@ -1,6 +1,6 @@
-"""Wrench spaces on the device, known by their support: how far along a direction, and where.
+"""Supports of wrench spaces on the device: how far they reach along a direction, and at which wrench.
 
-Import this module only inside a function: it loads Warp. :mod:`.plain` is the plain version.
+Import this module only inside a function: it loads Warp. :mod:`.plain` is the specification.
 """
 # Types are Warp's, not Python's; and a literal that a loop changes must be written as float(...) or int(...).
 # mypy: disable-error-code="attr-defined,call-overload,index,no-untyped-def,operator,untyped-decorator"
@@ -21,13 +21,13 @@ FAR = wp.constant(wp.float32(wp.inf))
 
 @wp.func
 def dot(a: vec6, b: vec6):
-    """The inner product, summed in two halves at a time."""
+    """The inner product of two wrenches, summed by halves."""
     return (a[0] * b[0] + a[1] * b[1] + a[2] * b[2]) + (a[3] * b[3] + a[4] * b[4] + a[5] * b[5])
 
 
 @wp.func
-def highest(arms: mat83, normals: mat83, count: int, mu: float, gamma: float, y: vec6):
-    """The support of the producible wrenches with unit normal force along y, and where it is reached."""
+def support(arms: mat83, normals: mat83, count: int, mu: float, gamma: float, y: vec6):
+    """How far the wrenches of unit normal force reach along y, and the wrench that does."""
     yf = wp.vec3(y[0], y[1], y[2])
     yt = wp.vec3(y[3], y[4], y[5])
     best = float(-1.0e30)
@@ -59,8 +59,8 @@ def highest(arms: mat83, normals: mat83, count: int, mu: float, gamma: float, y:
 
 
 @wp.func
-def hardest(axis: vec6, cos_half: float, sin_half: float, y: vec6):
-    """Of the unit wrenches within the half-angle of the axis the one that goes farthest along y."""
+def cone_support(axis: vec6, cos_half: float, sin_half: float, y: vec6):
+    """How far the unit wrenches within the half-angle of the axis reach along y, and the one that does."""
     along = dot(y, axis)
     across = y - axis * along
     width = wp.length(across)
@@ -78,16 +78,16 @@ def hardest(axis: vec6, cos_half: float, sin_half: float, y: vec6):
 
 
 @wp.func
-def bounded(base: vec6, units: wp.array(dtype=vec6), y: vec6, height: float):
-    """How far the wrenches reach from the base to the plane across y, and which is stopped first."""
+def plane_bound(base: vec6, units: wp.array(dtype=vec6), y: vec6, height: float):
+    """Least k at which base + k w meets the plane across y at ``height``, and the index of that wrench w."""
     far = float(0.0)
-    who = int(-1)
+    index = int(-1)
     for i in range(units.shape[0]):
         s = dot(y, units[i])
         if s > far:
             far = s
-            who = i
+            index = i
     k = float(FAR)
     if far > 1.0e-9:
         k = wp.max(height - dot(y, base), 0.0) / far
-    return k, who
+    return k, index

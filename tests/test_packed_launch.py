@@ -1,8 +1,12 @@
-"""Arrays and launches that are kept give what fresh ones give, whatever was computed before."""
+"""Arrays and packed launches that are reused give what fresh ones give, whatever was computed before."""
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
 from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,30 +17,31 @@ from preshape.closure.preshapes import preshapes
 from preshape.hands import load_hand
 from preshape.kernels.closing.host import CLOSING_ARRAYS, Candidates, ClosingKernel, Closings, Fate
 from preshape.kernels.field.host import SurfaceQuery, prepare_field
-from preshape.kernels.launch import warp
+from preshape.kernels.launch import usable_threads, warp
 from preshape.kernels.margin.host import MarginKernel
-from preshape.kernels.packed_launch import LEAST_ROOM, Rows
+from preshape.kernels.packed_launch import FIRST_ROW, LEAST_CAPACITY, DeviceRows, PackedLaunch
 from preshape.objects.library import load_library_object
 
 MESH = load_library_object("mug")
 HAND = load_hand("allegro")
+TABLES, FIELD = hand_tables(HAND), prepare_field(MESH, cells=48, cache=None)
 
 
 @pytest.fixture(params=["host memory", "as on a device"], autouse=True)
 def memory(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
     """Rows are written and read through the host's own memory, or copied as from and to a device."""
     if request.param != "host memory":
-        plain = Rows.room
+        plain = DeviceRows.reserve
 
-        def room(rows: Rows, count: int) -> None:
+        def reserve(rows: DeviceRows, count: int) -> None:
             plain(rows, count)
-            rows._seen = None
+            rows._host_view = None
 
-        monkeypatch.setattr(Rows, "room", room)
+        monkeypatch.setattr(DeviceRows, "reserve", reserve)
 
 
 def kernel(threads: int = 1) -> ClosingKernel:
-    return ClosingKernel(hand_tables(HAND), prepare_field(MESH, cells=48, cache=None), threads=threads)
+    return ClosingKernel(TABLES, FIELD, threads=threads)
 
 
 def drawn(seed: int, count: int) -> Candidates:
@@ -94,7 +99,7 @@ def test_strength_alone_is_the_strength() -> None:
         part = tuple(array[:count] for array in given)
         alone = asked.strengths(*part, 0.05, MESH.cog)
         # Two searches of the same number, each right to 1 %.
-        np.testing.assert_allclose(alone, full.strength[:count], rtol=0.02, atol=4e-5)
+        np.testing.assert_allclose(alone, full["strength"][:count], rtol=0.02, atol=4e-5)
         most = np.linspace(0.0, 2.0, count) * alone
         capped = asked.strengths(*part, 0.05, MESH.cog, most=most)
         np.testing.assert_allclose(capped, np.minimum(alone, most), rtol=0.02, atol=4e-5)
@@ -109,12 +114,43 @@ def test_nearest_points_do_not_depend_on_what_was_asked_before() -> None:
             np.testing.assert_array_equal(getattr(left, name), getattr(right, name))
 
 
-@pytest.mark.parametrize("count", [0, 1, LEAST_ROOM, LEAST_ROOM + 1])
+def test_arguments_must_be_those_of_the_kernel_in_its_order() -> None:
+    made = kernel()
+    given = {"hand": made.hand, "place": 0, "first": FIRST_ROW}
+    with pytest.raises(AssertionError):
+        PackedLaunch(made._close._kernel, given, device="cpu", threads=1)
+
+
+def test_threads_where_the_system_does_not_tell_a_process_its_cores(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As on macOS, which has no ``sched_getaffinity``."""
+    monkeypatch.delattr(os, "sched_getaffinity", raising=False)
+    monkeypatch.setattr(os, "cpu_count", lambda: 3)
+    assert usable_threads("cpu") == 3
+    assert usable_threads("cuda:0") == 1
+    given = drawn(4, 100)
+    same(ClosingKernel(TABLES, FIELD).close(given), kernel().close(given))
+
+
+def test_compilation_is_announced_once_and_only_where_it_is_needed(tmp_path: Path) -> None:
+    code = (
+        "from preshape.kernels import launch; from preshape.kernels.closing import warp_clearance as module;"
+        "launch.load_kernels(module, 'cpu'); launch.load_kernels(module, 'cpu')"
+    )
+    told = []
+    for _ in range(2):
+        environment = {**os.environ, "WARP_CACHE_PATH": str(tmp_path)}
+        done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=environment)
+        assert done.returncode == 0, done.stderr
+        told.append(done.stderr)
+    assert told == ["compiling the kernels for this machine, once: about 20 s ...\n", ""]
+
+
+@pytest.mark.parametrize("count", [0, 1, LEAST_CAPACITY, LEAST_CAPACITY + 1])
 def test_rows_come_back_as_they_were_put(count: int) -> None:
-    rows = Rows(warp().vec3, 2, device="cpu")
+    rows = DeviceRows(warp().vec3, 2, device="cpu")
     values = np.random.default_rng(count).normal(size=(count, 2, 3)).astype(np.float32)
     rows.put(values)
-    rows.room(1)
+    rows.reserve(1)
     np.testing.assert_array_equal(rows.get(count) if count else np.zeros((0, 2, 3), np.float32), values)
     back = rows.get(np.arange(count)[::-1])
     np.testing.assert_array_equal(back, values[::-1])
