@@ -71,6 +71,12 @@ def compile_hand(hand: Hand) -> Any:
     return model
 
 
+def joint_links(hand: Hand) -> tuple[str, ...]:
+    """Name of the body that each joint of the hand moves, in the order of the hand's joints."""
+    model = compile_hand(hand)
+    return tuple(str(model.body(int(body)).name) for body in model.jnt_bodyid)
+
+
 def cross(a: Array, b: Array) -> Array:
     """Vector product along the last axis; on small arrays several times faster than ``numpy.cross``."""
     return np.asarray(a[..., _NEXT] * b[..., _LAST] - a[..., _LAST] * b[..., _NEXT])
