@@ -466,7 +466,7 @@ def test_a_fault_of_ours_is_reported_in_a_sentence(capsys, monkeypatch):
         raise ZeroDivisionError("division by zero")
 
     monkeypatch.delenv("PRESHAPE_DEBUG", raising=False)
-    monkeypatch.setattr("preshape.planner.plan", fault)
+    monkeypatch.setattr("preshape.planning.session.Session.run", fault)
     assert cli.run(["plan", "cube", "--task", Q1, "--json"]) == 3
     document = json.loads(capsys.readouterr().out)
     assert document["status"] == "error"

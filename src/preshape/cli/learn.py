@@ -9,12 +9,11 @@ import click
 
 from .options import (
     TableCommand,
-    boxes_from,
     closure_options,
     json_option,
     memory_option,
     object_options,
-    settings_from,
+    request_from,
 )
 
 if TYPE_CHECKING:
@@ -35,24 +34,7 @@ if TYPE_CHECKING:
 @closure_options
 @memory_option
 @json_option
-def learn(
-    things: tuple[str, ...],
-    tasks: tuple[str, ...],
-    hand: str,
-    analyser: str | None,
-    scale: float,
-    unit: str,
-    approach: str | None,
-    seed: int,
-    estimation_threshold: float,
-    recognition_threshold: float,
-    friction: float | None,
-    mass: float | None,
-    table: str | None,
-    avoid: tuple[str, ...],
-    memory: str | None,
-    as_json: bool,
-) -> int:
+def learn(things: tuple[str, ...], tasks: tuple[str, ...], as_json: bool, **options: Any) -> int:
     """Teach objects to the memory, each with its tasks, whether or not they are known.
 
     A real hand is taught grips, the paper's hand virtual grasps; `preshape plan` with the same hand recalls
@@ -61,8 +43,6 @@ def learn(
 
     Exit code 0: all were learnt and recalled. 1: some are not good enough; the table says which.
     """
-    settings = settings_from(estimation_threshold, recognition_threshold, seed)
-    boxes = boxes_from(avoid)
     from rich.console import Console
     from rich.markup import escape
     from rich.progress import Progress, SpinnerColumn, TextColumn, TimeRemainingColumn
@@ -70,43 +50,28 @@ def learn(
     from ..hands.load import load_hand
     from ..objects.library import names
     from ..objects.load import load_object
-    from ..planning.request import PlanRequest
     from ..planning.session import Session
 
-    model = load_hand(hand)
+    model = load_hand(options["hand"])
     lessons = [
-        PlanRequest(
-            source=name,
-            task=task,
-            hand=model,
-            analyser=analyser or "",
-            scale=scale,
-            unit=unit,
-            mass=mass,
-            friction=friction,
-            table=table,
-            avoid=boxes,
-            approaches=approach,
-            settings=settings,
-            memory=memory,
-        )
+        (task, request_from(name, task, hand=model, options=options))
         for name in _names(things)
         for task in (tasks or _own_tasks(name))
     ]
-    for name in dict.fromkeys(lesson.object_name for lesson in lessons):
+    for name in dict.fromkeys(lesson.object_name for _, lesson in lessons):
         if name not in names() and not Path(name).is_file():
             load_object(name)  # a wrong name is refused before anything is learnt
     console = Console(stderr=as_json)
     rows: list[dict[str, Any]] = []
-    with Session(memory) as session:
+    with Session(options["memory"]) as session:
         columns = (SpinnerColumn(), TextColumn("{task.description}"), TimeRemainingColumn())
         with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
             step = bar.add_task("learning", total=len(lessons))
-            for lesson in lessons:
-                words = f"learning {lesson.object_name}, {lesson.asked.label}"
+            for text, lesson in lessons:
+                words = f"learning {lesson.object_name}, {text}"
                 bar.update(step, description=escape(words))
                 taught = session.teach(lesson)
-                row = _row(lesson.object_name, taught, session.prepare(lesson).controller.weights)
+                row = _row(lesson.object_name, text, taught, session.prepare(lesson).controller.weights)
                 rows.append(row)
                 if not as_json:
                     console.print(_line(row), highlight=False, soft_wrap=True)
@@ -136,14 +101,14 @@ def _own_tasks(name: str) -> tuple[str, ...]:
     return entry(name).tasks if name in names() else ("lift",)
 
 
-def _row(name: str, plan: Plan, weights: NetworkWeights) -> dict[str, Any]:
+def _row(name: str, task: str, plan: Plan, weights: NetworkWeights) -> dict[str, Any]:
     from ..planning.answers import missing_motion
 
     shown = plan.answer or plan.best
     grasp = shown.grasp if shown else None
     return {
         "object": name,
-        "task": plan.decision.task.label,
+        "task": task,
         "status": plan.decision.status.value,
         "analyser": plan.request.analyser,
         "mass": plan.mass.kg,

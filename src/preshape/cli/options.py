@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from ..exceptions import InputError
+
+if TYPE_CHECKING:
+    from ..planning.request import PlanRequest
 
 Command = Callable[..., Any]
 
@@ -126,7 +129,7 @@ def object_options(command: Command) -> Command:
         click.option(
             "--approach", metavar="AXES", help="Allowed approaches, as +z,-x (a table below, a wall behind)."
         ),
-        click.option("--seed", type=int, default=0, help="Of everything random."),
+        click.option("--seed", type=int, default=0, help="Seed of every random draw."),
         click.option(
             "--estimation-threshold",
             type=float,
@@ -182,7 +185,7 @@ def boxes_from(given: tuple[str, ...]) -> list[list[float]]:
     """Boxes from the texts of ``--avoid``.
 
     Raises:
-        InputError: not six numbers.
+        InputError: A text is not six numbers.
     """
     boxes = []
     for text in given:
@@ -196,15 +199,37 @@ def boxes_from(given: tuple[str, ...]) -> list[list[float]]:
     return boxes
 
 
-def settings_from(estimation: float, recognition: float, seed: int) -> Any:
-    """Meta control's settings from the command line's options.
+def request_from(thing: str, task: str, *, hand: Any, options: dict[str, Any], **more: Any) -> PlanRequest:
+    """The request of a command with ``object_options``, ``closure_options`` and ``memory_option``.
+
+    Args:
+        thing: The object.
+        task: The task.
+        hand: The hand, by name, by file or loaded.
+        options: What Click made of the options.
+        more: Further fields of the request.
 
     Raises:
-        InputError: a threshold out of 0..6, or a negative seed.
+        InputError: An option that cannot be used.
     """
     from ..hiis.critic import Thresholds
     from ..hiis.decision import Settings
+    from ..planning.request import PlanRequest
 
-    if seed < 0:
-        raise InputError(f"--seed must not be negative, got {seed}")
-    return Settings(thresholds=Thresholds(estimation=estimation, recognition=recognition), seed=seed)
+    if options["seed"] < 0:
+        raise InputError(f"--seed must not be negative, got {options['seed']}")
+    thresholds = Thresholds(
+        estimation=options["estimation_threshold"], recognition=options["recognition_threshold"]
+    )
+    same = ("scale", "unit", "mass", "friction", "table", "memory")
+    return PlanRequest(
+        source=thing,
+        task=task,
+        hand=hand,
+        analyser=options["analyser"] or "",
+        avoid=boxes_from(options["avoid"]),
+        approaches=options["approach"],
+        settings=Settings(thresholds=thresholds, seed=options["seed"]),
+        **{name: options[name] for name in same},
+        **more,
+    )

@@ -4,20 +4,19 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from ..exceptions import InputError
 from .options import (
     TableCommand,
-    boxes_from,
     check_folder,
     closure_options,
     json_option,
     memory_option,
     object_options,
-    settings_from,
+    request_from,
 )
 
 if TYPE_CHECKING:
@@ -60,19 +59,6 @@ if TYPE_CHECKING:
 def plan(
     thing: str,
     task: str,
-    hand: str,
-    analyser: str | None,
-    scale: float,
-    unit: str,
-    approach: str | None,
-    seed: int,
-    estimation_threshold: float,
-    recognition_threshold: float,
-    friction: float | None,
-    mass: float | None,
-    table: str | None,
-    avoid: tuple[str, ...],
-    memory: str | None,
     no_learn: bool,
     count: int,
     verify: bool,
@@ -80,6 +66,7 @@ def plan(
     explain: bool,
     out: str | None,
     as_json: bool,
+    **options: Any,
 ) -> int:
     """Plan a preshape for OBJECT: a mesh file, a point cloud, or a name from `preshape objects`.
 
@@ -87,26 +74,15 @@ def plan(
     --verify); the JSON then carries the best grasp found and why it is not enough. 2: bad input.
     """
     check_folder(out)
-    from ..planning.request import PlanRequest
-
-    request = PlanRequest(
-        source=thing,
-        task=task,
-        hand=hand,
-        analyser=analyser or "",
-        scale=scale,
-        unit=unit,
+    request = request_from(
+        thing,
+        task,
+        hand=options["hand"],
+        options=options,
         view=_view(view),
-        mass=mass,
-        friction=friction,
-        table=table,
-        avoid=boxes_from(avoid),
-        approaches=approach,
         count=count,
         learn=not no_learn,
         verify=verify,
-        settings=settings_from(estimation_threshold, recognition_threshold, seed),
-        memory=memory,
     )
     from ..files import make_folder
     from ..planning.document import plan_to_json
@@ -114,7 +90,7 @@ def plan(
 
     if out is not None:
         make_folder(Path(out))
-    with Session(memory, learn=not no_learn) as session:
+    with Session(request.memory, learn=not no_learn) as session:
         made = session.run(request)
     document = plan_to_json(made)
     given = 1 + len(made.alternatives)

@@ -111,7 +111,7 @@ class PlanRequest:
             raise InputError("a TriangleMesh is in metres at its final size: unit and scale are for files")
         if isinstance(self.count, bool) or not isinstance(self.count, int) or self.count < 1:
             raise InputError(
-                f"count, the number of answers, must be a whole number from 1, got {self.count!r}"
+                f"count, the number of answers, must be at least 1, got {self.count!r}"
             )
         if self.analyser == "rays":
             self._refuse_what_rays_ignore()
