@@ -30,7 +30,7 @@ from preshape.physics.task.instances import (
     instance_to_json,
     liquid,
     make_instances,
-    makes_sense,
+    suitable,
 )
 from preshape.physics.task.protocol import TaskProtocol, TaskStatus
 from preshape.physics.task.report import TaskReport, result_from_json, result_to_json
@@ -132,16 +132,16 @@ class TestInstances:
             ("lift", "plate key dolphin", ""),
         ],
     )
-    def test_where_a_task_makes_sense(self, task: str, fit: str, unfit: str) -> None:
+    def test_where_a_task_suits(self, task: str, fit: str, unfit: str) -> None:
         asked = named_task(task)
-        found = [name for name in (fit + " " + unfit).split() if makes_sense(asked, load_object(name))]
+        found = [name for name in (fit + " " + unfit).split() if suitable(asked, load_object(name))]
         assert found == fit.split()
 
     def test_upside_down_nothing_pours(self) -> None:
         mug = load_object("mug")
         over = TriangleMesh(name="over", vertices=mug.vertices * [1, -1, -1], triangles=mug.triangles)
-        assert makes_sense(named_task("pour"), mug)
-        assert not makes_sense(named_task("pour"), over)
+        assert suitable(named_task("pour"), mug)
+        assert not suitable(named_task("pour"), over)
 
     def test_all_families_with_their_default_axis(self) -> None:
         found = make_instances(["mug", "hammer", "bolt", "sphere", "wrench"])

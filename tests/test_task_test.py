@@ -115,7 +115,7 @@ def test_the_work_done_is_against_the_load(where: np.ndarray) -> None:
     tip = CORNERS * SIDE * [0.1, 1, 1] + [SIDE[0] * 0.9, 0, 0]
     heavy = ConvexPieces(name="heavy", pieces=(CORNERS * SIDE, tip, tip * [1, 0.999, 1], tip * [1, 1, 0.999]))
     protocol = replace(SMOOTH, look_steps=1)
-    work = {"way": 0.0, "load": 0.0, "rest": 0.0}
+    work = {"path": 0.0, "load": 0.0, "rest": 0.0}
 
     def look(phase: str, data: mujoco.MjData) -> None:
         if phase in work:
@@ -130,7 +130,7 @@ def test_the_work_done_is_against_the_load(where: np.ndarray) -> None:
     assert result.passed
     arc = 0.05 / math.sin(math.pi / 8) * math.pi / 4
     expected = -9.8 * 0.1 * (arc + HALF / 2 * math.pi / 4)
-    assert work["way"] + work["rest"] == pytest.approx(expected, rel=0.02)
+    assert work["path"] + work["rest"] == pytest.approx(expected, rel=0.02)
 
 
 class TestAlone:
@@ -160,7 +160,7 @@ class TestAlone:
         assert 0.05 < result.displacement < 0.06
         assert result.rotation == pytest.approx(0.0, abs=1e-6)
         assert (result.final_displacement, result.progress) == (None, 0.0)
-        assert result.reason.endswith("off its path when the load came, before the hand moved")
+        assert result.reason.endswith("off its path under the load, before the hand moved")
 
     @pytest.mark.parametrize("gravity", [[0.0, 0, 0], [-1.0, 0, 0]])
     def test_both_are_given_in_the_object_s_frame(self, gravity: list[float]) -> None:
@@ -225,7 +225,7 @@ class TestClamp:
     def test_phases_and_that_an_observer_changes_nothing(self) -> None:
         seen: list[str] = []
         watched = caged("turn", observer=lambda phase, _: seen.append(phase))
-        assert list(dict.fromkeys(seen)) == ["grasp", "squeeze", "load", "way", "rest"]
+        assert list(dict.fromkeys(seen)) == ["grasp", "squeeze", "load", "path", "rest"]
         alone = caged("turn")
         assert (alone.displacement, alone.rotation) == (watched.displacement, watched.rotation)
 
@@ -240,7 +240,7 @@ class TestProtocol:
             TaskProtocol(**wrong)  # type: ignore[arg-type]
 
     def test_errors_of_pose_are_not_for_this_test(self) -> None:
-        with pytest.raises(InputError, match="no errors of pose"):
+        with pytest.raises(InputError, match="does not apply errors of pose"):
             TaskProtocol(hold=HoldProtocol(position_error=0.005))
 
     def test_schedule(self) -> None:

@@ -16,7 +16,7 @@ from ..hands.load import load_hand
 from ..hiis.analyser import Grip
 from ..hiis.fuzzy import SET_NAMES
 from ..objects.mesh import TriangleMesh
-from ..physics.task.instances import makes_sense
+from ..physics.task.instances import suitable
 from ..physics.task.motion import task_motion
 from ..planning.answers import Answer
 from ..planning.hand_simulation import execute
@@ -156,7 +156,7 @@ def _rows(shard: Shard, settings: DatasetSettings, clock: _Clock) -> tuple[list[
     answers = tuple(
         Answer(grasp=grasp, hand_result=execute(hand, mesh, grasp, seed=shard.seed)) for grasp in found.grasps
     )
-    suits = makes_sense(task, mesh)
+    suits = suitable(task, mesh)
     place = {
         "shard": shard.name,
         "object": shard.object_name,

@@ -15,7 +15,7 @@ from ..physics.hold.runner import run_holds
 from ..physics.hold.six_directions import HoldResult, HoldStatus
 from ..physics.protocol import HoldProtocol
 from ..physics.task.grasps import GivenAnswers, HandPoses
-from ..physics.task.instances import TaskInstance, makes_sense
+from ..physics.task.instances import TaskInstance, suitable
 from ..physics.task.protocol import TaskProtocol, TaskResult, TaskStatus
 from ..physics.task.runner import run_tasks
 from ..planning.answers import Answer
@@ -86,7 +86,7 @@ def tested(
     protocol = HoldProtocol(friction=settings.friction, mass=settings.mass)
     holds = run_holds(grasps, model, protocol=protocol, pieces=pieces, workers=1)
     rows = [_hold(result) for result in holds.results]
-    if not makes_sense(task, mesh):
+    if not suitable(task, mesh):
         return [row | dict.fromkeys(TASK_COLUMNS) for row in rows]
     instance = TaskInstance(
         object_name=shard.source,

@@ -1,1 +1,1 @@
-"""Grasps in real physics: convex pieces, grasp arrays, and the six-direction holding test."""
+"""Grasps in simulated physics: convex pieces, grasp arrays, the holding test and the task test."""

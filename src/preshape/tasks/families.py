@@ -211,7 +211,7 @@ def family_names() -> tuple[str, ...]:
     return tuple(FAMILIES)
 
 
-def _directions(axis: str) -> tuple[Array, Array, Array]:
+def directions(axis: str) -> tuple[Array, Array, Array]:
     """The unit vectors a, s, u of a signed axis."""
     a = axis_vector(axis)
     s = axis_vector("+x" if axis[1] == "z" else "+z")
@@ -224,7 +224,7 @@ def _name_of(direction: Array) -> str:
 
 
 def _task(family: Family, axis: str) -> Task:
-    frame = np.array(_directions(axis))
+    frame = np.array(directions(axis))
     translation, rotation = np.array(family.translation) @ frame, np.array(family.rotation) @ frame
     q = np.concatenate(
         [

@@ -1,14 +1,15 @@
-"""Answers to the benchmark's instances from a file of grasps.
+"""Answers to the instances of the task benchmark, from a file of grasps or from a planner.
 
 The file is the npz of :mod:`preshape.physics.grasps` with one more array:
 
 ===========  ===========  ==================================================================
 array        shape        content
 ===========  ===========  ==================================================================
-task         (n,) text    the task of each grasp, as ``push`` or ``push:+x``
+task         (n,) text    the task of each grasp, such as ``push`` or ``push:+x``
 ===========  ===========  ==================================================================
 
-An answer belongs to the instance of its object, task and scale (to a millionth); of several the first counts.
+An answer belongs to the instance with its object, task and scale (to a millionth); the first of several
+counts.
 """
 
 from __future__ import annotations
@@ -18,8 +19,7 @@ import io
 import zipfile
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Protocol as Shape
-from typing import Self
+from typing import Protocol, Self
 
 import numpy as np
 
@@ -34,13 +34,13 @@ from .instances import TaskInstance
 
 @value
 class HandPoses:
-    """One answer: where the hand goes.
+    """One answer: the poses of the hand.
 
     Attributes:
-        object_pose: (7,) in the world.
-        pregrasp: (7 + j) root pose in the world and joint angles in the hand's order [m, rad].
-        grasp: (7 + j).
-        squeeze: (7 + j).
+        object_pose: (7,) pose of the object in the world.
+        pregrasp: (7 + j) root pose in the world [m] and joint angles in the hand's order [rad].
+        grasp: (7 + j) the same where the hand touches.
+        squeeze: (7 + j) the same as targets that press.
     """
 
     object_pose: Array
@@ -54,7 +54,7 @@ class HandPoses:
 
     @classmethod
     def of(cls, grasps: GraspSet, row: int) -> Self:
-        """The poses in one row of a set, which is :meth:`~GraspSet.for_hand` of the hand."""
+        """The poses in one row of a set that comes from :meth:`GraspSet.for_hand`."""
         return cls(object_pose=grasps.object_pose[row], **{s: getattr(grasps, s)[row] for s in STAGES})
 
     def rows(self) -> tuple[tuple[float, ...], ...]:
@@ -62,28 +62,28 @@ class HandPoses:
         return tuple(tuple(getattr(self, stage).tolist()) for stage in STAGES)
 
 
-class Answers(Shape):
-    """Whoever answers instances; sent to processes, so it holds values only."""
+class Answers(Protocol):
+    """A source of answers. It is sent to worker processes, so it holds values only."""
 
     @property
     def planned(self) -> bool:
-        """Whether the poses are made here and belong in the results."""
+        """Whether the poses are computed in the run, so that the results include them."""
 
     @property
     def digest(self) -> str:
-        """Hash of all that decides the answers, beside the instances."""
+        """Hash of all that the answers depend on, beside the instances."""
 
     def answer(self, row: int, instance: TaskInstance) -> HandPoses | str:
-        """The poses, or a sentence why there are none."""
+        """The poses for an instance, or a sentence why there are none."""
 
 
 @value
 class GivenAnswers:
-    """Answers from a file, one a row of the instances: poses, or why there are none.
+    """Answers from a file.
 
     Attributes:
-        rows: in the order of the instances.
-        unused: how many grasps belong to no instance, or came after the first.
+        rows: Poses for each instance in their order, or why there are none.
+        unused: Number of grasps that belong to no instance, or to one that has another grasp.
     """
 
     rows: tuple[HandPoses | str, ...]
@@ -91,7 +91,7 @@ class GivenAnswers:
 
     @property
     def planned(self) -> bool:
-        """The poses are in the file already."""
+        """False: the poses are in the file."""
         return False
 
     @property
@@ -104,7 +104,7 @@ class GivenAnswers:
         return state.hexdigest()
 
     def answer(self, row: int, instance: TaskInstance) -> HandPoses | str:
-        """The row's."""
+        """The answer in the row of the instance."""
         return self.rows[row]
 
 
@@ -112,11 +112,11 @@ def write_task_grasps(path: str | Path, grasps: GraspSet, tasks: Sequence[str]) 
     """Write grasps with their tasks as npz, whole or not at all.
 
     Raises:
-        InputError: not one task a grasp.
-        EnvironmentFailure: the file cannot be written.
+        InputError: The number of tasks is not that of the grasps.
+        EnvironmentFailure: The file cannot be written.
     """
     if len(tasks) != len(grasps):
-        raise InputError(f"task must name {len(grasps)} tasks, one a grasp, got {len(tasks)}")
+        raise InputError(f"task must name {len(grasps)} tasks, one for each grasp, got {len(tasks)}")
     member = io.BytesIO()
     np.save(member, np.array(list(tasks), dtype=np.str_), allow_pickle=False)
 
@@ -129,11 +129,11 @@ def write_task_grasps(path: str | Path, grasps: GraspSet, tasks: Sequence[str]) 
 
 
 def read_task_grasps(path: str | Path) -> tuple[GraspSet, tuple[str, ...]]:
-    """Grasps, and the label of each one's task.
+    """Grasps from a file, and the label of the task of each.
 
     Raises:
-        InputError: not such a file, no ``task``, or a task that is not known.
-        EnvironmentFailure: the file cannot be read.
+        InputError: The file is no npz of grasps, has no array ``task``, or names an unknown task.
+        EnvironmentFailure: The file cannot be read.
     """
     grasps = read_grasps(path)
     try:
@@ -143,10 +143,10 @@ def read_task_grasps(path: str | Path) -> tuple[GraspSet, tuple[str, ...]]:
             f"{path}: the task test needs an npz of grasps with an array task, not a plan"
         ) from error
     if texts is None:
-        raise InputError(f"{path}: no array task; give one name a grasp, as push or push:+x")
+        raise InputError(f"{path}: no array task; it holds one name for each grasp, such as push or push:+x")
     if texts.shape != (len(grasps),) or texts.dtype.kind not in "US":
         raise InputError(
-            f"{path}: task must be {len(grasps)} names as text, got {texts.dtype} of shape {texts.shape}"
+            f"{path}: task must be {len(grasps)} names as text, got {texts.dtype} with shape {texts.shape}"
         )
     names = [text.decode() if isinstance(text, bytes) else str(text) for text in texts]
     labels: dict[str, str] = {}
@@ -162,33 +162,34 @@ def read_task_grasps(path: str | Path) -> tuple[GraspSet, tuple[str, ...]]:
 def given_answers(
     instances: Sequence[TaskInstance], grasps: GraspSet, tasks: Sequence[str], hand: PhysicsHand
 ) -> GivenAnswers:
-    """Each instance's answer among grasps of any order.
+    """The answer to each instance among grasps in any order.
 
     Args:
-        instances: of the benchmark.
-        grasps: of another planner.
-        tasks: label of each one's task.
-        hand: whose grasps they are.
+        instances: Instances of the benchmark.
+        grasps: Grasps of another planner.
+        tasks: Label of the task of each grasp.
+        hand: Hand of the grasps.
 
     Raises:
-        InputError: grasps of another hand.
+        InputError: The grasps are for another hand.
     """
     own = grasps.for_hand(hand)
     faults = {fault.row: fault.reason for fault in own.faults}
-    where: dict[tuple[str, str], list[int]] = {}
+    rows_of: dict[tuple[str, str], list[int]] = {}
     for row, key in enumerate(zip(own.objects, tasks, strict=True)):
-        where.setdefault(key, []).append(row)
+        rows_of.setdefault(key, []).append(row)
     answers: list[HandPoses | str] = []
     for instance in instances:
-        rows = where.get((instance.object_name, instance.task.label), [])
-        fit = [r for r in rows if r in faults or abs(own.scale[r] / instance.scale - 1.0) < 1e-6]
-        if not fit:
+        rows = rows_of.get((instance.object_name, instance.task.label), [])
+        # A row with a fault has lost its scale.
+        same = [r for r in rows if r in faults or abs(own.scale[r] / instance.scale - 1.0) < 1e-6]
+        if not same:
             other = f" (it has one at scale {own.scale[rows[0]]:g})" if rows else ""
             answers.append(f"the file has no grasp for it at scale {instance.scale:g}{other}")
-        elif fit[0] in faults:
-            answers.append(f"row {fit[0]} of the file: {faults[fit[0]]}")
+        elif same[0] in faults:
+            answers.append(f"row {same[0]} of the file: {faults[same[0]]}")
         else:
-            answers.append(HandPoses.of(own, fit[0]))
+            answers.append(HandPoses.of(own, same[0]))
     return GivenAnswers(
         rows=tuple(answers), unused=len(own) - sum(not isinstance(answer, str) for answer in answers)
     )

@@ -1,21 +1,20 @@
-"""The instances of the task benchmark: which object, at which size, in which task.
+"""The instances of the task benchmark: pairs of an object at some size and a task.
 
-Size [C]: one factor an object brings its middle extent, across which a hand mostly closes, into 40 to 80 mm,
-and then its largest to at most 160 mm; an object that is there already keeps its size.
+Size [C]: one factor for each object brings its middle extent, across which a hand mostly closes, into the
+range 40 to 80 mm, and its largest extent to at most 160 mm. An object within these limits keeps its size.
 
-Which tasks [C]: a family takes part with its default axis a; s and u are those of
-:mod:`preshape.tasks.families`. An object is fit for a family by its shape alone, judged from its
-bounding box and its upper surface:
+Tasks [C]: a family takes part with its default axis a; s and u are those of :mod:`preshape.tasks.families`.
+An object suits a family by its shape, which is judged from its bounding box and its upper surface:
 
 ==================  =======================================================================
-families            fit where
+families            condition
 ==================  =======================================================================
 screw unscrew roll  round about a: the two extents across a differ by 15 % at most
-insert              it leads with an end: no extent is larger than the one along a
+insert              an end leads: no extent is larger than the one along a
 strike              long along s, the end that swings: 1.5 times the other extents or more
 lever               long along u, towards the fulcrum: 1.5 times the other extents or more
 pour                a vessel: with s up it holds liquid, 5 % of its bounding box or more
-the others          always: any object can be moved so
+all others          none
 ==================  =======================================================================
 """
 
@@ -33,16 +32,17 @@ from ...objects.load import load_object
 from ...objects.mesh import TriangleMesh
 from ...spatial import transform_points
 from ...tasks import FAMILIES, Task, named_task
-from ...tasks.families import _directions
+from ...tasks.families import directions
 from ...types import Array, freeze, frozen_array, value
 from .motion import TaskMotion, task_motion
 
 MIDDLE = (0.04, 0.08)
 """Range of the middle extent [m]."""
 LARGEST = 0.16
-"""Largest extent [m]."""
+"""Limit of the largest extent [m]."""
 ROUND, LONG, VESSEL = 0.85, 1.5, 0.05
-_CELLS = 40  # of the grid on which liquid is poured, along the longer side
+"""The numbers of the table in the module."""
+_CELLS = 40  # cells along the longer side of the grid of columns that are filled
 
 
 @value
@@ -50,13 +50,13 @@ class TaskInstance:
     """One object in one task.
 
     Attributes:
-        object_name: a library object or a file.
-        scale: factor on its size.
-        task: the task.
-        cog: (3,) centre of its bounding box after scale [m].
-        half_extent: half its largest extent after scale [m].
-        gravity: (3,) unit direction in its frame at the start, zeros for none.
-        seed: for the planner.
+        object_name: Library object or file.
+        scale: Factor on its size.
+        task: The task.
+        cog: (3,) centre of its scaled bounding box [m].
+        half_extent: Half its largest scaled extent [m].
+        gravity: (3,) unit direction of gravity in its first frame; zeros for none.
+        seed: Seed for the planner.
     """
 
     object_name: str
@@ -73,15 +73,15 @@ class TaskInstance:
 
     @property
     def motion(self) -> TaskMotion:
-        """Way and load."""
+        """Path and load."""
         return task_motion(self.task, self.cog, self.half_extent, gravity=self.gravity)
 
 
 def holdable_scale(extents: Array) -> float:
-    """The factor that makes an object holdable, see the module; to two digits after the point.
+    """The factor that brings an object to a size that a hand can hold (see the module), to two decimals.
 
     Args:
-        extents: (3,) of its bounding box [m].
+        extents: (3,) extents of its bounding box [m].
 
     >>> holdable_scale(np.array([0.05, 0.06, 0.07])), holdable_scale(np.array([0.02, 0.019, 0.138]))
     (1.0, 1.16)
@@ -92,13 +92,13 @@ def holdable_scale(extents: Array) -> float:
     return round(factor, 2) or factor
 
 
-def makes_sense(task: Task, mesh: TriangleMesh) -> bool:
-    """Whether an object's shape is fit for a named task, by the rule in the module."""
+def suitable(task: Task, mesh: TriangleMesh) -> bool:
+    """Whether the shape of an object suits a named task, by the table in the module."""
     if task.name not in FAMILIES or not task.axis:
         return True
-    a, s, u = _directions(task.axis)
+    a, s, u = directions(task.axis)
     along, up, side = (float(np.abs(d) @ mesh.extents) for d in (a, s, u))
-    least = 1.0 - 1e-6  # what is equal stays equal at any scale
+    least = 1.0 - 1e-6  # equal extents stay equal at any scale
     if task.name in ("screw", "unscrew", "roll"):
         return min(up, side) >= least * ROUND * max(up, side)
     if task.name == "insert":
@@ -113,14 +113,14 @@ def makes_sense(task: Task, mesh: TriangleMesh) -> bool:
 
 
 def liquid(mesh: TriangleMesh, up: Array) -> float:
-    """How much liquid stands on an object, as a share of its bounding box.
+    """Volume of the liquid that an object holds, as a share of its bounding box.
 
-    Its upper surface is sampled on a grid of columns, and every column is filled to the lowest rim on the way
-    out (priority flood, Barnes et al. 2014); a column that misses the object lets everything run out.
+    The upper surface is sampled on a grid of columns. Each column is filled to the lowest rim that the liquid
+    passes on its way out (priority flood, Barnes et al. 2014); a column that misses the object is an outlet.
 
     Args:
-        mesh: the object.
-        up: (3,) a unit vector along an axis.
+        mesh: The object.
+        up: (3,) unit vector along an axis, against gravity.
     """
     from ...kernels.rays import RayCaster
 
@@ -135,14 +135,12 @@ def liquid(mesh: TriangleMesh, up: Array) -> float:
     origins[:, z] = mesh.cog[z] + up[z] * extents[z]
     fall = RayCaster(mesh).cast(origins, np.tile(-up, (len(columns), 1))).distance
     ground = (1.5 * extents[z] - fall).reshape(shape)  # height over the lowest point; -inf beside the object
-    filled = _filled(ground)
-    under = np.isfinite(ground)
-    deep = np.subtract(filled, ground, out=np.zeros(shape), where=under)
-    return float(deep.sum() / (deep.size * extents[z]))
+    depth = np.subtract(_liquid_level(ground), ground, out=np.zeros(shape), where=np.isfinite(ground))
+    return float(depth.sum() / (depth.size * extents[z]))
 
 
-def _filled(ground: Array) -> Array:
-    """The height to which liquid stands in every cell of a (n, m) grid of heights."""
+def _liquid_level(ground: Array) -> Array:
+    """(n, m) height of the liquid in each cell, from the (n, m) heights of the ground."""
     level = np.full(ground.shape, np.inf)
     n, m = ground.shape
     queue: list[tuple[float, int, int]] = []
@@ -167,18 +165,19 @@ def make_instances(
     count: int | None = None,
     gravity: Array | None = None,
 ) -> tuple[TaskInstance, ...]:
-    """The benchmark's instances: objects in their order, and the tasks of each in theirs.
+    """The instances of the benchmark: the objects in their order, and the tasks of each in theirs.
 
     Args:
-        objects: library names or files; default all library objects.
-        families: named tasks, with an axis after a colon where not the default; default all families. One
-            that is unfit for an object is left out.
-        seed: given to the planner, and of the choice of ``count``.
-        count: only so many, the same number of each task as far as there are; default all.
-        gravity: (3,) direction for all instead of each task's own; zeros for none.
+        objects: Library names or files; by default all library objects.
+        families: Named tasks, with an axis after a colon where it is not the default; by default all
+            families. A task that does not suit an object is left out.
+        seed: Seed for the planner, and of the choice of ``count`` instances.
+        count: Number of instances, as evenly spread over the tasks as possible; by default all.
+        gravity: (3,) direction of gravity for all instances instead of each task's own; zeros for none.
 
     Raises:
-        InputError: an unknown object or task, no instance at all, or a count or seed out of range.
+        InputError: An object or task is unknown, no instance is left, or ``count`` or ``seed`` is out of
+            range.
     """
     if seed < 0 or (count is not None and count < 1):
         raise InputError(f"the seed must be 0 or more and the count 1 or more, got {seed} and {count}")
@@ -188,7 +187,7 @@ def make_instances(
         scale = holdable_scale(load_object(name).extents)
         mesh = load_object(name, scale=scale)
         for task in tasks:
-            if makes_sense(task, mesh):
+            if suitable(task, mesh):
                 direction = np.asarray(task.gravity if gravity is None else gravity, dtype=np.float64)
                 found.append(
                     TaskInstance(
@@ -202,29 +201,28 @@ def make_instances(
                     )
                 )
     if not found:
-        raise InputError("no instance: none of these objects is fit for any of these tasks")
+        raise InputError("no instance is left: none of these tasks suits any of these objects; name others")
     return tuple(found) if count is None else _chosen(found, count, seed)
 
 
 def _chosen(found: list[TaskInstance], count: int, seed: int) -> tuple[TaskInstance, ...]:
-    """``count`` of them, in turns one of each task, those of a task in random order."""
+    """``count`` instances: one of each task in turn, and those of a task in random order."""
     order = np.random.default_rng(seed).permutation(len(found))
-    turns: dict[str, int] = {}
-    ranked: list[tuple[int, int, int]] = []
+    rounds: dict[str, int] = {}
+    draws: list[tuple[int, int, int]] = []
     for index in order.tolist():
         label = found[index].task.label
-        turns[label] = turns.get(label, -1) + 1
-        ranked.append((turns[label], len(ranked), index))
-    kept = sorted(index for _, _, index in sorted(ranked)[:count])
-    return tuple(found[index] for index in kept)
+        rounds[label] = rounds.get(label, -1) + 1
+        draws.append((rounds[label], len(draws), index))
+    return tuple(found[index] for index in sorted(index for _, _, index in sorted(draws)[:count]))
 
 
 def instance_to_json(instance: TaskInstance, mass: float) -> dict[str, Any]:
-    """Everything that another planner or simulator needs of an instance, as plain JSON values.
+    """All that another planner or simulator needs of an instance, as plain JSON values.
 
     Args:
-        instance: one.
-        mass: of the object [kg].
+        instance: The instance.
+        mass: Mass of the object [kg].
     """
     motion = instance.motion
     wrench = motion.load(0.0, mass)
@@ -253,7 +251,7 @@ def instance_to_json(instance: TaskInstance, mass: float) -> dict[str, Any]:
 
 
 def mesh_text(mesh: TriangleMesh) -> str:
-    """A mesh as Wavefront OBJ, in metres, every digit kept."""
+    """A mesh as Wavefront OBJ in metres, with all digits."""
     lines = [f"# {mesh.name}, metres"]
     lines += [f"v {x!r} {y!r} {z!r}" for x, y, z in mesh.vertices.tolist()]
     lines += [f"f {a} {b} {c}" for a, b, c in (mesh.triangles + 1).tolist()]

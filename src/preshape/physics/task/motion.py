@@ -1,22 +1,22 @@
-"""The motion that a task test demands and the load that opposes it: pure functions of the task.
+"""The motion of a task test and the load that opposes it: pure functions of the task.
 
-The meaning of both, precisely [C]:
+Definitions [C]:
 
-- *Where to.* The displacement D = [R t; 0 1] about the COG, x' = R (x - c) + c + t, that
-  :func:`preshape.tasks.full_motion` gives: components of Q at the absence values (|T| ≤ 0.1, |R| ≤ 0.05) are
-  no motion; the others are proportions, the largest translation 0.1 m, the largest rotation 45°. How strong
-  a presence is says how translations and rotations compare among themselves; it does not grade the load.
-- *Which way.* Along D's own screw, x(f) = exp(f log D), f from 0 to 1: a constant twist, whose axis and
-  pitch stay where they are. A task that both moves and turns takes the COG along an arc or a helix.
-- *How fast.* f is a fifth-order polynomial of time, at rest at both ends.
-- *Load.* Where the task translates, a force of ``acceleration × mass`` on the COG, against the COG's
-  velocity; where it rotates, a torque of that times ℓ/2 against the angular velocity, ℓ being half the
-  object's largest extent. Since the twist is constant, both are constant in the frame of an object that
-  keeps to its path, and turn with it; they never do positive work on such an object.
-- *Gravity.* A force of ``acceleration × mass`` on the centre of mass, in a direction that is fixed in the
-  world: the task's, in the object's frame at the start.
+- *Target.* The displacement D = [R t; 0 1] about the COG, x' = R (x - c) + c + t, of
+  :func:`preshape.tasks.full_motion`. Components of Q at the absence values (|T| ≤ 0.1, |R| ≤ 0.05) are no
+  motion; the others are proportions, with the largest translation at 0.1 m and the largest rotation at 45°.
+  Presences compare translations with translations and rotations with rotations; they do not scale the load.
+- *Path.* The object follows the screw of D, x(f) = exp(f log D), f from 0 to 1: a constant twist with a fixed
+  axis and pitch. A task that both translates and rotates moves the COG along an arc or a helix.
+- *Speed.* f is a fifth-order polynomial of time, at rest at both ends.
+- *Load.* Where the task translates, a force of ``acceleration × mass`` on the COG opposes the velocity of the
+  COG. Where it rotates, a torque of that force times ℓ/2 opposes the angular velocity, ℓ being half the
+  object's largest extent. Because the twist is constant, both are constant in the frame of an object that
+  follows its path; they never do positive work on it.
+- *Gravity.* A force of ``acceleration × mass`` acts on the centre of mass, in a direction that is fixed in
+  the world: the task's direction of gravity in the object's first frame.
 
-The frame of everything here is the object's at the start.
+All quantities are in the frame of the object at the start.
 """
 
 from __future__ import annotations
@@ -30,23 +30,23 @@ from ...tasks import Task, full_motion
 from ...types import Array, freeze, frozen_array, value
 
 ACCELERATION = 9.8
-"""Load and weight over mass [m/s²] (ENGINE.md, task test)."""
-_NOTHING = 1e-9  # a smaller twist [m, rad over the whole way] is none
+"""Load and weight over the mass of the object [m/s²] (ENGINE.md, task test)."""
+_NOTHING = 1e-9  # a smaller twist [m or rad over the whole path] counts as none
 
 
 @value
 class TaskMotion:
-    """A way for the object, and the load on it.
+    """The path of an object and the load on it.
 
     Attributes:
-        displacement: (4, 4) D about the COG at the end of the way [m].
-        cog: (3,) the COG in the object's frame [m].
+        displacement: (4, 4) displacement D about the COG at the end of the path [m].
+        cog: (3,) COG in the object's frame [m].
         half_extent: ℓ, half the object's largest extent [m].
-        gravity: (3,) unit direction, zeros for none.
+        gravity: (3,) unit direction of gravity; zeros for none.
 
     Raises:
-        TaskError: the displacement moves nothing.
-        InputError: arrays of the wrong shape, or not finite.
+        TaskError: The displacement moves nothing.
+        InputError: An array has the wrong shape or is not finite.
     """
 
     displacement: Array
@@ -63,11 +63,11 @@ class TaskMotion:
             gravity=frozen_array(self.gravity, (3,), "gravity"),
         )
         if not (self.translates or self.rotates):
-            raise TaskError("the task asks for no motion: the task test has nothing to do")
+            raise TaskError("the task asks for no motion, which the task test cannot test; give another task")
 
     @property
     def twist(self) -> Array:
-        """(6,) log D, linear and angular about the COG [m, rad over the whole way]."""
+        """(6,) log D, linear and angular about the COG [m, rad over the whole path]."""
         return twist_log(self.displacement)
 
     @property
@@ -77,29 +77,29 @@ class TaskMotion:
 
     @property
     def rotates(self) -> bool:
-        """Whether the object turns."""
+        """Whether the object rotates."""
         return bool(np.abs(self.twist[3:]).max() > _NOTHING)
 
     def path(self, fraction: ArrayLike) -> Array:
-        """(..., 4, 4) the object's frame on its way, in its frame at the start; ``fraction`` (...) 0 to 1."""
+        """(..., 4, 4) frame of the object in its first frame, at ``fraction`` (...) of the path, 0 to 1."""
         about_cog = along_screw(self.displacement, fraction)
         rotation = about_cog[..., :3, :3]
         return pose(rotation, about_cog[..., :3, 3] + self.cog - rotation @ self.cog)
 
     def velocity(self, fraction: ArrayLike) -> Array:
-        """(..., 6) velocity of the COG and angular velocity, per unit of ``fraction`` [m, rad]."""
+        """(..., 6) velocity of the COG and angular velocity, for a unit rate of ``fraction`` [m, rad]."""
         f = np.asarray(fraction, dtype=np.float64)
         twist = self.twist
         turned = rotation_from_vector(f[..., None] * twist[3:])
         return np.concatenate([turned @ twist[:3], np.broadcast_to(twist[3:], (*f.shape, 3))], axis=-1)
 
     def load(self, fraction: ArrayLike, mass: float, acceleration: float = ACCELERATION) -> Array:
-        """(..., 6) the load that opposes the motion, about the COG [N, N m]; without gravity.
+        """(..., 6) load that opposes the motion, about the COG [N, N m]; gravity is not part of it.
 
         Args:
-            fraction: (...) of the way, 0 to 1.
-            mass: of the object [kg].
-            acceleration: load over mass [m/s²].
+            fraction: (...) fraction of the path, 0 to 1.
+            mass: Mass of the object [kg].
+            acceleration: Load over mass [m/s²].
         """
         velocity = self.velocity(fraction)
         force = acceleration * mass
@@ -114,7 +114,7 @@ class TaskMotion:
         return out
 
     def weight(self, mass: float, acceleration: float = ACCELERATION) -> Array:
-        """(3,) the weight, a force on the centre of mass [N]."""
+        """(3,) weight of the object, a force on its centre of mass [N]."""
         return acceleration * mass * self.gravity
 
 
@@ -124,13 +124,13 @@ def task_motion(
     """The motion and load of a task on an object.
 
     Args:
-        task: the task.
+        task: The task.
         cog: (3,) centre of the object's bounding box, in its frame [m].
-        half_extent: ℓ, half its largest extent [m].
-        gravity: (3,) direction instead of the task's own; zeros for none.
+        half_extent: ℓ, half the object's largest extent [m].
+        gravity: (3,) direction of gravity instead of the task's own; zeros for none.
 
     Raises:
-        TaskError: the task asks for no motion.
+        TaskError: The task asks for no motion.
 
     >>> from preshape.tasks import named_task
     >>> motion = task_motion(named_task("lift"), [0.0, 0.0, 0.0], 0.05)
@@ -148,7 +148,7 @@ def task_motion(
 
 
 def ease(share: ArrayLike) -> Array:
-    """(...) fraction of the way at ``share`` (...) of the time: 10 s³ - 15 s⁴ + 6 s⁵, at rest at both ends.
+    """(...) fraction of the path at ``share`` (...) of the time: 10 s³ - 15 s⁴ + 6 s⁵, at rest at both ends.
 
     >>> ease([0.0, 0.5, 1.0]).tolist()
     [0.0, 0.5, 1.0]

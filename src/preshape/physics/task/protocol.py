@@ -1,14 +1,14 @@
-"""The task test: the hand takes the object along a task's screw, against a load; does the object follow?
+"""The task test: the hand moves the object along a task's screw, against a load; does the object follow?
 
-1. Pregrasp, grasp, squeeze, as in the holding test: the object floats, nothing pulls at it.
-2. The load and the weight come, growing evenly from nothing; the hand stands still.
-3. The hand's root moves so that an object fixed in it would follow the motion (:mod:`.task_motion`), the
-   load keeping against it; the finger joints keep the targets of the squeeze.
-4. The hand stands still at the end, load and weight still there.
+1. The hand moves from pregrasp to grasp to squeeze, as in the holding test; no load acts on the object.
+2. Load and weight rise linearly from zero, while the hand stands still.
+3. The hand's root moves so that an object fixed in the hand would follow the motion (:mod:`.motion`). The
+   load opposes the motion, and the finger joints keep the targets of the squeeze.
+4. The hand stands still at the end, and load and weight remain.
 
-From 2 on the object is compared with its path every few steps: the distance of its COG from where it
-should be, and the angle between its orientation and the one it should have. The path begins where the
-object stood before the squeeze, so a grasp that shoves the object has used up part of its margin.
+From step 2 on the object is compared with its path every few simulation steps: the distance of its COG from
+the path, and the angle between its orientation and that of the path. The path begins at the pose of the
+object before the squeeze, so a grasp that displaces the object in the squeeze has less tolerance left.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ import numpy as np
 from ... import spatial
 from ...exceptions import InputError
 from ...types import Array, value
-from ..hold.six_directions import HoldStatus, Observer, take_hold, unstable
+from ..hold.six_directions import Observer, take_hold, unstable
 from ..protocol import HoldProtocol
 from ..scene import Scene
 from .motion import ACCELERATION, TaskMotion, ease
@@ -34,9 +34,9 @@ _OF_HOLD = (
 
 
 class TaskStatus(enum.Enum):
-    """How a task test ended; the value is what people read."""
+    """Outcome of a task test; the values are texts for the user."""
 
-    DONE = "took the object along the task's motion"
+    DONE = "moved the object along the task's motion"
     LOST = "lost the object"
     PENETRATES = "the pregrasp cuts too deep into the object or the hand"
     UNSTABLE = "the simulation became unstable"
@@ -46,19 +46,19 @@ class TaskStatus(enum.Enum):
 
 @value
 class TaskProtocol:
-    """Everything that decides a task test.
+    """Settings of a task test.
 
     Attributes:
-        hold: mass, friction, gains, steps of the approach, and the two limits (50 mm, 15°).
-        acceleration: load and weight over mass [m/s²].
-        strength: factor on the load; the weight stays.
-        rise: time in which load and weight come [s].
-        duration: of the motion [s].
-        rest: time at the end [s].
-        look_steps: simulation steps between two looks at the object.
+        hold: Mass, friction, gains, steps of the approach, and the two limits (50 mm, 15°).
+        acceleration: Load and weight over the mass of the object [m/s²].
+        strength: Factor on the load; the weight is not scaled.
+        rise: Time in which load and weight rise [s].
+        duration: Time of the motion [s].
+        rest: Time at the end [s].
+        look_steps: Simulation steps between two checks of the object.
 
     Raises:
-        InputError: a number out of range, or a ``hold`` with errors of pose or size, which this test lacks.
+        InputError: A number is out of range, or ``hold`` has errors of pose or size, which this test lacks.
     """
 
     hold: HoldProtocol = HoldProtocol()
@@ -78,10 +78,10 @@ class TaskProtocol:
         if self.look_steps < 1:
             raise InputError(f"look_steps must be 1 or more, got {self.look_steps!r}")
         if any((self.hold.position_error, self.hold.turn_error, self.hold.size_error)):
-            raise InputError("the task test has no errors of pose or size; leave them at 0")
+            raise InputError("the task test does not apply errors of pose or size; leave them at 0")
 
     def to_json(self) -> dict[str, float | bool]:
-        """The numbers that count in this test, as plain JSON values."""
+        """The settings that this test uses, as plain JSON values."""
         own = ("acceleration", "strength", "rise", "duration", "rest", "look_steps")
         return {
             **{name: getattr(self.hold, name) for name in _OF_HOLD},
@@ -89,36 +89,35 @@ class TaskProtocol:
         }
 
     def schedule(self) -> tuple[Array, Array]:
-        """Share of the load, and fraction of the way, after each simulation step; two (steps,) arrays."""
+        """(steps,) share of the load and (steps,) fraction of the path, after each simulation step."""
         rise, move, rest = (
             max(1, round(t / self.hold.timestep)) for t in (self.rise, self.duration, self.rest)
         )
-        up = np.arange(1, rise + 1) / rise
-        load = np.concatenate([up, np.ones(move + rest)])
-        way = np.concatenate([np.zeros(rise), ease(np.arange(1, move + 1) / move), np.ones(rest)])
-        return load, way
+        load = np.concatenate([np.arange(1, rise + 1) / rise, np.ones(move + rest)])
+        path = np.concatenate([np.zeros(rise), ease(np.arange(1, move + 1) / move), np.ones(rest)])
+        return load, path
 
 
 @value
 class TaskResult:
-    """Everything about one grasp in one task.
+    """Result of the task test of one grasp.
 
     Attributes:
-        row: of the instance in its list.
-        object_name: the object's.
-        scale: factor on the object's size.
-        task: the task's label, ``push:+x``.
-        status: how it ended.
-        reason: one sentence.
-        displacement: the COG's largest distance from its path [m]; ``None`` where nothing moved.
-        rotation: the object's largest angle from its path [rad].
-        final_displacement: the COG's distance from its target at the end [m]; ``None`` where the test
-            ended before.
-        final_rotation: the angle from the target [rad].
-        progress: fraction of the way when the test ended, 0 to 1.
-        touching: parts (fingers, palm) that press on the object after the squeeze.
-        planned: (3 rows of 7 + joints) pregrasp, grasp and squeeze in the object's frame, as root pose and
-            angles, where this program planned them.
+        row: Row of the instance in its list.
+        object_name: Name of the object.
+        scale: Factor on the object's size.
+        task: Label of the task, such as ``push:+x``.
+        status: Outcome.
+        reason: One sentence on the outcome.
+        displacement: Largest distance of the COG from its path [m]; ``None`` where no load was applied.
+        rotation: Largest angle of the object from its path [rad].
+        final_displacement: Distance of the COG from its target at the end [m]; ``None`` where the test ended
+            early.
+        final_rotation: Angle of the object from its target at the end [rad].
+        progress: Fraction of the path at the end of the test, 0 to 1.
+        touching: Number of parts (fingers and palm) that press on the object after the squeeze.
+        planned: Pregrasp, grasp and squeeze, each as root pose in the object's frame and joint angles (7 +
+            joints), where this program planned them.
     """
 
     row: int
@@ -137,12 +136,12 @@ class TaskResult:
 
     @property
     def passed(self) -> bool:
-        """Whether the grasp passes."""
+        """Whether the object followed to the end."""
         return self.status is TaskStatus.DONE
 
     @property
     def family(self) -> str:
-        """The task's family, or ``custom``."""
+        """Family of the task, or ``custom``."""
         return self.task.partition(":")[0]
 
 
@@ -165,20 +164,20 @@ def task_test(
     """Test one grasp in one task.
 
     Args:
-        scene: of hand and object, built with ``protocol.hold``.
-        pregrasp: (7 + joints) root pose x y z w x y z in the world and joint angles [m, rad].
-        grasp: the same, where the hand touches.
-        squeeze: the same, the targets that press.
-        object_pose: (7,) in the world.
-        motion: way and load, in the object's frame.
-        protocol: the test's numbers.
-        row: repeated in the result, as are the next four.
-        object_name: see there.
-        scale: see there.
-        task: see there.
-        planned: see there.
-        observer: called with ``grasp``, ``squeeze``, ``load``, ``way`` or ``rest`` and the
-            ``mujoco.MjData`` at every look, for pictures and tables.
+        scene: Scene of hand and object, built with ``protocol.hold``.
+        pregrasp: (7 + joints) root pose x y z w x y z in the world [m] and joint angles [rad].
+        grasp: (7 + joints) the same where the hand touches.
+        squeeze: (7 + joints) the same as targets that press.
+        object_pose: (7,) pose of the object in the world.
+        motion: Path and load, in the object's frame.
+        protocol: Settings of the test.
+        row: Row for the result.
+        object_name: Name of the object for the result.
+        scale: Scale for the result.
+        task: Label of the task for the result.
+        planned: Poses for the result.
+        observer: Called at every check with ``grasp``, ``squeeze``, ``load``, ``path`` or ``rest`` and the
+            ``mujoco.MjData``, for pictures and tables.
     """
     import mujoco
 
@@ -187,17 +186,13 @@ def task_test(
     label["planned"] = planned
     hold = take_hold(scene, data, pregrasp, grasp, squeeze, object_pose, protocol.hold, observer=observer)
     if hold.failure is not None:
-        found = {
-            HoldStatus.PENETRATES: TaskStatus.PENETRATES,
-            HoldStatus.UNSTABLE: TaskStatus.UNSTABLE,
-        }[hold.failure]
-        return TaskResult(status=found, reason=hold.reason, **label)
+        return TaskResult(status=TaskStatus[hold.failure.name], reason=hold.reason, **label)
     run = _Run(scene, data, squeeze, object_pose, motion, protocol)
     return run.result({**label, "touching": hold.touching_at_squeeze}, observer)
 
 
 class _Run:
-    """The way from the squeeze on, of one test."""
+    """One test from the squeeze on."""
 
     def __init__(
         self,
@@ -209,15 +204,16 @@ class _Run:
         protocol: TaskProtocol,
     ) -> None:
         self.scene, self.data, self.protocol = scene, data, protocol
-        self.share, self.way = protocol.schedule()
+        self.share, self.path = protocol.schedule()
         T_world_start = spatial.pose_from_seven(object_pose)
-        self.target = T_world_start @ motion.path(self.way)  # (steps, 4, 4)
-        # A root that is fixed in the object: W(f) = X(f) X(0)⁻¹ takes it along.
+        self.target = T_world_start @ motion.path(self.path)  # (steps, 4, 4)
+        # A root that is fixed in the object moves by W(f) = X(f) X(0)⁻¹, X being the object's pose.
         T_root = self.target @ spatial.inverse(T_world_start) @ spatial.pose_from_seven(squeeze[:7])
-        self.root = spatial.seven_from_pose(T_root)  # the weld takes q and -q alike
-        # From the start's axes to the world's. The load is about the COG, the weight at the centre of mass.
+        self.root = spatial.seven_from_pose(T_root)  # q and -q are equal to the weld
+        # From the axes of the first pose to world axes. The load is about the COG, the weight acts at the
+        # centre of mass.
         R = T_world_start[:3, :3]
-        load = motion.load(self.way, scene.mass, protocol.acceleration) * protocol.strength
+        load = motion.load(self.path, scene.mass, protocol.acceleration) * protocol.strength
         self.load = np.concatenate([load[:, :3] @ R.T, load[:, 3:] @ R.T], axis=1) * self.share[:, None]
         self.weight = np.outer(self.share, R @ motion.weight(scene.mass, protocol.acceleration))
         self.cog = motion.cog
@@ -225,25 +221,25 @@ class _Run:
         self.displacement = self.rotation = 0.0
 
     def result(self, label: dict[str, Any], observer: Observer | None) -> TaskResult:
-        """Go the whole way, or as far as the object comes along."""
+        """Move along the whole path, or until the object is lost."""
         limits = self.protocol.hold
         far = turned = 0.0
-        for step in range(len(self.way)):
+        for step in range(len(self.path)):
             self.step(step)
-            if (step + 1) % self.protocol.look_steps and step + 1 < len(self.way):
+            if (step + 1) % self.protocol.look_steps and step + 1 < len(self.path):
                 continue
             if observer is not None:
                 observer(self.phase(step), self.data)
             far, turned = self.error(step)
             self.displacement = max(self.displacement, far)
             self.rotation = max(self.rotation, turned)
-            # MuJoCo resets a scene that blew up, which would look like an object that never moved.
-            shaken = unstable(self.data)
-            if shaken or far > limits.displacement_limit or turned > limits.rotation_limit:
-                status = TaskStatus.UNSTABLE if shaken else TaskStatus.LOST
-                reason = status.value if shaken else self.sentence(step, far, turned)
-                return self.made(label, status, reason, float(self.way[step]))
-        return self.made(
+            # MuJoCo resets a scene that has become unstable, and the object would seem not to have moved.
+            blown_up = unstable(self.data)
+            if blown_up or far > limits.displacement_limit or turned > limits.rotation_limit:
+                status = TaskStatus.UNSTABLE if blown_up else TaskStatus.LOST
+                reason = status.value if blown_up else self.lost(step, far, turned)
+                return self.ended(label, status, reason, float(self.path[step]))
+        return self.ended(
             {**label, "final_displacement": far, "final_rotation": turned},
             TaskStatus.DONE,
             f"{TaskStatus.DONE.value}; it ended {far * 1e3:.1f} mm and {math.degrees(turned):.1f}° "
@@ -252,7 +248,7 @@ class _Run:
         )
 
     def step(self, step: int) -> None:
-        """One simulation step with its targets and loads."""
+        """Run one simulation step with its targets and loads."""
         import mujoco
 
         scene, data = self.scene, self.data
@@ -266,7 +262,7 @@ class _Run:
         mujoco.mj_step(scene.model, data)
 
     def error(self, step: int) -> tuple[float, float]:
-        """The COG's distance from where it should be [m], and the object's angle from its orientation."""
+        """Distance of the COG from its path [m], and angle of the object from its path [rad]."""
         at = self.scene.object_address
         T = spatial.pose_from_seven(self.data.qpos[at : at + 7])
         target = self.target[step]
@@ -275,24 +271,24 @@ class _Run:
         return float(np.linalg.norm(off)), float(np.linalg.norm(angle))
 
     def phase(self, step: int) -> str:
-        """``load``, ``way`` or ``rest``."""
-        if self.share[step] < 1.0 or self.way[step] == 0.0:
+        """``load``, ``path`` or ``rest``."""
+        if self.share[step] < 1.0 or self.path[step] == 0.0:
             return "load"
-        return "way" if self.way[step] < 1.0 else "rest"
+        return "path" if self.path[step] < 1.0 else "rest"
 
-    def sentence(self, step: int, far: float, turned: float) -> str:
+    def lost(self, step: int, far: float, turned: float) -> str:
         """Why the object counts as lost."""
         limit = self.protocol.hold.displacement_limit
         off = f"{far * 1e3:.0f} mm" if far > limit else f"{math.degrees(turned):.0f}°"
         when = {
-            "load": "when the load came, before the hand moved",
-            "way": f"after {100 * self.way[step]:.0f} % of the way",
-            "rest": "at the end of the way",
+            "load": "under the load, before the hand moved",
+            "path": f"after {100 * self.path[step]:.0f} % of the path",
+            "rest": "at the end of the path",
         }[self.phase(step)]
         return f"lost the object: it was {off} off its path {when}"
 
-    def made(self, label: dict[str, Any], status: TaskStatus, reason: str, progress: float) -> TaskResult:
-        """The result."""
+    def ended(self, label: dict[str, Any], status: TaskStatus, reason: str, progress: float) -> TaskResult:
+        """The result of the test."""
         return TaskResult(
             status=status,
             reason=reason,

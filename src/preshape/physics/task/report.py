@@ -1,4 +1,4 @@
-"""What a run of the task benchmark says: every instance, and scores a task family and an object."""
+"""Results of a run of the task benchmark: scores of task families and objects, and every instance."""
 
 from __future__ import annotations
 
@@ -19,21 +19,21 @@ from .protocol import TaskResult, TaskStatus
 
 @value
 class TaskScore:
-    """Figures over some instances.
+    """Figures over a set of instances.
 
     Attributes:
-        instances: how many.
-        passed: that passed.
-        rate: share of all instances that passed; one without an answer is a failure like any other.
-        interval: 95 % (Wilson).
-        answered: that had a grasp to test.
-        no_answer: for which the planner gave none.
-        lost: that lost the object.
-        penetrating: whose pregrasp cuts too deep.
-        unstable: whose simulation became unstable.
-        invalid: that could not be tested.
-        displacement: mean of the largest distance from the path, over those that passed [m].
-        rotation: mean of the largest angle from the path, over the same [rad].
+        instances: Number of instances.
+        passed: Number of instances that passed.
+        rate: Share of all instances that passed; an instance without an answer counts as a failure.
+        interval: 95 % interval of the rate (Wilson).
+        answered: Number of instances with a grasp to test.
+        no_answer: Number of instances without an answer of the planner.
+        lost: Number of instances in which the object was lost.
+        penetrating: Number of instances whose pregrasp cuts too deep.
+        unstable: Number of instances whose simulation became unstable.
+        invalid: Number of instances that could not be tested.
+        displacement: Mean over those that passed of the largest distance from the path [m].
+        rotation: Mean over those that passed of the largest angle from the path [rad].
     """
 
     instances: int
@@ -55,10 +55,10 @@ class TaskReport:
     """The results of a run, in the order of the instances.
 
     Attributes:
-        instances: as tested.
-        results: one of each.
-        hand: the hand.
-        seconds: that this run took, without what it found done.
+        instances: The instances.
+        results: Result of each instance.
+        hand: The hand.
+        seconds: Time of this run [s], without results that an earlier run had saved.
     """
 
     instances: tuple[TaskInstance, ...]
@@ -67,7 +67,7 @@ class TaskReport:
     seconds: float
 
     def score(self, which: Callable[[TaskResult], bool] = lambda _: True) -> TaskScore:
-        """Figures over the results that ``which`` chooses."""
+        """Figures over the results for which ``which`` is true."""
         rows = [result for result in self.results if which(result)]
         count = {status: sum(r.status is status for r in rows) for status in TaskStatus}
         passed = count[TaskStatus.DONE]
@@ -103,7 +103,7 @@ class TaskReport:
         return tuple(result for result in self.results if not result.passed)
 
     def to_json(self) -> dict[str, Any]:
-        """Scores over all, for each family and object, and every instance, as plain JSON values."""
+        """Scores over all instances and for each family and object, and every instance, as JSON values."""
         rows = [result_to_json(result) for result in self.results]
         return {
             "all": asdict(self.score()),
@@ -113,7 +113,7 @@ class TaskReport:
         }
 
     def planned_grasps(self) -> tuple[GraspSet, tuple[str, ...]]:
-        """The grasps that this program planned, and their tasks; for a file that gives the same scores."""
+        """The grasps that this program planned, and their tasks: a file of them gives the same scores."""
         rows = [result for result in self.results if result.planned is not None]
         poses = np.array([result.planned for result in rows]).reshape(
             len(rows), len(STAGES), 7 + len(self.hand.joints)
@@ -139,10 +139,10 @@ def result_from_json(document: dict[str, Any]) -> TaskResult:
     """The inverse of :func:`result_to_json`.
 
     Raises:
-        KeyError, TypeError, ValueError: it is none.
+        KeyError, TypeError, ValueError: The document is no result.
     """
     if set(document) != {field.name for field in fields(TaskResult)}:
-        raise ValueError("other keys than a result has")
+        raise ValueError("the keys are not those of a result")
     planned = document["planned"]
     return TaskResult(
         **{
