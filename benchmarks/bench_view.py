@@ -14,9 +14,10 @@ from typing import Any
 
 import numpy as np
 
-from preshape.app.scenes import light_mesh
-from preshape.app.worker import Order, Worker, order_fields
+from preshape.app.worker import Worker
 from preshape.objects.mesh import TriangleMesh
+from preshape.pictures import light_mesh
+from preshape.planning.request import PlanRequest
 from preshape.viewer.reduce import MAX_TRIANGLES
 
 from .common import median_of, row
@@ -63,7 +64,7 @@ def click_to_answer() -> dict[str, Any]:
     with tempfile.TemporaryDirectory() as folder:
         replies: list[dict[str, Any]] = []
         worker = Worker(replies.append)
-        order = order_fields(Order(source="mug", task="pour", memory=str(Path(folder) / "m.sqlite")))
+        request = PlanRequest(source="mug", task="pour", memory=str(Path(folder) / "m.sqlite")).to_json()
         first: list[float] = []
 
         def ask() -> None:
@@ -73,7 +74,7 @@ def click_to_answer() -> dict[str, Any]:
                 replies.append(reply),
                 first.append(time.perf_counter() - begun) if "document" in reply else None,
             )
-            worker.answer({"do": "plan", "id": 1, **order})
+            worker.answer({"do": "plan", "id": 1, "request": request})
 
         ask()  # the first time it is learned
         first.clear()
