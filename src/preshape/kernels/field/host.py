@@ -21,7 +21,6 @@ from ...objects.mesh import TriangleMesh
 from ...types import Array, IntArray, freeze, frozen_array, read_only, value
 from ..launch import in_parts, load_kernels, usable_threads, warp
 from ..packed_launch import FIRST_ROW, DeviceRows, PackedLaunch
-from ..surface_points import surface_points as surface_points
 from .winding import oriented_triangles
 
 CELLS = 64
