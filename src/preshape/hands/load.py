@@ -69,6 +69,14 @@ def load_hand(name: str | Path, *, side: str | None = None) -> Hand:
     return _by_name(text, wanted)
 
 
+def source_of(name: str | Path) -> str:
+    """The name, or the path of a description made absolute, so that it means the same in every folder."""
+    text, side = _split_side(str(name), None)
+    if text.lower().endswith(".toml"):
+        text = str(Path(text).absolute())
+    return text if side is None else f"{text}:{side}"
+
+
 def recorded_hand(record: Mapping[str, Any]) -> Hand:
     """The hand that the ``hand`` object of a plan.json names, by its ``source`` or, in older files, its
     ``name``.
@@ -155,7 +163,7 @@ def _from_file(path: Path, side: str | None) -> Hand:
     if data.get("name") in hand_names():
         raise HandError(f"{path}: a built-in hand is called {data['name']}; choose another name")
     hand = rebuilt(data, read_model(model_file(data, path)), str(path))
-    return _on_side(replace(hand, source=str(path.absolute())), side, data)
+    return _on_side(replace(hand, source=source_of(path)), side, data)
 
 
 @cache

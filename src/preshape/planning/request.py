@@ -17,6 +17,7 @@ import numpy as np
 from ..closure.settings import ClosureSettings
 from ..exceptions import InputError
 from ..hands.hand import Hand
+from ..hands.load import source_of
 from ..hiis.critic import Thresholds
 from ..hiis.decision import Settings
 from ..hiis.fuzzy import FuzzySets
@@ -135,7 +136,7 @@ class PlanRequest:
     @property
     def hand_name(self) -> str:
         """The hand as :func:`~preshape.hands.load.load_hand` takes it."""
-        return self.hand if isinstance(self.hand, str) else self.hand.source
+        return self.hand.source if isinstance(self.hand, Hand) else source_of(self.hand)
 
     @property
     def object_name(self) -> str:
