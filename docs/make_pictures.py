@@ -14,10 +14,11 @@ from scipy.spatial import cKDTree
 import preshape
 from preshape.cli.bench_planner import planner
 from preshape.cli.simulate import simulate
+from preshape.files import dumps
 from preshape.objects.library import load_library_object, names
-from preshape.pictures import plan_png
-from preshape.planning.document import dumps
+from preshape.pictures import plan_picture_of
 from preshape.planning.hand_simulation import hand_geometry
+from preshape.planning.output import ray_origins
 from preshape.viewer.gallery import contact_sheet, hand_picture
 
 OUT = Path(__file__).parent / "pictures"
@@ -41,6 +42,10 @@ def main() -> None:
     for path in sorted(OUT.glob("*.png")):
         small(path)
         print(f"wrote {path.relative_to(OUT.parent.parent)} ({path.stat().st_size // 1024} KiB)")
+
+
+def plan_png(plan: preshape.Plan, path: Path) -> None:
+    plan_picture_of(preshape.plan_to_json(plan), plan.mesh, plan.hand, path, ray_origins(plan))
 
 
 def real_hand() -> None:
@@ -73,16 +78,16 @@ def app(file: Path, memory: Path) -> None:
     from playwright.sync_api import sync_playwright
 
     from preshape.app.server import ViewServer
-    from preshape.cli.view import start_of
+    from preshape.cli.view import start_of_plan
 
-    server = ViewServer(start_of(str(file), memory=str(memory)), port=0)
+    server = ViewServer(start_of_plan(file, memory=str(memory)), port=0)
     try:
         with sync_playwright() as driver:
             browser = driver.chromium.launch(executable_path=program, args=FLAGS)
             page = browser.new_page(viewport={"width": 1280, "height": 800})
             page.set_default_timeout(120_000)
             page.goto(server.address)
-            page.get_by_text("Preshape found").first.wait_for()
+            page.get_by_text("Grasp found").first.wait_for()
             page.get_by_role("tab", name="Why").click()
             notice = page.locator(".mantine-Notification-closeButton")
             page.wait_for_timeout(6000)  # the software renderer takes its time for the labels

@@ -8,11 +8,11 @@ from pathlib import Path
 
 import pytest
 
+from preshape.app.browser_session import Start
 from preshape.app.server import ViewServer
-from preshape.app.session import Start
 from preshape.app.uploads import LARGEST, Uploads
-from preshape.app.worker import Order
 from preshape.exceptions import EnvironmentFailure, InputError
+from preshape.planning.request import PlanRequest
 
 NAMES = (
     *("../../x.obj", "../../../../../../etc/passwd.obj", "/etc/x.obj", "//host/share/x.obj", "..\\..\\x.obj"),
@@ -196,7 +196,7 @@ def test_the_app_answers_at_its_own_address(server: ViewServer) -> None:
 
 @pytest.fixture(scope="module")
 def server():
-    served = ViewServer(Start(order=Order(source="cube")), port=0)
+    served = ViewServer(Start(request=PlanRequest(source="cube", task="lift")), port=0)
     yield served
     served.stop()
 

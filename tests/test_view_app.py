@@ -6,6 +6,7 @@ import json
 import re
 import threading
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,13 +16,15 @@ from websockets.sync.client import connect
 
 import preshape
 from preshape.app.link import PlannerLink
-from preshape.app.scenes import document_motion, document_scene, light_mesh, plan_html
 from preshape.app.uploads import Uploads
 from preshape.app.wire_format import decoded
 from preshape.exceptions import InputError
 from preshape.objects.load import load_object
 from preshape.objects.mesh import TriangleMesh
+from preshape.pictures import document_html, document_motion, light_mesh, plan_scene
 from preshape.planning.hand_simulation import hand_geometry
+from preshape.planning.output import ray_origins
+from preshape.planning.request import PlanRequest
 from preshape.viewer.canvas import NullCanvas, RecordingCanvas
 from preshape.viewer.draw import GROUPS, draw_hand, draw_object, draw_plan
 from preshape.viewer.hand_motion import STEPS
@@ -60,8 +63,8 @@ def test_a_person_plans_reads_corrects_and_teaches(browser, serve, tmp_path: Pat
 
     # a new object: explored and learned
     press(page, "Plan")
-    saw(page, "Preshape found")
-    saw(page, "Mode 3")
+    saw(page, "Grasp found")
+    saw(page, "new (mode 3)")
     page.get_by_role("button", name="Cancel").wait_for(state="hidden")
 
     # another answer
@@ -72,7 +75,7 @@ def test_a_person_plans_reads_corrects_and_teaches(browser, serve, tmp_path: Pat
     other = next((i for i, p in enumerate(planes) if p != planes[0]), 1)
     press(page, labels[other])
     tab(page, "Why")
-    saw(page, f"{planes[other]}: the hand moves along")
+    saw(page, f"{planes[other]}, approach ")
     saw(page, "Task against net wrench")
 
     # the hand moves with the slider
@@ -86,13 +89,13 @@ def test_a_person_plans_reads_corrects_and_teaches(browser, serve, tmp_path: Pat
     # the same object with a task that does not fit well enough: mode 2 offers others
     tab(page, "Plan")
     choose(page, "Task", "strike")
-    page.get_by_text("Thresholds and load").click()
-    set_number(page, "enough match", "4")
+    page.get_by_text("Thresholds and search").click()
+    set_number(page, "good enough", "4")
     press(page, "Plan")
     saw(page, "The object is known, but this task does not fit it")
     keep(page, "app-correction")
     page.get_by_role("button", name=re.compile(r"^Try .* instead")).first.click()
-    saw(page, "Preshape found")
+    saw(page, "Grasp found")
     assert page.get_by_role("button", name=re.compile(r"^Try .* instead")).count() == 0
 
     # uploads: a broken one is explained, a good one is planned with, whatever it is called
@@ -111,7 +114,7 @@ def test_a_person_plans_reads_corrects_and_teaches(browser, serve, tmp_path: Pat
     page.get_by_role("button", name="Cancel").wait_for(state="hidden")
     tab(page, "Memory")
     saw(page, "evil_b_name")
-    saw(page, "and learned")
+    saw(page, "all planes were explored")
     keep(page, "app-memory")
     mine = page.locator(".ps .head").first.text_content()
     second = Watched(browser.new_context(viewport=SMALL))
@@ -137,7 +140,7 @@ def planned() -> preshape.Plan:
 
 def test_the_report_opens_from_disk_without_a_network(browser, planned, tmp_path: Path) -> None:
     document = preshape.plan_to_json(planned)
-    html = plan_html(planned, document)
+    html = document_html(planned.mesh, planned.hand, document, ray_origins(planned))
     assert len(html.encode()) < 5_000_000
     file = tmp_path / "plan.html"
     file.write_text(html, encoding="utf-8")
@@ -145,8 +148,8 @@ def test_the_report_opens_from_disk_without_a_network(browser, planned, tmp_path
     watched = Watched(context)
     page = watched.page
     page.goto(file.as_uri())
-    saw(page, "Preshape found")
-    saw(page, f"{document['plane']}: the hand moves along")
+    saw(page, "Grasp found")
+    saw(page, f"{document['plane']}, approach ")
 
     # what is drawn is something, and it moves with the slider and turns with the mouse
     def picture() -> bytes:
@@ -165,7 +168,7 @@ def test_the_report_opens_from_disk_without_a_network(browser, planned, tmp_path
     views.append(picture())
     page.locator("tr[data-answer='1']").click()
     other = document["alternatives"][0]
-    saw(page, f"{other['plane']}: the hand moves along")
+    saw(page, f"{other['plane']}, approach ")
     saw(page, f"{other['tfvadi']:.2f} of 6")
     views.append(picture())
     assert len(set(views)) == 4
@@ -185,7 +188,7 @@ def test_nothing_in_a_name_becomes_part_of_the_page(planned) -> None:
     evil = "</script><script>alert(1)</script>"
     document["object"] = {**document["object"], "name": evil}
     document["hand"] = {**document["hand"], "reason": evil}
-    html = plan_html(planned, document)
+    html = document_html(planned.mesh, planned.hand, document, ray_origins(planned))
     assert "<script>alert" not in html.replace(" ", "")
     assert html.count("</script>") == 3
 
@@ -194,7 +197,8 @@ def test_every_group_is_drawn_for_every_answer_and_one_card_for_each_plane(plann
     document = preshape.plan_to_json(planned)
     for made, answer in zip((planned.answer, *planned.alternatives), answers_of(document), strict=True):
         rays = made.grasp.ray_origins.tolist()
-        scene = document_scene(planned.mesh, document, answer, rays=rays)
+        scene = plan_scene(document, planned.mesh, None, answer, rays=rays)
+        scene = replace(scene, table=-0.05, boxes=[[[0.1, 0.1, 0.1], [0.2, 0.2, 0.2]]])
         drawn = RecordingCanvas()
         draw_object(scene, drawn)
         draw_plan(scene, drawn)
@@ -299,20 +303,21 @@ def test_a_cancelled_planner_answers_the_next_request(tmp_path: Path) -> None:
     link = PlannerLink(hear)
     try:
         # the closing hand's first lesson takes many seconds; it is stopped in its midst
-        order = {"source": "cube", "hand": "shadow", "analyser": "closure"}
-        assert link.ask("plan", **order, memory=str(tmp_path / "m.sqlite"))
+        memory = str(tmp_path / "m.sqlite")
+        cube = PlanRequest(source="cube", task="lift", hand="shadow", memory=memory)
+        assert link.ask("plan", request=cube.to_json())
         wait("progress")
-        assert not link.ask("load", source="cube", unit="m", scale=1.0)
+        assert not link.ask("load", request=cube.to_json())
         assert link.cancel()
         assert not link.cancel()
         heard.clear()
-        assert link.ask("load", source="cube", unit="m", scale=1.0)
+        assert link.ask("load", request=cube.to_json())
         said = wait("mesh")["mesh"]
         wait("done")
         assert np.array_equal(decoded(said["vertices"], "<f8", 3), load_object("cube").vertices)
         assert not any("document" in reply or "error" in reply for reply in heard)
-        assert link.ask("plan", source="no such thing")
+        assert link.ask("plan", request=replace(cube, source="no such thing").to_json())
         assert "no such thing" in wait("error")["error"]
     finally:
         link.close()
-    assert not link.ask("load", source="cube", unit="m", scale=1.0)
+    assert not link.ask("load", request=cube.to_json())

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from preshape.app.scenes import document_motion, document_scene, light_mesh
 from preshape.hands.load import load_hand
 from preshape.objects.load import load_object
+from preshape.pictures import document_motion, light_mesh, plan_scene
 from preshape.viewer.camera import project
 from preshape.viewer.canvas import RecordingCanvas
 from preshape.viewer.draw import draw_plan
@@ -36,7 +36,7 @@ def where_a_card_is(page, document: dict, answer: dict, plane: int) -> tuple[flo
     canvas = page.locator("canvas").first.bounding_box()
     size = round(canvas["width"]), round(canvas["height"])
     mesh = light_mesh(load_object(document["object"]["source"]))
-    scene = document_scene(mesh, document, answer)
+    scene = plan_scene(document, mesh, None, answer)
     camera = fitting(scene, document_motion(load_hand("utah_mit"), answer), size)
     drawn = RecordingCanvas()
     draw_plan(scene, drawn)
@@ -58,7 +58,7 @@ def test_a_person_clicks_plays_rejects_accepts_and_comes_back(opened, tmp_path: 
     watched = opened("hammer", "lift")
     page = watched.page
     plan(page)
-    saw(page, "Preshape found")
+    saw(page, "Grasp found")
 
     # accepting gives two files: the answer, and a page that opens without the app and without a network
     saved: list = []
@@ -75,7 +75,7 @@ def test_a_person_clicks_plays_rejects_accepts_and_comes_back(opened, tmp_path: 
     offline = page.context.browser.new_context(viewport={"width": 700, "height": 500}, offline=True)
     reader = Watched(offline)
     reader.page.goto(report.as_uri())
-    saw(reader.page, f"{document['plane']}: the hand moves along")
+    saw(reader.page, f"{document['plane']}, approach ")
     assert reader.complaints == []
     assert [url for url in reader.asked if not url.startswith(("file:", "data:", "blob:"))] == []
     offline.close()
@@ -92,18 +92,18 @@ def test_a_person_clicks_plays_rejects_accepts_and_comes_back(opened, tmp_path: 
     page.wait_for_timeout(1500)  # the camera has arrived
     x, y = where_a_card_is(page, document, answers[0], other)
     page.mouse.click(x, y)
-    saw(page, f"{other}: the hand moves along")
+    saw(page, f"{other}, approach ")
 
     # … or says that there is none
     tab(page, "Answers")
     press(page, _labels(page)[0])
     tab(page, "Why")
-    saw(page, f"{document['plane']}: the hand moves along")
+    saw(page, f"{document['plane']}, approach ")
     page.wait_for_timeout(500)
     x, y = where_a_card_is(page, document, answers[0], none)
     page.mouse.click(x, y)
     saw(page, "None of the answers lies on this plane")
-    saw(page, f"{document['plane']}: the hand moves along")
+    saw(page, f"{document['plane']}, approach ")
 
     # the hand plays from far away to the squeeze
     slider = box_beside(page, "Move hand")
@@ -130,7 +130,7 @@ def test_a_person_clicks_plays_rejects_accepts_and_comes_back(opened, tmp_path: 
     assert page.locator("tr:has(b:text-is('hammer'))").inner_text().split()[1] == "utah_mit"
     tab(page, "Plan")
     plan(page)
-    saw(page, "Mode 0: recalled at once")
+    saw(page, "known (mode 0): the memory named this grasp")
 
 
 def _labels(page) -> list[str]:
@@ -141,7 +141,7 @@ def _labels(page) -> list[str]:
 def test_a_deadlock_waits_for_its_reset_and_a_cancelled_plan_for_the_next(opened) -> None:
     page = opened("cone", "lift").page
     plan(page)
-    saw(page, "Deadlock: nothing matches well enough")
+    saw(page, "Deadlock: no grasp is good enough; the best try is shown")
     press(page, "Plan")
     saw(page, "Reset it first")
     press(page, "Reset the deadlock")
@@ -153,13 +153,13 @@ def test_a_deadlock_waits_for_its_reset_and_a_cancelled_plan_for_the_next(opened
     press(page, "Plan")
     saw(page, "a hand's first time")
     press(page, "Cancel")
-    saw(page, "Nothing that was learnt before is lost")
+    saw(page, "Everything that was learnt before is kept")
     assert page.get_by_role("button", name="Plan", exact=True).is_enabled()
 
     choose(page, "Hand", "utah_mit")
     choose(page, "Object", "cube")
     saw(page, "12 triangles. Press Plan.")
     plan(page)
-    saw(page, "Preshape found")
+    saw(page, "Grasp found")
     tab(page, "Answers")
     assert answer_buttons(page)

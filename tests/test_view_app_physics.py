@@ -14,8 +14,8 @@ import pytest
 import preshape
 from preshape.app.physics_player import RunPlayer, run_of
 from preshape.app.physics_run import hold_run
-from preshape.app.scenes import document_motion
 from preshape.exceptions import InputError
+from preshape.pictures import document_motion
 from preshape.viewer.canvas import RecordingCanvas
 from view_app_page import box_beside, keep, plan, press, saw, set_number, tab, until
 
@@ -53,7 +53,7 @@ def test_a_run_begins_as_planned_and_has_six_pushes(planned, said) -> None:
     # the first sample is the pregrasp: every link where the plan draws it
     assert run.stage[0] == "pregrasp"
     assert np.allclose(run.links[0], motion.poses[12], atol=1e-6)
-    assert np.allclose(run.thing[0], np.eye(4), atol=1e-9)
+    assert np.allclose(run.object_poses[0], np.eye(4), atol=1e-9)
     # every push pushes the way it is called, and nothing else does
     for k, stage in enumerate(run.stage):
         force = run.load[k, :3]
@@ -66,7 +66,9 @@ def test_a_run_begins_as_planned_and_has_six_pushes(planned, said) -> None:
     # the table tells what the poses show
     for row in said["rows"]:
         own = [k for k, stage in enumerate(run.stage) if stage == row["name"]]
-        moved = max(np.linalg.norm(run.thing[k][:3, 3] - run.thing[own[0] - 1][:3, 3]) for k in own)
+        moved = max(
+            np.linalg.norm(run.object_poses[k][:3, 3] - run.object_poses[own[0] - 1][:3, 3]) for k in own
+        )
         assert row["held"] == (row["moved"] <= 0.05 and row["turned"] <= np.radians(15))
         assert moved <= row["moved"] + 0.02
 
@@ -78,7 +80,7 @@ def test_the_player_places_object_hand_and_push_and_puts_them_back(planned, said
     player = RunPlayer(canvas)
     last = len(run) - 1
     player.show(run, motion.links, last, planned.mesh)
-    assert np.array_equal(canvas.poses["object"], run.thing[last])
+    assert np.array_equal(canvas.poses["object"], run.object_poses[last])
     assert np.array_equal(canvas.poses[f"hand/{motion.links[-1]}"], run.links[last][-1])
     # the arrow points along the push, towards the object
     arrow = canvas.solids["push/arrow"].vertices
@@ -117,7 +119,7 @@ def test_a_run_is_asked_for_read_and_played(opened) -> None:
     saw(page, "Each push is 1 N for 2 s")
     rows = page.locator("tr:has(td:text-matches('^force [+-][xyz]$'))")
     assert sorted(rows.locator("td:first-child").all_text_contents()) == SIX
-    saw(page, "Preshape found")
+    saw(page, "Grasp found")
     keep(page, "app-physics")
     scene = page.locator("canvas").first
     shown = scene.screenshot()
@@ -149,7 +151,7 @@ def test_a_run_is_cancelled_in_its_midst_and_the_next_one_works(opened, tmp_path
     os.kill(planner, signal.SIGSTOP)  # however fast the machine is, the run does not end now
     assert cancel.is_visible()
     press(page, "Cancel")
-    saw(page, "Nothing that was learnt before is lost")
+    saw(page, "Everything that was learnt before is kept")
     cancel.wait_for(state="hidden")
     until(page, lambda: planner not in _planners(tmp_path))
     assert rows.count() == 0
@@ -158,7 +160,7 @@ def test_a_run_is_cancelled_in_its_midst_and_the_next_one_works(opened, tmp_path
     press(page, "Simulate this answer")
     saw(page, "Each push is 1 N for 2 s")
     assert sorted(rows.locator("td:first-child").all_text_contents()) == SIX
-    saw(page, "Preshape found")
+    saw(page, "Grasp found")
     cancel.wait_for(state="hidden")
 
 

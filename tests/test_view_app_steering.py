@@ -146,7 +146,7 @@ def test_on_a_phone_the_panel_leaves_the_scene_and_goes_away(opened) -> None:
     page.get_by_text("preshape", exact=True).click()
     until(page, lambda: abs(place_of(page, sheet)["height"] - box["height"]) < 1)  # it has come to rest
     press(page, "Plan")
-    saw(page, "Preshape found")
+    saw(page, "Grasp found")
 
 
 def test_nothing_overlaps_at_a_laptop_s_size(opened) -> None:

@@ -7,20 +7,30 @@ import json
 import re
 from html.parser import HTMLParser
 from pathlib import Path
+from unittest.mock import MagicMock
 
 import numpy as np
 import pytest
 from PIL import Image
 
 import preshape
-from preshape.app.panel import SIX
-from preshape.cli.view import start_of
-from preshape.exceptions import EnvironmentFailure
+from preshape import pictures
+from preshape.app.stage import Stage
+from preshape.cli.view import start_of_plan
+from preshape.exceptions import EnvironmentFailure, InputError
+from preshape.hands.load import load_hand
+from preshape.objects.load import load_object
+from preshape.objects.mesh import TriangleMesh
+from preshape.pictures import plan_scene
+from preshape.planning.request import PlanRequest
 from preshape.report import Bullets, Chapter, Figure, Heading, Report, Table, write_report
 from preshape.report.markdown import markdown
 from preshape.report.page import base_style, html_page
 from preshape.report.terminal import print_table, report_console
 from preshape.viewer import page, readings
+from preshape.viewer.canvas import RecordingCanvas
+from preshape.viewer.draw import draw_plan
+from preshape.viewer.plan_scene import approach_arrow
 
 
 def draw(path: Path) -> None:
@@ -190,21 +200,134 @@ def test_why_this_plane_names_plane_worth_threshold_and_the_best_other_plane(doc
     }
     assert len(set(found.values())) == 3
     assert "all twelve planes" in found[3]
-    assert "another way, number 2" in words(readings.why(document, answers, 1))
+    assert "answer 2 in order of match" in words(readings.why(document, answers, 1))
 
 
-def test_a_grip_is_told_by_its_quality_and_never_by_a_match_under_the_threshold(document) -> None:
-    gripped = copy.deepcopy(document)
-    gripped["tfvadi"] = 1.74
-    gripped["grip"] = {"quality": 5.09, "task_margin": 3.4, "hold_margin": 2.0, "clearance": 0.006}
+@pytest.fixture
+def gripped(document) -> dict:
+    """The plan as a real hand's: of 0.3 kg, friction 0.3, on a table beside a box."""
+    made = copy.deepcopy(document)
+    forces = [[10.0 * x for x in c["normal_in"]] for c in made["contacts"]]
+    grip = {"quality": 5.09, "task_margin": 3.4, "hold_margin": 2.0, "clearance": 0.006, "forces": forces}
+    request = {**made["request"], "friction": 0.3, "table": "auto", "avoid": [[0.2, 0, 0, 0.3, 0.1, 0.1]]}
+    load = {"mass": 0.31, "mass_source": "given", "heaviest_mass": 0.74}
+    made |= {"tfvadi": 1.74, "grip": grip, "request": request, "missing_motion": "", **load}
+    made["alternatives"] = []
+    return made
+
+
+def test_a_grip_is_told_by_what_decided_it_and_the_paper_s_indices_are_folded_last(document, gripped) -> None:
     said = words(readings.facts(gripped, gripped))
-    assert "grip's quality 5.09 of 6, 3 is enough" in said
-    assert "1.74 of 6; a real hand is not judged by it" in said
-    assert "1.74 of 6, 3 is enough" not in said
-    assert "A real hand is judged by its grip" in words(readings.bars(gripped, gripped))
-    assert "A real hand" not in words(readings.bars(document, document))
+    press = 10 * len(gripped["contacts"])
+    order = [
+        "quality 5.09 of 6, 3 is enough",
+        "task margin 3.40 ×",
+        "hold margin 2.00 ×",
+        f"press {press:.1f} N",
+        "mass 0.31 kg (as given); this grip holds up to 0.74 kg",
+        "friction 0.3, table under the object, 1 box to avoid",
+        "clearance 6.0 mm",
+        "comes in along -Z",
+        f"{gripped['plane']}, approach -Z, opposition X",
+    ]
+    places = [said.index(part) for part in order]
+    assert places == sorted(places)
+    assert "TFVADI" not in said
+    parts = readings.answer_parts(gripped, [gripped], 0)
+    assert all("TFVADI" not in part and "ADI" not in words(part) for part in parts[:2])
+    assert parts[-1].startswith("<details><summary>Explain")
+    explained = words(parts[-1])
+    assert "1.74 of 6; a real hand is not judged by it" in explained
+    assert "A real hand is judged by its grip" in explained
+    assert "1.74 of 6, 3 is enough" not in words("".join(parts))
     assert "quality 5.09 of 6, where 3 is enough" in words(readings.why(gripped, [gripped], 0))
     assert f"{len(gripped['contacts'])} fingers" in readings.answer_words(gripped)
+    headline = words(readings.headline(gripped))
+    assert f"quality 5.1 of 6 · task margin 3.4 · hold margin 2.0 · press {press:.0f} N" in headline
+    # the paper's hand is told by the paper's measure, openly
+    open_parts = readings.answer_parts(document, [document], 0)
+    assert "match (TFVADI)" in words(open_parts[1])
+    assert "A real hand" not in words("".join(open_parts))
+    assert not any(part.startswith("<details") for part in open_parts)
+
+
+def test_a_headline_says_the_mode_in_plain_words_and_what_the_grasp_does_not_give(document) -> None:
+    said = words(readings.headline({**document, "missing_motion": "Tz"}))
+    assert "Grasp found, but it gives nothing along Tz" in said
+    assert 'class="head warn"' in readings.headline({**document, "missing_motion": "Tz"})
+    plain = readings.headline({**document, "missing_motion": ""})
+    assert "nothing along" not in plain
+    assert 'class="head good"' in plain
+    names = {0: "known (mode 0)", 1: "searched (mode 1)", 2: "task does not fit (mode 2)", 3: "new (mode 3)"}
+    for mode, name in names.items():
+        assert name in words(readings.headline({**document, "mode": mode}))
+
+
+@pytest.mark.parametrize(
+    ("way", "said"),
+    [
+        ([0.0, 0.0, -1.0], "comes in along -Z"),
+        ([0.0, 0.2, -0.98], "comes in along -Z, 12° off"),
+        ([0.0, 0.8, -0.6], "comes in along +Y, 37° off; 53° from the plane's approach axis -Z"),
+    ],
+)
+def test_the_way_in_is_the_hand_s_and_the_plane_is_named_where_it_is_another(document, way, said) -> None:
+    answer = {**document, "approach_axis": [0.0, 0.0, -1.0], "way_in": way}
+    assert readings.way_in_words(answer) == said
+    cube = load_object("cube")
+    start, tip = approach_arrow(plan_scene(document, cube, None, answer))
+    assert np.allclose((tip - start) / np.linalg.norm(tip - start), way / np.linalg.norm(way))
+    # plans of version 1 state the way in within the grip
+    old = {key: value for key, value in answer.items() if key != "way_in"}
+    assert readings.way_in(old) == [0.0, 0.0, -1.0]
+    assert readings.way_in({**old, "grip": {"approach": way}}) == way
+
+
+def test_without_an_answer_the_best_that_was_tried_is_shown_and_said_to_be_not_good_enough(gripped) -> None:
+    best = {**gripped, "status": "deadlock", "executable": False}
+    nothing = dict.fromkeys(("plane", "grip"))
+    plan = {**best, **nothing, "best": best, "reason": "the best grip would hold 0.66 kg, and 6 kg is asked"}
+    assert readings.answers_of(plan) == [best]
+    headline = words(readings.headline(plan))
+    assert "Deadlock: no grasp is good enough; the best try is shown" in headline
+    assert "would hold 0.66 kg" in headline
+    assert "should not be executed" in words(readings.why(plan, [best], 0))
+    assert "not good enough" in readings.ranking([best], 0)
+    scene = plan_scene(plan, load_object("hammer"), None, best)
+    assert scene.plane is not None
+    assert scene.reasons[0] == plan["reason"]
+
+
+def test_picture_page_and_app_draw_the_cones_of_the_planned_friction(
+    document, gripped, tmp_path: Path, monkeypatch
+) -> None:
+    mesh, hand = load_object("hammer"), load_hand("utah_mit")
+    for plan, friction in ((gripped, 0.3), (document, 1.0)):
+        scenes = []
+        monkeypatch.setattr(pictures, "plan_picture", lambda scene, _, scenes=scenes: scenes.append(scene))
+        monkeypatch.setattr(
+            page, "plan_page", lambda views, _, scenes=scenes: scenes.extend(view.scene for view in views)
+        )
+        pictures.plan_picture_of(plan, mesh, hand, tmp_path / "plan.png")
+        pictures.document_html(mesh, hand, plan)
+        stage = Stage(MagicMock(), lambda _: None)
+        stage._waiting = True  # no labels to choose
+        stage.mesh = mesh
+        stage.show(plan, readings.answers_of(plan)[0])
+        scenes.append(stage.scene)
+        assert len(scenes) == 2 + len(readings.answers_of(plan))
+        for scene in scenes:
+            canvas = RecordingCanvas()
+            draw_plan(scene, canvas)
+            drawn = [s for name, s in canvas.solids.items() if name.endswith("/cone")]
+            assert len(drawn) == len(scene.fingers) > 0
+            for shape, point, normal in zip(drawn, scene.points, scene.normals_in, strict=True):
+                away = shape.vertices - point
+                height = away @ -normal
+                width = np.linalg.norm(away + height[:, None] * normal, axis=1)
+                assert width.max() / height.max() == pytest.approx(friction, rel=0.02)
+            assert ("scene/table" in canvas.solids) == (plan is gripped)
+            assert ("scene/box 1" in canvas.solids) == (plan is gripped)
 
 
 def test_every_unusual_word_of_the_readings_is_explained(document) -> None:
@@ -216,11 +339,55 @@ def test_every_unusual_word_of_the_readings_is_explained(document) -> None:
 
 
 @pytest.mark.parametrize("task", ["lift:+z", "1 1 .1 .05 .8 .05"])
-def test_a_plan_is_opened_with_its_own_task(task: str, tmp_path: Path) -> None:
-    plan = preshape.plan("cube", task, memory=":memory:")
+@pytest.mark.parametrize("version", [1, 2])
+def test_a_plan_is_opened_with_its_own_task(task: str, version: int, tmp_path: Path) -> None:
+    plan = preshape.plan("cube", task, memory=":memory:", scale=1.5)
+    written = preshape.plan_to_json(plan)
+    if version == 1:
+        for key in ("schema", "request", "mass", "way_in"):
+            del written[key]
     file = tmp_path / "plan.json"
-    file.write_text(json.dumps(preshape.plan_to_json(plan)), encoding="utf-8")
-    start = start_of(str(file))
-    assert np.allclose(preshape.parse_task(start.order.task).q, plan.decision.task.q)
-    assert start.order.source == "cube"
-    assert SIX not in start.order.task
+    file.write_text(json.dumps(written), encoding="utf-8")
+    start = start_of_plan(file)
+    assert np.allclose(start.request.asked.q, plan.decision.task.q)
+    assert start.request.source == "cube"
+    assert start.request.scale == pytest.approx(1.5)
+
+
+def test_a_plan_is_opened_with_its_own_request(document, tmp_path: Path) -> None:
+    request = PlanRequest(
+        source="hammer",
+        task="lift",
+        hand="shadow",
+        mass=0.31,
+        friction=0.3,
+        table=-0.2,
+        avoid=[[0.2, 0, 0, 0.3, 0.1, 0.1]],
+        approaches="-z",
+        settings=preshape.Settings(thresholds=preshape.Thresholds(estimation=2.5, recognition=4.5), seed=5),
+        memory="elsewhere.sqlite",
+    )
+    file = tmp_path / "plan.json"
+    file.write_text(json.dumps({**document, "request": request.to_json()}), encoding="utf-8")
+    opened = start_of_plan(file, memory="mine.sqlite").request
+    assert opened.to_json() == {**request.to_json(), "memory": "mine.sqlite"}
+    changed = start_of_plan(file, "push", mass=0.5, table="none", avoid=()).request
+    assert (changed.mass, changed.table, changed.avoid) == (0.5, None, ())
+    assert changed.asked.name == "push"
+    assert changed.settings.seed == 5
+    with pytest.raises(InputError, match="--seed cannot change a plan"):
+        start_of_plan(file, seed=3)
+    # a plan of version 1 was made for 0.1 kg and friction 0.6 in free space
+    old = {key: value for key, value in document.items() if key not in ("schema", "request")}
+    file.write_text(json.dumps({**old, "grip": {"forces": []}}), encoding="utf-8")
+    opened = start_of_plan(file).request
+    assert (opened.analyser, opened.mass, opened.stated_friction, opened.table) == ("closure", 0.1, 0.6, None)
+
+
+def test_a_plan_of_a_mesh_in_memory_is_opened_with_the_file_beside_it(tmp_path: Path) -> None:
+    cube = load_object("cube")
+    part = TriangleMesh(name="mug", vertices=cube.vertices, triangles=cube.triangles)  # no library mug
+    preshape.plan(part, "1 1 .1 .05 .8 .05", memory=":memory:").save(tmp_path)
+    opened = start_of_plan(tmp_path / "plan.json").request
+    assert opened.source == str(tmp_path / "mug-surface.obj")
+    assert np.allclose(load_object(opened.source, scale=opened.scale).extents, cube.extents, rtol=1e-5)

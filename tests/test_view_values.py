@@ -1,28 +1,35 @@
-"""What the browser app is made of, without a browser: labels, cameras, colours, curves, words, orders."""
+"""What the browser app is made of, without a browser: labels, cameras, colours, curves, words, requests."""
 
 from __future__ import annotations
 
+import contextlib
 import itertools
 import re
+from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from preshape.app.curves import coefficient_svg, membership_svg
-from preshape.app.scenes import light_mesh
-from preshape.app.steering import motion_words
+from preshape.app.panel import ALTERNATIVES, AT_HEIGHT, UNDER, Panel
+from preshape.app.steering import Steering, motion_words
 from preshape.app.tuning import _four_numbers
 from preshape.app.wire_format import decoded, encoded
-from preshape.app.worker import Order, Worker, order_fields
+from preshape.app.worker import Worker
 from preshape.exceptions import InputError
+from preshape.hiis.critic import Thresholds
+from preshape.hiis.decision import Settings
 from preshape.hiis.fuzzy import FuzzySets
 from preshape.objects.load import load_object
+from preshape.pictures import light_mesh
+from preshape.planning.request import PlanRequest
 from preshape.spatial import pose, rotation_from_vector
 from preshape.types import ContactCoefficients
 from preshape.viewer import colours
 from preshape.viewer.camera import Camera, project
-from preshape.viewer.labels import LINE_HEIGHT, overlapping_labels
 from preshape.viewer.framing import above
+from preshape.viewer.labels import LINE_HEIGHT, overlapping_labels
 from preshape.viewer.reduce import MAX_TRIANGLES
 
 CAMERA = Camera(eye=[0.0, -1.0, 0.0], target=[0.0, 0.0, 0.0], up=[0.0, 0.0, 1.0], fov=40.0)
@@ -144,59 +151,176 @@ def test_a_displacement_in_words() -> None:
     assert motion_words(moved) == "T = (50, 0, -1) mm · R = 30° about (0.00, 0.00, 1.00)"
 
 
-def test_an_order_keeps_curves_on_its_way_through_json() -> None:
-    sets = FuzzySets().changed({"ZERO": [-0.3, -0.1, 0.1, 0.3]})
-    order = Order(
-        source="cube", corners=tuple(sets.corners.ravel()), shape="triangle", coefficients=(0, 1, 2, 3)
+class Gui:
+    """Stands for a browser's panel: each widget is a namespace with its value."""
+
+    def __init__(self) -> None:
+        self.folders: list[str] = []
+
+    def __getattr__(self, name: str):
+        def add(*args, initial_value=None, **rest) -> SimpleNamespace:
+            value = initial_value
+            if value is None and name in ("add_text", "add_number", "add_checkbox"):
+                value = args[1]
+            if value is None and name == "add_slider":
+                value = args[4]
+            if value is None and name == "add_dropdown":
+                value = args[1][0]
+            made = {"value": value, "options": args[1] if name == "add_dropdown" else (), "content": ""}
+            return SimpleNamespace(**made, disabled=False, visible=rest.get("visible", True))
+
+        return add
+
+    @contextlib.contextmanager
+    def add_folder(self, name: str, **_):
+        self.folders.append(name)
+        yield
+
+    def add_tab_group(self) -> SimpleNamespace:
+        return SimpleNamespace(add_tab=lambda _: contextlib.nullcontext())
+
+
+def steering_of(request: PlanRequest) -> Steering:
+    """A panel that shows a request, without a browser."""
+    drawn: list = []
+    stage = SimpleNamespace(
+        drawn=drawn,
+        show_scenery=lambda table, boxes: drawn.append((table, boxes)),
+        move_gizmo=lambda _: None,
     )
-    again = Order(**{k: list(v) if isinstance(v, tuple) else v for k, v in order_fields(order).items()})
-    assert np.array_equal(again.sets.corners, sets.corners)
-    assert again.sets.shape == "triangle"
-    assert again.contact.mn == 3
-    usual = Order(source="cube")
-    assert np.array_equal(usual.sets.corners, FuzzySets().corners)
-    assert usual.contact.ko == ContactCoefficients().ko
-    with pytest.raises(InputError):
-        _ = Order(source="cube", corners=(1.0, 2.0)).sets
+    return Steering(Panel(Gui(), request, "memory"), stage)
 
 
-def test_what_is_tuned_reaches_the_planner_and_the_object_is_analysed_anew(tmp_path) -> None:
-    said: list[dict] = []
-    worker = Worker(said.append)
+REQUESTS = {
+    "the paper's hand": {"source": "cube", "task": "1 1 .1 .05 .8 .0512"},
+    "a load and a scene": {
+        "source": "mug",
+        "task": "pour",
+        "hand": "shadow",
+        "mass": 0.31,
+        "friction": 0.37,
+        "table": -0.0601,
+        "avoid": [[0.1, 0.1, 0.1, 1 / 3, 0.2, 0.2], [-0.3, 0, 0, -0.2, 0.1, 0.1]],
+        "approaches": "-z,+x",
+        "learn": False,
+        "gravity": [0.0, 0.6, -0.8],
+        "memory": "m.sqlite",
+        "settings": Settings(
+            thresholds=Thresholds(estimation=2.75, recognition=4.5),
+            sets=FuzzySets().changed({"ZERO": [-0.3, -0.1, 0.1, 0.3]}),
+            coefficients=ContactCoefficients(ka=0.1, ko=0.2, kn=1.0, mn=0.3),
+            seed=7,
+        ),
+    },
+    "the object's own mass, tested": {
+        "source": "box", "task": "lift:-x", "hand": "leap", "table": "auto", "verify": True
+    },
+}  # fmt: skip
 
-    def wrench(coefficients: tuple[float, ...], corners: tuple[float, ...]) -> tuple[list[float], float]:
-        said.clear()
-        order = Order(
-            source="cube",
-            task="1 1 .1 .05 .8 .05",
-            memory=str(tmp_path / "m.sqlite"),
-            coefficients=coefficients,
-            corners=corners,
-            estimation=0.5,
-        )
-        worker.answer({"do": "plan", "id": 1, **order_fields(order)})
-        assert said[-1].get("done"), said[-1]
-        answer = next(reply["document"] for reply in said if "document" in reply)
+
+@pytest.mark.parametrize("name", REQUESTS)
+def test_a_panel_that_nobody_touched_asks_for_the_request_that_it_shows(name: str) -> None:
+    request = PlanRequest(**REQUESTS[name])
+    again = steering_of(request).request(request)
+    assert again.to_json() == replace(request, count=1 + ALTERNATIVES).to_json()
+
+
+def test_what_is_typed_into_the_panel_is_what_is_asked_for() -> None:
+    first = PlanRequest(source="mug", task="lift", hand="shadow", mass=0.31, gravity=None)
+    steering = steering_of(first)
+    p = steering._panel
+    p.mass.value, p.friction.value, p.task.value, p.axis.value = "  ", 0.4, "push", "+x"
+    p.table.value, p.avoid.value = UNDER, "0.1 0 0, 0.2 0.1 0.1\n\n0 0 0.2 0.1 0.1 0.3"
+    asked = steering.request(first)
+    assert asked.mass is None
+    assert asked.friction == 0.4
+    assert asked.asked.label == "push:+x"
+    assert np.array_equal(asked.gravity, asked.asked.gravity)
+    assert asked.table == "auto"
+    assert asked.avoid == ((0.1, 0, 0, 0.2, 0.1, 0.1), (0, 0, 0.2, 0.1, 0.1, 0.3))
+    steering.show_load()
+    assert steering._stage.drawn[-1] == ("auto", asked.avoid)
+    assert not p.height.visible
+    p.table.value, p.height.value, p.mass.value = AT_HEIGHT, -0.2, "1.5"
+    asked = steering.request(first)
+    assert (asked.table, asked.mass) == (-0.2, 1.5)
+    steering.show_load()
+    assert p.height.visible
+    # half-typed boxes leave the scene as it is, and are explained when a plan is asked for
+    before = len(steering._stage.drawn)
+    p.avoid.value = "0.1 0.2"
+    steering.show_load()
+    assert len(steering._stage.drawn) == before
+    with pytest.raises(InputError, match="six numbers"):
+        steering.request(first)
+    p.avoid.value, p.mass.value = "", "heavy"
+    with pytest.raises(InputError, match="mass is a number of kilograms"):
+        steering.request(first)
+    # the paper's analyser knows no loads and no scene: the widgets say so, and nothing of them is asked for
+    p.analyser.value = "rays"
+    steering.show_load()
+    assert p.mass.disabled
+    assert p.friction.disabled
+    assert p.table.disabled
+    assert steering._stage.drawn[-1] == (None, ())
+    asked = steering.request(first)
+    assert (asked.table, asked.avoid, asked.stated_mass, asked.stated_friction) == (None, (), None, 0.6)
+
+
+def test_what_is_tuned_reaches_the_planner_and_the_object_is_analysed_again(tmp_path) -> None:
+    replies: list[dict] = []
+    worker = Worker(replies.append)
+    memory = str(tmp_path / "m.sqlite")
+    usual = Settings(thresholds=Thresholds(estimation=0.5))
+
+    def wrench(settings: Settings) -> tuple[list[float], float]:
+        replies.clear()
+        request = PlanRequest(source="cube", task="1 1 .1 .05 .8 .05", settings=settings, memory=memory)
+        worker.answer({"do": "plan", "id": 1, "request": request.to_json()})
+        assert replies[-1].get("done"), replies[-1]
+        answer = next(reply["document"] for reply in replies if "document" in reply)
         return answer["net_wrench"], answer["tfvadi"]
 
-    usual, corners = Order(source="cube").coefficients, Order(source="cube").corners
-    first = wrench(usual, corners)
-    assert wrench(usual, corners) == first
-    assert wrench((0.1, 0.1, 1.0, 0.1), corners)[0] != first[0]
+    first = wrench(usual)
+    assert wrench(usual) == first
+    slippery = ContactCoefficients(ka=0.1, ko=0.1, kn=1.0, mn=0.1)
+    assert wrench(replace(usual, coefficients=slippery))[0] != first[0]
     wide = FuzzySets().changed({"ZERO": [-0.5, -0.3, 0.3, 0.5]})
-    assert wrench(usual, tuple(wide.corners.ravel()))[1] != first[1]
+    assert wrench(replace(usual, sets=wide))[1] != first[1]
+    worker.close()
 
 
-def test_at_most_so_many_triangles_are_sent_and_planning_keeps_them_all() -> None:
-    said: list[dict] = []
-    worker = Worker(said.append)
-    worker.answer({"do": "load", "id": 1, "source": "dolphin", "unit": "m", "scale": 1.0})
-    mesh = next(reply["mesh"] for reply in said if "mesh" in reply)
+def test_at_most_so_many_triangles_are_sent_and_planning_keeps_them_all(tmp_path) -> None:
+    replies: list[dict] = []
+    worker = Worker(replies.append)
+    request = PlanRequest(source="dolphin", task="lift", memory=str(tmp_path / "m.sqlite"))
+    worker.answer({"do": "load", "id": 1, "request": request.to_json()})
+    mesh = next(reply["mesh"] for reply in replies if "mesh" in reply)
     whole = load_object("dolphin")
     assert mesh["whole"] == len(whole.triangles)
     sent = decoded(mesh["triangles"], "<i8", 3)
     assert len(sent) == len(light_mesh(whole).triangles) <= MAX_TRIANGLES
-    assert worker._mesh[1].triangles.shape == whole.triangles.shape
+    assert worker._session(request).mesh(request).triangles.shape == whole.triangles.shape
+    worker.close()
+
+
+def test_an_answer_is_simulated_with_its_own_mass_and_friction(tmp_path, monkeypatch) -> None:
+    loads: list[tuple[float, float]] = []
+    monkeypatch.setattr(
+        "preshape.app.physics_run.hold_run",
+        lambda hand, mesh, posed, *, friction, mass, progress: loads.append((mass, friction)) or {},
+    )
+    replies: list[dict] = []
+    worker = Worker(replies.append)
+    request = PlanRequest(source="cube", task="lift", hand="shadow", memory=str(tmp_path / "m.sqlite"))
+    hand = {"name": "shadow", "joints": []}
+    new = {"schema": 2, "mass": 0.37, "request": {"friction": 0.41}, "hand": hand}
+    for answer in (new, {"hand": hand}):
+        message = {"do": "simulate", "id": 1, "request": request.to_json(), "answer": answer}
+        worker.answer(message)
+        assert replies[-1] == {"done": True, "id": 1}
+    assert loads == [(0.37, 0.41), (0.1, 0.6)]
+    worker.close()
 
 
 def test_arrays_survive_their_way_as_text() -> None:

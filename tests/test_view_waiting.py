@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from preshape.app.session import Session
+from preshape.app.browser_session import BrowserSession
 from preshape.app.waiting import Waiting
 from preshape.app.wire_format import encoded
 
@@ -44,14 +44,14 @@ def test_the_seconds_are_told_until_the_answer_comes(panel: Any) -> None:
     assert say.said == [("Working", "planning …"), ("Working", "looking at plane 3 …")]
     assert panel.progress.value == 40.0
     waiting.quiet()
-    say("good", "Preshape found", "mode 0")
+    say("good", "Grasp found", "mode 0")
     waiting.progress("working out others", 90.0)  # more is done, but the words are the answer's
-    assert say.said[-1] == ("Preshape found", "mode 0")
+    assert say.said[-1] == ("Grasp found", "mode 0")
     assert panel.cancel.visible
     waiting.end()
     assert not panel.cancel.visible
     waiting.progress("late", 99.0)
-    assert say.said[-1] == ("Preshape found", "mode 0")
+    assert say.said[-1] == ("Grasp found", "mode 0")
 
 
 def test_a_new_request_tells_its_seconds_again(panel: Any) -> None:
@@ -80,16 +80,16 @@ def replies() -> list[dict[str, Any]]:
 def test_no_tick_between_an_answer_and_its_end_writes_over_it(reply: dict[str, Any], panel: Any) -> None:
     """The planner says that it is done only after its answer, and the clock ticks whenever it likes."""
     say = Headline()
-    session: Any = object.__new__(Session)
+    session: Any = object.__new__(BrowserSession)
     session.panel, session._lock, session._say = panel, threading.RLock(), say
     session._waiting = waiting = Waiting(panel, say)
-    session._playing, session._after, session._pending, session._tried = (
+    session._playing, session._after, session._pending, session._simulated = (
         threading.Event(),
         None,
         None,
         "answer",
     )
-    session._start = SimpleNamespace(order=SimpleNamespace(memory=":memory:"))
+    session._start = SimpleNamespace(request=SimpleNamespace(memory=":memory:"))
 
     def headline(*_: Any) -> None:
         say("good", "Its own", "words")

@@ -1,68 +1,232 @@
-"""From a plan to its picture: the one place where plans meet the viewer."""
+"""From a plan's document (the JSON of a plan) to what is drawn: the scene, the moving hand, PNG and page.
+
+This is the only way from a plan to a picture: plan.png, plan.html and the browser app use it alike. It takes
+documents, meshes and hands, so that a plan that was read from a file is drawn as one that was just made.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from .hiis.analyser import Grip, VirtualGrasp
-from .hiis.fuzzy import SET_NAMES
-from .hiis.planes import PLANES, ApproachPlane
-from .planner import Answer, Plan
-from .planning.hand_simulation import hand_geometry
+import numpy as np
+
+from .exceptions import InputError
+from .hands.hand import Hand
+from .hands.kinematics import hand_geometry
+from .hiis.planes import PLANES, ApproachPlane, plane
+from .objects.mesh import TriangleMesh
+from .tasks import task_from_numbers
+from .types import FRICTION, Array, frozen_array
+from .viewer import readings
+from .viewer.hand_motion import HandMotion, hand_motion
 from .viewer.plan_picture import plan_picture
 from .viewer.plan_scene import PlaneCard, PlanScene
+from .viewer.reduce import reduced
+
+AWAY = 0.10
+"""Distance along the way in from which the hand comes [m]."""
+RAY_FRICTION = 1.0
+"""Friction coefficient of the paper's contact model, whose cones are drawn for a virtual grasp."""
+_STAGES = (("open", "pregrasp"), ("closed", "grasp"), ("squeeze", "squeeze"))
+
+Document = dict[str, Any]
 
 
-def plan_png(plan: Plan, path: Path) -> None:
-    """Draw the object, the planes, the contacts, the wrenches and the hand.
+def light_mesh(mesh: TriangleMesh) -> TriangleMesh:
+    """The mesh reduced to at most 20 000 triangles, as it is sent to a browser."""
+    vertices, triangles = reduced(mesh.vertices, mesh.triangles)
+    if vertices is mesh.vertices:
+        return mesh
+    return TriangleMesh(name=mesh.name, vertices=vertices, triangles=triangles, scale=mesh.scale)
+
+
+def plan_scene(
+    document: Document | None,
+    mesh: TriangleMesh,
+    hand: Hand | None = None,
+    answer: Document | None = None,
+    *,
+    rays: Sequence[Sequence[float]] | None = None,
+) -> PlanScene:
+    """The scene of one answer of a plan, or of the object alone.
+
+    Args:
+        document: The plan; ``None`` before there is one.
+        mesh: The object, reduced or not [m].
+        hand: The plan's hand, where its posture is drawn too.
+        answer: One of the plan's answers (``readings.answers_of``); ``None`` where it has none.
+        rays: (n, 3) origins of this answer's aiming rays [m], where they are known.
 
     Raises:
-        EnvironmentFailure: the file cannot be written.
+        InputError: The document is no plan of preshape.
     """
-    plan_picture(plan_scene(plan), path)
+    drawn: dict[str, Any] = {"mesh": mesh, "cog": mesh.cog, "planes": tuple(_card(p) for p in PLANES)}
+    if document is None:
+        nothing: dict[str, Any] = {
+            "task_name": "",
+            "hand_name": "",
+            "task": np.zeros(6),
+            "mode": None,
+            "status": "",
+        }
+        return PlanScene(**drawn, **nothing)
+    try:
+        name, q, request = document["task"]["name"], document["task"]["q"], document.get("request") or {}
+        table = request.get("table")
+        drawn |= {
+            "cog": np.array(document["cog"], dtype=np.float64),
+            "task_name": f"{name}: {task_from_numbers(q).describe()}",
+            "hand_name": document["hand"]["name"],
+            "task": q,
+            "mode": document["mode"],
+            "status": readings.result_words(document),
+            "reasons": [
+                *([] if document["plane"] else [str(document["reason"])]),
+                *(f"{readings.step_words(t)}. {t['reason']}" for t in document["transitions"]),
+            ],
+            "table": float(mesh.bounds[0, 2]) if table == "auto" else table,
+            "boxes": np.array(request.get("avoid") or [], dtype=np.float64).reshape(-1, 2, 3),
+        }
+        if answer is not None:
+            drawn |= _answer(mesh, document, answer, rays)
+            pose = answer["hand"]["grasp"] or answer["hand"]["retracted"]
+            if hand is not None and pose is not None:
+                drawn["hand"] = tuple(hand_geometry(hand, *_pose(pose)))
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise InputError(f"this is no plan of preshape: {type(error).__name__} at {error}") from error
+    return PlanScene(**drawn)
 
 
-def plan_scene(plan: Plan) -> PlanScene:
-    """What the picture of a plan shows."""
-    decision, mesh = plan.decision, plan.mesh
-    common: dict[str, Any] = {
-        "mesh": mesh,
-        "cog": mesh.cog,
-        "task_name": f"{decision.task.label}: {decision.task.describe()}",
-        "hand_name": plan.hand.name,
-        "task": decision.task.q,
-        "mode": decision.mode,
-        "status": decision.status.value.replace("_", " "),
-        "reasons": [f"Mode {t.mode}, {t.outcome}: {t.reason}" for t in decision.transitions],
-        "planes": tuple(_card(p) for p in PLANES),
+def document_motion(hand: Hand, answer: Document | None) -> HandMotion | None:
+    """The hand's motion in an answer: away, open before the object, closed, squeezing.
+
+    A hand that retracted has one pose; ``None`` where there is none.
+
+    Raises:
+        InputError: The hand's poses are missing, or are those of another hand.
+    """
+    if answer is None:
+        return None
+    posed = answer["hand"]
+    try:
+        if list(posed["joints"]) != list(hand.joints):
+            raise InputError(f"the plan's joints are not those of {hand.name}")
+        if posed["grasp"] is None:
+            if posed["retracted"] is None:
+                return None
+            return hand_motion(hand, [("retracted", *_pose(posed["retracted"]))])
+        stages = [(name, *_pose(posed[key])) for name, key in _STAGES if posed[key] is not None]
+        way = frozen_array(readings.way_in(answer), (3,), "way in")
+    except (KeyError, TypeError, ValueError, OverflowError) as error:
+        raise InputError(f"the plan's hand cannot be shown: {type(error).__name__} at {error}") from error
+    name, palm, q = stages[0]
+    away = palm.copy()
+    away[:3] -= AWAY * way
+    return hand_motion(hand, [("away", away, q), (name, palm, q), *stages[1:]])
+
+
+def plan_picture_of(
+    document: Document,
+    mesh: TriangleMesh,
+    hand: Hand,
+    path: Path,
+    rays: Sequence[Sequence[Sequence[float]]] = (),
+) -> None:
+    """Write a plan's picture as PNG: its answer, else the best that was found, else the object alone.
+
+    Args:
+        document: The plan.
+        mesh: The object [m].
+        hand: The plan's hand.
+        path: The file to write.
+        rays: For each answer, the origins of its aiming rays [m]; may be shorter.
+
+    Raises:
+        InputError: The document is no plan of preshape.
+        EnvironmentFailure: The file cannot be written.
+    """
+    answers = readings.answers_of(document)
+    scene = plan_scene(
+        document, mesh, hand, answers[0] if answers else None, rays=rays[0] if len(rays) else None
+    )
+    plan_picture(scene, path)
+
+
+def document_html(
+    mesh: TriangleMesh, hand: Hand, document: Document, rays: Sequence[Sequence[Sequence[float]]] = ()
+) -> str:
+    """One self-contained page about a plan: 3D, readings and the JSON; it opens from disk, offline.
+
+    Args:
+        mesh: The object [m].
+        hand: The plan's hand.
+        document: The plan.
+        rays: For each answer, the origins of its aiming rays [m]; may be shorter.
+
+    Raises:
+        InputError: The document is no plan of preshape, or is one of another hand.
+    """
+    from .viewer.page import PageView, plan_page
+
+    light = light_mesh(mesh)
+    views = [
+        PageView(
+            scene=plan_scene(document, light, None, answer, rays=rays[i] if i < len(rays) else None),
+            motion=document_motion(hand, answer),
+        )
+        for i, answer in enumerate(readings.answers_of(document))
+    ]
+    return plan_page(views or [PageView(scene=plan_scene(document, light))], document)
+
+
+def drawn_friction(document: Document, answer: Document) -> float:
+    """Friction coefficient of an answer's cones: planned for a grip, the paper's for a virtual grasp."""
+    if not answer.get("grip"):
+        return RAY_FRICTION
+    return float((document.get("request") or {"friction": FRICTION})["friction"])
+
+
+def _answer(
+    mesh: TriangleMesh, document: Document, answer: Document, rays: Sequence[Sequence[float]] | None
+) -> Document:
+    p, grip, contacts = plane(int(answer["plane"])), answer.get("grip"), answer["contacts"]
+    half = float(abs(p.approach_axis) @ mesh.extents) / 2
+    cog = np.array(answer["cog"], dtype=np.float64)
+    drawn: Document = {
+        "plane": _card(p),
+        "way_in": readings.way_in(answer),
+        "approach_value": float(answer["approach_value"]),
+        "approach_set": answer["approach_set"],
+        "aim": cog + float(answer["approach_value"]) * half * p.approach_axis,
+        "points": np.array([c["point"] for c in contacts]).reshape(-1, 3),
+        "normals_in": np.array([c["normal_in"] for c in contacts]).reshape(-1, 3),
+        "fingers": tuple(c["finger"] for c in contacts),
+        "friction": drawn_friction(document, answer),
+        "ray_origins": None if rays is None else np.array(rays, dtype=np.float64).reshape(-1, 3),
+        "facts": tuple(readings.fact_rows(document, answer)),
+        "match": answer["tfvadi"],
+        "stability": answer["stability"],
+        "manipulability": answer["manipulability"],
     }
-    return PlanScene(**common, **(_answer(plan, plan.answer) if plan.answer else {}))
-
-
-def _answer(plan: Plan, answer: Answer) -> dict[str, Any]:
-    g, hand, mesh = answer.grasp, answer.hand_result, plan.mesh
-    half = float(abs(g.plane.approach_axis) @ mesh.extents) / 2
-    pose = hand.grasp or hand.retracted
-    return {
-        "plane": _card(g.plane),
-        "approach_value": g.approach_value,
-        "approach_set": SET_NAMES[g.approach_set],
-        "aim": mesh.cog + g.approach_value * half * g.plane.approach_axis,
-        "points": g.contacts.points,
-        "normals_in": g.contacts.normals_in,
-        "fingers": hand.fingers,
-        "forces": g.contacts.wrenches[:, :3],
-        "friction": 1.0,
-        "ray_origins": g.ray_origins if isinstance(g, VirtualGrasp) else None,
-        "net_wrench": g.net_wrench,
-        "adi": g.adi,
-        "match": g.tfvadi,
-        "quality": g.quality if isinstance(g, Grip) else None,
-        "stability": g.stability,
-        "manipulability": g.manipulability,
-        "hand": tuple(hand_geometry(plan.hand, pose.palm_pose, pose.q)) if pose else (),
+    if not grip:
+        forces = np.array([c["wrench"][:3] for c in contacts]).reshape(-1, 3)
+        return drawn | {"forces": forces, "net_wrench": answer["net_wrench"], "adi": answer["adi"]}
+    # A grip is drawn as it presses: its arrows are shares of the strongest contact force.
+    newtons = np.array(grip["forces"], dtype=np.float64).reshape(-1, 3)
+    strengths = np.linalg.norm(newtons, axis=1)
+    return drawn | {
+        "forces": newtons / max(float(strengths.max(initial=0.0)), 1e-9),
+        "newtons": strengths,
+        "quality": grip["quality"],
+        "margins": (grip["task_margin"], grip["hold_margin"]),
+        "press": readings.press(answer),
     }
+
+
+def _pose(posed: Document) -> tuple[Array, Array]:
+    return np.array(posed["palm_pose"], dtype=np.float64), np.array(posed["q"], dtype=np.float64)
 
 
 def _card(p: ApproachPlane) -> PlaneCard:

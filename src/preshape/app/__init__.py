@@ -1,1 +1,1 @@
-"""Meta control in the browser: see a plan and steer it (``preshape view``)."""
+"""The browser app (``preshape view``): shows plans, makes new ones, teaches, and tests grips in physics."""

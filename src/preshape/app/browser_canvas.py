@@ -17,16 +17,16 @@ if TYPE_CHECKING:
     import viser
 
 SEE_THROUGH = 0.55
-"""Opacity of a hand that is to be seen through."""
+"""Opacity of a translucent hand or object."""
 
 
 class BrowserCanvas:
     """Draws into one browser; groups of names can be hidden.
 
     Args:
-        scene: the browser's scene.
-        clicked: called with the name of a solid that was clicked, where it is one of ``choosable``.
-        choosable: prefix of the solids that can be clicked.
+        scene: The browser's scene.
+        clicked: Called with the name of a ``choosable`` solid that was clicked.
+        choosable: Prefix of the names of solids that can be clicked.
     """
 
     def __init__(
@@ -44,7 +44,7 @@ class BrowserCanvas:
         self.hand_opacity = self.object_opacity = 1.0
 
     def solid(self, name: str, shape: Shape) -> None:
-        """Draw triangles, in place of what had that name."""
+        """Draw triangles; they replace an earlier solid of that name."""
         self.remove(name)
         vertices, _, triangles = indexed(shape)
         of = {"hand": self.hand_opacity, "object": self.object_opacity}
@@ -55,10 +55,10 @@ class BrowserCanvas:
             triangles,
             color=tuple(round(255 * c) for c in shape.colour),
             opacity=None if alpha >= 1 else alpha,
-            # Backs that nobody sees need not be drawn: half the work for a browser that draws in software.
+            # Without invisible backs, a browser that renders in software has half the work.
             side="front" if within(name, "hand") else visible_side(shape),
             material="standard",
-            # Software renderers take seconds to prepare a shadow, and a scene of arrows needs none.
+            # Software renderers take seconds to prepare shadows.
             cast_shadow=False,
             receive_shadow=False,
             visible=self._visible(name),
@@ -73,7 +73,7 @@ class BrowserCanvas:
         self._nodes[name] = node
 
     def label(self, name: str, text: str, at: Array) -> None:
-        """Write a few words."""
+        """Write a short text; it replaces an earlier one of that name."""
         self.remove(name)
         self._words[name] = (text, at)
         self._nodes[name] = self._scene.add_label(
@@ -93,13 +93,13 @@ class BrowserCanvas:
             node.position, node.wxyz = seven[:3], seven[3:]
 
     def remove(self, prefix: str) -> None:
-        """Take away what has that name or lies under it."""
+        """Remove whatever has that name or lies under it."""
         for name in [n for n in self._nodes if within(n, prefix)]:
             self._nodes.pop(name).remove()
             self._words.pop(name, None)
 
     def show(self, group: str, visible: bool) -> None:
-        """Hide or show a group, now and whatever is drawn into it later."""
+        """Hide or show a group, including what is drawn into it later."""
         (self._hidden.discard if visible else self._hidden.add)(group)
         for name, node in self._nodes.items():
             if within(name, group):
@@ -107,7 +107,7 @@ class BrowserCanvas:
 
     def declutter(self, camera: Camera, size: tuple[int, int]) -> None:
         """Hide the labels that have no room in a camera's picture of that size [pixels]."""
-        shown = {n: said for n, said in self._words.items() if not self._behind(n)}
+        shown = {n: label for n, label in self._words.items() if not self._behind(n)}
         self._crowded = overlapping_labels(shown, camera, size)
         for name in shown:
             visible = name not in self._crowded

@@ -1,7 +1,7 @@
-"""Membership functions and contact coefficients as small pictures in HTML, with points that can be dragged.
+"""Membership functions and contact coefficients as small SVG pictures with points that can be dragged.
 
-A picture knows the text box in which its numbers stand (``data-box``): a drag writes there, as a person
-could, and the picture is drawn anew from what it says.
+A picture names the text box that holds its numbers (``data-box``). A drag writes into that box, as a person
+could, and the picture is drawn again from the box.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from ..types import ContactCoefficients
 WIDE, HIGH = 340, 128
 LEFT, RIGHT, TOP, BOTTOM = 14, 8, 10, 20
 EDGE = 1.2
-"""The pictures show numbers from -EDGE to EDGE."""
+"""The membership functions are shown from -EDGE to EDGE."""
 CHOSEN, OTHER, INK = "#0072B2", "#A9B2BC", "#59626D"
 PARTS = (
     ("ka", "#0072B2", ""),
@@ -26,9 +26,9 @@ PARTS = (
     ("kn", "#22262B", ""),
     ("mn", "#009E73", "2 3"),
 )
-"""Of each coefficient: its name, its colour and how its line is broken."""
+"""Name, colour and dash pattern of each coefficient."""
 CORNERS, COEFFICIENTS = "corners", "ka ko kn mn"
-"""Labels of the text boxes that hold what is dragged."""
+"""Labels of the text boxes that hold the numbers."""
 _GRIP = 'style="cursor:grab;touch-action:none"'
 
 
@@ -36,8 +36,8 @@ def membership_svg(sets: FuzzySets, chosen: int) -> str:
     """The seven sets, one of them in colour with its corners.
 
     Args:
-        sets: the membership functions.
-        chosen: index of the set in colour.
+        sets: The membership functions.
+        chosen: Index of the set in colour.
     """
     x = np.unique(np.concatenate([np.linspace(-EDGE, EDGE, 241), sets.corners.ravel()]))
     x = x[np.abs(x) <= EDGE]
@@ -59,11 +59,11 @@ def membership_svg(sets: FuzzySets, chosen: int) -> str:
 
 
 def coefficient_svg(coefficients: ContactCoefficients, most: float) -> str:
-    """What a contact gives against how hard it presses: four lines, one a coefficient.
+    """Force and moment of a contact over its normal force: one line for each coefficient.
 
     Args:
-        coefficients: of the contact model.
-        most: what the top of the picture stands for.
+        coefficients: Coefficients of the contact model.
+        most: Largest coefficient that the picture can show.
     """
     lines = []
     ends: list[float] = []
@@ -96,12 +96,12 @@ def _picture(inside: str, words: str, ticks: Sequence[float]) -> str:
 def _drag(
     box: str, axis: str, pixels: tuple[float, float], numbers: tuple[float, float], *, sort: bool
 ) -> str:
-    """What a drag needs: the text box, the axis, and which pixels stand for which numbers."""
+    """Attributes for the drag script: the text box, the axis, and the numbers that the pixels stand for."""
     script = (resources.files("preshape.viewer") / "web" / "drag.js").read_text(encoding="utf-8")
     data = {"box": box, "axis": axis, "from": pixels[0], "to": pixels[1]}
     data |= {"low": numbers[0], "high": numbers[1], "sort": int(sort)}
-    said = " ".join(f'data-{key}="{content}"' for key, content in data.items())
-    return f'id="drag-{box.replace(" ", "-")}" {said} onpointerdown="{escape(script)}"'
+    attributes = " ".join(f'data-{key}="{content}"' for key, content in data.items())
+    return f'id="drag-{box.replace(" ", "-")}" {attributes} onpointerdown="{escape(script)}"'
 
 
 def _svg(inside: str, words: str, more: str) -> str:

@@ -1,4 +1,4 @@
-"""The task as something to drag: a gizmo at the object, and a ghost of the object where it is to go."""
+"""A gizmo that drags the task: handles at the object, and a ghost of the object at its goal."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ if TYPE_CHECKING:
     import viser
 
 GHOST = 4_000
-"""Triangles of the ghost at most."""
+"""Most triangles of the ghost."""
 
 
 class TaskGizmo:
     """A transform gizmo about the COG; a drag gives the displacement that a task asks for.
 
     Args:
-        scene: the browser's scene.
-        dragged: called with the displacement (4, 4) about the COG, x' = R(x - c) + c + t [m], on every move.
+        scene: The browser's scene.
+        dragged: Called on every move with the displacement (4, 4) about the COG, x' = R(x - c) + c + t [m].
     """
 
     def __init__(self, scene: viser.SceneApi, dragged: Callable[[Array], None]) -> None:
@@ -35,11 +35,11 @@ class TaskGizmo:
 
     @property
     def shown(self) -> bool:
-        """Whether it can be dragged now."""
+        """Whether the gizmo is shown."""
         return self._handle is not None
 
     def put(self, mesh: TriangleMesh, displacement: Array) -> None:
-        """Show it for an object, moved by a displacement (4, 4) about the COG."""
+        """Show the gizmo for an object, at a displacement (4, 4) about the COG."""
         self.remove()
         self._cog = np.array(mesh.cog)
         handle = self._scene.add_transform_controls(
@@ -71,13 +71,13 @@ class TaskGizmo:
         self.move(displacement)
 
     def move(self, displacement: Array) -> None:
-        """Move it to a displacement (4, 4); nothing where it is not shown."""
+        """Move the gizmo to a displacement (4, 4), if it is shown."""
         if self._handle is not None:
             seven = seven_from_pose(pose(displacement[:3, :3], self._cog + displacement[:3, 3]))
             self._handle.position, self._handle.wxyz = seven[:3], seven[3:]
 
     def remove(self) -> None:
-        """Take it away."""
+        """Remove the gizmo."""
         if self._handle is not None:
             self._handle.remove()
             self._handle = None

@@ -1,4 +1,4 @@
-"""The server's end of a browser's planner: start it, ask it, cancel it."""
+"""The server's end of a browser's planner process: start, ask, cancel."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ Reply = dict[str, Any]
 
 
 class PlannerLink:
-    """One planner process; it is started anew after it was cancelled or has died.
+    """One planner process, restarted after it was cancelled or has died.
 
     Args:
-        heard: called with every reply, in the order in which they come, on a thread of this link.
+        heard: Called with every reply, in the order in which they come, on a thread of this link.
     """
 
     def __init__(self, heard: Callable[[Reply], None]) -> None:
@@ -34,16 +34,16 @@ class PlannerLink:
         """Start the process, if none runs.
 
         Raises:
-            EnvironmentFailure: the system refuses another process.
+            EnvironmentFailure: The system refuses another process.
         """
         with self._lock:
             self._start()
 
     def ask(self, do: str, **content: Any) -> bool:
-        """Send a request; False while another one is being answered.
+        """Send a message; False while another one is being answered.
 
         Raises:
-            EnvironmentFailure: the planner cannot be reached.
+            EnvironmentFailure: The planner cannot be reached.
         """
         with self._lock:
             if self.busy or not self._open:
@@ -63,18 +63,18 @@ class PlannerLink:
         return True
 
     def cancel(self) -> bool:
-        """Stop what is being done, and make ready for the next request; False if nothing was."""
+        """Stop the work and get ready for the next message; False if there was no work."""
         with self._lock:
             if not self.busy:
                 return False
             self.busy = False
-            self._number += 1  # what still comes of the old request is not heard
+            self._number += 1  # late replies to the old message are dropped
             self._stop()
             self._start()
         return True
 
     def close(self) -> None:
-        """Stop for good."""
+        """Stop the process for good."""
         with self._lock:
             self._open = False
             self._stop()
@@ -123,4 +123,4 @@ class PlannerLink:
                 self._process = None
         process.wait()
         if died:
-            self._heard({"error": "the planner stopped (too little memory?); it is started anew, try again"})
+            self._heard({"error": "the planner stopped (too little memory?); it restarts, please try again"})

@@ -1,4 +1,4 @@
-"""What was learnt, as a table and a curve, for the browser's panel."""
+"""The content of the memory as a table and a curve, for the browser's panel."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ WIDE, HIGH = 300, 90
 
 
 def memory_place(memory: str | None) -> str:
-    """Where the memory is, for people."""
+    """Place of the memory, to display."""
     from ..memory import default_path
 
     return str(default_path() if memory is None else memory)
 
 
 def memory_html(memory: str | None) -> str:
-    """The known objects and the learning curve; a sentence where the memory cannot be read."""
+    """The known objects and the learning curve; a sentence if the memory cannot be read."""
     from ..memory import Memory
 
     try:
@@ -54,7 +54,7 @@ def memory_html(memory: str | None) -> str:
 
 
 def curve(met: tuple[Experience, ...]) -> str:
-    """How the match (0..6) of what was learnt and the number of known objects grew, lesson by lesson."""
+    """The match (0..6) of each lesson, and the number of known objects after it."""
     if not met:
         return ""
     count = max(1, len(met) - 1)

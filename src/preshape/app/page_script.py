@@ -1,7 +1,7 @@
-"""What the app's page does before the viewer's own script: it spares a browser that draws in software.
+"""A script at the head of the app's page, which reduces the work of a browser that renders in software.
 
-How many samples a pixel gets is decided when the page makes its canvas, before the server is first heard; so
-this stands in the page itself.
+The number of samples for each pixel is fixed when the page creates its canvas, before the server can send
+anything. The script therefore stands in the page itself.
 """
 
 from __future__ import annotations
@@ -14,10 +14,10 @@ HEAD = b"<head>"
 
 
 def with_script(response: Any) -> Any:
-    """A response of the viewer's web server; where it is a page, with the script at its head.
+    """A response of viser's web server; a page gets the script at its head.
 
     Args:
-        response: a ``websockets`` response, or ``None`` for a request that it does not answer.
+        response: A ``websockets`` response, or ``None`` for a request that is not answered here.
     """
     if response is None or not response.headers.get("Content-Type", "").startswith("text/html"):
         return response

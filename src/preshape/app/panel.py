@@ -1,4 +1,4 @@
-"""The widgets of a browser's panel: made here, wired by :mod:`.session`."""
+"""The widgets of a browser's panel; :mod:`.browser_session` connects them."""
 
 from __future__ import annotations
 
@@ -8,12 +8,13 @@ from typing import TYPE_CHECKING, Any
 from ..hands.load import hand_names
 from ..hiis.planes import AXIS_NAMES
 from ..objects.library import names as object_names
-from ..tasks import family_names, parse_task
+from ..planning.request import ANALYSERS, AUTO, PlanRequest
+from ..tasks import family_names
 from ..tasks.task import COMPONENTS
+from ..types import FRICTION
 from ..viewer.draw import GROUPS, HIDDEN
 from ..viewer.readings import wrapped
 from .tuning import Tuning
-from .worker import ALTERNATIVES, Order
 
 if TYPE_CHECKING:
     import viser
@@ -23,10 +24,14 @@ ANY = "any"
 USUAL = "usual"
 UNITS = ("m", "cm", "mm", "in")
 OFFERS = 3
+ALTERNATIVES = 5
+"""Number of answers that are asked for beside the best."""
 ACCEPT, REJECT = VERDICTS = ("Accept", "Reject")
+NO_TABLE, UNDER, AT_HEIGHT = TABLES = ("none", "under the object", "at a height")
 TRIAL = (
     "The hand grasps and squeezes in simulated physics (MuJoCo), then the object is pushed from six sides. "
-    "Friction and mass are those of the Plan tab. A scan takes up to two minutes the first time."
+    "Friction and mass are those that the answer was planned with. "
+    "A scan takes up to two minutes the first time."
 )
 
 
@@ -34,24 +39,30 @@ class Panel:
     """All widgets of one browser.
 
     Args:
-        gui: the browser's panel.
-        order: what the widgets show at first.
-        memory: where the memory is, for people.
+        gui: The browser's panel.
+        request: The request that the widgets show at first.
+        memory: Place of the memory, to display.
     """
 
-    def __init__(self, gui: viser.GuiApi, order: Order, memory: str) -> None:
+    def __init__(self, gui: viser.GuiApi, request: PlanRequest, memory: str) -> None:
         self.gui = gui
         gui.add_html(f"<style>{(resources.files('preshape.viewer') / 'web' / 'app.css').read_text()}</style>")
         self.headline = gui.add_html("")
         self.progress = gui.add_progress_bar(0, visible=False, animated=True)
         self.cancel = gui.add_button(
-            "Cancel", visible=False, color="gray", hint="Stop; nothing learnt is lost"
+            "Cancel", visible=False, color="gray", hint="Stops the work; nothing that was learnt is lost"
         )
         self._critic(gui)
         self._motion(gui)
         tabs = gui.add_tab_group()
         with tabs.add_tab("Plan"):
-            self._steering(gui, order)
+            self._steering(gui, request)
+            self._load(gui, request)
+            self._search(gui, request)
+            self.run = gui.add_button("Plan", color="blue", hint="Runs modes 0 to 3")
+            self.teach = gui.add_button(
+                "Teach this object and task", color="gray", hint="Explores all planes and learns (mode 3)"
+            )
         with tabs.add_tab("Why"):
             self.why = gui.add_html("")
         with tabs.add_tab("Answers"):
@@ -59,20 +70,20 @@ class Panel:
         with tabs.add_tab("Physics"):
             self._physics(gui)
         with tabs.add_tab("Tune"):
-            self.tuning = Tuning(gui)
+            self.tuning = Tuning(gui, request.settings)
         with tabs.add_tab("Memory"):
             self.memory = gui.add_html("")
-            self.memory_again = gui.add_button("Read again", color="gray")
+            self.memory_reload = gui.add_button("Reload", color="gray")
             style = "font-size:11px;color:#59626D;overflow-wrap:anywhere;padding:0 10px"
             gui.add_html(f'<div style="{style}">{memory}</div>')
         with tabs.add_tab("Show"):
             self._layers(gui)
 
     def _critic(self, gui: viser.GuiApi) -> None:
-        """What the external critic can say to an answer; shown when there is something to say."""
+        """Buttons of the external critic, which appear when a plan leaves something to decide."""
         self.offers = [gui.add_button(f"offer {i}", visible=False, color="orange") for i in range(OFFERS)]
         self.reset = gui.add_button(
-            "Reset the deadlock", visible=False, color="orange", hint="Then ask for another task or object"
+            "Reset the deadlock", visible=False, color="orange", hint="Allows another task or object"
         )
         self.verdict = gui.add_button_group("Your verdict", VERDICTS, visible=False)
 
@@ -81,59 +92,106 @@ class Panel:
         self.slider = gui.add_slider("Move hand", 0.0, 3.0, 0.05, 3.0, marks=marks, visible=False)
         self.play = gui.add_button("Play the grasp", visible=False, color="gray")
 
-    def _steering(self, gui: viser.GuiApi, order: Order) -> None:
-        library = list(object_names())
-        first = order.source if order.source in library else library[0]
-        self.thing = gui.add_dropdown("Object", library, initial_value=first)
+    def _steering(self, gui: viser.GuiApi, request: PlanRequest) -> None:
+        source, task = request.object_name, request.asked
+        objects = list(dict.fromkeys([*object_names(), source]))
+        self.thing = gui.add_dropdown("Object", objects, initial_value=source)
         self.upload = gui.add_upload_button(
             "Upload a mesh", color="gray", hint="OBJ, STL, PLY, OFF, GLB, glTF"
         )
-        self.unit = gui.add_dropdown("Upload's unit", UNITS, hint="Of the uploaded file")
+        self.unit = gui.add_dropdown("Upload's unit", UNITS, hint="Unit of length in the uploaded file")
         tasks = [*family_names(), SIX]
-        named = order.task.partition(":")[0]
-        self.task = gui.add_dropdown("Task", tasks, initial_value=named if named in tasks else SIX)
-        axis = order.task.partition(":")[2]
+        self.task = gui.add_dropdown("Task", tasks, initial_value=task.name if task.name in tasks else SIX)
         self.axis = gui.add_dropdown(
             "along / about",
             (USUAL, *AXIS_NAMES),
-            initial_value=axis if axis in AXIS_NAMES else USUAL,
-            hint="The task's signed axis",
+            initial_value=task.axis if task.axis in AXIS_NAMES else USUAL,
+            hint="Signed axis of the task",
         )
         self.task_note = gui.add_html("")
         self.drag = gui.add_checkbox(
-            "Drag the task", False, hint="Arrows move, arcs turn: to where the object is to go"
+            "Drag the task", False, hint="Arrows move and arcs turn the object to its goal"
         )
         self.numbers_box = gui.add_folder("The task as six numbers", expand_by_default=False)
         with self.numbers_box:
             self.numbers = [
                 gui.add_slider(name, -1.2, 1.2, 0.05, float(number))
-                for name, number in zip(COMPONENTS, parse_task(order.task).q.clip(-1.2, 1.2), strict=True)
+                for name, number in zip(COMPONENTS, task.q.clip(-1.2, 1.2), strict=True)
             ]
-        hands = list(hand_names())
-        hands += [order.hand] if order.hand not in hands else []  # a hand of the person's own
-        self.hand = gui.add_dropdown("Hand", hands, initial_value=order.hand)
+        hands = list(dict.fromkeys([*hand_names(), request.hand_name]))
+        self.hand = gui.add_dropdown("Hand", hands, initial_value=request.hand_name)
         self.analyser = gui.add_dropdown(
             "Analyser",
-            ("rays", "closure"),
-            initial_value=order.analyser,
+            ANALYSERS,
+            initial_value=request.analyser,
             hint="rays: the paper's; closure: closes the real hand, slower",
         )
-        with gui.add_folder("Thresholds and load", expand_by_default=False):
+
+    def _load(self, gui: viser.GuiApi, request: PlanRequest) -> None:
+        """Mass, friction, table and boxes; they concern the closure analyser."""
+        mass, table = request.stated_mass, request.table
+        stated = mass is not None or table is not None or request.avoid or request.stated_friction != FRICTION
+        with gui.add_folder("Load and scene", expand_by_default=bool(stated)):
+            self.mass = gui.add_text(
+                "mass [kg]",
+                "" if mass is None else str(mass),
+                hint="Mass of the object; empty for the object's own, else an estimate from its volume",
+            )
+            self.mass_note = gui.add_html("")
+            self.friction = gui.add_number(
+                "friction",
+                request.stated_friction,
+                min=0.05,
+                step=0.05,
+                hint="Friction coefficient between hand and object",
+            )
+            kind = NO_TABLE if table is None else UNDER if table == AUTO else AT_HEIGHT
+            self.table = gui.add_dropdown(
+                "table", TABLES, initial_value=kind, hint="A table that the hand must not touch"
+            )
+            self.height = gui.add_number(
+                "height [m]",
+                float(table) if kind == AT_HEIGHT and table is not None else 0.0,
+                step=0.005,
+                visible=kind == AT_HEIGHT,
+                hint="z of the table in the object's frame; not above the object's lowest point",
+            )
+            self.avoid = gui.add_text(
+                "boxes [m]",
+                "\n".join(" ".join(map(str, box)) for box in request.avoid),
+                multiline=True,
+                hint="Boxes that the hand stays out of, one a line: x0 y0 z0 x1 y1 z1 in the object's frame",
+            )
+
+    def _search(self, gui: viser.GuiApi, request: PlanRequest) -> None:
+        limits = request.settings.thresholds
+        with gui.add_folder("Thresholds and search", expand_by_default=False):
             self.estimation = gui.add_slider(
-                "enough match", 0.0, 6.0, 0.1, order.estimation, hint="TFVADI that an answer must reach"
+                "good enough",
+                0.0,
+                6.0,
+                0.1,
+                limits.estimation,
+                hint="Score that an answer must reach: a grip's quality, or TFVADI for rays",
             )
             self.recognition = gui.add_slider(
-                "known object", 0.0, 6.0, 0.1, order.recognition, hint="TFVADI at which an object is known"
+                "known object", 0.0, 6.0, 0.1, limits.recognition, hint="TFVADI at which an object is known"
             )
+            ways = list(dict.fromkeys([ANY, *AXIS_NAMES, request.approaches or ANY]))
             self.approach = gui.add_dropdown(
-                "approach", (ANY, *AXIS_NAMES), hint="Only planes that come this way"
+                "approach",
+                ways,
+                initial_value=request.approaches or ANY,
+                hint="Only planes with this approach axis",
             )
-            self.friction = gui.add_slider("friction", 0.1, 1.5, 0.05, order.friction, hint="closure only")
-            self.mass = gui.add_slider("mass [kg]", 0.02, 2.0, 0.02, order.mass, hint="closure only")
-        self.run = gui.add_button("Plan", color="blue", hint="Run modes 0 to 3")
-        self.teach = gui.add_button(
-            "Teach this object and task", color="gray", hint="Explore and learn, mode 3"
-        )
+            self.learn = gui.add_checkbox(
+                "Learn new objects", request.learn, hint="Teaches a new object to the memory while planning"
+            )
+            self.verify = gui.add_checkbox(
+                "Test in physics",
+                request.verify,
+                hint="The first answer that holds in simulated physics is the answer; slower",
+            )
 
     def _answers(self, gui: viser.GuiApi) -> None:
         self.answers_note = gui.add_html("")

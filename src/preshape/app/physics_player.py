@@ -1,4 +1,4 @@
-"""A run in simulated physics played back in a browser: object, hand, the push of the moment, and a table."""
+"""Playback of a run in simulated physics: object, hand, current push, and the table of pushes."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from .wire_format import decoded
 
 WORDS = {"pregrasp": "open before the object", "grasp": "closing", "squeeze": "squeezing"}
 QUIET_GROUPS = ("planes", "axes", "rays", "contacts", "forces", "net", "task")
-"""What is hidden while a run is shown: it belongs to where the object was."""
+"""Groups that are hidden while a run is shown, because they belong to the planned pose of the object."""
 
 
 @value
@@ -27,18 +27,18 @@ class Run:
 
     Attributes:
         stage: (n,) ``pregrasp``, ``grasp``, ``squeeze`` or the push.
-        times: (n,) [s].
-        load: (n, 6) force [N] and torque [N m] on the object.
-        thing: (n, 4, 4) pose of the object.
-        links: (n, m, 4, 4) poses of the hand's shapes.
-        report: the verdict, the table, as HTML.
-        first_lost: name of the first push that was not held; empty where all were.
+        times: (n,) Times [s].
+        load: (n, 6) Force [N] and torque [N m] on the object.
+        object_poses: (n, 4, 4) Poses of the object.
+        links: (n, m, 4, 4) Poses of the hand's shapes.
+        report: Verdict and table as HTML.
+        first_lost: Name of the first push that was not held; empty if all were held.
     """
 
     stage: tuple[str, ...]
     times: tuple[float, ...]
     load: Array
-    thing: Array
+    object_poses: Array
     links: Array
     report: str
     first_lost: str
@@ -47,33 +47,33 @@ class Run:
         return len(self.stage)
 
     def words(self, frame: int) -> str:
-        """What happens at a sample."""
+        """What happens at a sample, in a few words."""
         stage = self.stage[frame]
         doing = WORDS.get(stage, f"push: {stage.removeprefix('force ')}")
         return f"{doing} · {self.times[frame]:.1f} s"
 
 
-def run_of(said: dict[str, Any]) -> Run:
+def run_of(sent: dict[str, Any]) -> Run:
     """The run in a planner's reply (:func:`~preshape.app.physics_run.hold_run`)."""
-    n = len(said["stage"])
+    n = len(sent["stage"])
     return Run(
-        stage=tuple(said["stage"]),
-        times=tuple(said["times"]),
-        load=np.array(said["load"], dtype=np.float64).reshape(n, 6),
-        thing=pose_from_seven(decoded(said["object"], "<f8", 7)),
-        links=pose_from_seven(decoded(said["links"], "<f8", 7)).reshape(n, -1, 4, 4),
-        report=report(said),
-        first_lost=next((str(row["name"]) for row in said["rows"] if not row["held"]), ""),
+        stage=tuple(sent["stage"]),
+        times=tuple(sent["times"]),
+        load=np.array(sent["load"], dtype=np.float64).reshape(n, 6),
+        object_poses=pose_from_seven(decoded(sent["object"], "<f8", 7)),
+        links=pose_from_seven(decoded(sent["links"], "<f8", 7)).reshape(n, -1, 4, 4),
+        report=report(sent),
+        first_lost=next((str(row["name"]) for row in sent["rows"] if not row["held"]), ""),
     )
 
 
-def report(said: dict[str, Any]) -> str:
-    """The verdict and one row for each push."""
-    kind, sign, word = ("good", "✓", "Held") if said["held"] else ("bad", "✕", "Not held")
-    far, turn = said["limits"]
+def report(sent: dict[str, Any]) -> str:
+    """The verdict and one row for each push, as HTML."""
+    kind, sign, word = ("good", "✓", "Held") if sent["held"] else ("bad", "✕", "Not held")
+    far, turn = sent["limits"]
     head = (
-        f'<div class="head {kind}"><b>{sign} {word}</b>{escape(str(said["reason"]))}</div>'
-        f"<p class='quiet'>Each push is {said['push']:g} N for 2 s. The object is held while it stays "
+        f'<div class="head {kind}"><b>{sign} {word}</b>{escape(str(sent["reason"]))}</div>'
+        f"<p class='quiet'>Each push is {sent['push']:g} N for 2 s. The object is held while it stays "
         f"within {1000 * far:.0f} mm and {math.degrees(turn):.0f}°.</p>"
     )
     rows = "".join(
@@ -82,7 +82,7 @@ def report(said: dict[str, Any]) -> str:
         f"<td class='num'>{_number(row['force'], 1.0)}</td>"
         f"<td class='num'>{_number(row['slip'], 1000.0)}</td>"
         f"<td class='num'>{'✓ yes' if row['held'] else '<b>✕ no</b>'}</td></tr>"
-        for row in said["rows"]
+        for row in sent["rows"]
     )
     titles = ("push", "moved mm", "turned °", "force N", "slip mm", "held?")
     heads = "".join(f"<th class='{'num' if i else ''}'>{title}</th>" for i, title in enumerate(titles))
@@ -97,7 +97,7 @@ class RunPlayer:
     """Shows one sample of a run after another.
 
     Args:
-        canvas: where the object and the hand are drawn already.
+        canvas: The canvas, with object and hand already drawn.
     """
 
     def __init__(self, canvas: Canvas) -> None:
@@ -105,15 +105,15 @@ class RunPlayer:
         self._stage = ""
 
     def show(self, run: Run, links: tuple[str, ...], frame: int, mesh: TriangleMesh) -> None:
-        """Put object and hand where they were, and an arrow for the push.
+        """Place object and hand as they were at a sample, and draw an arrow for the push.
 
         Args:
-            run: the run.
-            links: names of the hand's shapes, as they were drawn.
-            frame: which sample.
-            mesh: the object, as drawn.
+            run: The run.
+            links: Names of the hand's shapes, as they were drawn.
+            frame: Index of the sample.
+            mesh: The object, as drawn.
         """
-        self._canvas.place("object", run.thing[frame])
+        self._canvas.place("object", run.object_poses[frame])
         for name, pose in zip(links, run.links[frame], strict=True):
             self._canvas.place(f"hand/{name}", pose)
         force = run.load[frame, :3]
@@ -128,11 +128,11 @@ class RunPlayer:
                 )
         if size > 1e-9:
             at = np.eye(4)
-            at[:3, 3] = transform_points(run.thing[frame], mesh.cog)
+            at[:3, 3] = transform_points(run.object_poses[frame], mesh.cog)
             self._canvas.place("push/arrow", at)
 
     def leave(self) -> None:
-        """Everything stands where it was planned again."""
+        """Return to the planned pose of the object, and remove the arrow."""
         self._stage = ""
         self._canvas.remove("push")
         self._canvas.place("object", np.eye(4))

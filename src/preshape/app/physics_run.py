@@ -1,4 +1,4 @@
-"""A holding test of one answer in simulated physics, as plain values that a browser can play back."""
+"""The holding test of one answer in simulated physics, as plain values that a browser plays back."""
 
 from __future__ import annotations
 
@@ -23,21 +23,27 @@ from ..types import Array
 from .wire_format import encoded
 
 Progress = Callable[[str, float], None]
-"""Called with what is being done and its share in percent."""
+"""Called with the current step and its share of the whole in percent."""
 
 
 def hold_run(
-    hand: Hand, mesh: TriangleMesh, said: dict[str, Any], *, friction: float, mass: float, progress: Progress
+    hand: Hand,
+    mesh: TriangleMesh,
+    posed: dict[str, Any],
+    *,
+    friction: float,
+    mass: float,
+    progress: Progress,
 ) -> dict[str, Any]:
-    """Squeeze as an answer says and push from six sides.
+    """Grasp, squeeze, and push the object from six sides.
 
     Args:
-        hand: the answer's hand.
-        mesh: the object as planned with [m].
-        said: the answer's ``hand`` in JSON.
-        friction: between hand and object.
-        mass: of the object [kg].
-        progress: told what is being done.
+        hand: The answer's hand.
+        mesh: The object of the plan [m].
+        posed: The answer's ``hand`` in JSON, with its postures.
+        friction: Friction coefficient between hand and object.
+        mass: Mass of the object [kg].
+        progress: Called at each step.
 
     Returns:
         Plain JSON values: the verdict, a row for each push, and for each of n samples its stage, time [s],
@@ -45,10 +51,10 @@ def hold_run(
         :meth:`~preshape.hands.kinematics.HandKinematics.shapes`; poses as base 64.
 
     Raises:
-        InputError: the answer has no grasp of this hand.
-        ObjectError: the object encloses no volume.
+        InputError: The answer has no grasp of this hand.
+        ObjectError: The object encloses no volume.
     """
-    if said.get("grasp") is None or list(said.get("joints", ())) != list(hand.joints):
+    if posed.get("grasp") is None or list(posed.get("joints", ())) != list(hand.joints):
         raise InputError("this answer has no grasp of the hand: there is nothing to simulate")
     protocol = HoldProtocol(friction=friction, mass=mass)
     progress("cutting the object into convex pieces (once for an object)", 10)
@@ -57,7 +63,7 @@ def hold_run(
     physical = physics_hand(hand)
     scene = build_scene(physical, pieces, 1.0, protocol)
     poses = {
-        stage: np.array([[*said[stage]["palm_pose"], *said[stage]["q"]]], dtype=np.float64)
+        stage: np.array([[*posed[stage]["palm_pose"], *posed[stage]["q"]]], dtype=np.float64)
         for stage in STAGES
     }
     grasps = palm_grasps(hand, [mesh.name], [1.0], poses).for_hand(physical)
@@ -86,7 +92,7 @@ def hold_run(
 
 
 def _links(hand: Hand, scene: Scene, recording: Recording) -> Array:
-    """(n, m, 7) where each shape of the hand is in each sample."""
+    """(n, m, 7) Pose of each shape of the hand in each sample."""
     kinematics = HandKinematics(hand)
     model = kinematics.model
     bodies = [scene.body_names.index(part.body) for part in kinematics.shapes()]

@@ -1,14 +1,15 @@
-"""What one browser reads of a plan: mode, reasons, bars, the ranking, and which answer is shown."""
+"""The plan in one browser: its answers, the one that is shown, and everything that is read about it."""
 
 from __future__ import annotations
 
+from html import escape
 from typing import Any
 
-from ..hands.load import load_hand
-from ..planning.document import dumps
+from ..files import dumps
+from ..hands.load import recorded_hand
+from ..pictures import Document, document_html
 from ..viewer import readings
 from .panel import Panel
-from .scenes import Document, document_html
 from .stage import Stage
 
 STAGES = 3.0
@@ -19,12 +20,12 @@ class Reading:
     """One browser's plan.
 
     Attributes:
-        document: the plan; ``None`` before there is one.
-        offers: tasks that fit in place of the one asked for (mode 2).
+        document: The plan; ``None`` before there is one.
+        offers: Tasks that fit the object in place of the one asked for (mode 2).
 
     Args:
-        panel: where it is read.
-        stage: where it is seen.
+        panel: The panel that shows the readings.
+        stage: The scene that shows the answer.
     """
 
     def __init__(self, panel: Panel, stage: Stage) -> None:
@@ -37,27 +38,29 @@ class Reading:
         self._rejected: set[int] = set()
 
     def forget(self) -> None:
-        """No plan: the object alone."""
+        """Drop the plan and show the object alone."""
         p = self._panel
         self.document, self._answers, self._rays, self._rejected = None, [], [], set()
         self._shown, self.offers = 0, []
-        p.why.content = p.answers_note.content = ""
+        p.why.content = p.answers_note.content = p.mass_note.content = ""
         for handle in (*p.offers, *p.answers, p.verdict, p.slider, p.play):
             handle.visible = False
         p.simulate.disabled = True
         self._stage.show(None, None)
 
     def take(self, document: Document, rays: list[Any]) -> None:
-        """A plan has come, or more of it; the first time its answer is shown."""
+        """Take a plan, or a later version with more answers; the first one shows its answer."""
         first = self.document is None
         self.document, self._answers, self._rays = document, readings.answers_of(document), rays
+        mass = readings.mass_words(document)
+        self._panel.mass_note.content = readings.wrapped(f'<p class="quiet">Planned with {escape(mass)}.</p>')
         if first:
             self.show(0)
         else:
             self._list()
 
     def show(self, index: int) -> None:
-        """Show one of the answers, or that there is none."""
+        """Show one of the answers; without any, the object alone."""
         document, p = self.document, self._panel
         if document is None:
             return
@@ -65,21 +68,21 @@ class Reading:
         self._shown = index
         p.slider.value = STAGES
         rays = self._rays[index] if index < len(self._rays) else None
-        friction = float(p.friction.value)
-        self._stage.show(document, answer, friction=friction, rays=rays, share=1.0)
+        self._stage.show(document, answer, rays=rays, share=1.0)
         self.headline()
         p.simulate.disabled = answer is None or answer["hand"]["grasp"] is None
-        words = [readings.transitions(document), readings.glossary()]
+        parts = [readings.transitions(document)]
         if answer is not None:
-            words[:0] = [
-                readings.why(document, self._answers, index),
-                readings.facts(document, answer),
-                readings.bars(document, answer),
-            ]
-        p.why.content = readings.wrapped(*words)
+            parts = readings.answer_parts(document, self._answers, index)
+        p.why.content = readings.wrapped(*parts, readings.glossary())
         p.slider.visible = p.play.visible = self._stage.motion is not None
-        p.verdict.visible = answer is not None
+        p.verdict.visible = self._accepted
         self._list()
+
+    @property
+    def _accepted(self) -> bool:
+        """Whether the answers are good enough; else the best that was tried is shown."""
+        return bool(self._answers) and self._answers[0].get("status") == "answer"
 
     @property
     def answer(self) -> Document | None:
@@ -87,22 +90,26 @@ class Reading:
         return self._answers[self._shown] if self._shown < len(self._answers) else None
 
     def headline(self) -> None:
-        """Say how the plan ended."""
+        """Show the plan's result as the headline."""
         if self.document is not None:
             self._panel.headline.content = readings.wrapped(readings.headline(self.document))
 
     def pick(self, index: int) -> str:
-        """Show the best answer on a plane; a sentence where there is none."""
-        kept = [i for i, a in enumerate(self._answers) if a["plane"] == index and i not in self._rejected]
-        if kept:
-            self.show(kept[0])
+        """Show the best answer on a plane.
+
+        Returns:
+            A sentence if there is no answer on that plane, else nothing.
+        """
+        left = [i for i, a in enumerate(self._answers) if a["plane"] == index and i not in self._rejected]
+        if left:
+            self.show(left[0])
             return ""
         if self.document is None:
             return "Press Plan; then a click on a plane shows the best answer on it."
-        return "None of the answers lies on this plane: what it gives matches the task too little."
+        return "None of the answers lies on this plane: no grasp on it is good enough for the task."
 
     def reject(self) -> bool:
-        """Take the shown answer out of the ranking and show the next best; False where none is left."""
+        """Remove the shown answer from the ranking and show the next best; False if none is left."""
         self._rejected.add(self._shown)
         left = [i for i in range(len(self._answers)) if i not in self._rejected]
         if left:
@@ -113,7 +120,7 @@ class Reading:
         return bool(left)
 
     def title(self) -> str:
-        """Name of the files of the shown answer."""
+        """File name of the shown answer, without its ending."""
         assert self.document is not None
         return f"{self.document['object']['name']}-{self.document['task']['name']}".replace(":", "")
 
@@ -122,15 +129,15 @@ class Reading:
         mesh = self._stage.mesh
         assert mesh is not None
         answer = dict(self._answers[self._shown])
-        page = document_html(mesh, load_hand(answer["hand"]["name"]), answer)
+        page = document_html(mesh, recorded_hand(answer["hand"]), answer)
         return {"json": (dumps(answer) + "\n").encode(), "html": page.encode()}
 
     def share(self) -> float:
-        """How far the hand is on its way, 0..1."""
+        """Share of the hand's way that the slider shows, 0..1."""
         return float(self._panel.slider.value) / STAGES
 
     def _list(self) -> None:
-        """The ranking, and what else fits."""
+        """Show the ranking, and the tasks that fit instead."""
         document, p = self.document, self._panel
         assert document is not None
         for i, button in enumerate(p.answers):
@@ -138,11 +145,13 @@ class Reading:
             if i < len(self._answers):
                 button.label = f"{i + 1} · {readings.answer_words(self._answers[i])}"
                 button.color = "blue" if i == self._shown else "gray"
-        note = (
-            "The answer, then other ways, best first; press one to see it."
-            if self._answers
-            else "No answer yet."
-        )
+        note = "The answer, then alternatives, best first; press one to see it."
+        if not self._accepted:
+            note = (
+                "No answer is good enough; this is the best that was tried."
+                if self._answers
+                else "No answer."
+            )
         p.answers_note.content = readings.wrapped(f'<p class="quiet">{note}</p>')
         self.offers = [str(offer["task"]) for offer in document.get("offers", [])]
         for i, button in enumerate(p.offers):

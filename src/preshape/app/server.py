@@ -1,4 +1,4 @@
-"""The app's server: one viser server on this machine, one session for each browser."""
+"""The app's server: one viser server on this machine, with one session for each browser."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Any
 
 from ..exceptions import EnvironmentFailure, InputError
+from .browser_session import BrowserSession, Start
 from .page_script import with_script
-from .session import Session, Start
 
 if TYPE_CHECKING:
     import viser
@@ -22,20 +22,20 @@ LOCAL = ("127.0.0.1", "localhost", "::1")
 PANEL = 390
 """Width of the panel [pixels]."""
 LAMP, SKY, GROUND = 2.6, 2.6, (165, 170, 185)
-"""Brightness of the lamp and of the sky, and the colour of what shines from below."""
+"""Brightness of the lamp and of the sky, and the colour of the light from below."""
 
 
 class ViewServer:
-    """Serves until it is stopped; nothing of it asks for an address outside the machine.
+    """Serves until it is stopped; its pages ask for nothing outside the machine.
 
     Args:
-        start: what a browser shows first.
-        host: address to listen on; anyone who reaches it can use the app.
-        port: 0 for any free one.
+        start: What a browser shows first.
+        host: Address to listen on; anyone who reaches it can use the app.
+        port: Port to listen on; 0 for any free one.
 
     Raises:
-        InputError: a port out of 0..65535.
-        EnvironmentFailure: the address cannot be used.
+        InputError: The port is not in 0..65535.
+        EnvironmentFailure: The address cannot be used.
     """
 
     def __init__(self, start: Start, *, host: str = "127.0.0.1", port: int = 8080) -> None:
@@ -45,12 +45,12 @@ class ViewServer:
             raise InputError(f"a port must be 0 to 65535, got {port}")
         self.port = _checked(host, port)
         self.host = host
-        self._sessions: dict[int, Session] = {}
+        self._sessions: dict[int, BrowserSession] = {}
         self._lock = threading.Lock()
         with contextlib.redirect_stdout(io.StringIO()), _own_pages(host):
             self._server = viser.ViserServer(host=host, port=self.port, label="preshape", verbose=False)
         self.port = int(self._server.get_port())
-        # A browser could ask for a tunnel to the world: here nobody can.
+        # viser lets a browser open a tunnel to the internet; this disables it.
         self._server.request_share_url = lambda *_, **__: None
         self._server.gui.configure_theme(
             show_logo=False, show_share_button=False, control_width="large", brand_color=(0, 114, 178)
@@ -61,7 +61,7 @@ class ViewServer:
         _light(self._server.scene)
 
         def connected(client: viser.ClientHandle) -> None:
-            session = Session(client, start)
+            session = BrowserSession(client, start)
             with self._lock:
                 self._sessions[client.client_id] = session
 
@@ -76,7 +76,7 @@ class ViewServer:
 
     @property
     def address(self) -> str:
-        """Where a browser finds it."""
+        """Address for a browser."""
         name = "localhost" if self.host in ("0.0.0.0", "::", *LOCAL) else self.host
         return f"http://{name}:{self.port}"
 
@@ -90,7 +90,7 @@ class ViewServer:
 
 
 def _checked(host: str, port: int) -> int:
-    """The port, where it can be listened on; a free one for 0."""
+    """The port, once it is known to be usable; a free one for 0."""
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
     try:
         with socket.socket(family, socket.SOCK_STREAM) as probe:
@@ -104,7 +104,7 @@ def _checked(host: str, port: int) -> int:
 
 
 def _light(scene: viser.SceneApi) -> None:
-    """One lamp and a bright sky: a third of what the viewer's lamps and photographed sky cost to draw."""
+    """One lamp and a bright sky, at a third of the cost of viser's lamps and photographed sky."""
     scene.configure_default_lights(enabled=False)
     scene.configure_environment_map(None)
     scene.add_light_directional("/light/lamp", intensity=LAMP, position=(-0.35, -0.45, 1.0))
@@ -113,9 +113,9 @@ def _light(scene: viser.SceneApi) -> None:
 
 @contextlib.contextmanager
 def _own_pages(host: str) -> Iterator[None]:
-    """While the server starts: pages get our script; of a local one, other origins may not open its socket.
+    """Make the server that starts within this context add our script and refuse foreign origins.
 
-    Any page that a person visits could otherwise talk to a server on their own machine.
+    Without the check of origins, any web page that a person visits could use a server on their machine.
     """
     from websockets.asyncio import server
 

@@ -1,41 +1,42 @@
-"""What one browser's scene shows: the object, one answer, and the hand somewhere on its way."""
+"""The scene of one browser: the object, one answer, and the hand on its way."""
 
 from __future__ import annotations
 
 import contextlib
 import threading
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..exceptions import InputError
-from ..hands.load import load_hand
+from ..hands.load import recorded_hand
 from ..objects.mesh import TriangleMesh
+from ..pictures import Document, document_motion, plan_scene
 from ..types import Array
 from ..viewer.camera import Camera
-from ..viewer.draw import draw_hand, draw_object, draw_plan, move_hand
+from ..viewer.draw import draw_hand, draw_object, draw_plan, draw_scenery, move_hand
 from ..viewer.framing import fitting
 from ..viewer.hand_motion import HandMotion
 from ..viewer.plan_scene import PlanScene
 from .browser_canvas import SEE_THROUGH, BrowserCanvas
 from .gizmo import TaskGizmo
 from .physics_player import QUIET_GROUPS, Run, RunPlayer
-from .scenes import Document, document_motion, document_scene, friction_of
 
 if TYPE_CHECKING:
     import viser
 
 SOON = 0.25
-"""How long after a move of the camera its labels are tidied [s]."""
+"""Delay from a move of the camera to the next choice of the labels that have room [s]."""
 
 
 class Stage:
     """One browser's scene.
 
     Args:
-        client: the browser.
-        picked: called with the index of a plane whose card was clicked.
+        client: The browser.
+        picked: Called with the index of a plane whose card was clicked.
     """
 
     def __init__(self, client: viser.ClientHandle, picked: Callable[[int], None]) -> None:
@@ -46,6 +47,7 @@ class Stage:
         self._gizmo = TaskGizmo(client.scene, self._dragged)
         self._player = RunPlayer(self._canvas)
         self._hidden: set[str] = set()
+        self._scenery: tuple[float | str | None, Array] = (None, np.zeros((0, 2, 3)))
         self.gizmo_dragged: Callable[[Array], None] = lambda _: None
         self.run: Run | None = None
         self._lock = threading.RLock()
@@ -55,7 +57,7 @@ class Stage:
         self.selected: int | None = None
 
     def put(self, mesh: TriangleMesh) -> None:
-        """Another object, alone."""
+        """Show another object, alone."""
         with self._lock:
             self.mesh, self.selected = mesh, None
             self._gizmo.remove()
@@ -69,28 +71,43 @@ class Stage:
         document: Document | None,
         answer: Document | None,
         *,
-        friction: float = 0.6,
         rays: Sequence[Sequence[float]] | None = None,
         share: float = 1.0,
     ) -> None:
-        """Show one answer of a plan, or the object alone."""
+        """Show one answer of a plan, or the object alone with table and boxes of the panel."""
         with self._lock:
             if self.mesh is None:
                 return
             self.leave_run()
-            scene = document_scene(
-                self.mesh,
-                document,
-                answer,
-                friction=friction_of(answer, friction) if answer else friction,
-                rays=rays,
-            )
-            motion = document_motion(load_hand(answer["hand"]["name"]), answer) if answer else None
+            scene = plan_scene(document, self.mesh, None, answer, rays=rays)
+            if document is None:
+                scene = self._with_scenery(scene)
+            motion = document_motion(recorded_hand(answer["hand"]), answer) if answer else None
             self.scene, self.motion = scene, motion
             with self._client.atomic():
                 draw_plan(scene, self._canvas, selected=self.selected)
                 draw_hand(motion, self._canvas, share)
             self._moved()
+
+    def show_scenery(self, table: float | str | None, boxes: Sequence[Sequence[float]]) -> None:
+        """Show the table and the boxes that the panel states, in place of those that are shown.
+
+        Args:
+            table: Height along z [m], ``auto`` for the object's lowest point, or ``None``.
+            boxes: Six numbers each: lower and upper corner [m].
+        """
+        with self._lock:
+            self._scenery = table, np.array(boxes, dtype=np.float64).reshape(-1, 2, 3)
+            if self.scene is not None:
+                self.scene = self._with_scenery(self.scene)
+                with self._client.atomic():
+                    draw_scenery(self.scene.table, self.scene.boxes, self.scene, self._canvas)
+                self._moved()
+
+    def _with_scenery(self, scene: PlanScene) -> PlanScene:
+        table, boxes = self._scenery
+        height = float(scene.mesh.bounds[0, 2]) if isinstance(table, str) else table
+        return replace(scene, table=height, boxes=boxes)
 
     def move(self, share: float) -> None:
         """Move the hand to a share 0..1 of its way."""
@@ -101,7 +118,7 @@ class Stage:
                     move_hand(self.motion, self._canvas, share)
 
     def select(self, plane: int | None) -> None:
-        """Mark a plane's card."""
+        """Highlight a plane's card."""
         with self._lock:
             self.selected = plane
             if self.scene is not None:
@@ -130,7 +147,7 @@ class Stage:
                 draw_object(self.scene, self._canvas)
 
     def show_run(self, run: Run, frame: int) -> None:
-        """Show a sample of a run in simulated physics; what belongs to the plan is hidden meanwhile."""
+        """Show a sample of a run in simulated physics; the plan's drawing is hidden meanwhile."""
         with self._lock:
             if self.motion is None or self.mesh is None:
                 return
@@ -142,7 +159,7 @@ class Stage:
                 self._player.show(run, self.motion.links, frame, self.mesh)
 
     def leave_run(self) -> None:
-        """The plan again, where a run was shown."""
+        """Return from a run in simulated physics to the plan."""
         with self._lock:
             if self.run is None:
                 return
@@ -154,7 +171,7 @@ class Stage:
                 move_hand(self.motion, self._canvas, 1.0)
 
     def show_gizmo(self, displacement: Array | None) -> None:
-        """Show the gizmo of the task at a displacement (4, 4), or take it away."""
+        """Show the gizmo of the task at a displacement (4, 4), or remove it."""
         with self._lock:
             if displacement is None or self.mesh is None:
                 self._gizmo.remove()
@@ -162,12 +179,12 @@ class Stage:
                 self._gizmo.put(self.mesh, displacement)
 
     def move_gizmo(self, displacement: Array) -> None:
-        """Move the gizmo, where it is shown."""
+        """Move the gizmo, if it is shown."""
         with self._lock:
             self._gizmo.move(displacement)
 
     def look(self) -> None:
-        """Put the camera where everything is in the picture, seen across the approach plane."""
+        """Place the camera so that everything is in the picture, seen across the approach plane."""
         with self._lock:
             if self.scene is None:
                 return
@@ -180,7 +197,7 @@ class Stage:
             self._moved()
 
     def _moved(self) -> None:
-        """The camera has moved, or there are other labels: soon, those that overlap give way."""
+        """Choose soon which labels have room, because camera or labels have changed."""
         if not self._waiting:
             self._waiting = True
             timer = threading.Timer(SOON, self._declutter)
@@ -190,7 +207,7 @@ class Stage:
     def _declutter(self) -> None:
         self._waiting = False
         seen = self._client.camera
-        # A browser that has gone, or has not said yet where it looks, has no labels to tidy.
+        # A browser that is gone, or has not sent its camera yet, needs no choice of labels.
         with contextlib.suppress(AssertionError, InputError), self._lock:
             camera = Camera(
                 eye=seen.position, target=seen.look_at, up=seen.up_direction, fov=np.degrees(seen.fov)
@@ -199,7 +216,7 @@ class Stage:
                 self._canvas.declutter(camera, (seen.image_width, seen.image_height))
 
     def _size(self) -> tuple[int, int]:
-        """Width and height of the browser's picture; a guess before it has said."""
+        """Width and height of the browser's picture [pixels]; a guess before the browser has sent them."""
         try:
             seen = self._client.camera
             return max(1, int(seen.image_width)), max(1, int(seen.image_height))

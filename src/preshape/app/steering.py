@@ -1,78 +1,93 @@
-"""What a person asks for: object, task, hand and settings, read from the panel; the task also by dragging."""
+"""The request as it stands in a browser's panel; the task can also be dragged in the scene."""
 
 from __future__ import annotations
 
+import contextlib
 import math
+from dataclasses import replace
 from html import escape
 from typing import Any
 
 import numpy as np
 
 from ..exceptions import InputError
+from ..hiis.critic import Thresholds
 from ..hiis.planes import AXIS_NAMES
-from ..planner import check_analyser
+from ..planning.request import AUTO, PlanRequest, analyser_of
 from ..spatial import vector_from_rotation
 from ..tasks import displacement_of, family_names, parse_task, q_of_displacement
-from ..types import Array
+from ..types import FRICTION, Array
 from ..viewer import readings
-from .panel import ANY, SIX, UNITS, USUAL, Panel
+from .panel import ALTERNATIVES, ANY, AT_HEIGHT, NO_TABLE, SIX, UNITS, USUAL, Panel
 from .stage import Stage
-from .tuning import Tuning
-from .worker import Order
 
 
 class Steering:
-    """One browser's wishes.
+    """What one browser asks for.
 
     Args:
-        panel: where they are said.
-        stage: where the task can be dragged.
-        tuning: membership functions and contact coefficients.
+        panel: The panel that states it.
+        stage: The scene, in which the task can be dragged.
     """
 
-    def __init__(self, panel: Panel, stage: Stage, tuning: Tuning) -> None:
-        self._panel, self._stage, self._tuning = panel, stage, tuning
+    def __init__(self, panel: Panel, stage: Stage) -> None:
+        self._panel, self._stage = panel, stage
+        self._first_task = self.task()
         stage.gizmo_dragged = self.dragged
 
     @property
     def unit(self) -> str:
-        """Of an uploaded file."""
-        said = self._panel.unit.value
-        return said if said in UNITS else "m"
+        """Unit of an uploaded file."""
+        unit = self._panel.unit.value
+        return unit if unit in UNITS else "m"
 
     def choose_hand(self) -> None:
-        """The analyser follows the hand."""
-        self._panel.analyser.value = check_analyser(None, self._panel.hand.value)
+        """Select the hand's own analyser."""
+        self._panel.analyser.value = analyser_of(None, self._panel.hand.value)
+        self.show_load()
+
+    def show_load(self) -> None:
+        """Enable the widgets that concern the analyser, and show table and boxes in the scene."""
+        p = self._panel
+        closure = p.analyser.value != "rays"
+        for handle in (p.table, p.height, p.avoid):
+            handle.disabled = not closure
+        for handle in (p.mass, p.friction):
+            handle.disabled = not (closure or p.verify.value)
+        p.height.visible = p.table.value == AT_HEIGHT
+        # Numbers that are half typed leave the scene as it is.
+        with contextlib.suppress(InputError):
+            self._stage.show_scenery(self._table(), self._boxes())
 
     def show_task(self) -> None:
-        """Sliders, words and gizmo show the task that is named, or the six numbers."""
+        """Show the named task, or the six numbers, with sliders, words and gizmo."""
         task = parse_task(self.task())
         if self._panel.task.value in family_names():
             for slider, number in zip(self._panel.numbers, task.q, strict=True):
                 slider.value = float(number)
         motion = displacement_of(task)
-        self._say(motion, task.means)
+        self._describe(motion, task.means)
         self._stage.move_gizmo(motion)
 
     def use_numbers(self) -> None:
-        """A slider was moved: the task is six numbers now."""
+        """Take the six numbers as the task, because a slider was moved."""
         self._panel.task.value = SIX
         self.show_task()
 
     def dragged(self, displacement: Array) -> None:
-        """The gizmo was dragged: the task is this displacement's Q, as the paper derives it."""
+        """Take the Q of the gizmo's displacement (4, 4) as the task, as the paper derives it."""
         self._panel.task.value = SIX
         for slider, number in zip(self._panel.numbers, q_of_displacement(displacement), strict=True):
             slider.value = float(np.round(number, 3))
-        self._say(displacement, "")
+        self._describe(displacement, "")
 
     def switch_gizmo(self) -> None:
-        """Show the gizmo, or take it away."""
+        """Show or hide the gizmo."""
         on = bool(self._panel.drag.value)
         self._stage.show_gizmo(displacement_of(parse_task(self.task())) if on else None)
 
     def take(self, offer: str) -> None:
-        """An offered task becomes the task, as ``lift:+z``."""
+        """Take an offered task, such as ``lift:+z``."""
         name, _, axis = offer.partition(":")
         self._panel.task.value = name
         self._panel.axis.value = axis if axis in AXIS_NAMES else USUAL
@@ -85,36 +100,81 @@ class Steering:
             return " ".join(f"{slider.value:.3f}" for slider in self._panel.numbers)
         return f"{name}:{axis}" if axis in AXIS_NAMES and axis != USUAL else str(name)
 
-    def order(self, source: str, unit: str, scale: float, memory: str | None) -> Order:
-        """Everything that is asked for.
+    def request(self, base: PlanRequest) -> PlanRequest:
+        """The request as the panel states it.
+
+        Args:
+            base: Gives what the panel does not show: object, seed, size of the search and memory; its task is
+                kept exactly as long as the panel's task is not changed.
 
         Raises:
-            InputError: a hand that is not in the list.
+            InputError: A hand that is not in the list, or numbers that cannot be used.
         """
         p = self._panel
         if p.hand.value not in p.hand.options:
             raise InputError(f"no hand {p.hand.value!r:.60} here; choose one of the list")
-        return Order(
-            source=source,
-            unit=unit,
-            scale=scale,
-            task=self.task(),
+        text = self.task()
+        own_gravity = not np.array_equal(np.asarray(base.gravity), np.asarray(base.asked.gravity))
+        loaded = p.analyser.value != "rays"
+        limits = Thresholds(estimation=float(p.estimation.value), recognition=float(p.recognition.value))
+        return replace(
+            base,
+            task=base.asked if text == self._first_task else parse_task(text),
+            gravity=base.gravity if own_gravity else None,
             hand=str(p.hand.value),
             analyser=str(p.analyser.value),
-            estimation=float(p.estimation.value),
-            recognition=float(p.recognition.value),
-            friction=float(p.friction.value),
-            mass=float(p.mass.value),
-            approaches="" if p.approach.value == ANY else str(p.approach.value),
-            memory=memory,
-            corners=self._tuning.corners,
-            shape=self._tuning.shape,
-            coefficients=self._tuning.coefficients,
+            mass=self._mass() if loaded or p.verify.value else None,
+            friction=float(p.friction.value) if loaded or p.verify.value else None,
+            table=self._table(),
+            avoid=self._boxes(),
+            approaches=None if p.approach.value == ANY else str(p.approach.value),
+            count=1 + ALTERNATIVES,
+            learn=bool(p.learn.value),
+            verify=bool(p.verify.value),
+            settings=replace(
+                base.settings,
+                thresholds=limits,
+                sets=p.tuning.sets,
+                coefficients=p.tuning.coefficients,
+            ),
+            search=replace(base.search, mass=None, friction=FRICTION),
         )
 
-    def _say(self, displacement: Array, means: str) -> None:
-        told = f"{escape(means)}<br>" if means else ""
-        words = f'<p class="quiet">{told}{motion_words(displacement)}</p>'
+    def _mass(self) -> float | None:
+        """The stated mass [kg]; ``None`` for the object's own."""
+        text = str(self._panel.mass.value).strip()
+        try:
+            mass = float(text or 0.0)
+        except ValueError:
+            mass = math.nan
+        if not 0.0 <= mass < math.inf:
+            raise InputError(
+                f"mass is a number of kilograms, or empty for the object's own, got {text!r:.40}"
+            )
+        return mass or None
+
+    def _table(self) -> float | str | None:
+        """The stated table; ``None`` where there is none, or where the analyser knows none."""
+        p = self._panel
+        if p.analyser.value == "rays" or p.table.value == NO_TABLE:
+            return None
+        return float(p.height.value) if p.table.value == AT_HEIGHT else AUTO
+
+    def _boxes(self) -> tuple[tuple[float, ...], ...]:
+        """The stated boxes, six numbers each; none where the analyser knows none."""
+        p = self._panel
+        lines = [] if p.analyser.value == "rays" else str(p.avoid.value).splitlines()
+        try:
+            boxes = [tuple(map(float, line.replace(",", " ").split())) for line in lines if line.strip()]
+        except ValueError as error:
+            raise InputError(f"a box to avoid is six numbers, x0 y0 z0 x1 y1 z1 [m]: {error}") from error
+        if any(len(box) != 6 for box in boxes):
+            raise InputError("a box to avoid is six numbers on a line of its own, x0 y0 z0 x1 y1 z1 [m]")
+        return tuple(boxes)
+
+    def _describe(self, displacement: Array, means: str) -> None:
+        first = f"{escape(means)}<br>" if means else ""
+        words = f'<p class="quiet">{first}{motion_words(displacement)}</p>'
         self._panel.task_note.content = readings.wrapped(words)
 
 

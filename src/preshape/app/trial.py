@@ -1,4 +1,4 @@
-"""One browser's run in simulated physics: the moment that is shown, the words and the table."""
+"""The run in simulated physics in one browser: the shown moment, its words and the table of pushes."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from .stage import Stage
 
 
 class Trial:
-    """The run of the shown answer, where it was simulated.
+    """The run of the shown answer, if it was simulated.
 
     Args:
-        panel: where it is read.
-        stage: where it is seen.
+        panel: The panel that shows words and table.
+        stage: The scene that shows the moment.
     """
 
     def __init__(self, panel: Panel, stage: Stage) -> None:
@@ -24,7 +24,7 @@ class Trial:
         self._run: Run | None = None
 
     def take(self, said: dict[str, Any]) -> None:
-        """A run has come: the table is shown, and the end of the first push that was not held, or of all."""
+        """Show a run: its table, and the end of the first push that was not held, or of the whole run."""
         p = self._panel
         self._run = run_of(said)
         p.run_report.content = readings.wrapped(self._run.report)
@@ -33,7 +33,7 @@ class Trial:
         self.show(lost[-1] / max(1, len(self._run) - 1) if lost else 1.0)
 
     def drop(self) -> None:
-        """Another answer is shown: it has no run yet."""
+        """Remove the run, because another answer is shown."""
         p = self._panel
         self._run = None
         p.moment.visible = p.replay.visible = False
@@ -41,7 +41,7 @@ class Trial:
         self._stage.leave_run()
 
     def show(self, share: float) -> None:
-        """Show the moment at a share 0..1 of the run."""
+        """Show the moment at a share 0..1 of the run, if there is a run."""
         run = self._run
         if run is not None:
             frame = round(min(1.0, max(0.0, share)) * (len(run) - 1))

@@ -1,4 +1,4 @@
-"""Membership functions and contact coefficients: curves whose points can be dragged, and a way back."""
+"""Membership functions and contact coefficients as curves whose points can be dragged."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..hiis.decision import Settings
 from ..hiis.fuzzy import SET_NAMES, SHAPES, FuzzySets
 from ..types import ContactCoefficients
 from ..viewer import readings
@@ -17,24 +18,24 @@ if TYPE_CHECKING:
 
 MOST = 1.5
 """Largest coefficient that can be set."""
-WORDS = "Friction along the approach, friction across it, normal force, moment about the normal"
 
 
 class Tuning:
     """The widgets, and the settings that they stand for.
 
     Args:
-        gui: the panel; the widgets are made where it is just now.
+        gui: The panel; the widgets are added where it adds widgets now.
+        settings: What the widgets show at first.
     """
 
-    def __init__(self, gui: viser.GuiApi) -> None:
-        self._corners = np.array(FuzzySets().corners)
-        self._four = (0.0, 0.0, 0.0, 0.0)
+    def __init__(self, gui: viser.GuiApi, settings: Settings) -> None:
+        self._corners = np.array(settings.sets.corners)
+        self.coefficients = settings.coefficients
         gui.add_html(
             readings.wrapped(
                 "<h3>Membership functions</h3><p class='quiet'>Seven sets name every number from strongly "
                 "backward to strongly forward; a task and a grasp agree where they share sets. "
-                "Drag the corners of the chosen one; Plan uses them.</p>"
+                "Drag the corners of the chosen set; the next plan uses them.</p>"
             )
         )
         self.which = gui.add_dropdown("Set", SET_NAMES, initial_value="ZERO")
@@ -42,26 +43,26 @@ class Tuning:
         self.corner = gui.add_text(
             CORNERS, "", hint="Feet and shoulders of the chosen set, from left to right"
         )
-        self.kind = gui.add_dropdown("Shape", SHAPES, initial_value=FuzzySets().shape)
+        self.kind = gui.add_dropdown("Shape", SHAPES, initial_value=settings.sets.shape)
         self.reset_sets = gui.add_button("Reset the membership functions", color="gray")
         gui.add_html(
             readings.wrapped(
-                "<h3>Contact coefficients</h3><p class='quiet'>What one finger's contact gives for each unit "
-                "that it presses with; the net wrench is their sum. ka: friction along the approach, ko: "
-                "across it, kn: normal force, mn: moment about the normal. Drag the ends.</p>"
+                "<h3>Contact coefficients</h3><p class='quiet'>Force and moment of one finger's contact per "
+                "unit of normal force; the net wrench is their sum. ka: friction along the approach, ko: "
+                "friction across it, kn: normal force, mn: moment about the normal. Drag the ends.</p>"
             )
         )
         self.lines = gui.add_html("")
-        self.numbers = gui.add_text(COEFFICIENTS, "", hint=WORDS)
+        self.numbers = gui.add_text(COEFFICIENTS, "", hint="The four coefficients ka, ko, kn and mn")
         self.reset_coefficients = gui.add_button("Reset the coefficients", color="gray")
         self.choose()
-        self.undo_coefficients()
+        self._show_coefficients()
 
     def wire(self, on: Callable[[Any, Callable[[], None]], None]) -> None:
-        """Answer to the widgets.
+        """Connect the widgets.
 
         Args:
-            on: how a widget is bound to what it does.
+            on: Connects a widget to the function that its change calls.
         """
         on(self.which, self.choose)
         on(self.corner, self.drag)
@@ -72,56 +73,44 @@ class Tuning:
 
     @property
     def sets(self) -> FuzzySets:
-        """The membership functions as they are drawn."""
+        """The membership functions as drawn."""
         kind = self.kind.value if self.kind.value in SHAPES else SHAPES[0]
         return FuzzySets(corners=self._corners, shape=kind)
 
-    @property
-    def corners(self) -> tuple[float, ...]:
-        """28 numbers, four of each set."""
-        return tuple(float(c) for c in self._corners.ravel())
-
-    @property
-    def shape(self) -> str:
-        """Name of the functions' shape."""
-        return self.sets.shape
-
-    @property
-    def coefficients(self) -> tuple[float, ...]:
-        """The four coefficients, in the order of ``PARTS``."""
-        return self._four
-
     def choose(self) -> None:
-        """Another set is to be dragged."""
+        """Show the corners of the chosen set."""
         self.corner.value = " ".join(f"{c:g}" for c in self._corners[self._index])
         self._draw()
 
     def drag(self) -> None:
-        """A corner was dragged, or typed; what is no four numbers in order waits until it is."""
+        """Take the corners of the text box, once they are four numbers in order."""
         four = _four_numbers(self.corner.value, -EDGE, EDGE)
         if four is not None and sorted(four) == list(four):
             self._corners[self._index] = four
             self._draw()
 
     def drag_coefficients(self) -> None:
-        """A coefficient was dragged, or typed."""
+        """Take the coefficients of the text box, once they are four numbers."""
         four = _four_numbers(self.numbers.value, 0.0, MOST)
         if four is not None:
-            self._four = four
+            self.coefficients = ContactCoefficients(ka=four[0], ko=four[1], kn=four[2], mn=four[3])
             self._draw()
 
     def undo_sets(self) -> None:
-        """The paper's membership functions again."""
+        """Return to the paper's membership functions."""
         usual = FuzzySets()
         self._corners = np.array(usual.corners)
         self.kind.value = usual.shape
         self.choose()
 
     def undo_coefficients(self) -> None:
-        """The default coefficients again."""
-        usual = ContactCoefficients()
-        self._four = (usual.ka, usual.ko, usual.kn, usual.mn)
-        self.numbers.value = " ".join(f"{c:g}" for c in self._four)
+        """Return to the default coefficients."""
+        self.coefficients = ContactCoefficients()
+        self._show_coefficients()
+
+    def _show_coefficients(self) -> None:
+        c = self.coefficients
+        self.numbers.value = " ".join(f"{number:g}" for number in (c.ka, c.ko, c.kn, c.mn))
         self._draw()
 
     @property
@@ -132,13 +121,11 @@ class Tuning:
         changed = not np.allclose(self._corners, FuzzySets().corners) or self.kind.value != FuzzySets().shape
         note = "<p class='quiet'>Changed: answers no longer compare with the paper's.</p>" if changed else ""
         self.curve.content = readings.wrapped(membership_svg(self.sets, self._index), note)
-        ka, ko, kn, mn = self._four
-        drawn = coefficient_svg(ContactCoefficients(ka=ka, ko=ko, kn=kn, mn=mn), MOST)
-        self.lines.content = readings.wrapped(drawn)
+        self.lines.content = readings.wrapped(coefficient_svg(self.coefficients, MOST))
 
 
 def _four_numbers(text: str, low: float, high: float) -> tuple[float, float, float, float] | None:
-    """Four numbers within bounds; ``None`` where the text is something else."""
+    """Four numbers within bounds; ``None`` for any other text."""
     try:
         a, b, c, d = (float(word) for word in str(text).split())
     except ValueError:

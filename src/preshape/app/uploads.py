@@ -1,4 +1,4 @@
-"""Uploaded meshes: kept in a temporary folder under names of our own, checked before anything reads them."""
+"""Uploaded meshes, written to a temporary folder under safe names, and checked before anything reads them."""
 
 from __future__ import annotations
 
@@ -10,22 +10,22 @@ from ..exceptions import EnvironmentFailure, InputError
 from ..objects.load import SUFFIXES
 
 LARGEST = 200 * 2**20
-"""Bytes of an upload at most."""
+"""Most bytes of an upload."""
 
 
 class Uploads:
-    """One browser's uploads; gone when it closes."""
+    """The uploads of one browser, deleted when it closes."""
 
     def __init__(self) -> None:
         self._folder: tempfile.TemporaryDirectory[str] | None = None
         self._count = 0
 
     def keep(self, name: str, content: bytes) -> Path:
-        """Write an upload into a folder of its own; of its name only letters, digits, ``-`` and ``_`` stay.
+        """Write an upload to a folder of its own; its name keeps only letters, digits, ``-`` and ``_``.
 
         Raises:
-            InputError: a file of a kind that is not read, or a too large one.
-            EnvironmentFailure: it cannot be written.
+            InputError: The file is too large, or of a kind that is not read.
+            EnvironmentFailure: The file cannot be written.
         """
         bare = name.replace("\\", "/").rsplit("/", 1)[-1].replace("\0", "")
         stem, dot, suffix = bare.rpartition(".")
@@ -49,7 +49,7 @@ class Uploads:
         return path
 
     def close(self) -> None:
-        """Delete them."""
+        """Delete the uploads."""
         if self._folder is not None:
             self._folder.cleanup()
             self._folder = None

@@ -1,4 +1,4 @@
-"""What a browser reads while its planner works: words and seconds, a bar, and a button that cancels."""
+"""What a browser shows while its planner works: words and seconds, a bar, and a button that cancels."""
 
 from __future__ import annotations
 
@@ -9,56 +9,57 @@ from collections.abc import Callable
 from .panel import Panel
 
 LONG = 1.0
-"""From when on the seconds are told [s]."""
+"""Time after which the seconds are shown [s]."""
 
 
 class Waiting:
     """The time between a request and its last reply.
 
     Args:
-        panel: where it is read.
-        say: writes a headline: its kind, its title and words.
+        panel: The panel that shows it.
+        say: Writes a headline: its kind, title and words.
     """
 
     def __init__(self, panel: Panel, say: Callable[[str, str, str], None]) -> None:
         self._panel, self._say = panel, say
         self._words, self._since, self._open = "", 0.0, False
-        # What is told last must not come after the end.
+        # A last update of the headline must not come after the end.
         self._lock = threading.Lock()
-        self._aloud: Callable[[], bool] = lambda: True
+        self._owns_headline: Callable[[], bool] = lambda: True
 
-    def begin(self, words: str, aloud: Callable[[], bool]) -> None:
-        """A request is about to be sent.
+    def begin(self, words: str, owns_headline: Callable[[], bool]) -> None:
+        """Show that work begins; called before the request is sent.
 
         Args:
-            words: what will be done.
-            aloud: whether the headline still belongs to it; an answer that has come takes its place.
+            words: The work.
+            owns_headline: Whether the headline still belongs to the work; an answer takes its place.
         """
         p = self._panel
         with self._lock:
-            self._words, self._since, self._aloud, self._open = words, time.monotonic(), aloud, True
+            self._words, self._since, self._open = words, time.monotonic(), True
+            self._owns_headline = owns_headline
             p.progress.value = 2
             p.progress.visible = p.cancel.visible = True
             p.run.disabled = p.teach.disabled = True
             self._say("warn", "Working", f"{words} …")
 
     def watch(self) -> None:
-        """It was sent: tell the seconds until it is answered."""
+        """Show the seconds until the end; called after the request was sent."""
         threading.Thread(target=self._tick, daemon=True).start()
 
     def progress(self, words: str, share: float) -> None:
-        """The planner said what it does, and its share in percent."""
+        """Show what the planner does, and its share of the whole in percent."""
         self._words = words
         self._panel.progress.value = share
         self._tell()
 
     def quiet(self) -> None:
-        """An answer has come: from now on the headline is its own, though the end was not told yet."""
+        """Leave the headline to the answer that has come, although the work goes on."""
         with self._lock:
-            self._aloud = lambda: False
+            self._owns_headline = lambda: False
 
     def end(self) -> None:
-        """It was answered, or will not be."""
+        """Hide bar and button, because the work is done or was stopped."""
         p = self._panel
         with self._lock:
             self._open = False
@@ -75,6 +76,6 @@ class Waiting:
     def _tell(self) -> None:
         with self._lock:
             passed = time.monotonic() - self._since
-            if self._open and self._aloud():
+            if self._open and self._owns_headline():
                 seconds = f" {passed:.0f} s" if passed > LONG else ""
                 self._say("warn", "Working", f"{self._words} …{seconds}")

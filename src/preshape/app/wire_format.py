@@ -1,4 +1,4 @@
-"""Arrays as text between the server and a planner's process."""
+"""Arrays as text between the server and a planner process."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 
 
 def encoded(array: Any, kind: str) -> str:
-    """An array as text: its bytes in base 64.
+    """The bytes of an array in base 64.
 
     >>> decoded(encoded([[1.0, 2.0], [3.0, 4.0]], "<f8"), "<f8", 2).tolist()
     [[1.0, 2.0], [3.0, 4.0]]
@@ -18,5 +18,5 @@ def encoded(array: Any, kind: str) -> str:
 
 
 def decoded(text: str, kind: str, width: int) -> Any:
-    """The array (n, width) of :func:`encoded`."""
+    """The array (n, width) that :func:`encoded` wrote."""
     return np.frombuffer(base64.b64decode(text), dtype=kind).reshape(-1, width)

@@ -1,16 +1,17 @@
 """The planner in a process of its own, one for each browser: requests and replies are lines of JSON.
 
-Killed at any moment it loses nothing that the memory has acknowledged; so cancelling is killing, and neither
-a broken mesh nor a long search touches the server or another browser. Requests, each with a number ``id``:
+The worker may be killed at any moment without loss of anything that the memory has acknowledged. Cancelling
+is therefore killing, and neither a broken mesh nor a long search affects the server or another browser. Each
+message has a number ``id``; ``request`` is a :class:`~preshape.planning.request.PlanRequest` as JSON:
 
-- ``{"do": "load", "source", "unit", "scale"}`` gives ``{"mesh"}``, reduced for the eye;
-- ``{"do": "plan" | "teach", ...}`` (see :class:`Order`) gives ``{"document", "rays", "whole"}``, first with
-  the answer alone, then again with every alternative that the hand has tried;
-- ``{"do": "simulate", "source", "unit", "scale", "hand", "friction", "mass"}``, the hand being an answer's in
-  JSON, gives ``{"run"}`` (see :func:`~preshape.app.physics_run.hold_run`).
+- ``{"do": "load", "request"}`` gives ``{"mesh"}``, reduced for display;
+- ``{"do": "plan" | "teach", "request"}`` gives ``{"document", "rays", "whole"}``, first with the answer
+  alone, then again with each alternative that the hand has tried; ``whole`` marks the last;
+- ``{"do": "simulate", "request", "answer"}``, an answer being a plan's document, gives ``{"run"}`` (see
+  :func:`~preshape.app.physics_run.hold_run`).
 
-Every reply repeats the ``id``; ``{"progress", "share"}`` come between; the last is ``{"done": true}`` or
-``{"error": sentence}``.
+Every reply repeats the ``id``. Replies ``{"progress", "share"}`` come between; the last reply is
+``{"done": true}`` or ``{"error": sentence}``.
 """
 
 from __future__ import annotations
@@ -19,124 +20,90 @@ import importlib
 import json
 import os
 import sys
-import time
 from collections.abc import Callable
-from dataclasses import fields
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ..exceptions import PreshapeError
-from ..hiis.fuzzy import FuzzySets
-from ..types import ContactCoefficients, freeze, frozen_array, value
 from .wire_format import encoded
 
-ALTERNATIVES = 5
-"""Other answers that are looked for."""
-
-USUAL = ContactCoefficients()
+if TYPE_CHECKING:
+    from ..planning.plan import Plan
+    from ..planning.request import PlanRequest
+    from ..planning.session import Session
 
 Say = Callable[[dict[str, Any]], None]
 
 
-@value
-class Order:
-    """What is to be planned.
-
-    Attributes:
-        source: a library object, or a mesh file.
-        unit: of the file.
-        scale: factor on the size.
-        task: a name, or six numbers as text.
-        hand: its name.
-        analyser: ``rays`` or ``closure``.
-        estimation: the critic's threshold, 0..6.
-        recognition: from which match an object counts as known, 0..6.
-        friction: for the closure analyser.
-        mass: of the object, for the closure analyser [kg].
-        approaches: allowed approach axes, as ``+z,-x``; empty for all.
-        memory: its file; ``None`` for the user's.
-        corners: 28 numbers, four corners of each membership function.
-        shape: of the membership functions.
-        coefficients: ka, ko, kn, mn of the contact model.
-    """
-
-    source: str
-    unit: str = "m"
-    scale: float = 1.0
-    task: str = "lift"
-    hand: str = "utah_mit"
-    analyser: str = "rays"
-    estimation: float = 3.0
-    recognition: float = 5.0
-    friction: float = 0.6
-    mass: float = 0.1
-    approaches: str = ""
-    memory: str | None = None
-    corners: tuple[float, ...] = tuple(float(c) for c in FuzzySets().corners.ravel())
-    shape: str = FuzzySets().shape
-    coefficients: tuple[float, ...] = (USUAL.ka, USUAL.ko, USUAL.kn, USUAL.mn)
-
-    def __post_init__(self) -> None:
-        freeze(self, corners=tuple(self.corners), coefficients=tuple(self.coefficients))
-
-    @property
-    def sets(self) -> FuzzySets:
-        """The membership functions."""
-        return FuzzySets(corners=frozen_array(self.corners, (28,), "corners").reshape(7, 4), shape=self.shape)
-
-    @property
-    def contact(self) -> ContactCoefficients:
-        """The contact model's coefficients."""
-        ka, ko, kn, mn = frozen_array(self.coefficients, (4,), "contact coefficients")
-        return ContactCoefficients(ka=ka, ko=ko, kn=kn, mn=mn)
-
-
-def order_fields(order: Order) -> dict[str, Any]:
-    """An order as plain values."""
-    return {f.name: getattr(order, f.name) for f in fields(Order)}
-
-
 class Worker:
-    """Answers requests one after the other; keeps the last object and its rays.
+    """Answers messages one after the other, with one planning session for each memory file.
 
     Args:
-        say: sends a reply.
+        say: Sends a reply.
     """
 
     def __init__(self, say: Say) -> None:
         self.say = say
-        self._mesh: tuple[Any, Any] | None = None
-        self._element: tuple[Any, Any] | None = None
+        self._number: Any = None
+        self._sessions: dict[str | None, Session] = {}
 
-    def answer(self, request: dict[str, Any]) -> None:
-        """Do what a request says; errors become a reply."""
-        number = request.get("id")
+    def answer(self, message: dict[str, Any]) -> None:
+        """Do what a message asks for; errors become a reply."""
+        from ..planning.request import PlanRequest
 
-        def say(reply: dict[str, Any]) -> None:
-            self.say({**reply, "id": number})
-
+        self._number = message.get("id")
         try:
-            if request["do"] == "load":
-                self._load(request, say)
-            elif request["do"] == "simulate":
-                self._simulate(request, say)
+            request = PlanRequest.from_json(message["request"])
+            session = self._session(request)
+            if message["do"] == "load":
+                self._load(session, request)
+            elif message["do"] == "simulate":
+                self._simulate(session, request, message["answer"])
+            elif message["do"] == "teach":
+                self._tell(session.teach(request), whole=True)
             else:
-                order = Order(**{k: v for k, v in request.items() if k not in ("do", "id")})
-                self._plan(order, say, teach=request["do"] == "teach")
-            say({"done": True})
+                plan = session.run(request, partial=lambda plan: self._tell(plan, whole=False))
+                self._tell(plan, whole=True)
+            self._reply({"done": True})
         except PreshapeError as error:
-            say({"error": str(error)})
+            self._reply({"error": str(error)})
         except MemoryError:
-            say({"error": "not enough memory for this object; simplify the mesh"})
+            self._reply({"error": "not enough memory for this object; simplify the mesh"})
         except Exception as error:
-            say({"error": f"internal fault ({type(error).__name__}: {error}); please report it"})
+            fault = f"{type(error).__name__}: {error}"
+            self._reply({"error": f"internal fault ({fault}); please report it"})
 
-    def _load(self, request: dict[str, Any], say: Say) -> None:
-        from .scenes import light_mesh
+    def close(self) -> None:
+        """Close the memories."""
+        for session in self._sessions.values():
+            session.close()
+        self._sessions.clear()
 
-        say({"progress": "reading the object", "share": 20})
-        mesh = self._object(request["source"], request["unit"], request["scale"])
+    def _session(self, request: PlanRequest) -> Session:
+        from ..planning.session import Session
+
+        if request.memory not in self._sessions:
+            self._sessions[request.memory] = Session(request.memory, progress=self._progress)
+        return self._sessions[request.memory]
+
+    def _reply(self, reply: dict[str, Any]) -> None:
+        self.say({**reply, "id": self._number})
+
+    def _progress(self, words: str, share: float) -> None:
+        self._reply({"progress": words, "share": share})
+
+    def _tell(self, plan: Plan, *, whole: bool) -> None:
+        from ..planning.document import plan_to_json
+        from ..planning.output import ray_origins
+
+        self._reply({"document": plan_to_json(plan), "rays": ray_origins(plan), "whole": whole})
+
+    def _load(self, session: Session, request: PlanRequest) -> None:
+        from ..pictures import light_mesh
+
+        self._progress("reading the object", 20)
+        mesh = session.mesh(request)
         light = light_mesh(mesh)
-        say(
+        self._reply(
             {
                 "mesh": {
                     "name": mesh.name,
@@ -148,106 +115,21 @@ class Worker:
             }
         )
 
-    def _simulate(self, request: dict[str, Any], say: Say) -> None:
-        from ..hands.load import load_hand
+    def _simulate(self, session: Session, request: PlanRequest, answer: dict[str, Any]) -> None:
+        from ..hands.load import recorded_hand
+        from ..planning.document import planned_load
         from .physics_run import hold_run
 
-        mesh = self._object(request["source"], request["unit"], request["scale"])
-        hand = load_hand(request["hand"]["name"])
+        mass, friction = planned_load(answer)
         run = hold_run(
-            hand,
-            mesh,
-            request["hand"],
-            friction=float(request["friction"]),
-            mass=float(request["mass"]),
-            progress=lambda words, share: say({"progress": words, "share": share}),
+            recorded_hand(answer["hand"]),
+            session.mesh(request),
+            answer["hand"],
+            friction=friction,
+            mass=mass,
+            progress=self._progress,
         )
-        say({"run": run})
-
-    def _plan(self, order: Order, say: Say, *, teach: bool) -> None:
-        from ..hands.load import load_hand
-        from ..hiis.analyser import VirtualGrasp
-        from ..hiis.controller import Controller
-        from ..hiis.critic import Thresholds
-        from ..hiis.decision import Settings
-        from ..memory import Memory
-        from ..planner import Plan, check_analyser, execute, layout_of
-        from ..planning.document import plan_to_json
-        from ..tasks import parse_task
-
-        start = time.perf_counter()
-        say({"progress": "reading object, task and hand", "share": 5})
-        mesh = self._object(order.source, order.unit, order.scale)
-        hand, task = load_hand(order.hand), parse_task(order.task)
-        kind = check_analyser(order.analyser, order.hand)
-        layout = layout_of(hand)
-        settings = Settings(
-            thresholds=Thresholds(estimation=order.estimation, recognition=order.recognition),
-            sets=order.sets,
-            coefficients=order.contact,
-        )
-        say({"progress": "waking the memory (a hand's first time: a lesson with the cube)", "share": 12})
-        loaded = time.perf_counter()
-        with Memory.open(order.memory) as store:
-            if kind == "closure":
-                controller = self._closing(store, hand, layout, settings, order, task.gravity)
-                element = controller.prepare(mesh)
-            else:
-                controller = Controller(store, layout, settings=settings)
-                key = (id(mesh), order.hand, order.corners, order.shape, order.coefficients)
-                if self._element is None or self._element[0] != key:
-                    self._element = key, controller.prepare(mesh)
-                element = self._element[1]
-            prepared = time.perf_counter()
-            allowed = order.approaches or None
-            if teach:
-                say({"progress": "mode 3: exploring all planes and learning", "share": 35})
-                decision = controller.teach(element, task, approaches=allowed)
-            else:
-                say({"progress": "modes 0 to 3: looking for grasps that match", "share": 35})
-                decision = controller.run(element, task, approaches=allowed, count=1 + ALTERNATIVES)
-        found = [decision.grasp] if decision.grasp is not None else []
-        found += list(decision.alternatives)
-        answers: list[Any] = []
-        for k, grasp in enumerate(found or [None]):
-            if grasp is not None:
-                share = 60 + 40 * k // len(found)
-                say({"progress": f"the hand tries answer {k + 1} of {len(found)}", "share": share})
-                answers.append(execute(hand, mesh, grasp))
-            end = time.perf_counter()
-            made = Plan(
-                mesh=mesh,
-                source=order.source,
-                hand=hand,
-                settings=settings,
-                decision=decision,
-                answer=answers[0] if answers else None,
-                alternatives=tuple(answers[1:]),
-                seconds={
-                    "load": loaded - start,
-                    "prepare": prepared - loaded,
-                    "search": end - prepared,
-                    "total": end - start,
-                },
-            )
-            rays = [a.grasp.ray_origins.tolist() for a in answers if isinstance(a.grasp, VirtualGrasp)]
-            whole = len(answers) == len(found)
-            say({"document": plan_to_json(made), "rays": rays, "whole": whole})
-
-    def _closing(self, store: Any, hand: Any, layout: Any, settings: Any, order: Order, gravity: Any) -> Any:
-        from ..closure.settings import ClosureSettings
-        from ..closure_control import closure_controller
-
-        closure = ClosureSettings(friction=order.friction, mass=order.mass)
-        return closure_controller(store, hand, layout, settings=settings, closure=closure, gravity=gravity)
-
-    def _object(self, source: str, unit: str, scale: float) -> Any:
-        from ..objects.load import load_object
-
-        key = (source, unit, scale)
-        if self._mesh is None or self._mesh[0] != key:
-            self._mesh = key, load_object(source, unit=unit, scale=scale)
-        return self._mesh[1]
+        self._reply({"run": run})
 
 
 def main() -> None:
@@ -261,7 +143,7 @@ def main() -> None:
 
     try:
         # Imported before the first click, so that it is answered at once.
-        for name in ("..hiis.controller", "..planning.document", "..memory", "..planner", "..kernels.rays"):
+        for name in ("..planning.session", "..planning.output", "..pictures", "..kernels.rays"):
             importlib.import_module(name, __package__)
         for name in ("scipy.optimize", "scipy.spatial", "trimesh", "embreex.rtcore_scene", "mujoco", "fcl"):
             importlib.import_module(name)

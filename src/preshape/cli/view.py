@@ -3,49 +3,53 @@
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
+from click.core import ParameterSource
 
-from ..exceptions import EnvironmentFailure, InputError
-from .options import memory_option
+from ..exceptions import EnvironmentFailure, InputError, PreshapeError
+from .options import TableCommand, boxes_from, closure_options, memory_option, object_options, request_from
 
 if TYPE_CHECKING:
-    from ..app.session import Start
+    from ..app.browser_session import Start
+    from ..planning.request import PlanRequest
+
+FOR_PLANS = ("mass", "friction", "table", "avoid", "memory")
+"""Options that may change the request of a plan."""
 
 
-@click.command(epilog="Example: preshape view mug --task pour, or preshape view out/demo/plan.json")
+@click.command(
+    cls=TableCommand, epilog="Example: preshape view mug --task pour, or preshape view out/demo/plan.json"
+)
 @click.argument("thing", metavar="[OBJECT | PLAN.json]", default="mug")
 @click.option("--task", metavar="TASK", help='A name (preshape tasks) or "Tx Ty Tz Rx Ry Rz".')
-@click.option("--hand", default="utah_mit", show_default=True, metavar="HAND", help="See preshape hands.")
-@click.option("--unit", default="m", show_default=True, metavar="m|cm|mm|in", help="Unit of the file.")
-@click.option("--scale", type=float, default=1.0, show_default=True, help="Factor on the object's size.")
+@object_options
+@closure_options
 @click.option(
     "--host",
     default="127.0.0.1",
-    show_default=True,
     help="Address to listen on; with another than this, whoever reaches it can use the app.",
 )
-@click.option("--port", type=int, default=8080, show_default=True, help="0 for any free one.")
+@click.option("--port", type=int, default=8080, help="Port to listen on; 0 for any free one.")
 @memory_option
-def view(
-    thing: str,
-    task: str | None,
-    hand: str,
-    unit: str,
-    scale: float,
-    host: str,
-    port: int,
-    memory: str | None,
-) -> int:
+def view(thing: str, task: str | None, host: str, port: int, **options: Any) -> int:
     """Choose objects and tasks, see why a grasp was chosen, and teach, in the browser.
 
-    Works offline and is local only, unless --host says otherwise. Ctrl-C ends it; what was learnt is kept.
+    A plan is shown as it is; what the browser plans next starts from the plan's own request. Works offline
+    and is local only, unless --host says otherwise. Ctrl-C ends it; what was learnt is kept.
     """
-    if memory == ":memory:":
+    if options["memory"] == ":memory:":
         raise InputError("the browser app needs a memory file, which it may open again; give --memory FILE")
-    start = start_of(thing, task, hand, unit, scale, memory)
+    if thing.endswith(".json"):
+        source = click.get_current_context().get_parameter_source
+        given = {name: options[name] for name in options if source(name) is not ParameterSource.DEFAULT}
+        start = start_of_plan(Path(thing), task, **given)
+    else:
+        hand = options.pop("hand")
+        start = start_of(request_from(thing, task or "lift", hand=hand, options=options))
     try:
         from ..app.server import ViewServer
     except ImportError as error:
@@ -61,88 +65,93 @@ def view(
         server.stop()
 
 
-def start_of(
-    thing: str,
-    task: str | None = None,
-    hand: str = "utah_mit",
-    unit: str = "m",
-    scale: float = 1.0,
-    memory: str | None = None,
-) -> Start:
-    """What is shown first; whatever is wrong with it is said before anything is served."""
-    from ..app.session import Start
-    from ..app.worker import Order
+def start_of(request: PlanRequest) -> Start:
+    """The app's start with a request, which is checked before anything is served.
+
+    Raises:
+        InputError: The object or the hand cannot be used.
+        EnvironmentFailure: A file cannot be read.
+    """
+    from ..app.browser_session import Start
     from ..hands.load import load_hand
     from ..objects.library import names
     from ..objects.load import load_object
-    from ..planning.request import analyser_of
-    from ..tasks import parse_task
 
-    document = None
-    if thing.endswith(".json"):
-        path = Path(thing)
-        document = _read(path)
-        try:
-            thing, scale = _object(document, path)
-            unit, hand = "m", str(document["hand"]["name"])
-            task = task or _task(document)
-            if not isinstance(document.get("alternatives", []), list):
-                raise TypeError("alternatives must be a list")
-        except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
+    source = request.object_name
+    if source not in names():
+        load_object(source, unit=request.unit, scale=request.scale, view=request.view)
+    load_hand(request.hand_name)
+    return Start(request=request)
+
+
+def start_of_plan(path: Path, task: str | None = None, **options: Any) -> Start:
+    """The app's start with a plan and the request that it answered.
+
+    Args:
+        path: The plan.
+        task: Another task for the next plan.
+        options: Options of the command line, of which ``FOR_PLANS`` change the request.
+
+    Raises:
+        InputError: The file is no plan, its object or hand is not found, or an option cannot be used.
+        EnvironmentFailure: A file cannot be read.
+    """
+    from ..app.browser_session import Start
+    from ..hands.load import load_hand
+    from ..planning.document import read_plan
+
+    for name in options:
+        if name not in FOR_PLANS:
             raise InputError(
-                f"{path} is no plan of this program ({error!s:.80}); "
-                "give a plan.json that preshape plan --out wrote"
-            ) from error
-    elif thing not in names():
-        load_object(thing, unit=unit, scale=scale)
-    parse_task(task or "lift")
-    load_hand(hand)
-    analyser = analyser_of("closure" if (document or {}).get("grip") else None, hand)
-    order = Order(
-        source=thing,
-        unit=unit,
-        scale=scale,
-        task=task or "lift",
-        hand=hand,
-        analyser=analyser,
-        memory=memory,
-    )
-    return Start(order=order, document=document)
-
-
-def _read(path: Path) -> dict[str, Any]:
-    import json
-
+                f"--{name.replace('_', '-')} cannot change a plan that exists; change it in the browser, or "
+                "give the object in place of the plan"
+            )
+    if "avoid" in options:
+        options["avoid"] = boxes_from(options["avoid"])
+    document = read_plan(path)
+    changes = {"memory": None, **options, **({"task": task, "gravity": None} if task else {})}
     try:
-        document = json.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError as error:
-        raise InputError(f"there is no file {path}; check the path") from error
-    except OSError as error:
-        raise EnvironmentFailure(f"{path} cannot be read: {error.strerror or error}") from error
-    except (ValueError, RecursionError) as error:
-        raise InputError(f"{path} is no JSON ({error}); give a plan that preshape plan wrote") from error
-    if not isinstance(document, dict) or not {"status", "hand", "object", "task", "plane"} <= set(document):
-        raise InputError(f"{path} is no plan; give a plan.json that preshape plan --out wrote")
-    return document
+        if not isinstance(document.get("alternatives", []), list):
+            raise TypeError("alternatives must be a list")
+        request = _found(document, path.parent, changes)
+    except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
+        raise InputError(
+            f"{path} is no plan of this program ({error!s:.80}); "
+            "give a plan.json that preshape plan --out wrote"
+        ) from error
+    load_hand(request.hand_name)
+    return Start(request=request, document=document)
 
 
-def _task(document: dict[str, Any]) -> str:
-    """A plan's task by its name, or as six numbers where the name means nothing here."""
-    from ..tasks import family_names
+def _found(document: dict[str, Any], folder: Path, changes: dict[str, Any]) -> PlanRequest:
+    """A plan's request, with its object where it is found now and at the size of the plan.
 
-    name = str(document["task"]["name"])
-    known = name.partition(":")[0] in family_names()
-    return name if known else " ".join(f"{float(x):g}" for x in document["task"]["q"])
+    Args:
+        document: The plan.
+        folder: Folder of the plan.
+        changes: Fields of the request that differ.
 
-
-def _object(document: dict[str, Any], path: Path) -> tuple[str, float]:
-    """Name or file of a plan's object, and the factor that gives it the size of the plan."""
+    Raises:
+        InputError: The document is no plan, or its object is not found.
+    """
+    from ..objects.load import load_object
     from ..physics.locate import object_extent, plan_object
+    from ..planning.document import request_of, version_of
 
-    source = plan_object(str(document["object"]["source"]), None, path.parent)
-    extent = object_extent(source, None)
-    if extent is None:
+    request = request_of(document, **changes)
+    extent = max(float(x) for x in document["object"]["extents"])
+    if version_of(document) >= 2:
+        source = plan_object(request.object_name, None, folder)
+        try:
+            mesh = load_object(source, unit=request.unit, scale=request.scale, view=request.view)
+            if abs(float(mesh.extents.max()) / extent - 1.0) < 0.01:
+                return replace(request, source=source)
+        except PreshapeError:
+            pass  # a plan on a mesh made in Python names a file beside it that holds the mesh
+    source = plan_object(str(document["object"]["source"]), None, folder)
+    size = object_extent(source, None)
+    if size is None:
         raise InputError(
             f"the plan's object {source!r:.80} is neither here nor built in; run from its folder"
         )
-    return source, max(float(x) for x in document["object"]["extents"]) / extent
+    return replace(request, source=source, unit="m", scale=extent / size, view=None)

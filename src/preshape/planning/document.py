@@ -23,7 +23,7 @@ from ..tasks import family_names
 from ..types import FIELD_MASS, FRICTION
 from .answers import Answer, missing_motion, scan_trust, shortfalls
 from .hand_simulation import HandPose
-from .request import SCHEMA, PlanRequest
+from .request import SCHEMA, PlanRequest, analyser_of
 
 if TYPE_CHECKING:
     from .plan import Plan
@@ -122,11 +122,14 @@ def request_of(document: Document, **changes: Any) -> PlanRequest:
         task = document["task"]
         known = str(task["name"]).partition(":")[0] in family_names()
         limits = document.get("thresholds") or {}
+        hand = str(document["hand"]["name"])
+        analyser = analyser_of("closure" if document.get("grip") else "", hand)
         read: Document = {
             "source": str(document["object"]["source"]),
             "task": str(task["name"]) if known else [float(x) for x in task["q"]],
-            "hand": str(document["hand"]["name"]),
-            "analyser": "closure" if document.get("grip") else "",
+            "hand": hand,
+            "analyser": analyser,
+            "mass": FIELD_MASS if analyser == "closure" else None,
             "settings": Settings(thresholds=Thresholds(**limits)),
         }
         return PlanRequest(**(read | changes))

@@ -47,7 +47,9 @@ def save_plan(plan: Plan, folder: Path, document: Document | None = None) -> lis
         for one in (document, *document["alternatives"], *([document["best"]] if document["best"] else [])):
             one["object"]["source"] = surface.name
     write_json(files[0], document)
-    write_whole(files[1], lambda path: plan_picture_of(document, plan.mesh, plan.hand, path))
+    write_whole(
+        files[1], lambda path: plan_picture_of(document, plan.mesh, plan.hand, path, ray_origins(plan))
+    )
     write_text(files[2], document_html(plan.mesh, plan.hand, document, ray_origins(plan)))
     return files
 
@@ -74,7 +76,7 @@ def notebook_html(plan: Plan) -> str:
 
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "plan.png"
-        plan_picture_of(plan_to_json(plan), plan.mesh, plan.hand, file)
+        plan_picture_of(plan_to_json(plan), plan.mesh, plan.hand, file, ray_origins(plan))
         picture = base64.b64encode(file.read_bytes()).decode("ascii")
     return (
         f'<img alt="{escape(repr(plan))}" style="max-width:100%" src="data:image/png;base64,{picture}">'

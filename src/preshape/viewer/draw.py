@@ -127,7 +127,7 @@ def draw_scenery(table: float | None, boxes: Array, scene: PlanScene, canvas: Ca
         canvas.solid("scene/table-edge", card_border(centre, *sides, 0.006 * size, TABLE))
         canvas.label("scene/table-name", "table", centre + sides[0] - sides[1])
     for i, (low, high) in enumerate(boxes, start=1):
-        solid = replace(box((low + high) / 2, (high - low) / 2, None, AVOID), alpha=0.35)
+        solid = replace(box((low + high) / 2, (high - low) / 2, None, AVOID), alpha=0.25)
         canvas.solid(f"scene/box {i}", solid)
         canvas.label(f"scene/box {i}-name", f"box {i}", (low + high) / 2)
 

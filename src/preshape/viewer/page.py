@@ -1,7 +1,7 @@
-"""A plan as one HTML page: 3D, readings and the JSON in a single file that opens from disk, offline.
+"""A plan as one HTML page: 3D scene, readings and JSON in a single file that opens from disk, offline.
 
-The page carries its own small WebGL code (``web/page.js``); a content security policy in it forbids every
-request. Geometry is kept once however often it is used, as whole numbers of 16 bits within its bounding box.
+The page has its own WebGL code (``web/page.js``), and its content security policy forbids every request. Each
+geometry is stored once, with coordinates as 16-bit integers within its bounding box.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from ..report.page import base_style
 from ..types import value
 from . import readings
 from .camera import Camera
-from .canvas import RecordingCanvas
+from .canvas import RecordingCanvas, group_of
 from .corners import indexed
 from .draw import GROUPS, HIDDEN, draw_hand, draw_object, draw_plan
 from .framing import framing
@@ -30,8 +30,9 @@ from .plan_scene import PlanScene
 from .raycast import Shape
 
 ASPECT = 1.2
-LARGEST = 5_000_000
-"""Bytes of a page at most; so many answers are drawn as fit."""
+"""Width of the scene divided by its height, for which the camera is placed."""
+MAX_BYTES = 5_000_000
+"""Most bytes of a page; answers that do not fit are left out."""
 
 Document = dict[str, Any]
 
@@ -41,8 +42,8 @@ class PageView:
     """One answer on the page.
 
     Attributes:
-        scene: what is drawn.
-        motion: the hand; ``None`` without one.
+        scene: The scene.
+        motion: The motion of the hand; ``None`` without a hand.
     """
 
     scene: PlanScene
@@ -50,14 +51,14 @@ class PageView:
 
 
 def plan_page(views: Sequence[PageView], document: Document) -> str:
-    """The page.
+    """The HTML of a plan's page.
 
     Args:
-        views: the answers of the plan, best first; at least one, of the object alone where there is none.
-        document: the plan as JSON.
+        views: The answers of the plan, best first; without an answer, one view of the object alone.
+        document: The plan as JSON.
 
     Raises:
-        InputError: no views.
+        InputError: There are no views.
     """
     if not views:
         raise InputError("a page needs at least one view")
@@ -65,57 +66,64 @@ def plan_page(views: Sequence[PageView], document: Document) -> str:
     shown = len(views)
     while True:
         page = _page(views[:shown], answers[:shown], document)
-        if len(page.encode()) < LARGEST or shown == 1:
+        if len(page.encode()) < MAX_BYTES or shown == 1:
             return page
         shown -= 1
 
 
 def _page(views: Sequence[PageView], answers: Sequence[Document], document: Document) -> str:
-    pool: dict[str, Document] = {}
-    thing, task = document["object"], document["task"]
+    geometries: dict[str, Document] = {}
+    planned_object, task = document["object"], document["task"]
     data = {
-        "geometries": pool,
-        "views": [_view(view, i, answers, document, pool) for i, view in enumerate(views)],
+        "geometries": geometries,
+        "views": [_view(view, i, answers, document, geometries) for i, view in enumerate(views)],
         "groups": GROUPS,
         "hidden": HIDDEN,
         "file": "plan.json",
     }
-    size = " × ".join(f"{1000 * x:.0f}" for x in thing["extents"])
+    size = " × ".join(f"{1000 * x:.0f}" for x in planned_object["extents"])
     web = resources.files("preshape.viewer") / "web"
     parts = {
-        "title": escape(f"{thing['name']}: {task['name']} · preshape"),
+        "title": escape(f"{planned_object['name']}: {task['name']} · preshape"),
         "style": base_style() + (web / "page.css").read_text(encoding="utf-8") + readings.STYLE,
-        "heading": escape(f"{thing['name']}: {task['name']}"),
+        "heading": escape(f"{planned_object['name']}: {task['name']}"),
         "means": escape(str(task.get("means", ""))),
         "subtitle": escape(f"{size} mm · hand {document['hand']['name']} · preshape {document['version']}"),
         "data": _json(data),
         "plan": _json(document, indent=2),
         "script": (web / "page.js").read_text(encoding="utf-8"),
     }
-    frame = (web / "page.html").read_text(encoding="utf-8")
-    pieces = frame.split("{{")
+    template = (web / "page.html").read_text(encoding="utf-8")
+    pieces = template.split("{{")
     filled = [pieces[0]]
-    for piece in pieces[1:]:  # one pass: what is filled in is never looked at again
+    for piece in pieces[1:]:  # in one pass, so that inserted text is never searched for placeholders
         name, _, rest = piece.partition("}}")
         filled += [parts[name], rest]
     return "".join(filled)
 
 
 def _view(
-    view: PageView, index: int, answers: Sequence[Document], document: Document, pool: dict[str, Document]
+    view: PageView,
+    index: int,
+    answers: Sequence[Document],
+    document: Document,
+    geometries: dict[str, Document],
 ) -> Document:
-    taken = RecordingCanvas()
-    draw_object(view.scene, taken)
-    draw_plan(view.scene, taken)
-    solids = [_solid(name, shape, pool) for name, shape in taken.solids.items()]
+    """One answer as data for the page's script."""
+    canvas = RecordingCanvas()
+    draw_object(view.scene, canvas)
+    draw_plan(view.scene, canvas)
+    solids = [_solid(name, shape, geometries) for name, shape in canvas.solids.items()]
     motion = None
     if view.motion is not None:
         hand = RecordingCanvas()
         draw_hand(view.motion, hand)
         for link, (name, shape) in enumerate(hand.solids.items()):
-            solids.append({**_solid(name, shape, pool), "link": link})
+            solids.append({**_solid(name, shape, geometries), "link": link})
         frames, links = view.motion.poses.shape[:2]
-        columns = view.motion.poses[:, :, :3].transpose(0, 1, 3, 2)  # column by column
+        columns = view.motion.poses[:, :, :3].transpose(
+            0, 1, 3, 2
+        )  # column by column, as WebGL takes matrices
         motion = {
             "stages": view.motion.stages,
             "frames": frames,
@@ -123,16 +131,15 @@ def _view(
             "poses": _text(columns, "<f4"),
         }
     labels = [
-        {"group": name.partition("/")[0], "text": text, "at": [round(float(x), 5) for x in at]}
-        for name, (text, at) in taken.labels.items()
+        {"group": group_of(name), "text": text, "at": [round(float(x), 5) for x in at]}
+        for name, (text, at) in canvas.labels.items()
     ]
     words = [readings.headline(document)]
     if index < len(answers):
-        answer = answers[index]
-        words += [readings.why(document, answers, index), readings.ranking(answers, index)]
-        words.append(readings.facts(document, answer))
-        words.append(readings.bars(document, answer))
-    words.append(readings.transitions(document))
+        why, *rest = readings.answer_parts(document, answers, index)
+        words += [why, readings.ranking(answers, index), *rest]
+    else:
+        words.append(readings.transitions(document))
     words += [readings.offers(document), readings.glossary()]
     return {
         "solids": solids,
@@ -147,26 +154,26 @@ def _camera(camera: Camera) -> Document:
     return {"eye": camera.eye.tolist(), "target": camera.target.tolist(), "fov": camera.fov}
 
 
-def _solid(name: str, shape: Shape, pool: dict[str, Document]) -> Document:
+def _solid(name: str, shape: Shape, geometries: dict[str, Document]) -> Document:
     return {
-        "group": name.partition("/")[0],
-        "g": _geometry(shape, pool),
+        "group": group_of(name),
+        "g": _geometry(shape, geometries),
         "c": [*(round(c, 4) for c in shape.colour), shape.alpha],
         "lit": int(shape.lit),
     }
 
 
-def _geometry(shape: Shape, pool: dict[str, Document]) -> str:
-    """Key of a shape's geometry, which is put into the pool where it is new."""
+def _geometry(shape: Shape, geometries: dict[str, Document]) -> str:
+    """The key of a shape's geometry, which is added to ``geometries`` if it is new."""
     content = (shape.vertices.tobytes(), shape.triangles.tobytes(), b"smooth" if shape.smooth else b"flat")
     key = hashlib.blake2b(b"|".join(content), digest_size=8).hexdigest()
-    if key in pool:
+    if key in geometries:
         return key
     vertices, normals, triangles = indexed(shape)
     low, high = vertices.min(axis=0), vertices.max(axis=0)
     middle, half = (low + high) / 2, max(float((high - low).max()) / 2, 1e-9)
     large = len(vertices) > 65535
-    pool[key] = {
+    geometries[key] = {
         "o": [float(x) for x in middle],
         "s": half,
         "p": _text(np.round((vertices - middle) / half * 32767), "<i2"),
@@ -178,10 +185,11 @@ def _geometry(shape: Shape, pool: dict[str, Document]) -> str:
 
 
 def _text(array: Any, kind: str) -> str:
+    """An array as base64 text of numbers of a NumPy type."""
     return base64.b64encode(np.ascontiguousarray(array, dtype=kind).tobytes()).decode("ascii")
 
 
 def _json(document: Any, indent: int | None = None) -> str:
-    """JSON that may stand in a script element: no ``<`` in it can end one."""
+    """JSON for a script element: it contains no ``<``, which could end the element."""
     text = json.dumps(document, allow_nan=False, indent=indent, separators=None if indent else (",", ":"))
     return text.replace("<", "\\u003c")

@@ -12,6 +12,7 @@ from ..types import Array
 from .canvas import RecordingCanvas, group_of
 from .colours import (
     APPROACH,
+    AVOID,
     BLACK,
     FAINT,
     INK,
@@ -37,6 +38,7 @@ from .plan_scene import (
     view_direction,
 )
 from .raycast import Camera, Image, Shape, project, render, visible
+from .readings import mode_words
 from .shapes import hand_shape
 from .sheet import Sheet, new_sheet
 
@@ -49,8 +51,10 @@ SPACE_WIDTH = 870.0
 COLUMN = (905.0, 1365.0)
 """Left and right of the text beside the large picture."""
 DIMENSIONS = ("Tx", "Ty", "Tz", "Rx", "Ry", "Rz"), ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
-SHOWN = ("object", "axes", "rays", "contacts", "forces")
+SHOWN = ("object", "axes", "rays", "contacts", "forces", "scene")
 """Groups of the scene's solids that the picture shows."""
+FIGURES = ("quality", "task margin", "hold margin", "press")
+"""Facts of a grip that are shown large."""
 
 
 def plan_picture(
@@ -83,7 +87,7 @@ def plan_image(scene: PlanScene, *, title: str | None = None, size: tuple[int, i
     with new_sheet(WIDTH, HEIGHT, min(size[0] / WIDTH, size[1] / HEIGHT)) as sheet:
         _space(sheet, scene)
         _heading(sheet, scene, title or scene.mesh.name)
-        _comparison(sheet, scene)
+        (_comparison if scene.quality is None else _decided)(sheet, scene)
         _planes(sheet, scene)
         drawn = sheet.image()
     image = np.full((size[1], size[0], 3), 255, dtype=np.uint8)
@@ -96,16 +100,20 @@ def plan_image(scene: PlanScene, *, title: str | None = None, size: tuple[int, i
 def _space(sheet: Sheet, scene: PlanScene) -> None:
     """The large picture: the grasp in space, with labels."""
     size = sheet.pixels(SPACE_WIDTH, HEIGHT)
-    shapes = _shapes(scene)
-    points = np.concatenate([shape.vertices for shape in shapes])
+    grasp, scenery = _shapes(scene)
+    shapes = [*grasp, *scenery]
+    points = np.concatenate([shape.vertices for shape in grasp])
     camera = Camera.framing(points, view_direction(scene), aspect=SPACE_WIDTH / HEIGHT, margin=1.12)
-    floor = min(float(s.vertices[:, 2].min()) for s in shapes if s.lit)
+    floor = min(float(s.vertices[:, 2].min()) for s in grasp if s.lit) if scene.table is None else scene.table
     axes = sheet.picture(0, 0, SPACE_WIDTH, HEIGHT, render(shapes, camera, size, ground=floor))
 
     def at(point: Array) -> Array:
         return np.asarray(project(camera, point[None], size)[0] / sheet.scale)
 
     pins = _pins(scene)
+    middles = [box.mean(axis=0) for box in scene.boxes]  # they may lie outside the picture
+    within = [middle for middle in middles if (abs(at(middle) / (SPACE_WIDTH, HEIGHT) - 0.5) < 0.5).all()]
+    pins += [("box to avoid", middle, AVOID) for middle in within]
     seen = visible(shapes, camera, np.array([point for _, point, _ in pins]).reshape(-1, 3))
     labels = [
         Label(text=text, anchor=at(point), colour=colour, hidden=not clear)
@@ -127,23 +135,27 @@ def _space(sheet: Sheet, scene: PlanScene) -> None:
     draw_labels(axes, labels, (SPACE_WIDTH, HEIGHT), points=11, keep_clear=clear)
 
 
-def _shapes(scene: PlanScene) -> list[Shape]:
+def _shapes(scene: PlanScene) -> tuple[list[Shape], list[Shape]]:
+    """The solids of the grasp, which the picture must contain, and those of table and boxes."""
     canvas = RecordingCanvas()
     draw_object(scene, canvas)
     draw_plan(scene, canvas)
-    shapes = [shape for name, shape in canvas.solids.items() if group_of(name) in SHOWN]
-    return [*shapes, hand_shape(scene.hand, alpha=0.55)] if scene.hand else shapes
+    solids = [(group_of(name), shape) for name, shape in canvas.solids.items()]
+    grasp = [shape for group, shape in solids if group in SHOWN and group != "scene"]
+    if scene.hand:
+        grasp.append(hand_shape(scene.hand, alpha=0.55))
+    return grasp, [shape for group, shape in solids if group == "scene"]
 
 
 def _pins(scene: PlanScene) -> list[tuple[str, Array, Colour]]:
     """Labels as text, point (3,) [m] and colour. With a plane, its three axes come first."""
     pins: list[tuple[str, Array, Colour]] = []
     if scene.plane is not None:
-        axes = {"a  approach": APPROACH, "o  opposition": OPPOSITION, "t  transverse": TRANSVERSE}
+        axes = {"a  approach axis": APPROACH, "o  opposition": OPPOSITION, "t  transverse": TRANSVERSE}
         tips = axis_tips(scene).values()
         pins += [(name, tip, colour) for (name, colour), tip in zip(axes.items(), tips, strict=True)]
-        text = f"plane {scene.plane.index}"
-        if scene.approach_value is not None:
+        text = f"way in, plane {scene.plane.index}"
+        if scene.approach_value is not None and scene.quality is None:
             name = f" ({scene.approach_set})" if scene.approach_set else ""
             text += f"\napproach value {_number(scene.approach_value, '+.2f')}{name}"
         start, tip = approach_arrow(scene)
@@ -157,7 +169,7 @@ def _pins(scene: PlanScene) -> list[tuple[str, Array, Colour]]:
 
 
 def _heading(sheet: Sheet, scene: PlanScene, title: str) -> None:
-    """Title, task and hand, the plan's measures, its status and its reasons."""
+    """Title, task and hand, what decided the plan, its status and its reasons."""
     left, right = COLUMN
     width, y = right - left, 44.0
     for line in wrap(title, width, 20, lines=2, bold=True):
@@ -168,22 +180,14 @@ def _heading(sheet: Sheet, scene: PlanScene, title: str) -> None:
         sheet.text(left, y, line, 11.5, QUIET)
         y += 20
     y += 12
-    criterion, score = (
-        ("TFVADI of 6", scene.match) if scene.quality is None else ("grip quality of 6", scene.quality)
-    )
-    facts = [
-        ("mode", "–" if scene.mode is None else str(scene.mode)),
-        (criterion, "–" if score is None else f"{score:.2f}"),
-        ("stability of 6", "–" if scene.stability is None else str(scene.stability)),
-        ("manipulability of 6", "–" if scene.manipulability is None else str(scene.manipulability)),
-    ]
-    for x, (name, number) in zip(left + np.array([0, 62, 205, 325]), facts, strict=True):
+    figures = _figures(scene)
+    for x, (name, number) in zip(left + np.arange(4) * width / 4, figures, strict=False):
         sheet.text(x, y + 12, number, 19, weight="bold")
         sheet.text(x, y + 38, name, 9.5, QUIET)
     y += 66
     _rule(sheet, y)
     y += 20
-    for line in wrap(scene.status, width, 11.5, lines=2, bold=True):
+    for line in wrap(f"{scene.status}  ·  {mode_words(scene.mode)}", width, 11.5, lines=2, bold=True):
         sheet.text(left, y, line, 11.5, weight="bold")
         y += 20
     y += 4
@@ -194,6 +198,39 @@ def _heading(sheet: Sheet, scene: PlanScene, title: str) -> None:
     for line in lines:
         sheet.text(left, y, line, 10)
         y += 17
+
+
+def _figures(scene: PlanScene) -> list[tuple[str, str]]:
+    """Names and values of the numbers that decided the plan, to be shown large."""
+    if scene.quality is None:
+        rows: list[tuple[str, float | None, str]] = [
+            ("TFVADI of 6", scene.match, ".2f"),
+            ("stability of 6", scene.stability, ".0f"),
+            ("manipulability of 6", scene.manipulability, ".0f"),
+        ]
+    else:
+        task, hold = (None, None) if scene.margins is None else scene.margins
+        rows = [("quality of 6", scene.quality, ".2f"), ("task margin", task, ".1f")]
+        rows += [("hold margin", hold, ".1f"), ("press [N]", scene.press, ".0f")]
+    return [(name, "–" if number is None else f"{number:{form}}") for name, number, form in rows]
+
+
+def _decided(sheet: Sheet, scene: PlanScene) -> None:
+    """What decided a grip, and what was assumed for it, as rows of text."""
+    (left, right), y = COLUMN, 410.0
+    _rule(sheet, y - 8)
+    sheet.text(left, y + 12, "What decided it", 11.5, weight="bold")
+    y += 36
+    # The large figures show quality, margins and press already.
+    for name, text in [row for row in scene.facts if row[0] not in FIGURES]:
+        lines = wrap(text, right - left - 90, 9.5, lines=3)
+        if y + 16 * len(lines) > 664:
+            break
+        sheet.text(left, y, name, 9.5, QUIET)
+        for line in lines:
+            sheet.text(left + 90, y, line, 9.5)
+            y += 16
+        y += 5
 
 
 def _comparison(sheet: Sheet, scene: PlanScene) -> None:
@@ -302,7 +339,9 @@ def _planes(sheet: Sheet, scene: PlanScene) -> None:
         for i, name in enumerate(scene.fingers[:5]):
             sheet.base.plot(x + 8, y, "o", ms=6, color=finger_colour(name, i), mec=BLACK, mew=0.4)
             sheet.text(x + 24, y, wrap(name, 120, 9.5, lines=1)[0], 9.5)
-            if scene.forces is not None:
+            if scene.newtons is not None:
+                sheet.text(right, y, f"{scene.newtons[i]:.1f} N", 9.5, QUIET, ha="right")
+            elif scene.forces is not None:
                 strength = float(np.linalg.norm(scene.forces[i]))
                 sheet.text(right, y, f"force {strength:.2f}", 9.5, QUIET, ha="right")
             y += 20

@@ -1,44 +1,61 @@
-"""What a plan says, as small pieces of HTML: the same in the browser's panel and on the page.
+"""A plan's results in words and as small pieces of HTML, for the browser's panel, the page and the picture.
 
-Every text of a plan is escaped: names come from files.
+A grip of a real hand is told by what decided it: quality, margins, press, load and way in. The paper's
+indices come first for a virtual grasp only. Every text of a plan is escaped, because names come from files.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from html import escape
 from typing import Any
+
+from ..objects.mass import ObjectMass
+from ..types import FIELD_MASS, FRICTION
 
 Document = dict[str, Any]
 
 COMPONENTS = ("Tx", "Ty", "Tz", "Rx", "Ry", "Rz")
 HEADLINES = {
-    "answer": ("✓", "good", "Preshape found"),
+    "answer": ("✓", "good", "Grasp found"),
     "task_correction": ("?", "warn", "The object is known, but this task does not fit it"),
-    "deadlock": ("✕", "bad", "Deadlock: nothing matches well enough"),
-    "no_grasp": ("✕", "bad", "No grasp: nothing that was tried holds the object"),
+    "deadlock": ("✕", "bad", "Deadlock: no grasp is good enough"),
+    "no_grasp": ("✕", "bad", "No grasp found"),
 }
-MODES = {
-    0: "recalled at once: the estimator named this grasp",
-    1: "recalled the plane, searched on it",
-    2: "recognised the object and asks for another task",
-    3: "explored all planes, and learned",
+MODES = {0: "known", 1: "searched", 2: "task does not fit", 3: "new"}
+"""How a plan came by its answer, by the paper's execution mode."""
+_MODE_SENTENCES = {
+    0: "the memory named this grasp",
+    1: "the memory named the plane, which was searched",
+    2: "the object is known, another task is asked for",
+    3: "all planes were explored, and the result was learnt",
 }
+_STEPS = {0: "Recall", 1: "Search", 2: "Recognise", 3: "Explore"}
+ASIDE = 20.0
+"""Angle between way in and approach axis above which both are told [degrees]."""
 OUTCOMES = {"reward": "good", "learned": "good", "explored": "good", "known": "warn", "unknown": "warn"}
 
 WORDS = (
-    ("approach plane", "one of twelve ways in: along which axis the hand moves, and along which thumb and "
-     "fingers oppose each other"),
-    ("approach value", "where along that way the grasp is aimed: -1 near face, 0 middle, +1 far face"),
-    ("task", "six numbers: how much the object is to move along (T) and turn about (R) x, y and z"),
-    ("net wrench", "what the fingers' contacts do to the object together: force and torque"),
-    ("match (TFVADI)", "how well task and net wrench agree in all six, 0 to 6; ADI: in one, 0 to 1"),
-    ("grip's quality", "of a real hand: how much load its squeeze balances against what the task needs"),
-    ("stability", "how many directions the contacts resist without pressing harder"),
-    ("manipulability", "in how many directions the contacts can act on the object"),
-    ("modes", "0: recalled; 1: recalled and searched; 2: known, another task is asked for; 3: learned anew"),
+    ("quality", "score of a real hand's grip, 0 to 6: the load that it balances, compared with the expected "
+     "load"),
+    ("task margin", "largest load of the task that the squeeze balances, divided by the expected load"),
+    ("hold margin", "the same for pushes and turns from any side"),
+    ("press", "sum of the normal forces with which the hand squeezes"),
+    ("way in", "straight line along which the open hand moves to the object"),
+    ("approach plane", "one of twelve combinations of an approach axis, along which the hand moves, and an "
+     "opposition axis, along which thumb and fingers oppose each other"),
+    ("approach value", "place along the approach axis at which the grasp is aimed: -1 near face, 0 middle, "
+     "+1 far face"),
+    ("task", "six numbers: translation (T) along and rotation (R) about x, y and z"),
+    ("net wrench", "force and torque of all contacts together on the object, if every finger presses alike"),
+    ("match (TFVADI)", "agreement of task and net wrench in all six components, 0 to 6; ADI: in one, 0 to 1"),
+    ("stability", "number of directions in which the contacts resist without pressing harder"),
+    ("manipulability", "number of directions in which the contacts can act on the object"),
+    ("mode", "0 known: recalled; 1 searched: plane recalled, then searched; 2: known, but the task does not "
+     "fit; 3 new: explored and learnt"),
 )  # fmt: skip
-"""What the readings' words mean, for people."""
+"""Meanings of the words in the readings."""
 
 STYLE = """
 .ps{font:13px/1.45 system-ui,-apple-system,"Segoe UI",Roboto,"DejaVu Sans",sans-serif;color:#22262B;
@@ -67,134 +84,246 @@ border-radius:4px;margin:4px 0 8px}
 
 
 def answers_of(document: Document) -> list[Document]:
-    """Every answer of a plan, best first: the answer itself and the alternatives."""
+    """Every answer of a plan, best first; without one, the best grasp that was found, if any."""
     first = [document] if document.get("plane") else []
-    return [*first, *document.get("alternatives", [])]
+    found = [*first, *document.get("alternatives", [])]
+    best = document.get("best")
+    return found or ([best] if best else [])
+
+
+def way_in(answer: Document) -> list[float]:
+    """(3,) Unit vector along which the hand comes in; plans of version 1 state it in the grip only."""
+    grip = answer.get("grip")
+    way = answer.get("way_in") or (grip["approach"] if grip else answer["approach_axis"])
+    return [float(x) for x in way]
+
+
+def press(answer: Document) -> float:
+    """Sum of the normal forces of a grip [N]."""
+    forces, contacts = answer["grip"]["forces"], answer["contacts"]
+    return sum(_dot(force, c["normal_in"]) for force, c in zip(forces, contacts, strict=True))
+
+
+def mode_words(mode: int | None) -> str:
+    """An execution mode in plain words, with the paper's number.
+
+    >>> mode_words(0)
+    'known (mode 0)'
+    """
+    return "–" if mode is None else f"{MODES[mode]} (mode {mode})"
+
+
+def step_words(transition: Document) -> str:
+    """One step of the search: what was done, the paper's mode, and its outcome."""
+    mode = int(transition["mode"])
+    return f"{_STEPS[mode]} (mode {mode}): {transition['outcome']}"
+
+
+def result_words(document: Document) -> str:
+    """The result in a few words, with what an answer of rays does not give."""
+    title = HEADLINES.get(str(document["status"]), ("", "", str(document["status"])))[2]
+    missing = document.get("missing_motion")
+    if missing:
+        return f"{title}, but it gives nothing along {missing}"
+    if document.get("best") and not document.get("plane"):
+        return f"{title}; the best try is shown"
+    return title
 
 
 def wrapped(*parts: str) -> str:
-    """Pieces as one element with its style."""
+    """Pieces of HTML as one element with its style."""
     return f'<div class="ps"><style>{STYLE}</style>{"".join(parts)}</div>'
 
 
 def headline(document: Document) -> str:
-    """How the run ended, in which mode, in how much time, and what it was about: more may be chosen since."""
-    sign, kind, words = HEADLINES.get(str(document["status"]), ("", "warn", str(document["status"])))
+    """Result, request, what decided the answer, mode and time: the panel may show another choice by now."""
+    status = str(document["status"])
+    sign, kind, _ = HEADLINES.get(status, ("", "warn", ""))
+    if document.get("missing_motion"):
+        sign, kind = "!", "warn"
+    asked = document["task"]["name"] or "six numbers"
+    lines = [" · ".join((document["object"]["name"], asked, document["hand"]["name"]))]
+    shown = answers_of(document)
+    if shown and shown[0].get("grip"):
+        lines.append(" · ".join(f"{name} {text}" for name, text in figures(shown[0])))
     mode = document["mode"]
     seconds = float(document.get("seconds", {}).get("total", 0.0))
     time = f" · {seconds:.1f} s" if seconds else ""
-    if document["status"] == "task_correction":
-        time += (
-            "<br>Tasks that do fit are offered; or teach this one."
+    lines.append(f"{mode_words(mode)}: {_MODE_SENTENCES.get(mode, '')}{time}")
+    if status == "task_correction":
+        lines.append(
+            "Tasks that do fit are offered; or teach this one."
             if document.get("offers")
-            else "<br>No named task fits either: ask for less match, or teach this one."
+            else "No named task fits either: ask for less match, or teach this one."
         )
-    asked = document["task"]["name"] or "six numbers"
-    about = " · ".join((document["object"]["name"], asked, document["hand"]["name"]))
-    return (
-        f'<div class="head {kind}"><b>{sign} {escape(words)}</b>'
-        f"{escape(about)}<br>Mode {mode}: {escape(MODES.get(mode, ''))}{time}</div>"
-    )
+    elif not document.get("plane") and document.get("reason"):
+        lines.append(str(document["reason"]))
+    text = "<br>".join(escape(line) for line in lines)
+    return f'<div class="head {kind}"><b>{sign} {escape(result_words(document))}</b>{text}</div>'
+
+
+def figures(answer: Document) -> list[tuple[str, str]]:
+    """Names and values of the four numbers that decided a grip."""
+    grip = answer["grip"]
+    return [
+        ("quality", f"{grip['quality']:.1f} of 6"),
+        ("task margin", f"{grip['task_margin']:.1f}"),
+        ("hold margin", f"{grip['hold_margin']:.1f}"),
+        ("press", f"{press(answer):.0f} N"),
+    ]
 
 
 def transitions(document: Document) -> str:
-    """Every mode with its outcome and reason."""
+    """Every step of the search with its mode, outcome and reason."""
     steps = []
     for t in document["transitions"]:
         kind = OUTCOMES.get(t["outcome"], "bad" if t["mode"] == 3 else "warn")
         steps.append(
-            f'<div class="step {kind}"><b>Mode {t["mode"]} · {escape(t["outcome"])}</b><br>'
-            f"{escape(t['reason'])}</div>"
+            f'<div class="step {kind}"><b>{escape(step_words(t))}</b><br>{escape(t["reason"])}</div>'
         )
     return "<h3>How it was found</h3>" + "".join(steps)
 
 
 def why(document: Document, answers: Sequence[Document], shown: int) -> str:
-    """In two sentences: how this plane was come by, and what it is better than."""
+    """Two sentences: where this grasp comes from, and how good the best on another plane is."""
     answer = answers[shown]
-    name, need = _measure(answer), document["thresholds"]["estimation"]
-    worth = f"{name} {_worth(answer):.2f} of 6, where {need:g} is enough"
-    if shown:
+    name, need = _score_name(answer), document["thresholds"]["estimation"]
+    score = f"{name} {_score(answer):.2f} of 6, where {need:g} is enough"
+    if not document.get("plane"):
         first = (
-            f"This is another way, number {shown + 1} in order of {name}: plane {answer['plane']}, {worth}."
+            f"No grasp is good enough. This is the best that was found, on plane {answer['plane']}: {score}. "
+            "It should not be executed."
         )
+    elif shown:
+        first = f"This is answer {shown + 1} in order of {name}: plane {answer['plane']}, {score}."
     elif document["mode"] == 0:
         first = (
-            f"From what it has learnt, the network named plane {answer['plane']}, where on it, and how many "
-            f"fingers; that grasp was tried and is good enough: {worth}."
+            f"The object is known. The network named plane {answer['plane']}, the place on it and the "
+            f"fingers; that grasp was tried and is good enough: {score}."
         )
     elif document["mode"] == 1:
         first = (
-            f"From what it has learnt, the network named plane {answer['plane']}; its first aim was not good "
-            f"enough, so all of that plane was searched. The best found there: {worth}."
+            f"The object is known. The network named plane {answer['plane']}; its first grasp was not good "
+            f"enough, so the whole plane was searched. The best found there: {score}."
         )
     else:
         first = (
-            f"The object was new, so all twelve planes were tried; the best grasp lies on plane "
-            f"{answer['plane']}: {worth}."
+            "The object was new, so all twelve planes were tried; the best grasp lies on plane "
+            f"{answer['plane']}: {score}."
         )
     others = [a for a in answers if a["plane"] != answer["plane"]]
     second = ""
     if others and not shown:
-        best = max(others, key=_worth)
-        second = f" The best on another plane: plane {best['plane']}, {name} {_worth(best):.2f}."
-    return f"<h3>Why this plane</h3><p>{escape(first + second)}</p>"
+        best = max(others, key=_score)
+        second = f" The best on another plane: plane {best['plane']}, {name} {_score(best):.2f}."
+    return f"<h3>Why this grasp</h3><p>{escape(first + second)}</p>"
 
 
-def _measure(answer: Document) -> str:
+def _score_name(answer: Document) -> str:
     return "quality" if answer.get("grip") else "match"
 
 
-def _worth(answer: Document) -> float:
+def _score(answer: Document) -> float:
     grip = answer.get("grip")
     return float(grip["quality"] if grip else answer["tfvadi"])
 
 
 def glossary() -> str:
-    """What the words mean, folded away."""
-    rows = "".join(f"<tr><th>{escape(word)}</th><td>{escape(means)}</td></tr>" for word, means in WORDS)
-    return f"<details><summary>What the words mean</summary><table>{rows}</table></details>"
+    """Meanings of the words, folded."""
+    return f"<details><summary>What the words mean</summary>{_table(WORDS)}</details>"
+
+
+def answer_parts(document: Document, answers: Sequence[Document], shown: int) -> list[str]:
+    """Everything about one answer, in the order in which a person needs it.
+
+    A grip's paper indices come last and are folded; they decide a virtual grasp, where they are open.
+    """
+    answer = answers[shown]
+    first = [why(document, answers, shown), facts(document, answer)]
+    if not answer.get("grip"):
+        return [*first, bars(document, answer), transitions(document)]
+    explained = _table(_index_rows(answer)) + bars(document, answer)
+    folded = f"<details><summary>Explain: the paper's indices</summary>{explained}</details>"
+    return [*first, transitions(document), folded]
+
+
+def fact_rows(document: Document, answer: Document) -> list[tuple[str, str]]:
+    """Names and values of what decided an answer and of what was assumed for it."""
+    grip = answer.get("grip")
+    enough = f"of 6, {document['thresholds']['estimation']:g} is enough"
+    fingers = ", ".join(c["finger"] for c in answer["contacts"]) or str(answer["fingers"])
+    place = [("way in", way_in_words(answer)), ("plane", f"{answer['plane']}, {plane_words(answer)}")]
+    if not grip:
+        rows = [("match (TFVADI)", f"{answer['tfvadi']:.2f} {enough}"), *place, *_index_rows(answer)[1:]]
+        rows.append(("fingers", fingers))
+    else:
+        rows = [
+            ("quality", f"{grip['quality']:.2f} {enough}"),
+            ("task margin", f"{grip['task_margin']:.2f} × the task's load"),
+            ("hold margin", f"{grip['hold_margin']:.2f} × pushes from any side"),
+            ("press", f"{press(answer):.1f} N in all"),
+            ("mass", mass_words(answer)),
+            ("scene", scene_words(document)),
+            ("clearance", f"{1000 * grip['clearance']:.1f} mm to the object on the way in"),
+            *place,
+            ("touching", fingers),
+        ]
+    if answer.get("verified"):
+        rows.append(("physics", str(answer["verified"]["reason"])))
+    if answer.get("cloud"):
+        rows.append(("point cloud", str(answer["cloud"]["sentence"])))
+    return rows
+
+
+def _index_rows(answer: Document) -> list[tuple[str, str]]:
+    """The paper's indices of an answer."""
+    value = f"{answer['approach_value']:+.2f} ({answer['approach_set']}): {_place(answer)}"
+    return [
+        ("match (TFVADI)", f"{answer['tfvadi']:.2f} of 6; a real hand is not judged by it"),
+        ("approach value", value),
+        ("stability", f"{answer['stability']} of 6"),
+        ("manipulability", f"{answer['manipulability']} of 6"),
+    ]
+
+
+def mass_words(answer: Document) -> str:
+    """Mass that was planned with, where it comes from, and the heaviest that the grip holds."""
+    if "mass_source" not in answer:
+        return f"{FIELD_MASS:g} kg (assumed by plans of version 1)"
+    words = ObjectMass(kg=float(answer["mass"]), source=str(answer["mass_source"])).words
+    most = answer.get("heaviest_mass")
+    return words if most is None else f"{words}; this grip holds up to {most:.2g} kg"
+
+
+def scene_words(document: Document) -> str:
+    """Friction, table and boxes that were planned with."""
+    request = document.get("request") or {"friction": FRICTION}
+    table, boxes = request.get("table"), len(request.get("avoid") or ())
+    words = [f"friction {request['friction']:g}"]
+    if table is None:
+        words.append("no table")
+    else:
+        words.append("table under the object" if table == "auto" else f"table at z = {1000 * table:.0f} mm")
+    if boxes:
+        words.append(f"{boxes} box{'es' if boxes > 1 else ''} to avoid")
+    return ", ".join(words)
 
 
 def facts(document: Document, answer: Document) -> str:
-    """The answer in words: plane, approach value, fingers, indices, what the hand made of it."""
+    """What decided an answer, what the hand made of it, and its warnings."""
     hand = answer["hand"]
-    said = hand["status"] or "not tried yet"
-    kind = "good" if said == "reached" else "bad" if hand["status"] else "warn"
-    rows = [
-        ("plane", f"{answer['plane']}: {plane_words(answer)}"),
-        ("approach value", f"{answer['approach_value']:+.2f} ({answer['approach_set']}): {_place(answer)}"),
-        ("fingers", ", ".join(c["finger"] for c in answer["contacts"]) or str(answer["fingers"])),
-    ]
-    grip = answer.get("grip")
-    enough = f"of 6, {document['thresholds']['estimation']:g} is enough"
-    if grip:
-        rows += [
-            ("grip's quality", f"{grip['quality']:.2f} {enough}"),
-            ("margin, task", f"{grip['task_margin']:.2f} × the task's load"),
-            ("margin, holding", f"{grip['hold_margin']:.2f} × the pushes expected"),
-            ("way in", f"{1000 * grip['clearance']:.1f} mm clear"),
-            ("match (TFVADI)", f"{answer['tfvadi']:.2f} of 6; a real hand is not judged by it"),
-        ]
-    else:
-        rows.append(("match (TFVADI)", f"{answer['tfvadi']:.2f} {enough}"))
-    rows += [("stability", f"{answer['stability']}"), ("manipulability", f"{answer['manipulability']}")]
-    verified = answer.get("verified")
-    if verified:
-        rows.append(("physics", verified["reason"]))
-    table = "".join(f"<tr><th>{escape(k)}</th><td>{escape(str(v))}</td></tr>" for k, v in rows)
-    why = hand["reason"] or ""
+    status = hand["status"] or "not tried yet"
+    kind = "good" if status == "reached" else "bad" if hand["status"] else "warn"
     tried = (
-        f'<div class="step {kind}"><b>Hand {escape(hand["name"])} · {escape(said)}</b><br>{escape(why)}</div>'
+        f'<div class="step {kind}"><b>Hand {escape(hand["name"])}: {escape(status)}</b><br>'
+        f"{escape(hand['reason'] or '')}</div>"
     )
-    notes = "".join(
-        f'<div class="step warn">{escape(w)}</div>' for w in answer.get("warnings", []) if not grip
-    )
-    return f"<h3>This answer</h3><table>{table}</table>{tried}{notes}"
+    notes = "".join(f'<div class="step warn">{escape(w)}</div>' for w in answer.get("warnings", []))
+    return f"<h3>This answer</h3>{_table(fact_rows(document, answer))}{tried}{notes}"
 
 
 def bars(document: Document, answer: Document) -> str:
-    """Task against net wrench, component by component, with their agreement (ADI)."""
+    """Task and net wrench, component by component, with their agreement (ADI)."""
     rows = []
     for name, q, w, degree in zip(
         COMPONENTS, document["task"]["q"], answer["net_wrench"], answer["adi"], strict=True
@@ -211,14 +340,14 @@ def bars(document: Document, answer: Document) -> str:
     )
     if answer.get("grip"):
         key = (
-            '<p class="quiet">The paper\'s measure, for comparison: what the contacts would do if all '
+            '<p class="quiet">The paper\'s measure, for comparison: the wrench of the contacts if all '
             "pressed alike. A real hand is judged by its grip: each finger presses as the task needs.</p>"
         ) + key
     return f"<h3>Task against net wrench</h3>{key}<table>{''.join(rows)}</table>"
 
 
 def ranking(answers: Sequence[Document], shown: int) -> str:
-    """All answers, best first; the one that is shown in bold."""
+    """All answers, best first; the shown one in bold."""
     rows = []
     for i, answer in enumerate(answers):
         mark, kind = ("▸", "on") if i == shown else ("", "off")
@@ -226,33 +355,66 @@ def ranking(answers: Sequence[Document], shown: int) -> str:
             f'<tr data-answer="{i}" class="{kind}"><td>{mark}</td>'
             f"<td>{i + 1}</td><td>{escape(answer_words(answer))}</td></tr>"
         )
-    return f"<h3>The answer, then other ways, best first</h3><table>{''.join(rows)}</table>"
+    good = any(answer.get("status") == "answer" for answer in answers)
+    title = (
+        "The answer, then alternatives, best first" if good else "The best that was found, not good enough"
+    )
+    return f"<h3>{title}</h3><table>{''.join(rows)}</table>"
 
 
 def offers(document: Document) -> str:
     """Tasks that do fit the object, where the one asked for does not (mode 2)."""
     rows = "".join(
-        f"<tr><td><b>{escape(str(o['task']))}</b></td><td>match {o['tfvadi']:.2f}, mode {o['mode']}</td></tr>"
+        f"<tr><td><b>{escape(str(o['task']))}</b></td>"
+        f"<td>{o['tfvadi']:.2f} of 6, {escape(mode_words(o['mode']))}</td></tr>"
         for o in document.get("offers", [])
     )
     return f"<h3>Tasks that do fit</h3><table>{rows}</table>" if rows else ""
 
 
 def answer_words(answer: Document) -> str:
-    """One line about an answer: plane, fingers, what it is worth, whether the hand reaches it."""
-    grip = answer.get("grip")
-    worth = f"quality {grip['quality']:.2f}" if grip else f"match {answer['tfvadi']:.2f}"
+    """One line about an answer: plane, fingers, score, and whether the hand reaches it."""
     state = answer["hand"]["status"] or "not tried"
-    fingers = len(answer["contacts"]) if grip else answer["fingers"]
-    return f"plane {answer['plane']}, {fingers} fingers, {worth}, {state}"
+    fingers = len(answer["contacts"]) if answer.get("grip") else answer["fingers"]
+    score = f"{_score_name(answer)} {_score(answer):.2f}"
+    return f"plane {answer['plane']}, {fingers} fingers, {score}, {state}"
 
 
 def plane_words(answer: Document) -> str:
-    """An answer's axes in words."""
-    return (
-        f"the hand moves along {_axis(answer['approach_axis'])}, thumb and fingers oppose "
-        f"along {_axis(answer['opposition_axis'])[1]}"
-    )
+    """The axes of an answer's plane in words."""
+    return f"approach {_axis(answer['approach_axis'])}, opposition {_axis(answer['opposition_axis'])[1]}"
+
+
+def way_in_words(answer: Document) -> str:
+    """The way in: the nearest axis, the angle to it, and the plane's axis where that is another one.
+
+    >>> way_in_words({"way_in": [0.0, 0.2, -0.98], "approach_axis": [0.0, 0.0, -1.0]})
+    'comes in along -Z, 12° off'
+    """
+    way = way_in(answer)
+    axis = _axis(way)
+    off = _angle(way, [float(i == "XYZ".index(axis[1])) * (1 if axis[0] == "+" else -1) for i in range(3)])
+    words = f"comes in along {axis}" + (f", {off:.0f}° off" if off >= 1.0 else "")
+    aside = _angle(way, answer["approach_axis"])
+    if aside > ASIDE and _axis(answer["approach_axis"]) != axis:
+        words += f"; {aside:.0f}° from the plane's approach axis {_axis(answer['approach_axis'])}"
+    return words
+
+
+def _angle(a: Sequence[float], b: Sequence[float]) -> float:
+    """Angle between two vectors [degrees]."""
+    cosine = _dot(a, b) / math.sqrt(_dot(a, a) * _dot(b, b))
+    return math.degrees(math.acos(max(-1.0, min(1.0, cosine))))
+
+
+def _dot(a: Sequence[float], b: Sequence[float]) -> float:
+    return sum(float(x) * float(y) for x, y in zip(a, b, strict=True))
+
+
+def _table(rows: Sequence[tuple[str, str]]) -> str:
+    """Names and values as a table."""
+    cells = "".join(f"<tr><th>{escape(k)}</th><td>{escape(v)}</td></tr>" for k, v in rows)
+    return f"<table>{cells}</table>"
 
 
 def _place(answer: Document) -> str:
@@ -267,12 +429,12 @@ def _axis(axis: Sequence[float]) -> str:
 
 
 def _number(x: float) -> str:
-    """Two digits with a sign, and no minus before a nought."""
+    """Two digits with a sign; zero has a plus."""
     return f"{round(float(x), 2) + 0.0:+.2f}"
 
 
 def _bar(number: float, colour: str) -> str:
-    """A bar from the middle to the left or the right; ±1.2 is the whole width."""
+    """A bar from the middle to the left or to the right; ±1.2 fills the width."""
     half = min(1.0, abs(float(number)) / 1.2) * 50
     left = 50 - half if number < 0 else 50.0
     return (

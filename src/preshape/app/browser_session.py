@@ -1,4 +1,4 @@
-"""One browser: its panel, its scene and its planner, and how they answer each other."""
+"""One browser: its panel, its scene and its planner process, and the connections between them."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import contextlib
 import threading
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from functools import partial
 from html import escape
 from pathlib import Path
@@ -15,28 +16,28 @@ from ..exceptions import PreshapeError
 from ..hiis.planes import plane
 from ..objects.library import names as object_names
 from ..objects.mesh import TriangleMesh
+from ..pictures import Document
+from ..planning.request import PlanRequest
 from ..types import value
 from ..viewer import readings
 from .link import PlannerLink, Reply
 from .memory_browser import memory_html, memory_place
 from .panel import ACCEPT, Panel
 from .reading import STAGES, Reading
-from .scenes import Document
 from .stage import Stage
 from .steering import Steering
 from .trial import Trial
 from .uploads import Uploads
 from .waiting import Waiting
 from .wire_format import decoded
-from .worker import Order, order_fields
 
 if TYPE_CHECKING:
     import viser
 
 PLAYED = 3.0
-"""How long the grasp is played [s]."""
+"""Duration of the played grasp [s]."""
 RUN_PLAYED = 9.0
-"""How long a run in simulated physics is played [s]."""
+"""Duration of a played run in simulated physics [s]."""
 
 
 @value
@@ -44,20 +45,20 @@ class Start:
     """What a browser shows first.
 
     Attributes:
-        order: object, task, hand and settings.
-        document: a plan to be shown, where one was given.
+        request: Object, task, hand and settings.
+        document: A plan to show, if one was given; ``request`` is then its own.
     """
 
-    order: Order
+    request: PlanRequest
     document: Document | None = None
 
 
-class Session:
+class BrowserSession:
     """Everything of one browser; browsers share nothing but the memory's file.
 
     Args:
-        client: the browser.
-        start: what it shows first.
+        client: The browser.
+        start: What it shows first.
     """
 
     def __init__(self, client: viser.ClientHandle, start: Start) -> None:
@@ -67,30 +68,32 @@ class Session:
         self._uploaded: dict[str, Path] = {}
         self._planner = PlannerLink(self._heard)
         self._deadlock = False
-        self._source: tuple[str, str, float] = ("", "m", 1.0)
-        self._pending = self._source
+        # The request with the object that is shown, and with the one that is being loaded.
+        self._loaded: PlanRequest | None = None
+        self._pending = start.request
         self._after: Callable[[], None] | None = None
         self._playing = threading.Event()
-        place = escape(memory_place(start.order.memory))
-        self.panel = Panel(client.gui, start.order, place)
+        place = escape(memory_place(start.request.memory))
+        self.panel = Panel(client.gui, start.request, place)
         self.stage = Stage(client, self._picked)
         self.reading = Reading(self.panel, self.stage)
-        self.steering = Steering(self.panel, self.stage, self.panel.tuning)
+        self.steering = Steering(self.panel, self.stage)
         self.trial = Trial(self.panel, self.stage)
         self._waiting = Waiting(self.panel, self._say)
-        self._tried: Any = None
+        self._simulated: Document | None = None
         self._wire()
         self._say("warn", "Welcome", "Choose an object and a task, then press Plan.")
         self._recall()
         self.steering.show_task()
-        with self._told():
+        self.steering.show_load()
+        with self._reported():
             self._planner.start()
             if start.document is not None:
                 self._after = self._show_given
-            self._load(start.order.source, start.order.unit, start.order.scale)
+            self._load(start.request)
 
     def close(self) -> None:
-        """The browser has gone."""
+        """Release everything, because the browser is gone."""
         self._playing.clear()
         self._planner.close()
         self._uploads.close()
@@ -102,8 +105,8 @@ class Session:
 
         def on(handle: Any, act: Callable[[], None]) -> None:
             def called(event: Any) -> None:
-                if event.client is not None:  # not when the program itself sets it
-                    with self._told():
+                if event.client is not None:  # not when the program itself sets the value
+                    with self._reported():
                         act()
 
             (handle.on_click if hasattr(handle, "on_click") else handle.on_update)(called)
@@ -118,6 +121,8 @@ class Session:
             on(slider, steering.use_numbers)
         on(p.drag, steering.switch_gizmo)
         on(p.hand, steering.choose_hand)
+        for handle in (p.analyser, p.verify, p.table, p.height, p.avoid):
+            on(handle, steering.show_load)
         p.tuning.wire(on)
         on(p.simulate, self._simulate)
         on(p.moment, self._seek)
@@ -129,7 +134,7 @@ class Session:
         on(p.verdict, self._judge)
         on(p.slider, self._slide)
         on(p.play, self._play)
-        on(p.memory_again, self._recall)
+        on(p.memory_reload, self._recall)
         on(p.camera, self.stage.look)
         on(p.glass, lambda: self.stage.glass(p.glass.value, self.reading.share()))
         on(p.glass_object, lambda: self.stage.glass_object(p.glass_object.value))
@@ -145,8 +150,8 @@ class Session:
         self.stage.layer(group, bool(self.panel.layers[group].value))
 
     @contextlib.contextmanager
-    def _told(self) -> Iterator[None]:
-        """What goes wrong inside is told to the person, and the browser lives on."""
+    def _reported(self) -> Iterator[None]:
+        """Show a failure as the headline; the browser stays usable."""
         try:
             yield
         except PreshapeError as error:
@@ -163,12 +168,18 @@ class Session:
     def _choose_object(self) -> None:
         name = self.panel.thing.value
         if name in self._uploaded:
-            self._load(str(self._uploaded[name]), self.steering.unit, 1.0)
+            self._load(self._changed(str(self._uploaded[name]), self.steering.unit))
+        elif name == self._start.request.object_name:
+            self._load(self._start.request)
         elif name in object_names():
-            self._load(name, "m", 1.0)
+            self._load(self._changed(name, "m"))
+
+    def _changed(self, source: str, unit: str) -> PlanRequest:
+        """The first request with another object."""
+        return replace(self._start.request, source=source, unit=unit, scale=1.0, view=None)
 
     def _upload(self) -> None:
-        with self._told():
+        with self._reported():
             given = self.panel.upload.value
             path = self._uploads.keep(given.name, given.content)
             with self._lock:
@@ -180,33 +191,40 @@ class Session:
                 self.panel.thing.value = label
 
             self._after = arrived
-            self._load(str(path), self.steering.unit, 1.0)
+            self._load(self._changed(str(path), self.steering.unit))
 
-    def _load(self, source: str, unit: str, scale: float) -> None:
+    def _load(self, request: PlanRequest) -> None:
         def ready() -> None:
-            self._pending = (source, unit, scale)
+            self._pending = request
 
-        self._ask("reading the object", ready, "load", source=source, unit=unit, scale=scale)
+        self._ask("reading the object", ready, "load", request=request.to_json())
 
     def _plan(self, do: str) -> None:
         if self._deadlock:
             self._say("bad", "Deadlock", "Reset it first, then ask for another task or object.")
             return
-        if not self._source[0]:
+        if self._loaded is None:
             self._say("warn", "No object", "Choose an object first.")
             return
-        order = self.steering.order(*self._source, self._start.order.memory)
-        self._ask("planning", self._forget, do, **order_fields(order))
+        request = self.steering.request(self._loaded)
+        self._ask("planning", self._forget, do, request=request.to_json())
 
     def _ask(self, words: str, ready: Callable[[], None], do: str, **content: Any) -> None:
-        """Ask the planner. Everything is made ready before: it may answer before this returns."""
+        """Ask the planner.
+
+        Args:
+            words: What will be done.
+            ready: Called before the request is sent, because the planner may answer before this returns.
+            do: What the planner does.
+            content: The rest of the message.
+        """
         with self._lock:
             if self._planner.busy:
-                words = "Something is being done: wait for it, or cancel it."
-                self._say("warn", "One thing at a time", words)
+                words = "The planner is busy: wait until it is done, or cancel it."
+                self._say("warn", "One request at a time", words)
                 return
             ready()
-            # Beside an answer the headline tells of the answer; a run in physics has none of its own yet.
+            # The headline belongs to an answer as soon as there is one; a run in physics has none of its own.
             self._waiting.begin(words, lambda: do == "simulate" or self.reading.document is None)
             try:
                 self._planner.ask(do, **content)
@@ -219,12 +237,12 @@ class Session:
         if self._planner.cancel():
             self._after = None
             self._waiting.end()
-            self._say("warn", "Cancelled", "Nothing that was learnt before is lost.")
+            self._say("warn", "Cancelled", "Everything that was learnt before is kept.")
 
     # Replies of the planner.
 
     def _heard(self, reply: Reply) -> None:
-        with self._told():
+        with self._reported():
             if {"mesh", "document", "run"} & reply.keys():
                 self._waiting.quiet()
             if "progress" in reply:
@@ -234,24 +252,24 @@ class Session:
             elif "document" in reply:
                 self._planned(reply)
             elif "run" in reply:
-                self._tried_out(reply["run"])
+                self._show_run(reply["run"])
             elif "error" in reply:
                 self._failed(str(reply["error"]))
             elif "done" in reply:
                 self._done()
 
-    def _arrived(self, said: dict[str, Any]) -> None:
+    def _arrived(self, sent: dict[str, Any]) -> None:
         mesh = TriangleMesh(
-            name=said["name"],
-            vertices=decoded(said["vertices"], "<f8", 3),
-            triangles=decoded(said["triangles"], "<i8", 3),
+            name=sent["name"],
+            vertices=decoded(sent["vertices"], "<f8", 3),
+            triangles=decoded(sent["triangles"], "<i8", 3),
         )
-        self._source = self._pending
+        self._loaded = self._pending
         self._forget()
         self.stage.put(mesh)
-        size = " × ".join(f"{1000 * x:.0f}" for x in said["extents"])
-        drawn = f", {len(mesh.triangles)} of them drawn" if len(mesh.triangles) < said["whole"] else ""
-        self._say("warn", said["name"], f"{size} mm, {said['whole']} triangles{drawn}. Press Plan.")
+        size = " × ".join(f"{1000 * x:.0f}" for x in sent["extents"])
+        drawn = f", {len(mesh.triangles)} of them drawn" if len(mesh.triangles) < sent["whole"] else ""
+        self._say("warn", sent["name"], f"{size} mm, {sent['whole']} triangles{drawn}. Press Plan.")
         after, self._after = self._after, None
         if after is not None:
             after()
@@ -289,14 +307,14 @@ class Session:
             self.stage.look()
 
     def _picked(self, index: int) -> None:
-        with self._told():
+        with self._reported():
             self.stage.select(index)
             words = self.reading.pick(index)
             if words:
                 self._say("warn", plane(index).label, words)
 
     def _recall(self) -> None:
-        self.panel.memory.content = readings.wrapped(memory_html(self._start.order.memory))
+        self.panel.memory.content = readings.wrapped(memory_html(self._start.request.memory))
 
     # The external critic.
 
@@ -348,7 +366,7 @@ class Session:
         self._animate(step, PLAYED)
 
     def _animate(self, step: Callable[[float], None], seconds: float) -> None:
-        """Call a step with shares 0..1 until the time is over, or it is stopped; again stops it."""
+        """Call a step with shares 0..1 for some seconds; a second call while it runs stops it."""
         if self._playing.is_set():
             self._playing.clear()
             return
@@ -365,24 +383,21 @@ class Session:
 
     def _simulate(self) -> None:
         answer = self.reading.answer
-        if answer is None:
+        if answer is None or self._loaded is None:
             self._say("warn", "Nothing to simulate", "Plan first.")
             return
-        source, unit, scale = self._source
-        asked = {"source": source, "unit": unit, "scale": scale, "hand": answer["hand"]}
-        asked |= {"friction": self.panel.friction.value, "mass": self.panel.mass.value}
 
         def ready() -> None:
-            self._tried = answer
+            self._simulated = answer
             self.trial.drop()
 
-        self._ask("simulating", ready, "simulate", **asked)
+        self._ask("simulating", ready, "simulate", request=self._loaded.to_json(), answer=answer)
 
-    def _tried_out(self, run: dict[str, Any]) -> None:
-        if self.reading.answer is self._tried:
+    def _show_run(self, run: dict[str, Any]) -> None:
+        if self.reading.answer is self._simulated:
             self.reading.headline()
             self.trial.take(run)
-        else:  # its poses are another answer's
+        else:
             words = "The answer that was simulated is no longer shown; simulate this one."
             self._say("warn", "Another answer", words)
 
