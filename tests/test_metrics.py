@@ -354,7 +354,7 @@ def test_bad_arguments():
     grasp = three_on_disc()
     one = ForceLimits(total=1.0)
     for call, says in (
-        (lambda: metrics.epsilon(grasp, "L2"), "a norm is one of L1, Linf, got 'L2'"),
+        (lambda: metrics.epsilon(grasp, "L2"), "no norm 'L2'; known: L1, Linf"),
         (lambda: metrics.epsilon(grasp, edges=7), "an even number of edges"),
         (lambda: metrics.push_residual(grasp, np.zeros((0, 6))), "at least one"),
         (lambda: metrics.push_residual(grasp, np.zeros((2, 5))), "n×6"),

@@ -1,9 +1,9 @@
 """Force closure: can the contacts balance every wrench?
 
-Exact for the cones as they are through a second-order-cone program (Han, Trinkle & Li 2000), and for cones
-cut into edges through a linear program. Both ask for the same thing: contact forces strictly inside their
-cones that balance each other, by contacts that reach every direction (G of rank 6). Such forces can absorb
-any push once they are large enough; without them some wrench cannot be balanced (Murray, Li & Sastry 1994).
+A second-order-cone program decides it exactly for friction cones (Han, Trinkle & Li 2000); a linear program
+decides it for pyramids of edges inside the cones. Both look for contact forces strictly inside their cones
+that balance one another, from contacts that reach every direction (G of rank 6). Such forces resist any load
+once they are large enough; without them some wrench cannot be balanced (Murray, Li & Sastry 1994).
 """
 
 from __future__ import annotations
@@ -16,13 +16,13 @@ from .contacts import Contacts, cone_matrix, generators
 from .results import ForceClosure, MetricStatus
 
 RANK_TOLERANCE = 1e-9
-"""Singular values of G under this fraction of the largest count as zero."""
+"""Singular values of G below this fraction of the largest one count as zero."""
 CLOSED = 1e-8
-"""A margin up to this is rounding: the grasp is not closed."""
+"""A margin up to this is a rounding error, and the grasp is not closed."""
 
 
 def reached(matrix: Array) -> int:
-    """How many wrench directions the columns of (6, k) span."""
+    """Rank of a (6, k) matrix: how many wrench directions its columns span."""
     if not matrix.size:
         return 0
     singular = np.linalg.svd(matrix, compute_uv=False)
@@ -30,10 +30,11 @@ def reached(matrix: Array) -> int:
 
 
 def force_closure(contacts: Contacts) -> ForceClosure:
-    """Force closure with the friction cones as they are.
+    """Force closure with exact friction cones.
 
-    maximise t: G u + t G e = 0, u in the cones, Σ uₙ + n t ≤ 1, with e the axis of every cone: forces u + t e
-    balance each other and are t deep. 0 < t ≤ 1/n exactly when the grasp is closed.
+    The program maximises t subject to G u + t G e = 0, u in the cones, Σ uₙ + n t ≤ 1, where e is the axis of
+    every cone. The forces u + t e balance one another and lie t deep in their cones; 0 < t ≤ 1/n exactly when
+    the grasp is closed.
     """
     early = _early(contacts, cone_matrix(contacts))
     if early is not None:
@@ -41,7 +42,7 @@ def force_closure(contacts: Contacts) -> ForceClosure:
     n, d = contacts.count, contacts.dimension
     axis = np.tile(np.eye(d)[0], n)
     G = cone_matrix(contacts)
-    # Unknowns: u, t + 1 (so that it cannot be negative), the slack of the sum.
+    # Unknowns: u, t + 1 (which cannot be negative), and the slack of the sum.
     A = np.zeros((7, n * d + 2))
     A[:6, : n * d], A[:6, n * d] = G, G @ axis
     A[6, : n * d], A[6, n * d], A[6, n * d + 1] = axis, n, 1.0
@@ -55,10 +56,10 @@ def force_closure(contacts: Contacts) -> ForceClosure:
 
 
 def force_closure_linear(contacts: Contacts, edges: int = 8) -> ForceClosure:
-    """Force closure with cones cut into ``edges`` edges, through a linear program (HiGHS).
+    """Force closure with pyramids of ``edges`` edges inside the cones, by a linear program (HiGHS).
 
-    The edges lie inside the cones: closed here means closed; a grasp that is only just closed may be missed.
-    The margin is that of the edges: the share that every edge of a contact carries, times their number.
+    A grasp that is closed here is closed; one that is only just closed may be missed. The margin is the share
+    of the normal force that every edge of a contact carries, times the number of edges.
     """
     from scipy.optimize import linprog
 
@@ -68,7 +69,7 @@ def force_closure_linear(contacts: Contacts, edges: int = 8) -> ForceClosure:
         return early
     n, k, _ = rays.shape
     P = rays.reshape(-1, 6).T
-    # a = weights beyond t/k on every edge
+    # The unknowns are t and the weights of the edges beyond t/k.
     result = linprog(
         np.append(np.zeros(n * k), -1.0),
         A_ub=np.append(np.ones(n * k), n)[None],

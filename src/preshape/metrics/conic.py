@@ -1,12 +1,12 @@
-"""Small second-order-cone programs, many at once: a primal-dual interior-point method in NumPy.
+"""Batches of small second-order-cone programs: a primal-dual interior-point method in NumPy.
 
     minimise c·x  subject to  A x = b,  x in K,
     maximise b·y  subject to  Aᵀ y + s = c,  s in K,
 
-K a product of second-order cones {(u₀, u₁): |u₁| ≤ u₀}; dimension 1 is the half line. Mehrotra's
-predictor and corrector with the scaling of Nesterov and Todd. Programs have at most a few dozen unknowns, so
-everything is dense; a batch shares its cones and is solved in one go. Both programs must have interior
-points (the metrics are posed so that they do).
+where K is a product of second-order cones {(u₀, u₁): |u₁| ≤ u₀}; a cone of dimension 1 is the half line. The
+method is Mehrotra's predictor-corrector with the scaling of Nesterov and Todd. The programs have at most a
+few dozen unknowns, so all matrices are dense; the programs of a batch share their cones. Both the primal and
+the dual program must have interior points, which the metrics ensure.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ import numpy as np
 from ..types import Array, BoolArray, value
 
 TOLERANCE = 1e-10
-"""Residuals and gap at which a program counts as solved, relative to 1 + the size of its data."""
-_ACCEPTED = 1e-7  # where rounding stops progress earlier, this is still an answer
+"""Residuals and gap at which a program is solved, relative to 1 + the size of its data."""
+_ACCEPTED = 1e-7  # accuracy that is accepted where rounding ends the progress earlier
 _ITERATIONS = 60
 _Blocks = Sequence[tuple[int, int]]
 
@@ -29,10 +29,10 @@ class ConicSolution:
     """Solutions of a batch of programs.
 
     Attributes:
-        x: (m, N) primal point.
+        x: (m, N) primal solutions.
         y: (m, p) multipliers of the equations.
-        objective: (m,) c·x.
-        converged: (m,) whether residuals and gap are small; the rest of a row means nothing otherwise.
+        objective: (m,) values c·x.
+        converged: (m,) whether residuals and gap are small; other rows have no meaning.
     """
 
     x: Array
@@ -42,7 +42,7 @@ class ConicSolution:
 
 
 class _Cones:
-    """The product cone: ``blocks`` lists (how many, of which dimension), in the order of the unknowns."""
+    """A product of cones; ``blocks`` lists (number of cones, dimension) in the order of the unknowns."""
 
     def __init__(self, blocks: _Blocks) -> None:
         self.groups: list[tuple[slice, int, int]] = []
@@ -57,18 +57,18 @@ class _Cones:
             self.unit[part.start : part.stop : dim] = 1.0
 
     def split(self, u: Array) -> list[Array]:
-        """Views (..., count, dim), one a group."""
+        """A view (..., count, dim) for each block."""
         return [u[..., part].reshape(*u.shape[:-1], count, dim) for part, count, dim in self.groups]
 
     def join(self, parts: list[Array]) -> Array:
         return np.concatenate([p.reshape(*p.shape[:-2], -1) for p in parts], axis=-1)
 
     def depth(self, u: Array) -> Array:
-        """(m,) the smallest u₀ - |u₁| over the blocks."""
+        """(m,) smallest u₀ - |u₁| over all cones."""
         return np.min([(b[..., 0] - _length(b[..., 1:])).min(axis=-1) for b in self.split(u)], axis=0)
 
     def product(self, u: Array, v: Array) -> Array:
-        """Jordan product: (u·v, u₀ v₁ + v₀ u₁)."""
+        """The Jordan product u ∘ v = (u·v, u₀ v₁ + v₀ u₁)."""
         out = []
         for a, b in zip(self.split(u), self.split(v), strict=True):
             w = a[..., :1] * b + b[..., :1] * a
@@ -87,7 +87,7 @@ class _Cones:
         return self.join(out)
 
     def step(self, u: Array, du: Array) -> Array:
-        """(m,) the largest t with u + t du in the cone."""
+        """(m,) largest t with u + t du in the cone."""
         out = []
         for a, d in zip(self.split(u), self.split(du), strict=True):
             b = a[..., 0] * d[..., 0] - (a[..., 1:] * d[..., 1:]).sum(axis=-1)
@@ -109,7 +109,7 @@ def _det(u: Array) -> Array:
 
 
 class _Scaling:
-    """Nesterov-Todd scaling W of a pair of interior points: W s = W⁻¹ x."""
+    """The Nesterov-Todd scaling W of a pair of interior points, with W s = W⁻¹ x."""
 
     def __init__(self, cones: _Cones, x: Array, s: Array) -> None:
         self.cones = cones
@@ -125,7 +125,7 @@ class _Scaling:
             self.eta.append(np.sqrt(da / db))
 
     def apply(self, u: Array, *, invert: bool = False) -> Array:
-        """W u, or W⁻¹ u, of (m, N); or of every row of (m, p, N)."""
+        """W u or W⁻¹ u for u (m, N), or for each row of u (m, p, N)."""
         out = []
         for b, w, eta in zip(self.cones.split(u), self.w, self.eta, strict=True):
             if u.ndim == 3:
@@ -142,22 +142,28 @@ class _Scaling:
 def solve(c: Array, A: Array, b: Array, blocks: _Blocks) -> ConicSolution:
     """Solve a batch of programs over one product of cones.
 
+    1. Start from the least-squares points of both programs, shifted into the cone.
+    2. Compute residuals and gap of each program, and remember its best point so far.
+    3. Stop a program that is solved, or whose best point is five iterations old.
+    4. Move the others along Mehrotra's direction, and continue with step 2.
+
     Args:
         c: (N,) or (m, N) costs.
-        A: (p, N) or (m, p, N) equations, rows independent.
+        A: (p, N) or (m, p, N) equations with independent rows.
         b: (p,) or (m, p) right-hand sides.
-        blocks: (count, dimension) of the cones, in the order of the unknowns.
+        blocks: (number of cones, dimension) in the order of the unknowns.
     """
     cones = _Cones(blocks)
     m = max(np.atleast_2d(c).shape[0], np.atleast_2d(b).shape[0], A.shape[0] if A.ndim == 3 else 1)
     p = A.shape[-2]
     c, b = np.broadcast_to(c, (m, cones.size)), np.broadcast_to(b, (m, p))
     A = np.broadcast_to(A, (m, p, cones.size))
-    x, y, s = _start(cones, c, A, b)
+    x, y, s = _start(cones, c, A, b)  # 1.
     size_b, size_c = 1.0 + np.abs(b).max(axis=1), 1.0 + np.abs(c).max(axis=1)
     best_x, best_y, best = x, y, np.full(m, np.inf)
     worse = np.zeros(m, dtype=np.int64)
     for _ in range(_ITERATIONS):
+        # 2. Residuals and gap.
         rp, rd = b - _mul(A, x), c - _mul_t(A, y) - s
         gap, objective = (x * s).sum(axis=1), (c * x).sum(axis=1)
         error = np.maximum(np.abs(rp).max(axis=1) / size_b, np.abs(rd).max(axis=1) / size_c)
@@ -167,10 +173,12 @@ def solve(c: Array, A: Array, b: Array, blocks: _Blocks) -> ConicSolution:
         best = np.where(better, error, best)
         best_x = np.where(better[:, None], x, best_x)
         best_y = np.where(better[:, None], y, best_y)
+        # 3. Programs that still run.
         running = (best > TOLERANCE) & (worse < 5)
         if not running.any():
             break
-        with np.errstate(all="ignore"):  # a program that has finished may divide by its own zeros
+        # 4. The next point. A program that has stopped may divide by zero.
+        with np.errstate(all="ignore"):
             dx, dy, ds, t = _direction(cones, A, x, s, rp, rd)
             size = np.abs(dx).max(axis=1) + np.abs(dy).max(axis=1) + np.abs(ds).max(axis=1) + t
         moves = running & np.isfinite(size) & (t > 0.0)
@@ -197,7 +205,7 @@ def _mul_t(A: Array, y: Array) -> Array:
 
 
 def _start(cones: _Cones, c: Array, A: Array, b: Array) -> tuple[Array, Array, Array]:
-    """The least-squares points of both programs, moved along the axis into the cone."""
+    """The least-squares points x and (y, s) of both programs, shifted along the axes into the cone."""
     gram = A @ np.swapaxes(A, 1, 2)
     inverse: Array = np.linalg.inv(gram).astype(np.float64, copy=False)
     x = _mul_t(A, _mul(inverse, b))
@@ -213,10 +221,16 @@ def _start(cones: _Cones, c: Array, A: Array, b: Array) -> tuple[Array, Array, A
 def _direction(
     cones: _Cones, A: Array, x: Array, s: Array, rp: Array, rd: Array
 ) -> tuple[Array, Array, Array, Array]:
-    """Mehrotra's direction (dx, dy, ds) and its step length."""
+    """Mehrotra's direction (dx, dy, ds) and its step length.
+
+    1. Scale both points to the same vector λ = W s.
+    2. Predictor: the Newton step towards a gap of zero, and how far it stays in the cone.
+    3. Corrector: the Newton step towards a gap that is the smaller the farther the predictor went, with the
+       predictor's second-order error removed.
+    """
     W = _Scaling(cones, x, s)
     lam = W.apply(s)
-    # With A W = Rᵀ Qᵀ the equations need no A W² Aᵀ, whose rounding would end the search where forces vanish.
+    # A W = Rᵀ Qᵀ avoids forming A W² Aᵀ, whose rounding errors end the progress where forces vanish.
     Q, R = np.linalg.qr(np.swapaxes(W.apply(A), 1, 2))
     try:
         solved = np.linalg.inv(R)
@@ -235,8 +249,10 @@ def _direction(
     def length(dx: Array, ds: Array) -> Array:
         return np.minimum(cones.step(x, dx), cones.step(s, ds))
 
+    # 2. Predictor.
     dx, dy, ds = newton(-lam)
     t = np.minimum(1.0, length(dx, ds))
+    # 3. Corrector.
     sigma = (1.0 - t)[:, None] ** 3
     mu = (lam * lam).sum(axis=1, keepdims=True) / cones.degree
     second = cones.product(W.apply(dx, invert=True), W.apply(ds))

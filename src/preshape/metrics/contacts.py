@@ -1,7 +1,10 @@
-"""Contacts as the metrics see them: friction cones, contact wrenches, grasp matrix.
+"""Contacts of a grasp: friction cones, contact wrenches and the grasp matrix.
 
-A contact force is f = fₙ n + fₜ with n the inward normal, and a soft finger adds a moment m about n
-(Howe & Cutkosky 1996): √(|fₜ|²/μ² + m²/γ²) ≤ fₙ. Wrenches are (force, torque/ℓ) about the reference point.
+A contact force is f = fₙ n + fₜ with the inward normal n. A soft finger adds a moment m about n (Howe &
+Cutkosky 1996), with √(|fₜ|²/μ² + m²/γ²) ≤ fₙ. Wrenches are (force, torque/ℓ) about the reference point.
+
+Cone coordinates u of a contact are (normal, two tangents, moment), scaled so that its friction cone is the
+plain cone ``|u₁| ≤ u₀``.
 """
 
 from __future__ import annotations
@@ -14,8 +17,8 @@ import numpy as np
 from ..exceptions import InputError
 from ..types import Array, freeze, frozen_array, value
 
-_NORMAL_TOLERANCE = 1e-3  # a normal longer or shorter than one by more is not a normal but a mistake [C]
-_NO_TANGENT = 1e-6  # a direction whose part along the surface is smaller than this times ℓ gives no tangent
+_NORMAL_TOLERANCE = 1e-3  # largest error of a normal's length; more is a mistake of the caller [C]
+_NO_TANGENT = 1e-6  # shortest part along the surface, over ℓ, that a tangent is taken from
 
 
 @value
@@ -25,15 +28,15 @@ class Contacts:
     Attributes:
         positions: (n, 3) contact points [m]; n may be 0.
         normals_in: (n, 3) unit normals into the object.
-        friction: (n,) sliding coefficients μ ≥ 0; one number serves all.
-        torsion: (n,) torsional coefficients γ ≥ 0 [m]: moment about the normal per newton; one number
-            serves all; 0 is a hard finger.
-        reference: (3,) point about which torques are taken [m].
-        length: ℓ > 0 [m], by which torques are divided: half the object's largest extent.
+        friction: (n,) sliding coefficients μ ≥ 0, or one number for all.
+        torsion: (n,) torsional coefficients γ ≥ 0 [m], the moment about the normal per newton, or one number
+            for all; 0 is a hard finger.
+        reference: (3,) reference point of the torques [m].
+        length: ℓ > 0 [m], half the object's largest extent; torques are divided by it.
 
     Raises:
-        InputError: wrong shapes, numbers that are not finite, a normal that is not of unit length,
-            negative friction, or a length that is not positive.
+        InputError: An array has the wrong shape or is not finite, a normal is not of unit length, a friction
+            coefficient is negative, or the length is not positive.
     """
 
     positions: Array
@@ -67,7 +70,7 @@ class Contacts:
 
     @property
     def count(self) -> int:
-        """How many contacts."""
+        """Number of contacts."""
         return len(self.positions)
 
     @property
@@ -77,22 +80,22 @@ class Contacts:
 
     @property
     def gamma(self) -> Array:
-        """(n,) torsional coefficients over ℓ."""
+        """(n,) torsional coefficients, divided by ℓ."""
         return np.asarray(self.torsion) / self.length
 
     @property
     def dimension(self) -> int:
-        """Of one friction cone; 3, or 4 where any contact is soft."""
+        """Dimension of a friction cone: 3, or 4 where any contact is soft."""
         return 4 if self.gamma.any() else 3
 
     @property
     def arms(self) -> Array:
-        """(n, 3) positions from the reference point over ℓ."""
+        """(n, 3) positions relative to the reference point, divided by ℓ."""
         return (self.positions - np.asarray(self.reference)) / self.length
 
 
 def _rows(given: Array, n: int | None, name: str) -> Array:
-    """(n, 3) of what was given; an empty list is no contacts."""
+    """(n, 3) array of the input; an empty list is no contacts."""
     empty = isinstance(given, list | tuple | np.ndarray) and len(given) == 0
     return frozen_array(np.zeros((0, 3)) if empty else given, (n, 3), name)
 
@@ -107,11 +110,11 @@ def _coefficients(given: Array | float, n: int, name: str) -> Array:
 
 
 def tangents(contacts: Contacts) -> tuple[Array, Array]:
-    """Two unit tangents a contact, (n, 3) each, that turn and mirror with the scene.
+    """Two unit tangents of each contact, (n, 3) each, that rotate and mirror with the scene.
 
-    The first is the part along the surface of the arm from the reference point; where there is none, of the
-    way to another contact or of another normal. Only where all of that lies on one line is it taken
-    from the world axes: then the scene looks the same from every side.
+    The first tangent is the part along the surface of the arm from the reference point. Where that vanishes
+    it is that part of the vector to another contact, or of another normal. World axes are used only where all
+    of these lie on one line, because then the scene has rotational symmetry.
     """
     first, arms = np.empty((contacts.count, 3)), contacts.arms
     for i, n in enumerate(contacts.normals_in):
@@ -125,7 +128,7 @@ def tangents(contacts: Contacts) -> tuple[Array, Array]:
 
 
 def _hints(contacts: Contacts, arms: Array, i: int) -> Iterator[Array]:
-    """What contact i may take its tangent from, best first; the last always serves."""
+    """Vectors whose part along the surface may be the tangent of contact i; the last one always serves."""
     yield arms[i]
     others = [j for j in range(len(arms)) if j != i]
     yield from (arms[j] - arms[i] for j in others)
@@ -134,16 +137,17 @@ def _hints(contacts: Contacts, arms: Array, i: int) -> Iterator[Array]:
 
 
 def grasp_matrix(contacts: Contacts) -> Array:
-    """(6, n·d) G of unit contact forces: normal, two tangents, and with a soft contact the moment.
+    """(6, n·d) grasp matrix G of unit forces along the normal and two tangents, and of the moment where d is
+    4.
 
-    The moment's column is the moment that one newton of normal force can hold, γ/ℓ, so that the column of
-    a hard finger is zero [C].
+    The column of the moment is the moment that one newton of normal force holds, γ/ℓ; it is zero for a hard
+    finger [C].
     """
     return _columns(contacts, np.ones(contacts.count))
 
 
 def cone_matrix(contacts: Contacts) -> Array:
-    """(6, n·d) G with columns scaled so that every friction cone is the plain cone ``|u₁| ≤ u₀``."""
+    """(6, n·d) matrix that maps the cone coordinates of all contacts to a wrench."""
     return _columns(contacts, contacts.mu)
 
 
@@ -169,11 +173,11 @@ def support(contacts: Contacts, directions: Array) -> tuple[Array, Array]:
     """How far each contact reaches along directions with a unit normal force.
 
     Args:
-        contacts: the grasp.
-        directions: (m, 6) in wrench space.
+        contacts: The contacts of the grasp.
+        directions: (m, 6) directions in wrench space.
 
     Returns:
-        (m, n) the largest d·w over the contact's wrenches with fₙ = 1, and (m, n, 6) those wrenches.
+        (m, n) largest d·w over the contact's wrenches with fₙ = 1, and (m, n, 6) those wrenches.
     """
     G = cone_matrix(contacts).reshape(6, contacts.count, contacts.dimension)
     local = np.einsum("mk,knd->mnd", directions, G)
@@ -185,16 +189,17 @@ def support(contacts: Contacts, directions: Array) -> tuple[Array, Array]:
 
 
 def rim(contacts: Contacts, edges: int = 8, *, halves: bool = True) -> Array:
-    """(k, d) points on the rim of the plain cone at height 1, evenly round.
+    """(k, d) evenly spread cone coordinates on the boundary of the plain cone at height 1.
 
-    Hard finger: ``edges`` forces. Soft: those, the two pure moments, and with ``halves`` a ring half-way
-    (45°) to each.
+    A hard finger has ``edges`` of them. A soft finger also has the two pure moments, and with ``halves`` a
+    ring halfway (45°) to each.
 
     Raises:
-        InputError: fewer than 4 edges, or an odd number (a mirrored scene would differ).
+        InputError: There are fewer than 4 edges or an odd number of them, which a mirrored scene would
+            change.
     """
     if edges < 4 or edges % 2:
-        raise InputError(f"a cone is cut into an even number of edges, at least 4, got {edges}")
+        raise InputError(f"a cone must have an even number of edges, at least 4, got {edges}")
     angles = 2.0 * np.pi * np.arange(edges) / edges
     ring = np.stack([np.ones(edges), np.cos(angles), np.sin(angles)], axis=1)
     if contacts.dimension == 3:
@@ -207,6 +212,6 @@ def rim(contacts: Contacts, edges: int = 8, *, halves: bool = True) -> Array:
 
 
 def generators(contacts: Contacts, edges: int = 8) -> Array:
-    """(n, k, 6) wrenches with fₙ = 1 on the rim of each friction cone; their hull lies inside the cone's."""
+    """(n, k, 6) wrenches with fₙ = 1 on the boundary of each friction cone: edges of a pyramid inside it."""
     G = cone_matrix(contacts).reshape(6, contacts.count, contacts.dimension)
     return np.einsum("knd,ed->nek", G, rim(contacts, edges))

@@ -1,4 +1,4 @@
-"""How far a wrench is from those that contacts can produce."""
+"""The distance of a wrench from the wrenches that contacts can produce."""
 
 from __future__ import annotations
 
@@ -12,14 +12,18 @@ _ITERATIONS = 100
 
 
 def distance(space: WrenchSpace, point: Array) -> tuple[float, bool, Array]:
-    """How far a wrench is from the space.
+    """The distance of a wrench from a wrench space.
+
+    In each iteration the wrench is projected on a hull of support points inside the space. The support plane
+    across the residual bounds the distance from below; where the bound is not yet tight, Newton's method is
+    tried, and otherwise the support points of that plane are added to the hull.
 
     Args:
-        space: the producible wrenches.
-        point: (6,).
+        space: Wrenches that the grasp can produce.
+        point: (6,) wrench.
 
     Returns:
-        The distance; whether it is exact to rounding; the (n, d) forces that come nearest (cone coordinates).
+        The distance; whether it is exact to rounding; the (n, d) nearest forces in cone coordinates.
     """
     hull = space.hull
     for _ in range(_ITERATIONS):
@@ -29,14 +33,14 @@ def distance(space: WrenchSpace, point: Array) -> tuple[float, bool, Array]:
         if size <= EXACT:
             return size, True, force
         height, points = space.support(away / size)
-        # The plane across `away` that touches the space bounds the distance from below.
+        # The plane across the residual that touches the space bounds the distance from below.
         if size - (float(away @ point) / size - height) <= EXACT:
             return size, True, force
         exact = _polished(space, point, away, force)
         if exact is not None:
             return exact
         if len(hull.points) > CROWDED:
-            hull = hull.kept(weights > 0.0)
+            hull = hull.only(weights > 0.0)
         hull = hull.grown(points)
     return size, False, force
 
@@ -44,7 +48,7 @@ def distance(space: WrenchSpace, point: Array) -> tuple[float, bool, Array]:
 def _polished(
     space: WrenchSpace, point: Array, away: Array, force: Array
 ) -> tuple[float, bool, Array] | None:
-    """The projection from its first-order conditions, Σ wrenches = point - y, or none."""
+    """The projection by its first-order conditions, Σ wrenches = point - y; ``None`` where that fails."""
     still, rows = -np.eye(6), np.zeros(6)
 
     def wanted(y: Array, k: float) -> tuple[Array, Array, Array, float, Array, float]:
@@ -56,7 +60,7 @@ def _polished(
             continue
         y, _, forces = found
         size = float(np.sqrt(y @ y))
-        # The plane across y must touch the space: then nothing in it is nearer.
+        # Where the plane across y touches the space, no wrench of the space is nearer.
         if size > EXACT and size - (float(y @ point) / size - space.support(y / size)[0]) <= EXACT:
             return size, True, forces
     return None

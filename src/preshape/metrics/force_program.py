@@ -1,4 +1,4 @@
-"""The forces that a grasp may use, as equations over cones; shared by the metrics that optimise over them."""
+"""The forces that a grasp may use, as equations over cones, for the metrics that optimise over them."""
 
 from __future__ import annotations
 
@@ -9,22 +9,23 @@ from ..types import Array, freeze, frozen_array, value
 from .conic import ConicSolution, solve
 from .contacts import Contacts, cone_matrix, tangents
 
-PENALTY = 100.0  # of a wrench that is not produced, against the gain of one that is; see ``reach``
+PENALTY = 100.0
+"""Cost of a unit of wrench that is not produced, where a unit of reach gains 1; see :func:`reach`."""
 
 
 @value
 class ForceLimits:
-    """What bounds the contact forces; at least one of the first two is needed.
+    """Bounds of the contact forces; ``total`` or ``each`` is needed.
 
     Attributes:
-        total: the largest sum of normal forces [N] (the L1 bound).
-        each: the largest normal force of every contact [N] (the L∞ bound).
-        jacobian: (n, 3, j) or (n, 6, j) velocities of the contact points (linear; then angular) per unit
-            joint speed, in the frame of the contacts; joint torques are Jᵀ f.
-        torque: (j,) largest joint torques [N·m], either way.
+        total: Largest sum of the normal forces [N] (the L1 bound).
+        each: Largest normal force of each contact [N] (the L∞ bound).
+        jacobian: (n, 3, j) or (n, 6, j) velocity of each contact point (linear; angular) per unit joint
+            speed, in the frame of the contacts; joint torques are Jᵀ f.
+        torque: (j,) largest joint torques in either direction [N·m].
 
     Raises:
-        InputError: no bound, a bound that is not positive, or a Jacobian without torques and the reverse.
+        InputError: There is no bound, a bound is not positive, or only one of Jacobian and torques is given.
     """
 
     total: float | None = None
@@ -34,13 +35,13 @@ class ForceLimits:
 
     def __post_init__(self) -> None:
         if self.total is None and self.each is None:
-            raise InputError("force limits need a total or an each [N]; neither was given")
+            raise InputError("force limits need a total or an each [N], got neither")
         for name in ("total", "each"):
             given = getattr(self, name)
             if given is not None and not (np.isfinite(given) and given > 0.0):
                 raise InputError(f"the force limit {name} must be positive, got {given:g} N")
         if (self.jacobian is None) != (self.torque is None):
-            raise InputError("a Jacobian and joint torque limits are given together or not at all")
+            raise InputError("a Jacobian and joint torque limits must be given together, got only one")
         if self.jacobian is not None and self.torque is not None:
             jacobian = frozen_array(self.jacobian, (None, None, None), "contact Jacobian")
             if jacobian.shape[1] not in (3, 6):
@@ -52,19 +53,20 @@ class ForceLimits:
 
     @property
     def unit(self) -> float:
-        """The force [N] that the programs count in."""
+        """Unit of force in the programs [N]."""
         return float(min(x for x in (self.total, self.each) if x is not None))
 
 
 @value
 class ForceProgram:
-    """{w = G u: u in the cones, limits}: the first 6 equations are wrenches, the rest limits.
+    """The set {w = G u: u in the cones, within the limits} as equations.
 
     Attributes:
-        equations: (6 + q, N) left-hand sides; forces in units of ``unit``.
+        equations: (6 + q, N) left-hand sides, 6 rows for the wrench and q rows for the limits; forces are in
+            units of ``unit``.
         limits: (q,) right-hand sides of the limits.
-        blocks: cones of the N unknowns: the contacts, then the slacks.
-        unit: [N].
+        blocks: Cones of the N unknowns: contacts, then slacks.
+        unit: Unit of force [N].
     """
 
     equations: Array
@@ -74,13 +76,13 @@ class ForceProgram:
 
 
 def force_program(contacts: Contacts, limits: ForceLimits) -> ForceProgram:
-    """The program of these contacts under these limits.
+    """The program of contacts under force limits.
 
     Raises:
-        InputError: the Jacobian is of another number of contacts.
+        InputError: The Jacobian has another number of contacts.
     """
     n, d, unit = contacts.count, contacts.dimension, limits.unit
-    # (n, n·d), picks the normal forces.
+    # (n, n·d) matrix that selects the normal forces.
     axial: Array = np.kron(np.eye(n), np.eye(d)[:1]).astype(np.float64, copy=False)
     rows: list[Array] = []
     right: list[Array] = []
@@ -99,7 +101,7 @@ def force_program(contacts: Contacts, limits: ForceLimits) -> ForceProgram:
         if len(limits.jacobian) != n:
             raise InputError(f"the contact Jacobian is of {len(limits.jacobian)} contacts, the grasp has {n}")
         share = _joint_torques(contacts, limits.jacobian) * (unit / limits.torque[:, None])
-        # A joint that no contact loads needs no equation.
+        # A joint without load needs no equation.
         share = share[np.abs(share).max(axis=1) > 0.0]
         rows += [share, -share]
         right.append(np.ones(2 * len(share)))
@@ -121,7 +123,7 @@ def _joint_torques(contacts: Contacts, jacobian: Array) -> Array:
     forces = np.stack([contacts.normals_in, mu * t1, mu * t2], axis=2)  # (n, 3, 3)
     linear = np.einsum("nkj,nkd->jnd", jacobian[:, :3], forces)
     if contacts.dimension == 4:
-        # A Jacobian without its angular half cannot tell what the moment costs.
+        # Without the angular half of the Jacobian the moments load no joint.
         moment = np.zeros((jacobian.shape[2], contacts.count, 1))
         if jacobian.shape[1] == 6:
             axes = np.asarray(contacts.torsion)[:, None] * contacts.normals_in
@@ -131,18 +133,19 @@ def _joint_torques(contacts: Contacts, jacobian: Array) -> Array:
 
 
 def reach(program: ForceProgram, directions: Array, base: Array) -> tuple[Array, Array, ConicSolution]:
-    """How far from ``base`` the producible wrenches go: the largest k with base + k·direction.
+    """How far the producible wrenches reach from ``base``: the largest k with base + k·direction among them.
 
-    A wrench r that stays unproduced is allowed at a price, k - 100 |r|, so that every case has an answer; at
-    a held load it costs more than it gains unless the ray is within 0.6° of the boundary's surface.
+    The program maximises k - 100 |r|, where r is the part of the wrench that is not produced, so that it
+    always has a solution. Where the load is held, r ≠ 0 costs more than it gains unless the ray is within
+    0.6° of the boundary's surface.
 
     Args:
-        program: the producible wrenches.
-        directions: (m, 6) unit wrenches; a row of zeros asks for base alone and answers -100 |r|.
-        base: (6,) wrench in newtons.
+        program: Wrenches that the grasp can produce.
+        directions: (m, 6) unit wrenches; a row of zeros tests ``base`` alone and gives -100 |r|.
+        base: (6,) wrench [N].
 
     Returns:
-        (m,) k [N]; (m, 6) outward normals y of the boundary there, y·direction = 1; the solution.
+        (m,) k [N]; (m, 6) outward normals y of the boundary there, with y·direction = 1; the solution.
     """
     m, size = len(directions), program.equations.shape[1]
     A = np.zeros((m, len(program.equations), size + 1 + 7))

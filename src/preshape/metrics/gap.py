@@ -1,9 +1,9 @@
-"""A gap between the wrenches a grasp produces and those a task asks for, after Chen et al. 2024.
+"""The gap between the wrenches that a grasp produces and those that a task needs, after Chen et al. 2024.
 
-For every direction asked for, all contacts together go as far along it as friction lets them, each with at
-most one unit of normal force (the L∞ bound): a point on the boundary of the grasp wrench space, in closed
-form. The gap is how far that wrench points away from the direction, 1 - cos, averaged. It needs no force
-closure and no optimisation.
+For each direction of the task, all contacts together press as far along it as friction permits, each with at
+most one unit of normal force (the L∞ bound). This gives a point on the boundary of the grasp wrench space in
+closed form. The gap is 1 - cos of the angle between that wrench and the direction, averaged over the
+directions. It needs neither force closure nor an optimisation.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from .results import Measure, MetricStatus
 
 
 def force_directions(count: int = 1000) -> Array:
-    """(count, 6) pure forces spread evenly over the sphere (a Fibonacci lattice): what holding asks for."""
+    """(count, 6) pure forces spread evenly over the sphere (a Fibonacci lattice): the wrenches of holding."""
     i = np.arange(count) + 0.5
     z, turn = 1.0 - 2.0 * i / count, math.pi * (1.0 + math.sqrt(5.0)) * i
     r = np.sqrt(1.0 - z * z)
@@ -28,33 +28,33 @@ def force_directions(count: int = 1000) -> Array:
 
 
 def tdg_gap(contacts: Contacts, directions: ArrayLike | None = None) -> Measure:
-    """The mean of 1 - cos(direction, boundary wrench), 0 (none) to 2.
+    """The mean of 1 - cos(direction, boundary wrench), from 0 for no gap to 2.
 
-    A direction along which no contact helps counts 1.
+    A direction along which no contact can press counts as 1.
 
     Args:
-        contacts: the grasp.
-        directions: (m, 6) wrenches asked for (force; torque over ℓ) of any length but 0; if none,
-            forces all round.
+        contacts: The contacts of the grasp.
+        directions: (m, 6) wrenches of the task (force; torque over ℓ), none of length 0; by default
+            :func:`force_directions`.
 
     Returns:
-        The gap, each direction's, and the direction served worst.
+        The gap, the gap of each direction, and the direction with the largest.
 
     Raises:
-        InputError: directions that are not m×6 finite numbers, or one of zeros.
+        InputError: The directions are not m×6 finite numbers, or one of them is zero.
     """
-    asked = frozen_array(force_directions() if directions is None else directions, (None, 6), "directions")
-    sizes = np.linalg.norm(asked, axis=1)
-    if not len(asked) or sizes.min() == 0.0:
-        raise InputError("directions must be at least one and none of them six zeros")
+    wanted = frozen_array(force_directions() if directions is None else directions, (None, 6), "directions")
+    sizes = np.linalg.norm(wanted, axis=1)
+    if not len(wanted) or sizes.min() == 0.0:
+        raise InputError("directions must be at least one, and none of them six zeros")
     if contacts.count == 0:
         return Measure(number=None, status=MetricStatus.NO_CONTACTS)
-    asked = asked / sizes[:, None]
-    height, wrenches = support(contacts, asked)
+    wanted = wanted / sizes[:, None]
+    height, wrenches = support(contacts, wanted)
     wrench = (wrenches * (height > 0.0)[..., None]).sum(axis=1)
     size = np.linalg.norm(wrench, axis=1)
-    cosine = (wrench * asked).sum(axis=1) / np.where(size > 0.0, size, 1.0)
+    cosine = (wrench * wanted).sum(axis=1) / np.where(size > 0.0, size, 1.0)
     gap = 1.0 - np.where(size > 0.0, cosine, 0.0)
     return Measure(
-        number=float(gap.mean()), status=MetricStatus.OK, per_wrench=gap, worst=asked[int(gap.argmax())]
+        number=float(gap.mean()), status=MetricStatus.OK, per_wrench=gap, worst=wanted[int(gap.argmax())]
     )

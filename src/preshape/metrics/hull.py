@@ -1,7 +1,7 @@
 """Epsilon and volume of the grasp wrench space (Ferrari & Canny 1992; Miller & Allen 1999).
 
-L1: the hull of the contact wrenches with normal forces summing to one. L∞: the sum of the contacts' wrenches
-with each normal force at most one. Torques over ℓ.
+L1: the convex hull of the contact wrenches, whose normal forces sum to one. L∞: the sum of the wrenches of
+all contacts, whose normal forces are each at most one. Torques are divided by ℓ.
 """
 
 from __future__ import annotations
@@ -29,33 +29,34 @@ _STARTS = 24
 
 
 def epsilon(contacts: Contacts, norm: str = "L1", *, edges: int = 8) -> Measure:
-    """The radius of the largest ball of wrenches about the origin that the grasp can produce.
+    """Radius of the largest ball of wrenches about the origin that the grasp can produce.
 
-    epsilon = min over unit d of the height of the wrench space along d, which is in closed form with the
-    cones as they are (:mod:`.inscribe` searches the minimum).
+    Epsilon is the minimum over unit vectors d of the height of the wrench space along d. The height has a
+    closed form with exact friction cones; :mod:`.inscribe` searches for the minimum.
 
     Args:
-        contacts: the grasp.
+        contacts: The contacts of the grasp.
         norm: ``L1`` or ``Linf``.
-        edges: of the cut cones behind ``lower``; 0 leaves it out, which is quicker.
+        edges: Edges of the pyramids that ``lower`` is computed from; 0 leaves ``lower`` out, which is
+            quicker.
 
     Returns:
-        epsilon, in units of one normal force, and the direction where the ball touches; 0 with
-        ``NOT_CLOSED`` and ``RANK_DEFICIENT``. ``lower``: the radius of the ball in the hull of cut
-        cones, below which the exact value of either norm cannot be.
+        Epsilon in units of one normal force, and the direction in which the ball touches; 0 with the statuses
+        ``NOT_CLOSED`` and ``RANK_DEFICIENT``. ``lower`` is the radius of the ball in the hull of the
+        pyramids, a lower bound of the exact value for both norms.
 
     Raises:
-        InputError: another norm, or edges that :func:`~preshape.metrics.generators` rejects.
+        InputError: There is no such norm, or :func:`~preshape.metrics.generators` rejects the edges.
     """
     if norm not in NORMS:
-        raise InputError(f"a norm is one of {', '.join(NORMS)}, got {norm!r}")
+        raise InputError(f"no norm {norm!r}; known: {', '.join(NORMS)}")
     status = force_closure(contacts).status
     if status is not MetricStatus.OK:
         zero = 0.0 if status in (MetricStatus.NOT_CLOSED, MetricStatus.RANK_DEFICIENT) else None
         return Measure(number=zero, status=status)
     lower = None
     if edges:
-        # The L∞ space holds the L1 space, so its ball is no smaller.
+        # The L∞ space contains the L1 space, so its ball is at least as large.
         lower = max(float(-_hull(generators(contacts, edges).reshape(-1, 6)).equations[:, 6].max()), 0.0)
     space = WrenchSpace(contacts, each=norm == "Linf")
     fit = inscribe(space, np.zeros(6), np.eye(6)[0], math.pi, starts=_STARTS)
@@ -69,11 +70,11 @@ def epsilon(contacts: Contacts, norm: str = "L1", *, edges: int = 8) -> Measure:
 
 
 def volume(contacts: Contacts, *, edges: int = 8) -> Measure:
-    """Volume of the L1 wrench space with the origin, in (normal force)⁶, of cut cones.
+    """Volume of the L1 wrench space and the origin, in (normal force)⁶, computed with pyramids for cones.
 
-    The number is the hull of cones cut from the inside; ``lower`` is the same and ``upper`` that of cones cut
-    from the outside (friction over cos(π/edges); hard fingers only): the exact volume lies between.
-    A grasp that is not closed has a volume too: the origin is one of the hull's points.
+    The number, which is also ``lower``, belongs to pyramids inside the cones; ``upper`` belongs to pyramids
+    around them (friction over cos(π/edges), hard fingers only). The exact volume lies between the two. A
+    grasp that is not closed has a volume too, because the origin belongs to the hull.
     """
     if contacts.count == 0:
         return Measure(number=None, status=MetricStatus.NO_CONTACTS)

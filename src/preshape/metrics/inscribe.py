@@ -1,4 +1,13 @@
-"""How large a cap of wrenches fits into a wrench space: the search behind epsilon and the task margin."""
+"""The largest cap of wrenches that fits into a wrench space: the search behind epsilon and the task margin.
+
+The cap holds all unit wrenches w within an angle of an axis. The search looks for the largest factor k with
+base + k·w in the space for each w of the cap. The plane across a direction y that touches the space permits
+the factor φ(y) (see :func:`phi`), so k is the minimum of φ over all y. φ may have several minima:
+
+1. start from faces of a polyhedral approximation of the space (:func:`inscribe`);
+2. descend from each to a local minimum (:func:`descend`), finished by Newton's method;
+3. probe directions around the best minimum, and descend again where one is lower.
+"""
 
 from __future__ import annotations
 
@@ -12,26 +21,25 @@ from .newton import RIMS, finish
 from .wrench_space import CROWDED, EXACT, WrenchSpace, hardest, project
 
 NOTHING = 1e-7
-"""A factor up to this, in units of the normal force, is rounding."""
+"""A factor up to this, in units of the normal force, counts as zero."""
 _ITERATIONS = 150
-_POLISH_BELOW = 0.02  # distance at which Newton's method is tried
-_PROBES = 8
-_ANGLES = (0.003, 0.05, 0.4)  # of the directions probed round a minimum [rad]
-_WIDE = (0.3, 0.8, 1.3, 1.7)  # and round the axis, to start from
-_LOWER = 1e-10
-_APART = 0.45  # angle between the wrenches that a search starts from [rad], or a third of the half-angle
-_SHARE = 1e-4  # of the normal force, below which a contact does not touch the face
+_POLISH_BELOW = 0.02  # distance below which Newton's method is tried
+_PROBES = 8  # times that a minimum is probed
+_PROBE_ANGLES = (0.003, 0.05, 0.4)  # of the probed directions from the minimum [rad]
+_START_ANGLES = (0.3, 0.8, 1.3, 1.7)  # of further directions to start from, from the axis [rad]
+_LOWER = 1e-10  # relative difference that makes a probe lower
+_APART = 0.45  # least angle between two wrenches to start from [rad], or a third of the half-angle
 
 
 @value
 class Fit:
-    """The largest k found for which base + k·w is in the space for every w of the cap.
+    """The largest k that was found with base + k·w in the space for every w of the cap.
 
     Attributes:
-        k: the factor; ``inf`` where the search met no bound.
-        normal: (6,) y of the face that stops it, with φ(y) = k.
-        wrench: (6,) the w that meets this face.
-        settled: whether no face near this one is worse (to rounding).
+        k: The factor; ``inf`` where the search met no bound.
+        normal: (6,) normal y of the face that limits k, with φ(y) = k.
+        wrench: (6,) wrench w of the cap that meets this face.
+        settled: Whether this is a local minimum of φ, to rounding.
     """
 
     k: float
@@ -43,7 +51,14 @@ class Fit:
 def phi(
     space: WrenchSpace, base: Array, axis: Array, half_angle: float, normals: Array
 ) -> tuple[Array, Array]:
-    """φ(y) = (height(y) - y·base) / (largest y·w): the factor at which the cap meets the plane across y.
+    """The factor at which the cap meets the plane across y: φ(y) = (height(y) - y·base) / (largest y·w).
+
+    Args:
+        space: The wrench space.
+        base: (6,) wrench of the space.
+        axis: (6,) unit axis of the cap.
+        half_angle: Half-angle of the cap [rad].
+        normals: (m, 6) directions y.
 
     Returns:
         (m,) φ, ``inf`` where the cap never meets the plane, and the (m, 6) wrenches that meet it.
@@ -55,16 +70,17 @@ def phi(
 
 
 def inscribe(space: WrenchSpace, base: Array, axis: Array, half_angle: float, *, starts: int) -> Fit:
-    """The smallest φ found, from the faces of the space with coarsely cut cones that have the smallest φ.
+    """The smallest φ that the search finds.
 
     Args:
-        space: the producible wrenches, of rank 6; ``base`` is one of them.
-        base: (6,).
-        axis: (6,) unit.
-        half_angle: [rad]; π asks for all unit wrenches.
-        starts: how many wrenches of the cap, those that the lowest faces meet, the search starts from.
+        space: Wrenches that the grasp can produce, of rank 6.
+        base: (6,) wrench of the space.
+        axis: (6,) unit axis of the cap.
+        half_angle: Half-angle of the cap [rad]; π means all unit wrenches.
+        starts: Number of wrenches of the cap that the search starts from.
     """
-    normals = np.concatenate([axis[None], space.faces(), _around(space, axis, _WIDE)])
+    # 1. The faces with the smallest φ; of faces that meet nearly the same wrench the best one.
+    normals = np.concatenate([axis[None], space.faces(), _around(space, axis, _START_ANGLES)])
     k, wrenches = phi(space, base, axis, half_angle, normals)
     apart = math.cos(min(_APART, half_angle / 3))
     chosen: list[int] = []
@@ -75,19 +91,19 @@ def inscribe(space: WrenchSpace, base: Array, axis: Array, half_angle: float, *,
                 break
     best = Fit(k=math.inf, normal=axis, wrench=axis, settled=False)
     for i in chosen:
-        # Is this wrench producible at the best factor so far? If not, what stops it lies lower.
+        # 2. Where this wrench cannot be produced at the best factor so far, the face that limits it is lower.
         fit = descend(space, base, axis, half_angle, normals[i], wrench=wrenches[i], below=best.k)
         if fit.k < best.k:
-            best = _probed(space, base, axis, half_angle, fit)
+            best = _probed(space, base, axis, half_angle, fit)  # 3.
         if best.k <= NOTHING:
             break
     return best
 
 
 def _probed(space: WrenchSpace, base: Array, axis: Array, half_angle: float, best: Fit) -> Fit:
-    """``best``, or what lies below it: a corner of the space satisfies the conditions of a minimum too."""
+    """``best`` or a lower fit near it: a corner of the space satisfies the conditions of a minimum too."""
     for _ in range(_PROBES):
-        around = _around(space, best.normal, _ANGLES)
+        around = _around(space, best.normal, _PROBE_ANGLES)
         k, _ = phi(space, base, axis, half_angle, around)
         lowest = int(k.argmin())
         if best.k <= NOTHING or not k[lowest] < best.k - _LOWER * (1.0 + best.k):
@@ -97,7 +113,7 @@ def _probed(space: WrenchSpace, base: Array, axis: Array, half_angle: float, bes
 
 
 def _around(space: WrenchSpace, normal: Array, angles: Sequence[float]) -> Array:
-    """(m, 6) unit directions at some angles off ``normal``, towards the contacts' wrenches."""
+    """(m, 6) unit directions at the given angles from ``normal``, towards the wrenches of the contacts."""
     ways = np.concatenate([space.by_contact.reshape(-1, 6), space.support(normal)[1].points])
     ways = ways - (ways @ normal)[:, None] * normal
     size = np.sqrt((ways * ways).sum(axis=1))
@@ -117,12 +133,26 @@ def descend(
     wrench: Array | None = None,
     below: float = math.inf,
 ) -> Fit:
-    """Search for the smallest φ from one direction (6,), or for one ``below`` from a wrench of the cap.
+    """Search for a local minimum of φ from one direction.
 
-    With w the hardest wrench of the best y so far, base + φ(y) w lies on or beyond the boundary of the space;
-    the way to it from the nearest wrench of a growing hull of support points is the next y. When the point is
-    in the hull, nothing separates it and φ is a local minimum. Where the boundary is curved that takes long,
-    so Newton's method on the conditions of the minimum finishes.
+    With the best y so far and the wrench w of the cap that meets its plane, the point p = base + φ(y) w lies
+    on or beyond the boundary of the space. In each iteration
+
+    1. evaluate φ at the present direction, and remember the best;
+    2. add the support points of the direction to a hull inside the space;
+    3. project p on the hull; where p is in the hull, no direction separates it and φ(y) is a local minimum;
+    4. near the hull, try Newton's method on the conditions of a minimum, because a curved boundary needs many
+       iterations;
+    5. take the vector from the projection to p as the next direction.
+
+    Args:
+        space: Wrenches that the grasp can produce.
+        base: (6,) wrench of the space.
+        axis: (6,) unit axis of the cap.
+        half_angle: Half-angle of the cap [rad].
+        normal: (6,) first direction.
+        wrench: (6,) first wrench of the cap; by default the axis.
+        below: Only a minimum below this is of interest.
     """
     best = Fit(k=below, normal=normal, wrench=axis if wrench is None else wrench, settled=False)
     hull, weights, tried = space.hull, np.zeros(len(space.hull.points)), math.inf
@@ -136,10 +166,11 @@ def descend(
         if best.k <= NOTHING:
             return Fit(k=max(best.k, 0.0), normal=best.normal, wrench=best.wrench, settled=True)
         if len(hull.points) > CROWDED:
-            # The empty force stays: it keeps ``base`` on the inner side of every face when there is no load.
+            # The first point, without forces, stays: it keeps ``base`` inside every face when there is no
+            # load.
             needed = weights > 0.0
             needed[0] = True
-            hull = hull.kept(needed)
+            hull = hull.only(needed)
         hull = hull.grown(points)
         away, weights = project(hull.points, base + best.k * best.wrench)
         size = math.sqrt(float(away @ away))
@@ -159,7 +190,10 @@ def descend(
 def _polished(
     space: WrenchSpace, base: Array, axis: Array, half_angle: float, start: Fit, force: Array
 ) -> Fit | None:
-    """The minimum of φ near ``start`` from its first-order conditions, scaled so that y·w(y) = 1, or none."""
+    """The minimum of φ near ``start`` by its first-order conditions; ``None`` where that fails.
+
+    y is scaled so that y·w(y) = 1.
+    """
 
     def wanted(y: Array, k: float) -> tuple[Array, Array, Array, float, Array, float]:
         far, wrench = hardest(axis, half_angle, y[None])
@@ -172,15 +206,15 @@ def _polished(
         if found is None:
             continue
         y, k, _ = found
-        again, wrench = phi(space, base, axis, half_angle, y[None])
-        # Another contact may reach farther, or the point be no minimum.
-        if again[0] <= start.k + 1e-13 and abs(again[0] - k) <= 1e-10 * (1.0 + abs(k)):
-            return Fit(k=float(again[0]), normal=y / np.linalg.norm(y), wrench=wrench[0], settled=True)
+        exact, wrench = phi(space, base, axis, half_angle, y[None])
+        # Another contact may reach farther, or the solution may be no minimum.
+        if exact[0] <= start.k + 1e-13 and abs(exact[0] - k) <= 1e-10 * (1.0 + abs(k)):
+            return Fit(k=float(exact[0]), normal=y / np.linalg.norm(y), wrench=wrench[0], settled=True)
     return None
 
 
 def _cap_curvature(axis: Array, half_angle: float, y: Array) -> Array:
-    """(6, 6) second derivative of the largest y·w over the cap."""
+    """(6, 6) second derivative by y of the largest y·w over the cap."""
     along = float(y @ axis)
     across = y - along * axis
     width = float(np.linalg.norm(across))

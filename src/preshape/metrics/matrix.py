@@ -1,4 +1,4 @@
-"""Metrics of the grasp matrix alone: what the contacts reach, whatever their friction."""
+"""Metrics of the grasp matrix alone, whatever the friction."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from .results import Measure, MetricStatus
 
 
 def smallest_singular_value(contacts: Contacts) -> Measure:
-    """σ₆ of the grasp matrix (Li & Sastry 1988), dimensionless: 0 where some wrench is out of reach."""
+    """σ₆ of the grasp matrix (Li & Sastry 1988), dimensionless; 0 where some wrench is out of reach."""
     return _of(contacts, isotropy=False)
 
 
 def isotropy(contacts: Contacts) -> Measure:
-    """σ₆/σ₁ of the grasp matrix (Kim, Oh & Yi 2001): 1 all wrenches equally easy, 0 one out of reach."""
+    """σ₆/σ₁ of the grasp matrix (Kim, Oh & Yi 2001), from 0 where a wrench is out of reach to 1."""
     return _of(contacts, isotropy=True)
 
 
@@ -23,7 +23,7 @@ def _of(contacts: Contacts, *, isotropy: bool) -> Measure:
     if contacts.count == 0:
         return Measure(number=None, status=MetricStatus.NO_CONTACTS)
     G = grasp_matrix(contacts)
-    # G Gᵀ is 6×6 whatever the number of contacts; the SVD of G keeps small values exact.
+    # The eigenvalues of the 6×6 G Gᵀ would do, but the SVD of G keeps small values exact.
     left, singular, _ = np.linalg.svd(G)
     small = float(singular[5]) if len(singular) > 5 else 0.0
     if small <= RANK_TOLERANCE * singular[0]:

@@ -1,4 +1,4 @@
-"""Newton's method for a face of a wrench space: the last digits of a projection or of an inscribed cap."""
+"""Newton's method for a face of a wrench space: it refines a projection or an inscribed cap to rounding."""
 
 from __future__ import annotations
 
@@ -10,38 +10,48 @@ from ..types import Array
 from .wrench_space import WrenchSpace
 
 _STEPS = 10
-_SHARE = 1e-4  # of the normal force, below which a contact does not touch the face
+_SHARE = 1e-4  # share of the normal force below which a contact does not touch the face
 RIMS = (0.9, 0.9999, 0.3)
-"""Tangential over the largest tangential force, below which a contact touches with all of its cone."""
+"""Ratios of the tangential to the largest tangential force below which a contact touches the face with its
+whole cone; callers try them in this order."""
 
 Wanted = Callable[[Array, float], tuple[Array, Array, Array, float, Array, float]]
-"""(y, k) to: the wrench wanted (6,), its derivatives by y (6, 6) and by k (6,); a further condition that is
-to be 0, its derivatives by y (6,) and by k."""
+"""Maps (y, k) to the wanted wrench (6,), its derivatives by y (6, 6) and by k (6,), and the residual of a
+further condition with its derivatives by y (6,) and by k."""
 
 
 def finish(
     space: WrenchSpace, force: Array, rim: float, y: Array, k: float, wanted: Wanted
 ) -> tuple[Array, float, Array] | None:
-    """Solve for the direction y across a face and the forces of the contacts that touch it.
+    """Solve for the normal y of a face and the forces of the contacts that touch it.
 
-    Unknown: y, the force (λ, z) of every touching contact, the face's height H, and k. A contact touches with
-    its rim, z = λ times the rim's unit vector along y, or with all of its cone, and then y is square to its
-    tangential wrenches and z is free:
+    The unknowns are y, the force (λ, z) of every touching contact, the height H of the face, and k. A contact
+    touches the face in one of two ways. With its rim: then z is λ times the unit vector of the rim along y.
+    With its whole cone: then y is perpendicular to its tangential wrenches, and z is free. The equations are
 
-        Σ wrenches = wanted(y, k), its further condition, and
-        L1: every touching contact as high as H, Σ λ = 1;  L∞: λ = 1, or height 0 where 0 < λ < 1.
+    - Σ wrenches = wanted(y, k), and the further condition;
+    - L1: each touching contact has height H, and Σ λ = 1;
+    - L∞: λ = 1, or height 0 where 0 < λ < 1.
+
+    The steps are
+
+    1. choose the touching contacts from the first forces, and for each one rim or whole cone;
+    2. at most ``_STEPS`` times: compute the residual, and stop where it vanishes; otherwise take a Newton
+       step;
+    3. reject the solution where the residual is large, a contact pulls, or a force leaves its cone.
 
     Args:
-        space: the wrench space.
-        force: (n, d) forces near the answer, in cone coordinates.
-        rim: one of :data:`RIMS`.
-        y: (6,) near the answer.
-        k: near the answer.
-        wanted: what the wrenches add up to.
+        space: The wrench space.
+        force: (n, d) forces near the solution, in cone coordinates.
+        rim: One of :data:`RIMS`.
+        y: (6,) vector near the solution.
+        k: Number near the solution.
+        wanted: The wrench that the contacts add up to.
 
     Returns:
-        y, k and the (n, d) forces; none where it fails, or a contact would pull or slide.
+        y, k and the (n, d) forces; ``None`` where the method fails.
     """
+    # 1. Touching contacts, and how they touch.
     on = np.flatnonzero(force[:, 0] > _SHARE)
     if not len(on):
         return None
@@ -55,11 +65,12 @@ def finish(
     if m + f > 6:
         return None
     bowl = np.swapaxes(round_side, 1, 2) @ round_side
-    sums = 0.0 if space.each else 1.0  # the L∞ space has no common height
+    sums = 0.0 if space.each else 1.0  # the faces of the L∞ space have no common height
     J = np.zeros((8 + m + f, 8 + m + f))
     J[-2, 6 : 6 + m], J[6 : 6 + m, -2], J[-2, -2] = sums, -1.0, 1.0 - sums
     J[:6, 6 + m : -2], J[6 + m : -2, :6] = loose.T, loose
     touch = top.copy()
+    # 2. Newton's method.
     for _ in range(_STEPS):
         target, by_y, by_k, further, row, corner = wanted(y, k)
         along = round_side @ y
@@ -82,11 +93,12 @@ def finish(
             step = np.linalg.solve(J, -residual)
         except np.linalg.LinAlgError:
             return None
-        if not np.abs(step).max() < 1e3:  # also where it is not a number
+        if not np.abs(step).max() < 1e3:  # false for NaN too
             return None
         y, z = y + step[:6], z + step[6 + m : -2]
         lam[free] += step[6 : 6 + m]
         height, k = height + float(step[-2]), k + float(step[-1])
+    # 3. Checks.
     if not np.abs(residual).max() < 1e-11 * (1.0 + abs(k)):
         return None
     forces = np.zeros_like(force)

@@ -1,4 +1,4 @@
-"""The residual of six pushes: how well a unit of grip balances what holding asks for."""
+"""The residual of six pushes: how well a unit of grip force balances the loads of holding."""
 
 from __future__ import annotations
 
@@ -12,40 +12,41 @@ from .results import Measure, MetricStatus
 from .wrench_space import WrenchSpace
 
 FRICTION_SHARE = 0.6
-"""Share of the friction that the forces may use: room for error."""
+"""Share of the friction that the forces may use; the rest is reserve."""
 PUSH = 0.1
-"""A push over the sum of the normal forces: 1 N against a grip of 10 N [C]."""
+"""Force of a push over the sum of the normal forces: 1 N against a grip of 10 N [C]."""
 
 
 def six_pushes(size: float = PUSH) -> Array:
-    """(6, 6) forces ± along the axes of the frame, in units of the grip; no torque."""
+    """(6, 6) forces along the ± axes of the frame without torques, in units of the grip force."""
     return np.concatenate([np.eye(6)[:3], -np.eye(6)[:3]]) * size
 
 
 def push_residual(
     contacts: Contacts, wrenches: Array | None = None, *, friction_share: float = FRICTION_SHARE
 ) -> Measure:
-    """Distance from each wrench asked for to the nearest that a unit of grip can produce.
+    """Distance from each wrench to the nearest wrench that a unit of grip force can produce.
 
-    minimise ``|Σ w(f) - wrench|`` over contact forces inside the cones (not cut) at ``friction_share`` of the
-    friction, with the normal forces summing to one. Zero: balanced exactly.
+    It is the minimum of ``|Σ w(f) - wrench|`` over contact forces f in the exact cones at ``friction_share``
+    of the friction, with normal forces that sum to one; zero where the wrench is produced exactly.
 
     Args:
-        contacts: the grasp.
-        wrenches: (m, 6) to be produced (force; torque over ℓ), in units of the grip; the six pushes if none.
-        friction_share: 0 < share ≤ 1, of the sliding and the torsional friction.
+        contacts: The contacts of the grasp.
+        wrenches: (m, 6) wrenches to produce (force; torque over ℓ), in units of the grip force; by default
+            the six pushes.
+        friction_share: Share of sliding and torsional friction that may be used, above 0 and at most 1.
 
     Returns:
-        The residual of the worst wrench in units of the grip, each one's, and the forces.
+        The residual of the worst wrench in units of the grip force, the residual of each, and the forces.
 
     Raises:
-        InputError: wrenches that are not m×6 finite numbers, or a share outside 0..1.
+        InputError: The wrenches are not m×6 finite numbers, or the share is out of range.
     """
-    asked = frozen_array(six_pushes() if wrenches is None else wrenches, (None, 6), "wrenches asked for")
-    if not len(asked):
-        raise InputError("wrenches asked for must be at least one, got none")
+    wanted = frozen_array(six_pushes() if wrenches is None else wrenches, (None, 6), "wrenches")
+    if not len(wanted):
+        raise InputError("wrenches must be at least one, got none")
     if not 0.0 < friction_share <= 1.0:
-        raise InputError(f"the share of friction must be in 0..1, got {friction_share:g}")
+        raise InputError(f"the share of friction must be above 0 and at most 1, got {friction_share:g}")
     if contacts.count == 0:
         return Measure(number=None, status=MetricStatus.NO_CONTACTS)
     weaker = Contacts(
@@ -58,7 +59,7 @@ def push_residual(
     )
     space = WrenchSpace(weaker, full=True)
     residuals, forces = [], []
-    for wrench in asked:
+    for wrench in wanted:
         size, exact, force = distance(space, wrench)
         if not exact:
             return Measure(number=None, status=MetricStatus.NOT_CONVERGED)
@@ -68,7 +69,7 @@ def push_residual(
     return Measure(
         number=residuals[worst],
         status=MetricStatus.OK,
-        worst=asked[worst],
+        worst=wanted[worst],
         per_wrench=np.array(residuals),
         forces=in_space(weaker, np.array(forces)),
     )

@@ -1,4 +1,4 @@
-"""What every metric returns: a number that means something, or none, and a status that says why."""
+"""Results of the metrics: a number where it is defined, and a status that says why it is or is not."""
 
 from __future__ import annotations
 
@@ -8,29 +8,30 @@ from ..types import Array, freeze, frozen_array, value
 
 
 class MetricStatus(enum.Enum):
-    """How a metric came out; the values are sentences for the user."""
+    """Whether a metric has a value; the members' values are sentences for the user."""
 
-    OK = "The number is what its metric says."
+    OK = "The number is the value of the metric."
     NO_CONTACTS = "Nothing touches the object, so there is no grasp to measure."
     RANK_DEFICIENT = "The contacts cannot produce wrenches in some direction, whatever their forces."
     NOT_CLOSED = "The contacts reach every direction but cannot balance every wrench."
     LOAD_NOT_HELD = "The contacts cannot balance the load even before the task asks for anything."
     NO_MARGIN = "Some wrench of the task cannot be produced at all."
-    NOT_CONVERGED = "The optimisation stopped before it was accurate; there is no number."
+    NOT_CONVERGED = "The optimisation stopped before it was accurate, so there is no number."
 
 
 @value
 class Measure:
-    """One number of a grasp.
+    """The value of a metric for one grasp.
 
     Attributes:
-        number: the metric; ``None`` where the status leaves it undefined.
-        status: why.
-        lower: a bound that the exact value is not below, where the metric gives one.
-        upper: a bound that the exact value is not above, where the metric gives one.
-        worst: (6,) the wrench or direction that decided (force; torque over ℓ), where there is one.
-        per_wrench: (m,) the number for each wrench asked for, where several were.
-        forces: (m, n, 3) or (n, 3) contact forces behind it, in the frame and unit of the input.
+        number: Value of the metric; ``None`` where it is undefined.
+        status: Whether it is defined, and why not.
+        lower: Lower bound of the exact value, where the metric gives one.
+        upper: Upper bound of the exact value, where the metric gives one.
+        worst: (6,) wrench or direction at which the value is reached (force; torque over ℓ), where there is
+            one.
+        per_wrench: (m,) value for each wrench or direction of the input, where there are several.
+        forces: (m, n, 3) or (n, 3) contact forces that give the value, in the frame and unit of the input.
     """
 
     number: float | None
@@ -49,7 +50,7 @@ class Measure:
 
     @property
     def ok(self) -> bool:
-        """Whether the number is what its metric says."""
+        """Whether the number is the value of the metric."""
         return self.status is MetricStatus.OK
 
 
@@ -58,10 +59,10 @@ class ForceClosure:
     """Whether a grasp is force closed.
 
     Attributes:
-        closed: whether the contacts can balance every wrench; false with every status but OK.
-        status: why.
-        margin: the largest share of the total normal force by which every contact can stay inside its cone
-            along the axis while all contacts balance each other; 0..1/n, ``None`` where undefined.
+        closed: Whether the contacts can balance every wrench; false with every status but ``OK``.
+        status: Whether the grasp is closed, and why not.
+        margin: Largest depth of all contact forces inside their cones, along the axis, while the forces
+            balance one another, as a share of the total normal force; 0..1/n, ``None`` where it is undefined.
     """
 
     closed: bool

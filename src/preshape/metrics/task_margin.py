@@ -1,9 +1,9 @@
-"""The task margin: how strongly a grasp can drive the object the way the task asks.
+"""The task margin: how strongly a grasp can load the object as the task needs.
 
-The task wrench cone holds every wrench within a half-angle of the task's direction, forces in newtons and
-torques over ℓ. The margin is the largest k such that k times every unit wrench of the cone, plus what
-balances the load, can be produced within friction, force and joint-torque limits (Borst et al. 2004;
-Haschke et al. 2005).
+The task wrench cone holds all wrenches within a half-angle of the task's direction, forces in newtons and
+torques over ℓ. The margin is the largest k for which k times each unit wrench of the cone, together with the
+wrench that balances the load, can be produced within the limits of friction, force and joint torque (Borst et
+al. 2004; Haschke et al. 2005).
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ from .results import Measure, MetricStatus
 from .wrench_space import WrenchSpace
 
 HALF_ANGLE = math.radians(15.0)
-_HELD = 1e-7  # unproduced part of the load, over the force limit, that is rounding
-_STARTS = 32  # faces that the search in closed form starts from
+_HELD = 1e-7  # part of the load that need not be balanced, over the force limit: rounding
+_STARTS = 32  # wrenches that the search in closed form starts from
 
 
 def task_margin(
@@ -39,26 +39,31 @@ def task_margin(
 ) -> Measure:
     """The task margin [N].
 
-    The producible wrenches W are convex, so k is the smallest φ(y) = (height of W over the load along y) /
-    (largest y·w of the cone) over all directions y. With one bound on the normal forces both are in closed
-    form and :mod:`.inscribe` searches the minimum from several faces of W. With joint torque limits, or both
-    bounds, a second-order-cone program finds how far W reaches along a wrench w of the cone, and the face y
-    that stops it; the cone's wrench that meets this face first is the next w. This starts along the task and
-    at ten wrenches of the rim. Both are searches: a missed minimum makes k too large, never too small.
+    The set W of producible wrenches is convex, so k is the minimum over all directions y of φ(y) = (height of
+    W over the load along y) / (largest y·w of the cone). There are two ways to find it:
+
+    1. With one bound on the normal forces, both parts of φ have a closed form, and :mod:`.inscribe` searches
+       for the minimum from several faces of W.
+    2. With joint torque limits, or both bounds, a second-order-cone program finds how far W reaches along a
+       wrench w of the cone, and the face that limits the reach. The wrench of the cone that meets this face
+       first is the next w (:mod:`.face_descent`). The search starts at the axis and at ten wrenches of the
+       rim.
+
+    Both are searches: a minimum that is missed makes k too large, never too small.
 
     Args:
-        contacts: the grasp.
-        direction: (6,) the task's wrench (force; torque over ℓ); only its direction counts.
-        limits: what bounds the forces.
-        load: (6,) wrench that acts on the object all the while, such as gravity (force [N]; torque about
-            the reference point over ℓ [N]); the contacts balance it.
-        half_angle: of the cone [rad], 0..π/2.
+        contacts: The contacts of the grasp.
+        direction: (6,) wrench of the task (force; torque over ℓ), of any length but 0.
+        limits: Bounds of the forces.
+        load: (6,) constant wrench on the object that the contacts must balance, such as its weight (force
+            [N]; torque about the reference point over ℓ [N]).
+        half_angle: Half-angle of the cone, 0..π/2 [rad].
 
     Returns:
-        k and the wrench that decided; 0 with ``NO_MARGIN`` and ``RANK_DEFICIENT``.
+        k, and the wrench that limits it; 0 with the statuses ``NO_MARGIN`` and ``RANK_DEFICIENT``.
 
     Raises:
-        InputError: a direction of zeros, a half-angle outside 0..π/2, or arrays of the wrong shape.
+        InputError: The direction is zero, the half-angle is out of range, or an array has the wrong shape.
     """
     axis = frozen_array(direction, (6,), "task direction")
     size = float(np.linalg.norm(axis))
@@ -123,12 +128,12 @@ def _measure(k: float, unit: float, worst: Array) -> Measure:
 
 
 def _starts(contacts: Contacts, axis: Array, half_angle: float) -> Array:
-    """(11, 6) the axis, and the rim either way along the principal wrenches of the grasp across it."""
+    """(11, 6) unit wrenches to start from: the axis, and the rim along the grasp's ± principal wrenches."""
     if half_angle == 0.0:
         return axis[None]
     across = np.eye(6) - np.outer(axis, axis)
     G = across @ grasp_matrix(contacts)
-    # Turning with the scene, unlike world axes; the axis itself comes last, with eigenvalue -1.
+    # Principal wrenches rotate with the scene, unlike world axes. The axis has the smallest eigenvalue, -1.
     _, vectors = np.linalg.eigh(G @ G.T - np.outer(axis, axis))
     rim = vectors[:, 1:].T
     rim = np.concatenate([rim, -rim])

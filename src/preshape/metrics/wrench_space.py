@@ -1,7 +1,8 @@
-"""The wrenches that contacts can produce, known by their support: how far along a direction, and where.
+"""The wrenches that contacts can produce, given by their support function: how far they reach along a
+direction.
 
-That alone gives distances and margins with the friction cones as they are: a hull of support points is
-projected on by non-negative least squares, and grows where the answer lies until it no longer matters.
+The support function gives exact distances and margins with exact friction cones. A hull of support points is
+projected on by non-negative least squares, and grows where it is still too small.
 """
 
 from __future__ import annotations
@@ -14,18 +15,18 @@ import numpy as np
 from ..types import Array, BoolArray
 from .contacts import Contacts, cone_matrix, rim
 
-_FIVES = 500
+_FIVES = 500  # largest number of sets of five wrenches that give directions
 EXACT = 1e-10
-"""Distance, in units of the normal force, at which a hull of support points counts as the space itself."""
+"""Distance, in units of the normal force, below which a hull of support points counts as the space itself."""
 CROWDED = 100
-"""Points of a hull beyond which those that do not matter are left out."""
+"""Number of points above which a hull drops those without weight."""
 
 
 class Hull(NamedTuple):
-    """Some wrenches of a space and the forces that make them.
+    """Some wrenches of a space and the forces that produce them.
 
     Attributes:
-        points: (k, 6).
+        points: (k, 6) wrenches.
         forces: (k, n, d) cone coordinates of every contact.
     """
 
@@ -33,21 +34,21 @@ class Hull(NamedTuple):
     forces: Array
 
     def grown(self, more: Hull) -> Hull:
-        """With more points at the end."""
+        """The hull with more points at the end."""
         return Hull(np.concatenate([self.points, more.points]), np.concatenate([self.forces, more.forces]))
 
-    def kept(self, which: BoolArray) -> Hull:
-        """Some of the points."""
+    def only(self, which: BoolArray) -> Hull:
+        """The hull of some of the points."""
         return Hull(self.points[which], self.forces[which])
 
 
 class WrenchSpace:
-    """All wrenches with normal forces that sum to at most one (L1), or are each at most one (L∞).
+    """All wrenches whose normal forces sum to at most one (L1), or are each at most one (L∞).
 
     Args:
-        contacts: the grasp.
-        each: the L∞ bound instead of the L1 bound.
-        full: the normal forces sum to one exactly (L1 only).
+        contacts: The contacts of the grasp.
+        each: Whether to use the L∞ bound instead of the L1 bound.
+        full: Whether the normal forces sum to exactly one (L1 only).
     """
 
     def __init__(self, contacts: Contacts, *, each: bool = False, full: bool = False) -> None:
@@ -64,10 +65,12 @@ class WrenchSpace:
         return Hull(forces.reshape(len(forces), -1) @ self._columns, forces)
 
     def faces(self) -> Array:
-        """(m, 6) outward normals of faces of the space with cones cut into four edges.
+        """(m, 6) outward normals of faces of the space with four-edged pyramids instead of cones.
 
-        L1: all of them, none where the space has no volume. L∞: those and the directions square to five of
-        the contacts' unit wrenches, as faces of a sum of flat pieces are (500 of them at most).
+        L1: all faces; none where the space has no volume. L∞: the same, and directions that are perpendicular
+            to
+        five of the contacts' unit wrenches, as are the faces of a sum of flat sets (500 sets of five at
+        most).
         """
         from scipy.spatial import ConvexHull, QhullError
 
@@ -82,11 +85,11 @@ class WrenchSpace:
         if len(fives) > _FIVES:
             fives = fives[np.random.default_rng(0).choice(len(fives), _FIVES, replace=False)]
         _, singular, right = np.linalg.svd(self._columns[fives])
-        square = right[singular[:, 4] > 1e-6 * singular[:, 0], 5]
-        return np.concatenate([normals, square, -square])
+        perpendicular = right[singular[:, 4] > 1e-6 * singular[:, 0], 5]
+        return np.concatenate([normals, perpendicular, -perpendicular])
 
     def heights(self, directions: Array) -> Array:
-        """(m,) the support of (m, 6) directions: the largest d·w over the space."""
+        """(m,) support of (m, 6) directions: the largest d·w over the space."""
         local = (directions @ self._columns.T).reshape(-1, *self._shape)
         each = local[..., 0] + np.sqrt((local[..., 1:] ** 2).sum(axis=-1))
         if self.each:
@@ -95,7 +98,7 @@ class WrenchSpace:
         return highest if self.full else np.maximum(highest, 0.0)
 
     def support(self, direction: Array) -> tuple[float, Hull]:
-        """The support of one direction, and wrenches of the space that go far along it."""
+        """The support of one direction (6,), and wrenches of the space that reach far along it."""
         n, d = self._shape
         local = (self._columns @ direction).reshape(n, d)
         rim = local.copy()
@@ -111,23 +114,23 @@ class WrenchSpace:
             return highest if self.full else max(highest, 0.0), self._hull(alone)
         on = each > 0.0
         best = np.where(on[:, None], rim, 0.0)
-        # One contact more or less gives the neighbouring corners.
+        # Adding or removing one contact gives the neighbouring corners.
         corners = best + np.where(on, -1.0, 1.0)[:, None, None] * alone
         return float(each[on].sum()), self._hull(np.concatenate([best[None], corners, alone]))
 
 
 def project(hull: Array, point: Array) -> tuple[Array, Array]:
-    """From the nearest point of a hull to the given point.
+    """Project a point on a convex hull.
 
-    The point of least norm of a hull of columns q is Q a / Σ a with a ≥ 0 the least-squares solution of
-    [Q; 1] a = [0; 1] (Lawson & Hanson's least-distance programming).
+    The point of least norm of the hull of the columns of Q is Q a / Σ a, where a ≥ 0 is the least-squares
+    solution of [Q; 1] a = [0; 1] (Lawson & Hanson's least-distance programming).
 
     Args:
-        hull: (k, 6) points.
-        point: (6,).
+        hull: (k, 6) points of the hull.
+        point: (6,) point to project.
 
     Returns:
-        (6,) point minus nearest, and (k,) weights of the hull's points in the nearest.
+        (6,) point minus its projection, and (k,) weights of the hull's points in the projection.
     """
     from scipy.optimize import nnls
 
@@ -142,15 +145,15 @@ _LAST = np.append(np.zeros(6), 1.0)
 
 
 def hardest(axis: Array, half_angle: float, normals: Array) -> tuple[Array, Array]:
-    """Of the unit wrenches within ``half_angle`` of ``axis`` those that go farthest along each normal.
+    """The wrench of a cap that reaches farthest along each direction.
 
     Args:
-        axis: (6,) unit.
-        half_angle: [rad], up to π: all unit wrenches.
-        normals: (m, 6).
+        axis: (6,) unit axis of the cap.
+        half_angle: Half-angle of the cap [rad]; π means all unit wrenches.
+        normals: (m, 6) directions.
 
     Returns:
-        (m,) how far, and (m, 6) those wrenches.
+        (m,) how far it reaches, and the (m, 6) wrenches.
     """
     along = normals @ axis
     across = normals - along[:, None] * axis
