@@ -11,6 +11,7 @@ from preshape.spatial import inverse, pose_from_seven
 # From mesh to grasp
 mesh = preshape.load_object("mug")  # or load_object("part.stl", unit="mm")
 plan = preshape.plan(mesh, "lift", hand="shadow", mass=0.2, friction=0.5, memory="robot.sqlite")
+print(plan)  # what the terminal shows: mass, quality, margins, way in, reasons
 hand = plan.hand_result
 if hand is None:
     raise SystemExit(plan.decision.reason)  # a plan without an answer says why

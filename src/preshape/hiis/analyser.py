@@ -88,7 +88,7 @@ class Grasp(ABC):
 
     @property
     def thumb_side(self) -> Array:
-        """(3,) unit vector from the object towards the thumb: o, or -o when flipped."""
+        """(3,) unit vector from the object towards the thumb; o, or -o when flipped."""
         o = self.plane.opposition_axis
         return -o if self.flip else o
 
@@ -105,7 +105,7 @@ class Grasp(ABC):
     @property
     @abstractmethod
     def description(self) -> str:
-        """The grasp as part of a sentence: plane, fingers, and how good it is."""
+        """The grasp as part of a sentence; it names plane, fingers and score."""
 
     @abstractmethod
     def same_as(self, other: Grasp) -> bool:
