@@ -85,7 +85,7 @@ class Contacts:
 
     @property
     def dimension(self) -> int:
-        """Dimension of a friction cone: 3, or 4 where any contact is soft."""
+        """Dimension of a friction cone, 3, or 4 where any contact is soft."""
         return 4 if self.gamma.any() else 3
 
     @property
