@@ -1,8 +1,10 @@
-"""What counts: the exact checks of a placed hand against the object and against itself.
+"""The exact checks of a placed hand against the object and against itself, which decide whether it fits.
 
-The fingertips in use must touch their contacts, their last phalanges may graze the object by the same
-tolerance, every other link must be clear, and so must the fingers that are not in use, which are put into the
-first posture of a list that is.
+1. The fingertips in use must touch their contacts.
+2. Their last phalanges may be in the object by no more than the tolerance of the touch; every other link must
+   be clear.
+3. No two links may overlap.
+4. Each finger that is not in use takes the first posture of a list that is clear.
 """
 
 from __future__ import annotations
@@ -18,19 +20,19 @@ from .inverse import Placement, Reach
 from .kinematics import HandKinematics, LinkShape, move_shape
 
 TOUCH_TOLERANCE = 1e-3
-"""How far a fingertip's surface may be from its contact, and a last phalanx inside the object [m] [C]."""
+"""Largest gap between fingertip and contact, and largest depth of a last phalanx in the object [m] [C]."""
 
 SEAT_SHIFT = 3e-3
-"""How far a fingertip may be pushed from its contact by the rims of a recess that it does not fit [m] [C]."""
+"""Largest distance by which fine detail of the surface may push a fingertip from its contact [m] [C]."""
 
 SELF_TOLERANCE = 0.5e-3
-"""How deep links of the hand may be in each other [m] [C]."""
+"""Largest overlap of two links of the hand [m] [C]."""
 
-_PUSHES, _SNUG = 8, 1e-4
+_PUSHES, _SNUG = 8, 1e-4  # iterations; overlap that a pushed fingertip keeps [m]
 
 
 class HandStatus(Enum):
-    """How a simulation ended; the value is a sentence for people."""
+    """How a hand simulation ended; the value is a sentence for people."""
 
     REACHED = "every fingertip touches its contact and the rest of the hand is clear"
     OUT_OF_REACH = "the contacts are further apart or deeper than the fingers are long"
@@ -40,13 +42,13 @@ class HandStatus(Enum):
 
 
 @value
-class Contacts:
-    """Where the fingertips shall touch, the thumb first.
+class TouchPoints:
+    """Where the fingertips must touch, the thumb first, in the mesh frame.
 
     Attributes:
         points: (n, 3) [m].
         inward: (n, 3) inward unit normals.
-        triangles: (n,) triangle that each point lies on.
+        triangles: (n,) index of the triangle of each point.
     """
 
     points: Array
@@ -56,11 +58,11 @@ class Contacts:
 
 @value
 class Flaw:
-    """Why a placement does not do.
+    """Why a placement does not fit.
 
     Attributes:
-        status: the kind.
-        reason: one clause that names finger and link.
+        status: Its kind.
+        reason: One clause that names finger and link.
     """
 
     status: HandStatus
@@ -68,7 +70,7 @@ class Flaw:
 
 
 def spoken(link: str) -> str:
-    """A link's or joint's name for a sentence.
+    """The name of a link or joint for a sentence.
 
     >>> spoken("index_distal"), spoken("ring_flexion_2"), spoken("palm_web")
     ('the index distal link', 'the ring flexion 2', 'the palm')
@@ -80,9 +82,15 @@ def spoken(link: str) -> str:
 
 
 class Clearance:
-    """The checks for one hand, one object and one set of contacts."""
+    """The checks of one hand against one object.
 
-    def __init__(self, kinematics: HandKinematics, obstacle: ObjectCollision, contacts: Contacts) -> None:
+    Args:
+        kinematics: Of the hand.
+        obstacle: The object.
+        contacts: Where the fingertips must touch.
+    """
+
+    def __init__(self, kinematics: HandKinematics, obstacle: ObjectCollision, contacts: TouchPoints) -> None:
         self.kinematics, self.hand = kinematics, kinematics.hand
         self.object, self.contacts = obstacle, contacts
         model = kinematics.model
@@ -95,8 +103,8 @@ class Clearance:
     def seat(self, reach: Reach) -> Reach | Flaw:
         """The reach with its fingertips pushed out of surface detail that is finer than they are.
 
-        Over a thread or in a fillet a round tip cannot touch at the very point of the ray: it rests on the
-        rims, at most ``SEAT_SHIFT`` away [C]. A tip that finds no such rest has no room.
+        On a thread or in a fillet a round tip cannot touch exactly where the ray does; it rests on the rims,
+        at most ``SEAT_SHIFT`` away [C]. A tip without such a rest does not fit.
         """
         targets = reach.targets.copy()
         for k, finger in enumerate(reach.fingers):
@@ -123,7 +131,7 @@ class Clearance:
         )
 
     def inspect(self, fingers: tuple[Finger, ...], placement: Placement) -> tuple[Flaw | None, Placement]:
-        """The first flaw, and the placement with the fingers that are not in use put out of the way."""
+        """The first flaw, and the placement with the fingers that are not in use moved out of the way."""
         idle = tuple(finger.name for finger in self.hand.fingers if finger not in fingers)
         shapes = [s for s in self.shapes(placement) if self._finger_of.get(s.body) not in idle]
         flaw = (
@@ -137,11 +145,11 @@ class Clearance:
         return flaw, placement
 
     def clear(self, placement: Placement) -> bool:
-        """Whether the whole hand, fingertips too, is clear of the object and of itself."""
+        """Whether the whole hand, fingertips included, is clear of the object and of itself."""
         return self._link_flaw((), self.shapes(placement)) is None and self._self_flaw() is None
 
     def depth(self, fingers: tuple[Finger, ...], placement: Placement) -> float:
-        """Largest depth of a fingertip in the object [m]."""
+        """Largest depth of a fingertip in use in the object [m]."""
         self.kinematics.set_posture(placement.q)
         centres = self.kinematics.tips(fingers)[0] @ placement.rotation.T + placement.translation
         found = [self.object.closest(c, f.tip_radius)[0] for f, c in zip(fingers, centres, strict=True)]
@@ -149,7 +157,7 @@ class Clearance:
         return float(max(depths, default=0.0))
 
     def shapes(self, placement: Placement) -> list[LinkShape]:
-        """All shapes in the mesh frame."""
+        """All shapes of the placed hand in the mesh frame."""
         self.kinematics.set_posture(placement.q)
         return [move_shape(s, placement.rotation, placement.translation) for s in self.kinematics.shapes()]
 
@@ -180,7 +188,7 @@ class Clearance:
         return None
 
     def _self_flaw(self, ignore: tuple[str, ...] = ()) -> Flaw | None:
-        """Of the posture set last; fingers in ``ignore`` do not count."""
+        """The first overlap of links in the last posture that was set, without the fingers in ``ignore``."""
         for one, other, depth in self.kinematics.self_collisions(SELF_TOLERANCE):
             if not any(link.startswith(f"{name}_") for name in ignore for link in (one, other)):
                 return Flaw(
@@ -192,7 +200,7 @@ class Clearance:
     def _put_aside(
         self, finger: Finger, used: tuple[Finger, ...], placement: Placement, ignore: tuple[str, ...]
     ) -> tuple[Flaw | None, Placement]:
-        """The first posture of a list that keeps a finger clear of the object and of the hand."""
+        """The placement with the first posture that keeps the finger clear of object and hand, or a flaw."""
         columns = self.hand.columns(finger.name)
         first: Flaw | None = None
         for posture in self._aside(finger, placement.q[self.hand.columns(used[1].name)]):
@@ -206,17 +214,17 @@ class Clearance:
             if flaw is None:
                 return None, moved
             first = first or flaw
-        assert first is not None  # there is a posture at least
+        assert first is not None  # the list is not empty
         reason = f"the {finger.name} finger, not in use, finds no room: {first.reason}"
         return Flaw(status=first.status, reason=reason), placement
 
     def _aside(self, finger: Finger, neighbour: Array) -> list[Array]:
-        """Open, half as bent as a finger in use, closed, half closed; straight or turned to a side."""
+        """Postures to try: open, half as bent as a finger in use, closed, half closed; also turned aside."""
         low, high = self.hand.limits[self.hand.columns(finger.name)].T
         alike = 0.5 * neighbour if len(neighbour) == len(low) else finger.at(0.25)
         bent = [finger.open, alike, finger.closed, 0.5 * (finger.open + finger.closed)]
         bent = [np.clip(posture, low, high) for posture in bent]
-        # The joint that spreads is the last one that closing leaves alone; a finger may have none.
+        # The finger spreads by the last joint that closing does not move; it may have none.
         still = np.flatnonzero(np.ptp(finger.closing, axis=0) == 0)
         if not len(still):
             return bent

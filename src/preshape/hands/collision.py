@@ -1,8 +1,8 @@
-"""Exact collision of a hand's shapes with an object's triangles, by FCL, and the distances around it.
+"""Exact collision of a hand's shapes with an object's triangles by FCL, and distances to the object.
 
-The mesh is taken as it is: a surface, no hull. A link that crosses no triangle is clear; as the links of
-a hand hang together, a hand that is outside the object cannot have a link wholly inside it without another
-crossing the surface.
+The mesh counts as a surface, not as a hull or a solid: a link that crosses no triangle is clear. No link can
+be wholly inside the object unnoticed, because the links of a hand are connected: another one would cross the
+surface.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from ..types import Array
 from .kinematics import LinkShape
 
 SAMPLES = 6000
-"""Points on the surface for the smooth distances that steer the inverse kinematics."""
+"""Surface points for the smooth distances that guide the inverse kinematics."""
 
 _NEAREST = 6
 
@@ -26,7 +26,7 @@ _checkers: WeakKeyDictionary[TriangleMesh, ObjectCollision] = WeakKeyDictionary(
 
 
 def object_collision(mesh: TriangleMesh) -> ObjectCollision:
-    """The mesh's :class:`ObjectCollision`, built once per mesh."""
+    """The :class:`ObjectCollision` of a mesh, built once per mesh."""
     checker = _checkers.get(mesh)
     if checker is None:
         checker = _checkers[mesh] = ObjectCollision(mesh)
@@ -37,10 +37,10 @@ class ObjectCollision:
     """Collision and distance of one triangle mesh.
 
     Args:
-        mesh: the object; not kept, so that the cache can let it go.
+        mesh: The object. No reference to it is stored, so that the cache can release it.
 
     Raises:
-        ObjectError: the triangles have no area.
+        ObjectError: The triangles have no area.
     """
 
     def __init__(self, mesh: TriangleMesh) -> None:
@@ -57,7 +57,7 @@ class ObjectCollision:
         tree.addSubModel(mesh.vertices, mesh.triangles)
         tree.endModel()
         self._object = fcl.CollisionObject(tree, fcl.Transform())
-        # Seeded and by triangle, so that the samples move with the object.
+        # A fixed seed, and weights by triangle: the samples move with the object.
         rng = np.random.default_rng(0)
         share = mesh.areas / mesh.areas.sum()
         chosen = rng.choice(len(share), size=SAMPLES, p=share)
@@ -68,7 +68,7 @@ class ObjectCollision:
         self._tree = cKDTree(self._samples)
 
     def touches(self, shape: LinkShape, grow: float = 0.0) -> bool:
-        """Whether the shape, grown by ``grow`` [m] all around, meets a triangle."""
+        """Whether the shape, enlarged by ``grow`` [m] on all sides, touches a triangle."""
         fcl = self._fcl
         item = fcl.CollisionObject(self._primitive(shape, grow), self._transform(shape))
         request, result = fcl.CollisionRequest(), fcl.CollisionResult()
@@ -86,7 +86,7 @@ class ObjectCollision:
         return self._fcl.Transform(shape.rotation, (shape.p0 + shape.p1) / 2)
 
     def closest(self, point: Array, within: float) -> tuple[float, Array, int]:
-        """Distance [m], closest point (3,) [m] and triangle; infinite and -1 beyond ``within`` [m]."""
+        """Distance [m], closest point (3,) [m] and its triangle; infinite and -1 beyond ``within`` [m]."""
         near = np.flatnonzero(((self._lower <= point + within) & (self._upper >= point - within)).all(axis=1))
         if not len(near):
             return np.inf, np.full(3, np.inf), -1
@@ -98,15 +98,15 @@ class ObjectCollision:
         return float(distance[best]), found[best], int(near[best])
 
     def soft_distance(self, points: Array) -> tuple[Array, Array]:
-        """Signed distance (n,) [m] to sampled surface points, and its gradient (n, 3).
+        """Signed distance (n,) [m] of points (n, 3) from sampled surface points, and its gradient (n, 3).
 
-        Smooth enough to steer by, not exact: off by up to the spacing of the samples.
+        It is smooth enough to guide a solver, and wrong by up to the spacing of the samples.
         """
         found, index = self._tree.query(points, k=_NEAREST)
         distance = np.asarray(found)
         away = points[:, None] - self._samples[index]
         length = np.maximum(distance, 1e-9)
-        # Inside or outside as by the winding number, of which the nearest samples are the largest part.
+        # The sign is that of the winding number, to which the nearest samples contribute most.
         share = np.einsum("kni,kni->kn", away, self._normals[index]) / length**3
         sign = np.where(share.sum(axis=1) < 0, -1.0, 1.0)
         return sign * distance[:, 0], (sign / length[:, 0])[:, None] * away[:, 0]
@@ -116,11 +116,11 @@ def closest_on_triangles(corners: Array, point: Array) -> Array:
     """Closest point on each of n triangles.
 
     Args:
-        corners: (n, 3, 3) corners [m].
+        corners: (n, 3, 3) corners of the triangles [m].
         point: (3,) [m].
 
     Returns:
-        (n, 3) the points [m].
+        (n, 3) the closest points [m].
     """
     from trimesh.triangles import closest_point
 

@@ -1,11 +1,17 @@
-"""Inverse kinematics of a whole hand: palm pose and joint angles that bring fingertips to points.
+"""Inverse kinematics of a whole hand: the palm pose and joint angles that bring the fingertips to given
+points.
 
-One bounded nonlinear least-squares problem, solved by ``scipy.optimize.least_squares`` with the analytic
-Jacobian from MuJoCo. Unknowns: the palm's position (free), its tilt from the nominal orientation
-(bounded), and the joints of the fingers in use (within their limits). Rows: fingertip errors; weakly, the
-posture's distance from a reference and the tilt; and hinges that keep links out of the object and the
-last phalanges turned so that only their caps touch. The hinges steer only: what counts is the exact
-collision check afterwards (:mod:`preshape.hands.collision`).
+It is one bounded nonlinear least-squares problem, solved by ``scipy.optimize.least_squares`` with an analytic
+Jacobian.
+
+- Unknowns: the palm's position (free), its tilt from the nominal orientation (bounded), and the joints of the
+  fingers in use (within their limits).
+- Residuals: the errors of the fingertips; with little weight, the posture's distance from a reference, and
+  the tilt; and one-sided penalties that keep links out of the object and turn the last phalanges so that only
+  their caps touch.
+
+The penalties only guide the solver; the exact collision check afterwards decides
+(:mod:`preshape.hands.clearance`).
 """
 
 from __future__ import annotations
@@ -19,24 +25,24 @@ from .hand import Finger
 from .kinematics import HandKinematics, cross
 
 TILT_LIMITS = np.radians([25.0, 11.5, 11.5])
-"""Bounds of the tilt's rotation vector about the palm's x (transverse), y and z: together under 30° [C]."""
+"""Bounds of the tilt's rotation vector about the palm's x (transverse), y and z [rad]; in all < 30° [C]."""
 
-_LENGTH = 0.1  # [m] unit of the position unknowns, to give them the size of the angles
-_TIP, _LINK = 1e-3, 2e-3  # [m] that count as an error of 1
-_POSTURE, _TILT, _TURN = 0.06, 0.4, 6.0
-_LEAN = 0.10  # least cosine between last phalanx and inward normal aimed at
-_MARGIN = 2e-3  # [m] of clearance aimed at by the hinges
+_LENGTH = 0.1  # unit of the position unknowns [m], which makes them about as large as the angles
+_TIP, _LINK = 1e-3, 2e-3  # errors of fingertips and of links that give a residual of 1 [m]
+_POSTURE, _TILT, _LEAN_WEIGHT = 0.06, 0.4, 6.0  # weights of the other residuals
+_LEAN = 0.10  # desired least cosine between last phalanx and inward normal
+_MARGIN = 2e-3  # desired clearance of the links [m]
 
 
 @value
 class Reach:
-    """Where the fingertips shall go.
+    """Where the fingertips are to go, in the mesh frame.
 
     Attributes:
-        fingers: the fingers in use, in contact order.
-        targets: (n, 3) centres of their spherical tips [m], mesh frame.
-        inward: (n, 3) inward normals of the contacts.
-        orientation: (3, 3) nominal orientation of the palm, axes as columns.
+        fingers: The fingers in use, in the order of the contacts.
+        targets: (n, 3) targets of the centres of their spherical tips [m].
+        inward: (n, 3) inward unit normals at the contacts.
+        orientation: (3, 3) nominal orientation of the palm, its axes as columns.
     """
 
     fingers: tuple[Finger, ...]
@@ -50,8 +56,8 @@ class Placement:
     """A palm pose and a posture.
 
     Attributes:
-        rotation: (3, 3) of the palm in the mesh frame.
-        translation: (3,) of the palm [m].
+        rotation: (3, 3) rotation of the palm frame in the mesh frame.
+        translation: (3,) origin of the palm frame in the mesh frame [m].
         q: (n,) all joint angles [rad].
         errors: (m,) distances of the fingertips in use from their targets [m].
     """
@@ -63,10 +69,10 @@ class Placement:
 
 
 def rotation_exp(w: Array) -> tuple[Array, Array]:
-    """Rotation matrix of a rotation vector, and its right Jacobian.
+    """Rotation matrix R (3, 3) of a rotation vector w (3,) [rad], and its right Jacobian J (3, 3).
 
-    R(w + dw) = R(w) exp(J dw) to first order. The series is used below 1e-4 rad, where it is exact to
-    rounding.
+    R(w + dw) = R(w) exp(J dw) to first order. Below 1e-4 rad a series is used, which is exact to rounding
+    there.
     """
     angle = float(np.linalg.norm(w))
     matrix = skew(w)
@@ -81,11 +87,11 @@ def rotation_exp(w: Array) -> tuple[Array, Array]:
 
 
 class InverseKinematics:
-    """Solver for one hand and, where given, one object to keep clear of.
+    """Solver for one hand and, where given, one object to stay clear of.
 
     Args:
-        kinematics: of the hand.
-        obstacle: the object; ``None`` leaves the hinges out.
+        kinematics: Of the hand.
+        obstacle: The object; ``None`` leaves out the penalties on links.
     """
 
     def __init__(self, kinematics: HandKinematics, obstacle: ObjectCollision | None) -> None:
@@ -108,16 +114,16 @@ class InverseKinematics:
         """Bring the fingertips to their targets.
 
         Args:
-            reach: fingers and targets.
-            start: where to begin; joints of fingers not in use keep its values.
-            reference: (n,) posture [rad] that the joints are drawn to, weakly.
-            move_base: whether the palm may move and tilt; if not it stays at ``start``.
+            reach: Fingers and targets.
+            start: Where the solver begins; joints of fingers that are not in use stay there.
+            reference: (n,) posture [rad] to which the joints are drawn with little weight.
+            move_base: Whether the palm may move and tilt; otherwise it stays at ``start``.
             limits: (n, 2) joint limits [rad]; default the hand's.
-            avoid: whether the hinges act.
-            effort: largest number of evaluations; 0 only steps straight to the targets, from nearby.
+            avoid: Whether the penalties on links act.
+            effort: Largest number of evaluations; 0 only takes Newton steps to targets that are near.
 
         Returns:
-            The best placement found; its ``errors`` say whether the targets were reached.
+            The best placement that was found; its ``errors`` say whether the targets are reached.
         """
         from scipy.optimize import least_squares
 
@@ -141,12 +147,14 @@ class InverseKinematics:
         return problem.polish(z, lower, upper)
 
     def links(self, fingers: tuple[Finger, ...]) -> tuple[IntArray, Array, IntArray, Array]:
-        """Points along the axes of the palm and of the fingers in use.
+        """Points on the axes of the palm and of the fingers in use, which the penalties keep out of the
+        object.
 
-        The tips are left out, and so is the outer half of the last phalanges: they are meant to be near.
+        The fingertips and the outer half of the last phalanges are left out, because they are to be near the
+        object.
 
         Returns:
-            (k,) shape, fraction along its axis, body and radius [m] of each point.
+            (k,) index of the shape, fraction along its axis, index of the body, and radius [m] of each point.
         """
         key = frozenset(finger.name for finger in fingers)
         if key not in self._links:
@@ -172,10 +180,11 @@ class InverseKinematics:
 
 
 class _Problem:
-    """Residuals and Jacobian of one solve; remembers the last point, as both are asked for in turn.
+    """Residuals and Jacobian of one solve.
 
-    Works in the nominal palm frame about the middle of the targets, so that a rigid motion of the whole
-    scene changes nothing but rounding.
+    The last evaluation is stored, because the solver asks for both at the same point. Coordinates are those
+    of the nominal palm frame about the mean of the targets, so that a rigid motion of the whole scene changes
+    rounding only.
     """
 
     def __init__(
@@ -240,7 +249,7 @@ class _Problem:
         rows = [((tips @ rotation.T + translation - self.targets) / _TIP).ravel()]
         slopes = [slope.reshape(3 * n, width) / _TIP]
         if self.soft:
-            # Only the cap may touch: the last phalanx must not lean away from the surface.
+            # Only the cap may touch, so the last phalanx must not lean away from the inward normal.
             inward = self.inward @ rotation
             lack = _LEAN - np.einsum("ki,ki->k", axes, inward)
             lean = np.zeros((n, width))
@@ -248,8 +257,8 @@ class _Problem:
             if self.move_base:
                 lean[:, 3:6] = cross(inward, axes) @ right
             lean[lack <= 0] = 0.0
-            rows.append(_TURN * np.maximum(lack, 0.0))
-            slopes.append(_TURN * lean)
+            rows.append(_LEAN_WEIGHT * np.maximum(lack, 0.0))
+            slopes.append(_LEAN_WEIGHT * lean)
             self._add_soft(z, rotation, translation, right, rows, slopes)
         self._residual: Array = np.concatenate(rows)
         self._jacobian: Array = np.vstack(slopes)
@@ -292,17 +301,21 @@ class _Problem:
         slopes.append(slope)
 
     def residual(self, z: Array) -> Array:
-        """All rows at z."""
+        """All residuals at the unknowns z."""
         self._evaluate(z)
         return self._residual
 
     def jacobian(self, z: Array) -> Array:
-        """Derivative of all rows by z."""
+        """Derivatives of all residuals by the unknowns z."""
         self._evaluate(z)
         return self._jacobian
 
     def polish(self, z: Array, lower: Array, upper: Array) -> Placement:
-        """Remove what the weak rows left at the fingertips: shortest Newton steps within the bounds."""
+        """Remove the fingertip errors that the other residuals left, by shortest Newton steps within the
+        bounds.
+
+        A step that would leave a bound is solved again with that unknown fixed, at most three times.
+        """
         self.soft = False
         best, error = z, np.inf
         for _ in range(12):
@@ -311,7 +324,7 @@ class _Problem:
             worst = float(np.linalg.norm(self._residual.reshape(-1, 3), axis=1).max())
             if worst < error:
                 best, error = z, worst
-            if worst < 1e-4:  # a tenth of a micrometre
+            if worst < 1e-4:  # 0.1 µm
                 break
             free = np.ones(len(z), dtype=bool)
             step = np.zeros(len(z))

@@ -1,7 +1,7 @@
-"""Forward kinematics of a hand, by MuJoCo: fingertips, link points, Jacobians, and the shapes to draw.
+"""Forward kinematics of a hand by MuJoCo: fingertips, link points, Jacobians, and the shapes of the links.
 
-MuJoCo is imported where it is used. The compiled model is cached per hand and process and never changed;
-every :class:`HandKinematics` has its own state, so that threads do not meet.
+MuJoCo is imported where it is used. The compiled model of a hand is cached for the process and never changed.
+Every :class:`HandKinematics` has a state of its own, so each thread can use one.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from ..exceptions import HandError
-from ..spatial import inverse, quaternion_from_rotation
+from ..spatial import inverse, quaternion_from_rotation, rotation_from_quaternion
 from ..types import Array, IntArray, value
 from .hand import Finger, Hand
 
@@ -21,15 +21,15 @@ _NEXT, _LAST = [1, 2, 0], [2, 0, 1]
 
 @value
 class LinkShape:
-    """One primitive shape of a hand, placed.
+    """One primitive shape of a hand in a given posture.
 
     Attributes:
         kind: ``capsule``, ``sphere`` or ``box``.
-        link: name of the shape in the MJCF, as ``index_distal``.
-        body: name of the body that it belongs to.
+        link: Name of the shape in the MJCF, as ``index_distal``.
+        body: Name of its body.
         p0: (3,) one end of a capsule's axis, or the centre [m].
-        p1: (3,) the other end; the centre again for sphere and box [m].
-        radius: of capsule or sphere [m]; 0 for a box.
+        p1: (3,) the other end of the axis, or the centre [m].
+        radius: Radius of a capsule or sphere [m]; 0 for a box.
         half: (3,) half sizes of a box [m]; zero otherwise.
         rotation: (3, 3) the shape's axes as columns; a capsule lies along the third.
     """
@@ -48,10 +48,10 @@ class LinkShape:
 def compile_hand(hand: Hand) -> Any:
     """The hand's ``mujoco.MjModel``, compiled once per process; do not change it.
 
-    Its root body is placed so that the palm frame is the world's; the MJCF itself is left as it is.
+    Its root body is placed so that the palm frame is the world frame.
 
     Raises:
-        HandError: MuJoCo refuses the MJCF, or the joints of the model are not in the hand's order.
+        HandError: MuJoCo cannot read the MJCF, or the joints of the model are not in the hand's order.
     """
     import mujoco
 
@@ -78,12 +78,12 @@ def joint_links(hand: Hand) -> tuple[str, ...]:
 
 
 def cross(a: Array, b: Array) -> Array:
-    """Vector product along the last axis; on small arrays several times faster than ``numpy.cross``."""
+    """Vector product along the last axis; several times faster than ``numpy.cross`` on small arrays."""
     return np.asarray(a[..., _NEXT] * b[..., _LAST] - a[..., _LAST] * b[..., _NEXT])
 
 
 def _moves(model: Any) -> Array:
-    """(bodies, joints) 1 where the joint carries the body."""
+    """(bodies, joints) 1 where the joint moves the body, else 0."""
     moves = np.zeros((model.nbody, model.njnt))
     for body in range(1, model.nbody):
         moves[body] = moves[model.body_parentid[body]]
@@ -92,19 +92,17 @@ def _moves(model: Any) -> Array:
 
 
 def finger_of(hand: Hand, shape: LinkShape) -> str:
-    """The finger whose joints carry a shape; ``palm`` where none does."""
+    """Name of the finger whose joints move a shape; ``palm`` where none does."""
     model = compile_hand(hand)
     carried = _moves(model)[model.body(shape.body).id]
     return next((f.name for f in hand.fingers if carried[hand.columns(f.name)].any()), "palm")
 
 
 class HandKinematics:
-    """One posture at a time: positions and Jacobians in the palm frame.
-
-    The palm frame is the world frame of the MuJoCo model; :mod:`preshape.hands.inverse` moves it.
+    """Positions and Jacobians of one posture, in the palm frame.
 
     Args:
-        hand: which hand.
+        hand: The hand.
     """
 
     def __init__(self, hand: Hand) -> None:
@@ -118,7 +116,7 @@ class HandKinematics:
         self._tip_bodies = {finger.name: self.model.body(finger.tip_body).id for finger in hand.fingers}
         capsule = self.model.geom_type == mujoco.mjtGeom.mjGEOM_CAPSULE
         self.half_lengths = np.where(capsule, self.model.geom_size[:, 1], 0.0)
-        # Of a box the largest sphere inside: it steers, the exact check decides.
+        # A box counts as the largest sphere in it here; the exact check uses the box.
         box = self.model.geom_type == mujoco.mjtGeom.mjGEOM_BOX
         self.radii = np.where(box, self.model.geom_size.min(axis=1), self.model.geom_size[:, 0])
         self._moves = _moves(self.model)
@@ -129,13 +127,13 @@ class HandKinematics:
         self._mujoco.mj_kinematics(self.model, self._data)
 
     def tips(self, fingers: tuple[Finger, ...]) -> tuple[Array, Array]:
-        """(k, 3) centres of the spherical fingertips [m], (k, 3) unit directions of the last phalanges."""
+        """(k, 3) centres of the spherical fingertips [m] and (k, 3) unit directions of the last phalanges."""
         sites = [self._sites[finger.name] for finger in fingers]
         axes = self._data.site_xmat.reshape(-1, 3, 3)[sites, :, 2]
         return np.array(self._data.site_xpos[sites]), np.array(axes)
 
     def tip_jacobians(self, fingers: tuple[Finger, ...]) -> tuple[Array, Array]:
-        """(k, 3, n) derivatives of :meth:`tips`, centres and directions, by the joint angles."""
+        """(k, 3, n) derivatives of the centres [m/rad] and directions of :meth:`tips` by the joint angles."""
         bodies = np.array([self._tip_bodies[finger.name] for finger in fingers])
         centres, axes = self.tips(fingers)
         return self.point_jacobians(bodies, centres), cross(self._turns(bodies), axes[:, None]).transpose(
@@ -144,7 +142,7 @@ class HandKinematics:
 
     def point_jacobians(self, bodies: IntArray, points: Array) -> Array:
         """(k, 3, n) derivatives of points (k, 3) [m] fixed to bodies (k,), by the joint angles [m/rad]."""
-        # A hinge turns a point about its anchor: dp/dq = axis x (p - anchor), if it carries the body.
+        # A hinge that moves the body turns the point about its anchor: dp/dq = axis × (p - anchor).
         arms = points[:, None] - self._data.xanchor
         return cross(self._turns(bodies), arms).transpose(0, 2, 1)
 
@@ -152,10 +150,10 @@ class HandKinematics:
         return np.asarray(self._moves[bodies][:, :, None] * self._data.xaxis)
 
     def shapes(self) -> list[LinkShape]:
-        """All collision shapes in the palm frame, palm first.
+        """All collision shapes in the palm frame, the palm first.
 
         Raises:
-            HandError: a shape is not a capsule, a sphere or a box.
+            HandError: A shape is no capsule, sphere or box.
         """
         return [self._shape(geom) for geom in range(self.model.ngeom)]
 
@@ -192,14 +190,14 @@ class HandKinematics:
         )
 
     def collides(self, depth: float = 0.0) -> bool:
-        """Whether two links are deeper in each other than ``depth`` [m]; see :meth:`self_collisions`."""
+        """Whether two links overlap by more than ``depth`` [m]; see :meth:`self_collisions`."""
         self._mujoco.mj_collision(self.model, self._data)
         return bool((self._data.contact.dist < -depth).any())
 
     def self_collisions(self, depth: float = 0.0) -> list[tuple[str, str, float]]:
-        """Pairs of links deeper in each other than ``depth`` [m]: two names and the penetration [m].
+        """Pairs of links that overlap by more than ``depth`` [m]: two names and the overlap [m].
 
-        By MuJoCo's own collision of primitives; pairs that the MJCF excludes are left out.
+        MuJoCo computes the collisions; pairs that the MJCF excludes are left out.
         """
         self._mujoco.mj_collision(self.model, self._data)
         return [
@@ -210,28 +208,17 @@ class HandKinematics:
 
 
 def pose_matrix(pose: Array) -> tuple[Array, Array]:
-    """Rotation (3, 3) and translation (3,) of a pose xyz + wxyz."""
-    w, x, y, z = np.asarray(pose, dtype=np.float64)[3:] / np.linalg.norm(pose[3:])
-    rotation = np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ]
-    )
-    return rotation, np.array(pose[:3], dtype=np.float64)
+    """Rotation (3, 3) and translation (3,) [m] of a pose x y z w x y z."""
+    return rotation_from_quaternion(pose[3:]), np.array(pose[:3], dtype=np.float64)
 
 
 def pose_vector(rotation: Array, translation: Array) -> Array:
-    """(7,) pose xyz + wxyz of a rotation (3, 3) and a translation [m]; w is not negative."""
-    from scipy.spatial.transform import Rotation
-
-    x, y, z, w = Rotation.from_matrix(rotation).as_quat(canonical=True)
-    return np.array([*translation, w, x, y, z])
+    """(7,) pose x y z w x y z of a rotation (3, 3) and a translation (3,) [m]; w ≥ 0."""
+    return np.array([*translation, *quaternion_from_rotation(rotation)])
 
 
 def move_shape(shape: LinkShape, rotation: Array, translation: Array) -> LinkShape:
-    """The shape moved by x -> R x + t."""
+    """The shape moved by x → R x + t."""
     return LinkShape(
         kind=shape.kind,
         link=shape.link,
@@ -245,15 +232,12 @@ def move_shape(shape: LinkShape, rotation: Array, translation: Array) -> LinkSha
 
 
 def hand_geometry(hand: Hand, palm_pose: Array, q: Array) -> list[LinkShape]:
-    """Every shape of the hand, for drawing and for checks.
+    """Every shape of a hand in the mesh frame, the palm first.
 
     Args:
-        hand: which hand.
-        palm_pose: (7,) xyz + wxyz, T_mesh_palm [m].
+        hand: The hand.
+        palm_pose: (7,) x y z w x y z of T_mesh_palm [m].
         q: (n,) joint angles [rad].
-
-    Returns:
-        Capsules, spheres and boxes in the mesh frame, palm first.
     """
     kinematics = HandKinematics(hand)
     kinematics.set_posture(q)

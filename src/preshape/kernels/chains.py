@@ -1,22 +1,23 @@
-"""Forward kinematics of many postures at once, in NumPy: the specification of the kernel's own."""
+"""Forward kinematics of many postures at once in NumPy; the specification of that in the closing kernel."""
 
 from __future__ import annotations
 
 import numpy as np
 
+from ..spatial import skew
 from ..types import Array
 from .tables import HandTables
 
 
 def joint_frames(tables: HandTables, q: Array) -> tuple[Array, Array]:
-    """Where every joint stands in the palm frame.
+    """Frames of all joints in the palm frame.
 
     Args:
-        tables: of the hand.
+        tables: Tables of the hand.
         q: (n, j) joint angles [rad].
 
     Returns:
-        (n, j, 3) anchors [m] and (n, j, 3, 3) rotations, after the joint's own turn.
+        (n, j, 3) anchors [m] and (n, j, 3, 3) rotations, the joint's own rotation included.
     """
     n, joints = q.shape
     places, turns = np.empty((n, joints, 3)), np.empty((n, joints, 3, 3))
@@ -39,7 +40,7 @@ def fingertips(tables: HandTables, q: Array) -> Array:
 
 
 def rotations(quaternions: Array) -> Array:
-    """(..., 3, 3) of unit quaternions wxyz (..., 4)."""
+    """(..., 3, 3) rotations of unit quaternions wxyz (..., 4)."""
     w, x, y, z = np.moveaxis(np.asarray(quaternions, dtype=np.float64), -1, 0)
     rows = [
         [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
@@ -51,8 +52,6 @@ def rotations(quaternions: Array) -> Array:
 
 def about(axes: Array, angles: Array) -> Array:
     """(n, j, 3, 3) rotations by ``angles`` (n, j) [rad] about unit axes (j, 3)."""
-    cross = np.zeros((len(axes), 3, 3))
-    cross[:, 0, 1], cross[:, 0, 2], cross[:, 1, 2] = -axes[:, 2], axes[:, 1], -axes[:, 0]
-    cross -= cross.transpose(0, 2, 1)
+    k = skew(axes)
     s, c = np.sin(angles)[..., None, None], np.cos(angles)[..., None, None]
-    return np.asarray(np.eye(3) + s * cross + (1.0 - c) * (cross @ cross))
+    return np.asarray(np.eye(3) + s * k + (1.0 - c) * (k @ k))

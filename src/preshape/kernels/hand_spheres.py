@@ -1,9 +1,12 @@
-"""Spheres that fill a rigid link, so that its distance to an object is the least of theirs.
+"""Spheres that fill a rigid link, so that its distance to an object is the least distance of a sphere.
 
-No sphere stands out of the link; how far the link stands out between the spheres is bounded. Along a capsule
-spheres of its own radius stand in a row. Of a box, rows of spheres follow the edges of smaller and smaller
-boxes inside it, small spheres by its edges, larger ones further in; the largest stand in its middle. What
-serves only surface inside another shape of the link is left out; of the coarse ones, also what others serve.
+No sphere protrudes from the link, and the link protrudes from its spheres by a bounded length.
+
+1. A capsule is filled by a row of spheres of its own radius.
+2. A box is filled by rows of spheres along the edges of smaller and smaller boxes inside it: small spheres
+   near its edges, larger ones farther inside, the largest in its middle.
+3. Spheres that cover only surface inside another shape of the link are left out. Of the coarse spheres a
+   small subset that covers the surface is chosen (greedy set cover).
 """
 
 from __future__ import annotations
@@ -15,9 +18,12 @@ import numpy as np
 from ..types import Array, BoolArray
 
 COARSE, FINE = 0.003, 0.0005
-"""How far a link may stand out of its spheres at most [m]: for the search, and for the answers [C]."""
-_CAPSULE = {COARSE: 0.0006, FINE: 0.00012}  # ... a capsule [m]
-_BOX = {COARSE: 0.0026, FINE: 0.00045}  # ... a box [m], a little less than allowed: rows meet between samples
+"""Largest protrusion of a link from its spheres [m], for the search and for the answers [C]."""
+_CAPSULE = {COARSE: 0.0006, FINE: 0.00012}  # ... of a capsule [m]
+_BOX = {
+    COARSE: 0.0026,
+    FINE: 0.00045,
+}  # ... of a box [m]; a reserve is left for the surface between the samples
 _SAMPLES = {COARSE: 0.002, FINE: 0.0008}  # spacing of surface points [m]
 
 
@@ -25,10 +31,10 @@ class Shape(NamedTuple):
     """A capsule, a sphere (a capsule of no length) or a box, in its link's frame.
 
     Attributes:
-        place: (3,) its middle [m].
+        place: (3,) its centre [m].
         facing: (3, 3) its axes as columns; a capsule lies along the third.
-        radius: of a capsule [m]; 0 for a box.
-        half: (3,) half sizes of a box; of a capsule its half length, last [m].
+        radius: Radius of a capsule [m]; 0 for a box.
+        half: (3,) half sizes of a box, or (0, 0, half length) of a capsule [m].
     """
 
     place: Array
@@ -37,26 +43,26 @@ class Shape(NamedTuple):
     half: Array
 
     def distance(self, points: Array) -> Array:
-        """(n,) signed distance from points (n, 3) to its surface [m]."""
+        """(n,) signed distance from points (n, 3) to its surface, negative inside [m]."""
         local = np.abs((points - self.place) @ self.facing)
         out = local - self.half
         inside = np.minimum(out.max(axis=1), 0.0) if self.radius == 0.0 else 0.0
         return np.asarray(np.linalg.norm(np.maximum(out, 0.0), axis=1) + inside - self.radius)
 
     def moved(self, spheres: Array) -> Array:
-        """Spheres (n, 4) or points (n, 3) of its own frame, in the link's."""
+        """Spheres (n, 4) or points (n, 3) of the shape's own frame in the link's frame."""
         return np.concatenate([spheres[:, :3] @ self.facing.T + self.place, spheres[:, 3:]], axis=1)
 
 
 def link_spheres(shapes: list[Shape], detail: float) -> Array:
-    """Spheres that stand for a link.
+    """Spheres that represent a link.
 
     Args:
-        shapes: all of the link.
+        shapes: All shapes of the link.
         detail: ``COARSE`` or ``FINE``.
 
     Returns:
-        (n, 4) centre and radius [m]. None is of use only inside another shape of the link.
+        (n, 4) centre in the link's frame and radius [m].
     """
     if not shapes:
         return np.zeros((0, 4))
@@ -67,12 +73,12 @@ def link_spheres(shapes: list[Shape], detail: float) -> Array:
     from scipy.spatial.distance import cdist
 
     gap = cdist(spheres[:, :3], points) - spheres[:, 3:]
-    # A point that no sphere comes that near to is content with the nearest.
+    # A point that no sphere is near enough to is covered by the nearest one.
     return spheres[_cover(gap <= np.maximum(allowed, gap.min(axis=0) + 1e-6))]
 
 
 def exposed(shapes: list[Shape], detail: float, spacing: float | None = None) -> tuple[Array, Array]:
-    """(n, 3) points on the surface of a link [m], and (n,) how far each may stand out of the spheres [m]."""
+    """(n, 3) points on the surface of a link [m], and (n,) the largest protrusion allowed at each [m]."""
     points, allowed = [], []
     for shape in shapes:
         own = shape.moved(_surface(shape, spacing or _SAMPLES[detail]))
@@ -86,7 +92,7 @@ def exposed(shapes: list[Shape], detail: float, spacing: float | None = None) ->
 
 
 def grouped(spheres: Array, most: int) -> list[Array]:
-    """Spheres in groups of neighbours, at most so many in each."""
+    """Spheres in groups of neighbours, at most ``most`` in each."""
     if len(spheres) <= most:
         return [spheres] if len(spheres) else []
     axis = int(np.ptp(spheres[:, :3], axis=0).argmax())
@@ -96,7 +102,7 @@ def grouped(spheres: Array, most: int) -> list[Array]:
 
 
 def bound(spheres: Array) -> Array:
-    """(4,) a sphere around all of them."""
+    """(4,) a sphere round all of the spheres (n, 4): centre and radius [m]."""
     low, high = spheres[:, :3] - spheres[:, 3:], spheres[:, :3] + spheres[:, 3:]
     middle = (low.min(axis=0) + high.max(axis=0)) / 2
     return np.append(middle, (np.linalg.norm(spheres[:, :3] - middle, axis=1) + spheres[:, 3]).max())
@@ -106,38 +112,39 @@ def _filled(shape: Shape, detail: float) -> Array:
     """(n, 4) spheres of one shape in its own frame."""
     if shape.radius == 0.0:
         return _box_spheres(shape.half, _BOX[detail])
-    # Between two spheres of radius r a capsule stands out by about step²/8r.
+    # Between two spheres of radius r a capsule protrudes by about step²/8r.
     step = float(np.sqrt(8.0 * shape.radius * _CAPSULE[detail]))
     z = _spread(shape.half[2], step)
     return np.stack([np.zeros_like(z), np.zeros_like(z), z, np.full_like(z, shape.radius)], axis=1)
 
 
 def _spread(half: float, step: float) -> Array:
-    """Points from -half to half, evenly, at most a step apart."""
+    """Evenly spaced points from -half to half, at most ``step`` apart."""
     return np.linspace(-half, half, int(np.ceil(2 * half / step - 1e-9)) + 1) if half > 1e-6 else np.zeros(1)
 
 
-def _box_spheres(half: Array, stand: float) -> Array:
-    """(n, 4) spheres in a box, of which it stands out by at most about ``stand`` [m]."""
+def _box_spheres(half: Array, protrusion: float) -> Array:
+    """(n, 4) spheres in a box that protrudes from them by at most about ``protrusion`` [m]."""
     out = []
     largest = float(half.min())
-    # A corner stands out of its sphere by 0.73 radii.
-    radius = min(1.5 * stand, largest)
+    # A corner protrudes from its sphere by 0.73 radii.
+    radius = min(1.5 * protrusion, largest)
     while True:
-        # The part of a face that a sphere of this radius serves has this radius itself.
-        served = float(np.sqrt(2 * radius * stand + stand * stand))
+        # Radius of the part of a face that a sphere of this radius covers.
+        covered = float(np.sqrt(2 * radius * protrusion + protrusion * protrusion))
         inner = half - radius
-        axes = [_spread(h, 1.2 * served) for h in inner]
+        axes = [_spread(h, 1.2 * covered) for h in inner]
         grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
         on = (np.abs(np.abs(grid) - inner) < 1e-9).sum(axis=1)
         centres = grid[on >= (1 if radius == largest else 2)]
         out.append(np.concatenate([centres, np.full((len(centres), 1), radius)], axis=1))
         if radius == largest:
             return np.concatenate(out)
-        # Rows 1.2 apart serve a strip of 0.8 to both sides: the next strip joins this one.
-        edge, following = radius + 0.8 * served, radius
+        # Rows with spheres 1.2 of these radii apart cover a strip of 0.8 of them to both sides; the strip of
+        # the next row must join this one.
+        edge, following = radius + 0.8 * covered, radius
         for _ in range(20):
-            following = edge + 0.8 * float(np.sqrt(2 * following * stand + stand * stand))
+            following = edge + 0.8 * float(np.sqrt(2 * following * protrusion + protrusion * protrusion))
         radius = min(following, largest)
 
 
@@ -161,22 +168,22 @@ def _surface(shape: Shape, spacing: float) -> Array:
 
 
 def _near(spheres: Array, points: Array, within: float) -> BoolArray:
-    """Which spheres serve a point: have one within a distance of their surface."""
+    """(n,) which spheres have one of the points within a distance of their surface [m]."""
     from scipy.spatial import cKDTree
 
     distance, _ = cKDTree(points).query(spheres[:, :3])
     return np.asarray(distance <= spheres[:, 3] + within)
 
 
-def _cover(serves: BoolArray) -> list[int]:
-    """Rows (spheres) that together serve every column (point): the one that serves most first, and so on."""
+def _cover(covers: BoolArray) -> list[int]:
+    """Rows (spheres) that together cover every column (point); each next row covers the most of the rest."""
     chosen: list[int] = []
-    left = serves.any(axis=0)
-    gains = serves[:, left].sum(axis=1)
+    left = covers.any(axis=0)
+    gains = covers[:, left].sum(axis=1)
     while left.any():
         best = int(gains.argmax())
-        fresh = serves[best] & left
+        fresh = covers[best] & left
         chosen.append(best)
         left &= ~fresh
-        gains -= serves[:, fresh].sum(axis=1)
+        gains -= covers[:, fresh].sum(axis=1)
     return sorted(chosen)

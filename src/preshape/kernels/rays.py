@@ -1,7 +1,7 @@
-"""First hits of rays with a triangle mesh: Embree for speed, a NumPy twin as the specification.
+"""First hits of rays with a triangle mesh, by Embree; :func:`cast_plain` is the NumPy twin that specifies it.
 
-Embree finds the triangle in single precision; the distance is then computed again in double
-precision from that triangle, so both versions return the same numbers.
+Embree finds the triangle in single precision; the distance is computed from that triangle in double
+precision, so both versions return the same numbers.
 """
 
 from __future__ import annotations
@@ -12,10 +12,10 @@ from ..objects.mesh import TriangleMesh
 from ..types import Array, IntArray, value
 
 MISS = -1
-"""Triangle index of a ray that hits nothing; its distance is infinite."""
+"""Triangle of a ray that hits nothing; its distance is infinite."""
 
 GRAZING = 1e-6
-"""A surface steeper than this (cosine to the ray) is an edge seen from the side: no area to land on."""
+"""A triangle whose normal has a smaller cosine with the ray is seen edge-on and is no hit."""
 
 
 @value
@@ -23,7 +23,7 @@ class Hits:
     """First hits of n rays.
 
     Attributes:
-        distance: (n,) along the ray [m], infinite for a miss.
+        distance: (n,) distance along the ray [m], infinite for a miss.
         triangle: (n,) index of the triangle, -1 for a miss.
     """
 
@@ -32,13 +32,13 @@ class Hits:
 
 
 class RayCaster:
-    """Rays against one mesh, prepared once.
+    """Casts rays against one mesh.
+
+    For Embree the mesh is moved to its COG and scaled to unit size, so that single precision suffices for a
+    screw of a millimetre and for an object far from its file's origin.
 
     Args:
-        mesh: the object.
-
-    The mesh is moved to its COG and scaled to unit size for Embree, so that single precision serves a
-    screw of a millimetre and an object far from its file's origin equally well.
+        mesh: The object.
     """
 
     def __init__(self, mesh: TriangleMesh) -> None:
@@ -55,33 +55,33 @@ class RayCaster:
         """First hit of each ray.
 
         Args:
-            origins: (n, 3) [m], mesh frame.
+            origins: (n, 3) in the mesh frame [m].
             directions: (n, 3) unit vectors.
         """
         start = np.ascontiguousarray((origins - self._mesh.cog) * self._scale, dtype=np.float32)
         aim = np.ascontiguousarray(directions, dtype=np.float32)
         triangle = self._scene.run(start, aim, query="INTERSECT").astype(np.int64)
-        self._look_behind(triangle, origins, directions)
+        self._skip_edge_on(triangle, origins, directions)
         return Hits(distance=distance_to(self._mesh, triangle, origins, directions), triangle=triangle)
 
-    def _look_behind(self, triangle: IntArray, origins: Array, directions: Array) -> None:
-        """Where a ray has hit an edge seen from the side, go on to what is behind it."""
+    def _skip_edge_on(self, triangle: IntArray, origins: Array, directions: Array) -> None:
+        """Replace hits of triangles seen edge-on by what is behind them."""
         normals = self._mesh.normals
         slope = np.einsum("ij,ij->i", directions, normals[triangle])
-        edge = np.flatnonzero((np.abs(slope) <= GRAZING) & (triangle != MISS))
-        if not len(edge):
+        edge_on = np.flatnonzero((np.abs(slope) <= GRAZING) & (triangle != MISS))
+        if not len(edge_on):
             return
-        plain = cast_plain(self._mesh, origins[edge], directions[edge])
-        triangle[edge] = plain.triangle
+        plain = cast_plain(self._mesh, origins[edge_on], directions[edge_on])
+        triangle[edge_on] = plain.triangle
 
 
 def distance_to(mesh: TriangleMesh, triangle: IntArray, origins: Array, directions: Array) -> Array:
     """Distance along each ray to the plane of its triangle.
 
     Args:
-        mesh: the object.
-        triangle: (n,) one for each ray, -1 for none.
-        origins: (n, 3) [m].
+        mesh: The object.
+        triangle: (n,) triangle of each ray, -1 for none.
+        origins: (n, 3) in the mesh frame [m].
         directions: (n, 3) unit vectors.
 
     Returns:
@@ -94,10 +94,7 @@ def distance_to(mesh: TriangleMesh, triangle: IntArray, origins: Array, directio
 
 
 def cast_plain(mesh: TriangleMesh, origins: Array, directions: Array) -> Hits:
-    """The NumPy twin: every ray against every triangle (Möller & Trumbore 1997).
-
-    Same arguments and result as :meth:`RayCaster.cast`.
-    """
+    """As :meth:`RayCaster.cast`, by testing every ray against every triangle (Möller & Trumbore 1997)."""
     a = mesh.corners[:, 0]
     e1, e2 = mesh.corners[:, 1] - a, mesh.corners[:, 2] - a
     distance = np.full(len(origins), np.inf)

@@ -1,4 +1,4 @@
-"""Points spread evenly over an object's surface, for checks of links against it."""
+"""Points spread evenly over an object's surface."""
 
 from __future__ import annotations
 
@@ -12,31 +12,33 @@ from ..types import Array, BoolArray, IntArray, read_only
 from .field.winding import oriented_triangles
 
 SHARP = math.cos(math.radians(30.0))
-"""Faces whose normals are further apart than this make a sharp edge [C]."""
+"""Two faces make a sharp edge if the cosine of their normals is below this [C]."""
 
 OVERSAMPLING = 10
-NEIGHBOUR = 0.8  # least gap between points of one side, in spacings: about area / spacing² points in all
+NEIGHBOUR = 0.8  # least distance of two points, in spacings; it gives about area / spacing² points
 MOST_CANDIDATES = 5_000_000
 
 
 def surface_points(mesh: TriangleMesh, spacing: float, seed: int = 0) -> tuple[Array, Array]:
     """Evenly spread points of the surface, and every vertex of a sharp edge or rim.
 
-    Many points are drawn by area, and of any two on one side that are closer than 0.8 spacings one goes,
-    until none are (Poisson disk sampling by elimination): no part of the surface is further than about a
-    spacing from a point. Both sides of a thin wall have their points.
+    1. The vertices of sharp edges and rims are taken.
+    2. Many more points are drawn in proportion to the area.
+    3. Of any two points that are closer than 0.8 spacings one is removed (Poisson disk sampling by
+       elimination), so that no part of the surface is farther than about a spacing from a point. The two
+       sides of a thin wall keep points of their own.
 
     Args:
-        mesh: need not be watertight, nor wound consistently.
-        spacing: typical distance between neighbours [m].
-        seed: the same seed gives the same points.
+        mesh: The object; it need be neither watertight nor consistently wound.
+        spacing: Typical distance between neighbours [m].
+        seed: Seed of the draws; the same seed gives the same points.
 
     Returns:
-        (n, 3) points [m] and (n, 3) unit normals outward, on a sharp edge the mean of its faces'. The
-        vertices of sharp edges come first.
+        (n, 3) points [m] and (n, 3) outward unit normals, the vertices of sharp edges first. A normal on a
+        sharp edge is the mean of its faces' normals.
 
     Raises:
-        InputError: ``spacing`` not positive, or so small that there would be millions of points.
+        InputError: ``spacing`` is not positive, or so small that there would be millions of points.
     """
     if not (math.isfinite(spacing) and spacing > 0):
         raise InputError(f"spacing must be a positive length [m], got {spacing!r}")
@@ -47,10 +49,13 @@ def surface_points(mesh: TriangleMesh, spacing: float, seed: int = 0) -> tuple[A
     triangles = oriented_triangles(mesh)
     normals = np.where((triangles == mesh.triangles).all(axis=1)[:, None], mesh.normals, -mesh.normals)
     rng = np.random.default_rng(seed)
+    # 1. Sharp edges
     sharp, sharp_normals = _sharp_vertices(mesh, normals)
+    # 2. Draws
     face = _by_area(mesh, max(math.ceil(wanted), 1), rng)
     points, outward = _within(mesh.corners[face], rng), normals[face]
-    kept = _spread(
+    # 3. Elimination
+    stays = _spread(
         np.concatenate([sharp, points]),
         np.concatenate([sharp_normals, outward]),
         len(sharp),
@@ -58,27 +63,27 @@ def surface_points(mesh: TriangleMesh, spacing: float, seed: int = 0) -> tuple[A
         rng,
     )
     return (
-        read_only(np.concatenate([sharp, points[kept]])),
-        read_only(np.concatenate([sharp_normals, outward[kept]])),
+        read_only(np.concatenate([sharp, points[stays]])),
+        read_only(np.concatenate([sharp_normals, outward[stays]])),
     )
 
 
 def _by_area(mesh: TriangleMesh, count: int, rng: np.random.Generator) -> IntArray:
-    """A triangle for each candidate: one in each of ``count`` equal shares of the area."""
+    """(count,) indices of triangles, one drawn in each of ``count`` equal shares of the area."""
     ends = np.cumsum(mesh.areas)
     at = (np.arange(count) + rng.random(count)) / count * ends[-1]
     return np.minimum(np.searchsorted(ends, at, side="right"), len(ends) - 1)
 
 
 def _within(corners: Array, rng: np.random.Generator) -> Array:
-    """A uniform point of each triangle (n, 3, 3) (Osada et al. 2002, eq. 1)."""
+    """(n, 3) a uniformly random point of each triangle (n, 3, 3) (Osada et al. 2002, eq. 1)."""
     root, v = np.sqrt(rng.random(len(corners))), rng.random(len(corners))
     weights = np.stack([1 - root, root * (1 - v), root * v], axis=1)
     return np.einsum("nk,nkd->nd", weights, corners)
 
 
 def _sharp_vertices(mesh: TriangleMesh, normals: Array) -> tuple[Array, Array]:
-    """Positions of the vertices of sharp edges and rims, and the mean normal of the faces round each."""
+    """(k, 3) vertices of sharp edges and rims, and (k, 3) the mean normal of the faces round each."""
     places, same = np.unique(mesh.vertices, axis=0, return_inverse=True)
     faces = same.ravel()[mesh.triangles]
     edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
@@ -96,7 +101,7 @@ def _sharp_vertices(mesh: TriangleMesh, normals: Array) -> tuple[Array, Array]:
     total = np.zeros((len(places), 3))
     for corner in range(3):
         u, v = (mesh.corners[:, (corner + k) % 3] - mesh.corners[:, corner] for k in (1, 2))
-        # Weighed by the angle at the corner, so that it does not matter how a face is cut into triangles.
+        # Weighted by the angle at the corner, so that the cut of a face into triangles does not matter.
         angle = np.arctan2(np.linalg.norm(np.cross(u, v), axis=1), np.einsum("ij,ij->i", u, v))
         for axis in range(3):
             total[:, axis] += np.bincount(faces[:, corner], angle * normals[:, axis], minlength=len(places))
@@ -106,16 +111,16 @@ def _sharp_vertices(mesh: TriangleMesh, normals: Array) -> tuple[Array, Array]:
 
 
 def _spread(points: Array, normals: Array, fixed: int, gap: float, rng: np.random.Generator) -> BoolArray:
-    """Which of the points after the first ``fixed`` stay, so that none of one side is closer than ``gap``.
+    """Which of the points after the first ``fixed`` stay, so that no two of one side are closer than ``gap``.
 
-    Every round keeps the points that precede all their neighbours in a random order and drops those
-    neighbours (Luby 1986): what is left is the greedy choice in that order.
+    Every round keeps the points that precede all their neighbours in a random order, and removes those
+    neighbours (Luby 1986). The result is that of a greedy choice in this order.
     """
     from scipy.spatial import cKDTree
 
     count = len(points)
     near = cKDTree(points).query_pairs(gap, output_type="ndarray")
-    # Opposite sides of a wall are no neighbours; the two faces of an edge are.
+    # Points on opposite sides of a wall are no neighbours; points on the two faces of an edge are.
     near = near[np.einsum("ij,ij->i", normals[near[:, 0]], normals[near[:, 1]]) > -0.5]
     rank = np.concatenate([np.arange(fixed), fixed + rng.permutation(count - fixed)])
     stays, open_points = np.zeros(count, dtype=bool), np.ones(count, dtype=bool)

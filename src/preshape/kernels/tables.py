@@ -1,6 +1,6 @@
-"""What the closing kernel knows of a hand: joint chains, spheres that fill its links, closing paths.
+"""A hand as the kernels read it: joint chains, spheres that fill its links, and the closing path.
 
-Everything is in the palm frame. :func:`preshape.closure.hand_tables.hand_tables` makes the tables of a hand.
+:func:`preshape.closure.hand_tables.hand_tables` makes the tables of a hand.
 """
 
 from __future__ import annotations
@@ -10,28 +10,29 @@ from ..types import Array, IntArray, value
 
 @value
 class HandTables:
-    """Arrays over fingers f, joints j (in the hand's order) and spheres s (by joint).
+    """Arrays over fingers f, joints j (in the hand's order), spheres s (by joint) and groups g of
+    neighbouring spheres.
 
     Attributes:
-        name: the hand's.
-        fingers: names, in the order of their joints.
-        thumb: which of them is the thumb.
+        name: Name of the hand.
+        fingers: Names of the fingers, in the order of their joints.
+        thumb: Index of the thumb among them.
         joint_start: (f + 1,) first joint of each finger.
-        offset: (j, 3) the joint's anchor in the frame of the joint before it, or of the palm [m].
-        turn: (j, 4) orientation at zero angle in that frame, quaternion wxyz.
+        offset: (j, 3) the joint's anchor in the frame of the joint before it, or in the palm frame [m].
+        turn: (j, 4) orientation at angle zero in that frame, quaternion wxyz.
         axis: (j, 3) unit axis in the joint's own frame.
-        moving: (f,) first joint of each finger that its closing moves.
+        moving: (f,) first joint of each finger that closing moves.
         sphere_start: (j + 1,) first sphere of each joint.
-        sphere: (s, 4) centre in the joint's frame, and radius [m].
-        speed: (s,) bound on how far a sphere moves for a unit of the closing path [m].
+        sphere: (s, 4) centre in the joint's frame and radius [m].
+        speed: (s,) upper bound on the motion of a sphere per unit of the closing path [m].
         group_start: (j + 1,) first group of each joint.
         group_sphere: (g + 1,) first sphere of each group.
-        bound: (g, 4) a sphere around all spheres of the group.
-        bound_speed: (g,) the largest of their speeds [m].
-        palm: (p, 4) spheres of what no joint moves [m].
+        bound: (g, 4) a sphere round all spheres of the group, in the joint's frame: centre and radius [m].
+        bound_speed: (g,) the largest speed of the group's spheres [m].
+        palm: (p, 4) spheres of the parts that no joint moves, in the palm frame: centre and radius [m].
         palm_group: (h + 1,) first sphere of each group of them.
-        palm_bound: (h, 4) a sphere around all spheres of the group.
-        path: (k, j) closing path, k evenly spaced points from open to closed [rad].
+        palm_bound: (h, 4) a sphere round all spheres of the group [m].
+        path: (k, j) joint angles at k evenly spaced points of the closing path, from open to closed [rad].
         limits: (j, 2) lower and upper joint limit [rad].
         tip: (f, 3) centre of each fingertip in the frame of its last joint [m].
     """

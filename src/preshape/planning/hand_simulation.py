@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..exceptions import InputError
-from ..hands.clearance import TOUCH_TOLERANCE, Clearance, Contacts, Flaw, HandStatus, spoken
+from ..hands.clearance import TOUCH_TOLERANCE, Clearance, Flaw, HandStatus, TouchPoints, spoken
 from ..hands.collision import object_collision
 from ..hands.hand import Finger, Hand
 from ..hands.inverse import InverseKinematics, Placement, Reach
@@ -203,7 +203,7 @@ def _axes(approach: ArrayLike, opposition: ArrayLike) -> tuple[Array, Array]:
 
 def _contacts(
     hand: Hand, mesh: TriangleMesh, points: ArrayLike, normals: ArrayLike, triangles: ArrayLike
-) -> Contacts:
+) -> TouchPoints:
     where = frozen_array(points, (None, 3), "contact points")
     count = len(where)
     if not 2 <= count <= len(hand.fingers):
@@ -215,14 +215,14 @@ def _contacts(
         raise InputError("inward normals must not be zero")
     if index.min() < 0 or index.max() >= len(mesh.triangles):
         raise InputError(f"contact triangles must be 0 … {len(mesh.triangles) - 1}, got {index}")
-    return Contacts(points=where, inward=inward / length, triangles=index)
+    return TouchPoints(points=where, inward=inward / length, triangles=index)
 
 
 class _Simulation:
     """One call of :func:`simulate_hand`."""
 
     def __init__(
-        self, hand: Hand, mesh: TriangleMesh, contacts: Contacts, orientation: Array, seed: int
+        self, hand: Hand, mesh: TriangleMesh, contacts: TouchPoints, orientation: Array, seed: int
     ) -> None:
         self.hand, self.mesh, self.contacts, self.orientation = hand, mesh, contacts, orientation
         self.kinematics = HandKinematics(hand)
