@@ -1,5 +1,4 @@
-"""Inverse kinematics of a whole hand: the palm pose and joint angles that bring the fingertips to given
-points.
+"""Inverse kinematics of a whole hand: palm pose and joint angles that bring fingertips to given points.
 
 It is one bounded nonlinear least-squares problem, solved by ``scipy.optimize.least_squares`` with an analytic
 Jacobian.
@@ -147,10 +146,9 @@ class InverseKinematics:
         return problem.polish(z, lower, upper)
 
     def links(self, fingers: tuple[Finger, ...]) -> tuple[IntArray, Array, IntArray, Array]:
-        """Points on the axes of the palm and of the fingers in use, which the penalties keep out of the
-        object.
+        """Points of the palm and of the fingers in use that the penalties keep out of the object.
 
-        The fingertips and the outer half of the last phalanges are left out, because they are to be near the
+        They are on the axes of the links. The fingertips and the outer half of the last phalanges are left out, because they are to be near the
         object.
 
         Returns:
@@ -311,10 +309,9 @@ class _Problem:
         return self._jacobian
 
     def polish(self, z: Array, lower: Array, upper: Array) -> Placement:
-        """Remove the fingertip errors that the other residuals left, by shortest Newton steps within the
-        bounds.
+        """Remove the fingertip errors that the other residuals left.
 
-        A step that would leave a bound is solved again with that unknown fixed, at most three times.
+        The steps are the shortest Newton steps within the bounds. A step that would leave a bound is solved again with that unknown fixed, at most three times.
         """
         self.soft = False
         best, error = z, np.inf

@@ -78,8 +78,7 @@ def source_of(name: str | Path) -> str:
 
 
 def recorded_hand(record: Mapping[str, Any]) -> Hand:
-    """The hand that the ``hand`` object of a plan.json names, by its ``source`` or, in older files, its
-    ``name``.
+    """The hand of the ``hand`` object of a plan.json, by its ``source`` or, in older files, its ``name``.
 
     Raises:
         KeyError: It has neither.

@@ -10,8 +10,9 @@ from ..types import Array, IntArray, value
 
 @value
 class HandTables:
-    """Arrays over fingers f, joints j (in the hand's order), spheres s (by joint) and groups g of
-    neighbouring spheres.
+    """Arrays over fingers f, joints j, spheres s and groups g of neighbouring spheres.
+
+    Joints are in the hand's order, spheres and groups in the order of their joints.
 
     Attributes:
         name: Name of the hand.

@@ -39,8 +39,7 @@ def place_plain(pinches: PinchRows, patches: PatchRows, placements: PinchPlaceme
 
 
 def between(pinches: PinchRows, rows: IntArray, width: Array) -> tuple[Array, Array]:
-    """(n, 3) midpoint between the pads [m] and (n, 3) unit opposition, for objects of given width between
-    them.
+    """(n, 3) midpoint between the pads [m] and (n, 3) unit opposition, for objects of given width.
 
     Args:
         pinches: Pinches of a hand.
@@ -58,8 +57,7 @@ def between(pinches: PinchRows, rows: IntArray, width: Array) -> tuple[Array, Ar
 
 
 def frames(first: Array, second: Array) -> Array:
-    """(n, 3, 3) rotations whose first column is ``first`` and whose second is as near to ``second`` as
-    possible.
+    """(n, 3, 3) rotations with first column ``first`` and the second as near to ``second`` as possible.
 
     Args:
         first: (n, 3) unit vectors.
