@@ -564,11 +564,11 @@ def test_json_of_a_rounded_displacement_is_stable():
 @pytest.mark.parametrize(
     ("data", "message"),
     [
-        ({}, "at least name and q"),
-        ([], "at least name and q"),
+        ({}, "must have name and q"),
+        ([], "must have name and q"),
         ({"name": "a", "q": [1, 2]}, "task Q must be 6 numbers, got 2"),
         ({"name": "a", "q": None}, "task Q must be"),
-        ({"name": 3, "q": Q1}, "are texts"),
+        ({"name": 3, "q": Q1}, "must be text"),
         ({"name": "a", "q": Q1, "displacement": [[1]]}, "displacement must be 4×4"),
         ({"name": "a", "q": Q1, "primitives": [{"kind": "rotate"}]}, "list of kind, axis, amount"),
         ({"name": "a", "q": Q1, "primitives": 3}, "list of kind, axis, amount"),

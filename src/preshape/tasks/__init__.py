@@ -1,4 +1,4 @@
-"""What the hand must do with the object (§2.2)."""
+"""Tasks: motions of the object that the hand must produce (§2.2)."""
 
 from .displacement import (
     compose,

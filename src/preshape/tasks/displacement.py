@@ -1,7 +1,7 @@
-"""Tasks from displacements, pose pairs and primitives, and the motions that tasks stand for (§2.2).
+"""Tasks from displacements, pairs of poses and primitives, and the motions of tasks (§2.2).
 
-A displacement here is (4, 4) [R t; 0 1] of x' = R(x - c) + c + t, with c the COG, in the object's frame
-at the start [m]. The exact displacement is kept; Q is derived from it.
+A displacement here is (4, 4) [R t; 0 1] of x' = R(x - c) + c + t, with the COG c, in the object's first frame
+[m]. The task stores the exact displacement, and Q is derived from it.
 """
 
 from __future__ import annotations
@@ -36,19 +36,20 @@ from .task import (
     proportions,
 )
 
-# The largest components of the task test's motion (ENGINE.md, task test).
 FULL_TRANSLATION = 0.1
+"""Largest component of a translation in the task test [m] (ENGINE.md, task test)."""
 FULL_ROTATION = math.pi / 4
+"""Largest component of a rotation vector in the task test [rad] (ENGINE.md, task test)."""
 
 _DOWN = (0.0, 0.0, -1.0)
 
 
 def q_of_displacement(displacement: Array) -> Array:
-    """Q (6,) derived from a displacement.
+    """(6,) Q of a displacement.
 
-    Translations and rotations apart: value = presence × component / size of the largest, with its sign;
-    where a component's size is under 10 % of the largest, and where there is no motion at all (below 1 µm,
-    1 µrad), the absence value [C].
+    Translations and rotations are treated separately. The value is presence × component / largest
+    |component|; it is the absence value where the component is below 10 % of the largest, or the motion below
+    1 µm or 1 µrad [C].
     """
     q = proportions(displacement)
     for part, present, absent in (
@@ -68,23 +69,25 @@ def task_from_displacement(
     means: str = "",
     gravity: Sequence[float] | Array = _DOWN,
 ) -> Task:
-    """A task from a rigid displacement about the COG.
+    """A task from a rigid displacement about the COG, given as a matrix or as rotation and translation.
 
     Args:
         displacement: (4, 4) [R t; 0 1] of x' = R(x - c) + c + t. For a matrix about another origin use
             :func:`task_from_poses` with the identity as start.
-        rotation: instead, (3, 3), a quaternion wxyz (4,) or a rotation vector (3,) [rad].
-        translation: (3,) of the COG [m]. Of the two, the one left out is none.
-        name: the task's name.
-        means: a sentence; made from the motion where empty.
-        gravity: (3,) its direction in the object's frame, zeros for none.
+        rotation: (3, 3) rotation, quaternion wxyz (4,) or rotation vector (3,) [rad]; by default none.
+        translation: (3,) translation of the COG [m]; by default none.
+        name: Name of the task.
+        means: Description; by default made from the motion.
+        gravity: (3,) direction of gravity in the object's frame; zeros for none.
 
     Raises:
-        TaskError: not a rigid displacement, or given twice or not at all.
+        TaskError: The displacement is not rigid, or is given twice or not at all.
     """
     parts = rotation is not None or translation is not None
     if parts == (displacement is not None):
-        raise TaskError("give a task's displacement either as a 4×4 matrix or as rotation and translation")
+        raise TaskError(
+            "give the displacement of a task either as a 4×4 matrix or as rotation and translation"
+        )
     try:
         if displacement is None:
             shift = frozen_array(np.zeros(3) if translation is None else translation, (3,), "translation")
@@ -119,18 +122,18 @@ def task_from_poses(
     means: str = "",
     gravity: Sequence[float] | Array = _DOWN,
 ) -> Task:
-    """A task that takes the object from one pose to another.
+    """A task that moves the object from one pose to another.
 
     Args:
-        T_world_start: (4, 4) pose of the object's frame before.
-        T_world_goal: (4, 4) pose after.
-        cog: (3,) the COG in the object's frame [m].
-        name: the task's name.
-        means: a sentence; made from the motion where empty.
-        gravity: (3,) its direction in the object's frame at the start, zeros for none.
+        T_world_start: (4, 4) pose of the object at the start.
+        T_world_goal: (4, 4) pose of the object at the end.
+        cog: (3,) COG in the object's frame [m].
+        name: Name of the task.
+        means: Description; by default made from the motion.
+        gravity: (3,) direction of gravity in the object's first frame; zeros for none.
 
     Raises:
-        TaskError: a pose that is not one, or a COG that is not three numbers.
+        TaskError: A pose is no rigid pose, or the COG is not three finite numbers.
     """
     try:
         start = checked_pose(T_world_start, "the start pose")
@@ -146,7 +149,7 @@ def task_from_poses(
 
 
 def goal_pose(task: Task, T_world_start: ArrayLike, cog: ArrayLike) -> Array:
-    """(4, 4) where the task takes an object from ``T_world_start``; inverse of :func:`task_from_poses`."""
+    """(4, 4) pose of the object after the task; the inverse of :func:`task_from_poses`."""
     moved, c = displacement_of(task), np.asarray(cog, dtype=np.float64)
     rotation = moved[:3, :3]
     T_start_goal = pose(rotation, moved[:3, 3] - rotation @ c + c)
@@ -154,10 +157,10 @@ def goal_pose(task: Task, T_world_start: ArrayLike, cog: ArrayLike) -> Array:
 
 
 def compose(primitives: Iterable[Primitive]) -> Array:
-    """(4, 4) displacement of primitives done one after the other.
+    """(4, 4) displacement of a sequence of primitives.
 
-    All axes are those of the object's starting frame, and a rotation is about the COG where it then is [C]:
-    a rotation never moves the COG, so translations add and rotations multiply.
+    All axes are those of the object's first frame, and each rotation is about the present COG [C]. A rotation
+    therefore never moves the COG: translations add and rotations multiply.
     """
     rotation, translation = np.eye(3), np.zeros(3)
     for step in primitives:
@@ -175,10 +178,10 @@ def task_from_primitives(
     means: str = "",
     gravity: Sequence[float] | Array = _DOWN,
 ) -> Task:
-    """A task from translations and rotations, composed as :func:`compose` does; the list is kept.
+    """A task from translations and rotations, which :func:`compose` combines; the task stores the list.
 
     Raises:
-        TaskError: no primitives at all.
+        TaskError: There are no primitives.
     """
     steps = tuple(primitives)
     if not steps or not all(isinstance(step, Primitive) for step in steps):
@@ -192,14 +195,14 @@ def task_from_primitives(
 def primitives_of(task: Task) -> tuple[Primitive, ...]:
     """At most six axial primitives that :func:`compose` to the task's displacement.
 
-    Rotations about x, then y, then z (R = Rz Ry Rx), then translations along x, y, z; zero ones are left
-    out [C]. Where y turns by a right angle, x and z share one rotation and any split serves.
+    They are rotations about x, y and z (R = Rz Ry Rx), then translations along x, y and z, without those that
+    are zero [C]. Where the rotation about y is a right angle, the rotations about x and z are not unique.
     """
     moved = displacement_of(task)
     r = moved[:3, :3]
     z = math.atan2(r[1, 0], r[0, 0])
     y = math.atan2(-r[2, 0], math.hypot(r[0, 0], r[1, 0]))
-    # x from Rzᵀ R and not from R's last row, which vanishes where y is a right angle
+    # x comes from Rzᵀ R, because the last row of R vanishes where y is a right angle.
     s, c = math.sin(z), math.cos(z)
     x = math.atan2(s * r[0, 2] - c * r[1, 2], c * r[1, 1] - s * r[0, 1])
     amounts = [("rotate", angle) for angle in (x, y, z)] + [("translate", d) for d in moved[:3, 3].tolist()]
@@ -211,16 +214,17 @@ def primitives_of(task: Task) -> tuple[Primitive, ...]:
 
 
 def displacement_of(task: Task) -> Array:
-    """(4, 4) the task's exact displacement; of numbers or a name, its :func:`full_motion`."""
+    """(4, 4) exact displacement of the task; for numbers or a name its :func:`full_motion`."""
     return full_motion(task) if task.displacement is None else task.displacement
 
 
 def full_motion(task: Task) -> Array:
-    """(4, 4) displacement about the COG of the size that the task test uses.
+    """(4, 4) displacement about the COG in the size of the task test.
 
-    Six numbers or a name: the motion's proportions with the largest translation component at 0.1 m and the
-    largest rotation vector component at 45°. A kept displacement: along its own screw, as far as the first of
-    the two limits, so that translation and rotation keep to each other [C].
+    For six numbers or a name it has the task's proportions, with the largest translation component at 0.1 m
+    and the largest component of the rotation vector at 45°. For a task with a displacement it follows the
+    screw of that displacement up to the first of the two limits, so that translation and rotation stay in
+    proportion [C].
     """
     if task.displacement is not None:
         return _along_own_screw(task.displacement)
@@ -246,7 +250,7 @@ def _along_own_screw(displacement: Array) -> Array:
 
     if reach(high) <= FULL_TRANSLATION * (1 + 1e-12):
         return along_screw(displacement, high)
-    while high - low > 1e-15 * high:  # the COG follows an arc, so its way is not proportional
+    while high - low > 1e-15 * high:  # the COG follows an arc, so its displacement is not proportional
         middle = (low + high) / 2
         if not low < middle < high:
             break

@@ -1,10 +1,10 @@
-"""Named tasks: families of motions, each along or about a signed axis of the object.
+"""Named tasks: families of motions along or about a signed axis of the object.
 
-A family's Q is written in three directions [C]: ``a``, the signed axis of the name; ``s``, the side that is
-up where the family needs one (+z; +x where ``a`` is ±z); ``u`` = a × s. Presence grades the load [C]: 1.0 in
-translation stands for about the object's weight, 0.5 for friction under it, more than 1.0 for more than
-it; 0.8 in rotation for a full turning load, 1.0 for a stuck one, 0.4-0.5 for a turn that only goes along with
-the translation. Other components are absent (0.1, 0.05).
+The Q of a family is given along three directions [C]: ``a`` is the signed axis of the name; ``s`` is the side
+direction, which is up in some families (+z, or +x where ``a`` is ±z); ``u`` is a × s. Presences express the
+load [C]. In translation 1.0 means about the object's weight, 0.5 friction under the weight, and more than 1.0
+more than the weight. In rotation 0.8 means a full torque, 1.0 that of a stuck thread, and 0.4 to 0.5 a
+rotation that only accompanies the translation. All other components are absent (0.1, 0.05).
 """
 
 from __future__ import annotations
@@ -32,13 +32,13 @@ class Family:
     """A named kind of task.
 
     Attributes:
-        name: as typed.
-        title: for people.
-        means: which motion, which load; ``{a}``, ``{s}``, ``{u}`` stand for the directions.
-        axis: the default signed axis.
-        translation: presence along a, s, u.
-        rotation: presence about a, s, u, right-handed.
-        up: the direction against gravity: ``a``, ``s``, or ``z`` for the object's own +z whatever the axis.
+        name: Name for parsing.
+        title: Name for display.
+        means: Motion and load; ``{a}``, ``{s}``, ``{u}`` stand for the directions.
+        axis: Default signed axis.
+        translation: Presences along a, s, u.
+        rotation: Presences about a, s, u, right-handed.
+        up: Direction against gravity: ``a``, ``s``, or ``z`` for the object's +z whatever the axis.
     """
 
     name: str
@@ -62,7 +62,7 @@ _FAMILIES = (
     Family(
         name="push",
         title="Push ahead",
-        means="Drive the object along {a} against what stands in its way, bearing down lightly (-{s}). "
+        means="Push the object along {a} against a resistance, pressing it down lightly (-{s}). "
         "Load: a force along -{a}.",
         axis="+x",
         translation=(1.0, -0.3, 0.0),
@@ -71,7 +71,7 @@ _FAMILIES = (
     Family(
         name="pull",
         title="Pull",
-        means="Draw the object along {a}, easing it up a little ({s}). Load: a force along -{a}.",
+        means="Pull the object along {a}, raising it slightly ({s}). Load: a force along -{a}.",
         axis="-x",
         translation=(1.0, 0.3, 0.0),
         up="s",
@@ -80,7 +80,7 @@ _FAMILIES = (
         name="pour",
         title="Pour",
         means="Tilt the object about the horizontal axis {a} while raising it along {s}, which is up. "
-        "Load: the weight, less what has run out, and the torque of what runs.",
+        "Load: the weight, which the poured liquid reduces, and the torque of the flowing liquid.",
         axis="+x",
         translation=(0.0, 0.9, 0.0),
         rotation=(0.8, 0.0, 0.0),
@@ -89,7 +89,7 @@ _FAMILIES = (
     Family(
         name="turn",
         title="Turn",
-        means="Turn the object right-handed about {a} on the spot. Load: a torque about -{a}.",
+        means="Turn the object right-handed about {a} in place. Load: a torque about -{a}.",
         axis="+z",
         rotation=(0.8, 0.0, 0.0),
     ),
@@ -105,8 +105,8 @@ _FAMILIES = (
     Family(
         name="unscrew",
         title="Unscrew",
-        means="Loosen an object that was screwed in along {a}: turn it left-handed about {a} and let it back "
-        "out along -{a}. Load: the stuck thread's torque about {a}, little force.",
+        means="Loosen an object that was screwed in along {a}: turn it left-handed about {a} while it moves "
+        "out along -{a}. Load: the torque of the stuck thread about {a}, and little force.",
         axis="-z",
         translation=(-0.3, 0.0, 0.0),
         rotation=(-1.0, 0.0, 0.0),
@@ -114,7 +114,7 @@ _FAMILIES = (
     Family(
         name="strike",
         title="Strike",
-        means="Swing the object so that its {s} end goes forward and drive it along {a} into a blow. "
+        means="Swing the object so that its {s} end leads, and strike along {a}. "
         "Load: the impact, a force along -{a} beyond the weight, and its torque about {u}.",
         axis="+x",
         translation=(1.48, 0.0, 0.0),
@@ -125,23 +125,23 @@ _FAMILIES = (
         name="insert",
         title="Insert",
         means="Advance the object along {a} into a snug hole without turning it. "
-        "Load: the hole's friction along -{a}.",
+        "Load: the friction of the hole along -{a}.",
         axis="-z",
         translation=(0.75, 0.0, 0.0),
     ),
     Family(
         name="twist",
         title="Twist",
-        means="Turn the object right-handed about {a} against something stiff, as a key in a stuck lock. "
-        "Load: a torque about -{a} beyond that of turn.",
+        means="Turn the object right-handed about {a} against a stiff resistance, as a key in a stuck lock. "
+        "Load: a torque about -{a} larger than that of turn.",
         axis="+z",
         rotation=(1.0, 0.0, 0.0),
     ),
     Family(
         name="lever",
         title="Lever",
-        means="Pry: turn the object about {a} round a fulcrum on its {u} side, so that its middle moves "
-        "across the axis along {s}. Load: a force along -{s} and a torque about -{a}.",
+        means="Pry: turn the object about {a} around a fulcrum on its {u} side, so that its centre moves "
+        "along {s}. Load: a force along -{s} and a torque about -{a}.",
         axis="+y",
         translation=(0.0, 1.0, 0.0),
         rotation=(0.8, 0.0, 0.0),
@@ -159,8 +159,8 @@ _FAMILIES = (
     Family(
         name="press",
         title="Press",
-        means="Press the object along {a} against a surface. Load: the surface, a force along -{a} beyond "
-        "the weight.",
+        means="Press the object along {a} against a surface. Load: the force of the surface along -{a}, "
+        "larger than the weight.",
         axis="-z",
         translation=(1.25, 0.0, 0.0),
     ),
@@ -176,7 +176,7 @@ _FAMILIES = (
     Family(
         name="shake",
         title="Shake",
-        means="Shake the object to and fro along {a} while rocking it a little about {u}; Q is the "
+        means="Shake the object back and forth along {a} while rocking it slightly about {u}; Q is the "
         "forward stroke. Load: its inertia, a force along -{a} and a torque about -{u}.",
         axis="+z",
         translation=(1.0, 0.0, 0.0),
@@ -195,8 +195,8 @@ _FAMILIES = (
     Family(
         name="open",
         title="Swing open",
-        means="Draw the object along {a} while it swings wide about {s}, as a handle on a hinged door. "
-        "Load: a force along -{a} and the hinge's torque about -{s}.",
+        means="Pull the object along {a} while it swings about a distant axis along {s}, as the handle of a "
+        "door. Load: a force along -{a} and the torque of the hinge about -{s}.",
         axis="-x",
         translation=(1.0, 0.0, 0.0),
         rotation=(0.0, 0.5, 0.0),
@@ -212,7 +212,7 @@ def family_names() -> tuple[str, ...]:
 
 
 def directions(axis: str) -> tuple[Array, Array, Array]:
-    """The unit vectors a, s, u of a signed axis."""
+    """The unit vectors a, s, u for a signed axis."""
     a = axis_vector(axis)
     s = axis_vector("+x" if axis[1] == "z" else "+z")
     return a, s, np.cross(a, s)
@@ -241,11 +241,11 @@ def _task(family: Family, axis: str) -> Task:
 
 
 def named_task(text: str) -> Task:
-    """The task of a family, with a signed axis after a colon where another than the default is meant.
+    """The task of a family; a signed axis after a colon replaces the default axis.
 
     Raises:
-        UnknownTask: no such family; lists the nearest.
-        TaskError: no such axis.
+        UnknownTask: There is no such family; the message lists the nearest names.
+        TaskError: There is no such axis.
 
     >>> named_task("push").label, named_task("turn:-y").describe()
     ('push:+x', 'turning about -Y')
@@ -264,16 +264,16 @@ def named_task(text: str) -> Task:
 
 
 def all_named_tasks() -> tuple[Task, ...]:
-    """Every family along every signed axis; no two have the same Q."""
+    """The tasks of every family along every signed axis; no two of them have the same Q."""
     return tuple(_task(family, axis) for family in _FAMILIES for axis in AXES)
 
 
 def parse_task(text: str) -> Task:
-    """A task from text: six numbers, or a family's name with or without an axis.
+    """A task from text: six numbers, or the name of a family with or without an axis.
 
     Raises:
-        UnknownTask: no such family; lists the nearest.
-        TaskError: neither, or numbers that are not six finite ones.
+        UnknownTask: There is no such family; the message lists the nearest names.
+        TaskError: The text is empty, names no axis, or holds numbers that are not six finite ones.
 
     >>> parse_task("1,1,.1,.05,.8,.05").describe() == parse_task("1 1 0 0 1 0").describe()
     True

@@ -1,4 +1,4 @@
-"""A task: what the hand must do with the object, Q = [T; R] about the COG (§2.2, eq. 3)."""
+"""A task: the motion of the object that the hand must produce, Q = [T; R] about the COG (§2.2, eq. 3)."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from ..exceptions import InputError, TaskError
 from ..spatial import checked_pose, vector_from_rotation
 from ..types import Array, freeze, frozen_array, value
 
-# Presence and absence of a translation and of a rotation component (§2.2) [P].
+# Values of a component of translation and of rotation that is present or absent (§2.2) [P].
 TRANSLATION_PRESENT, TRANSLATION_ABSENT = 1.0, 0.1
 ROTATION_PRESENT, ROTATION_ABSENT = 0.8, 0.05
-# A smaller translation [m] or rotation [rad] is rounding in a file, not a task [C].
+# A smaller translation [m] or rotation [rad] counts as a rounding error of a file [C].
 NO_MOTION = 1e-6
 
 COMPONENTS = ("Tx", "Ty", "Tz", "Rx", "Ry", "Rz")
@@ -25,10 +25,10 @@ _SIX = f"a task is six numbers {' '.join(COMPONENTS)}"
 
 
 def axis_name(text: str) -> str:
-    """One of ``+x -x +y -y +z -z``; a missing sign means plus.
+    """One of ``+x -x +y -y +z -z`` for text such as ``Z``; a missing sign means plus.
 
     Raises:
-        TaskError: anything else.
+        TaskError: The text names no axis.
 
     >>> axis_name("Z"), axis_name("-x")
     ('+z', '-x')
@@ -41,10 +41,10 @@ def axis_name(text: str) -> str:
 
 
 def axis_vector(axis: str | ArrayLike) -> Array:
-    """(3,) unit vector of a signed axis name, or of any vector that is not zero.
+    """(3,) unit vector of a signed axis name or of a vector (3,) that is not zero.
 
     Raises:
-        TaskError: no such axis, or a vector without a direction.
+        TaskError: There is no such axis, or the vector is zero or not finite.
     """
     if isinstance(axis, str):
         name = axis_name(axis)
@@ -59,7 +59,7 @@ def axis_vector(axis: str | ArrayLike) -> Array:
     if largest == 0.0:
         raise TaskError("an axis must have a direction, got 0 0 0")
     length = float(np.linalg.norm(vector))
-    if abs(length - 1.0) < 1e-15:  # a unit vector is kept bit for bit, so files round-trip
+    if abs(length - 1.0) < 1e-15:  # unit vectors stay bit for bit, so that files round-trip
         return vector
     scaled = vector / largest
     return frozen_array(scaled / np.linalg.norm(scaled), (3,), "axis")
@@ -67,15 +67,15 @@ def axis_vector(axis: str | ArrayLike) -> Array:
 
 @value
 class Primitive:
-    """One step of a motion: a translation along an axis, or a rotation about one through the COG.
+    """One step of a motion: a translation along an axis, or a rotation about an axis through the COG.
 
     Attributes:
         kind: ``translate`` or ``rotate``.
-        axis: a signed axis name or a (3,) vector in the object's starting frame; kept as a unit vector.
-        amount: [m] or [rad]; negative goes the other way.
+        axis: Signed axis name, or vector (3,) in the object's first frame; stored as a unit vector.
+        amount: Distance [m] or angle [rad]; negative in the opposite direction.
 
     Raises:
-        TaskError: another kind, no direction, or an amount that is not finite.
+        TaskError: There is no such kind, the axis has no direction, or the amount is not finite.
     """
 
     kind: str
@@ -84,7 +84,7 @@ class Primitive:
 
     def __post_init__(self) -> None:
         if self.kind not in ("translate", "rotate"):
-            raise TaskError(f"a primitive is translate or rotate, got {self.kind!r}")
+            raise TaskError(f"the kind of a primitive is translate or rotate, got {self.kind!r}")
         try:
             amount = float(frozen_array(self.amount, (), f"the amount of a {self.kind} primitive"))
         except InputError as error:
@@ -102,17 +102,17 @@ class Task:
     """A task, in the object's frame.
 
     Attributes:
-        name: the family's name, or ``custom``.
+        name: Name of the family, or ``custom``.
         q: (6,) Q = [T; R] about the COG, dimensionless presences (§2.2).
-        displacement: (4, 4) [R t; 0 1] of x' = R(x - c) + c + t, c the COG [m]; ``None`` where the
-            task was made from numbers or a name.
-        means: what the task is, one or two sentences.
-        gravity: (3,) its unit direction, or zeros for none.
-        axis: the signed axis of a named task, else empty.
-        primitives: the steps the task was made from, if it was.
+        displacement: (4, 4) [R t; 0 1] of x' = R(x - c) + c + t, with the COG c [m]; ``None`` for a task from
+            numbers or a name.
+        means: Description of the task in one or two sentences.
+        gravity: (3,) unit direction of gravity, or zeros for none.
+        axis: Signed axis of a named task; otherwise empty.
+        primitives: Steps of a task that was made from steps.
 
     Raises:
-        TaskError: wrong shapes, numbers that are not finite, or a displacement that is not rigid.
+        TaskError: An array has the wrong shape or is not finite, or the displacement is not rigid.
     """
 
     name: str
@@ -136,11 +136,11 @@ class Task:
 
     @property
     def label(self) -> str:
-        """``push:+x`` for a named task, which :func:`~preshape.tasks.parse_task` reads; else the name."""
+        """Label for :func:`~preshape.tasks.parse_task`, such as ``push:+x``; the name of a custom task."""
         return f"{self.name}:{self.axis}" if self.axis else self.name
 
     def describe(self) -> str:
-        """The motion in words, such as ``along +Z, turning about +Z``."""
+        """Description of the motion, such as ``along +Z, turning about +Z``."""
         motion = _present(self.q)
         parts = []
         for phrase, part in (("along", motion[:3]), ("turning about", motion[3:])):
@@ -155,7 +155,7 @@ def _present(q: Array) -> Array:
 
 
 def proportions(displacement: Array) -> Array:
-    """(6,) [t; r] of a displacement: the largest |t| component at 1.0, the largest |r| component at 0.8."""
+    """(6,) [t; r] of a displacement, scaled so that the largest |t| is 1.0 and the largest |r| is 0.8."""
     t, r = displacement[:3, 3], vector_from_rotation(displacement[:3, :3])
     out = np.zeros(6)
     for part, vector, present in ((out[:3], t, TRANSLATION_PRESENT), (out[3:], r, ROTATION_PRESENT)):
@@ -166,12 +166,11 @@ def proportions(displacement: Array) -> Array:
 
 
 def motion_of(task: Task) -> Array:
-    """The task as a motion's proportions (6,) = [t; r] about the COG.
+    """(6,) proportions [t; r] of the task's motion about the COG.
 
-    Six numbers: translations up to ±0.1 and rotations up to ±0.05 are read as zero, the others are the
-    proportions [C]. A kept displacement: its translation with the largest component at 1.0 and its rotation
-    vector with the largest at 0.8. Either way the proportions hold among the translations and among the
-    rotations.
+    For a task with a displacement they are :func:`proportions`. For six numbers, translations up to ±0.1 and
+    rotations up to ±0.05 are zero, and the others are the proportions [C]. Proportions compare translations
+    with translations and rotations with rotations.
     """
     return _present(task.q) if task.displacement is None else proportions(task.displacement)
 
@@ -183,10 +182,10 @@ def task_from_numbers(
     means: str = "",
     gravity: Sequence[float] | Array = (0.0, 0.0, -1.0),
 ) -> Task:
-    """A task from Tx Ty Tz Rx Ry Rz: any finite values [P]; text is split at spaces and commas.
+    """A task from Tx Ty Tz Rx Ry Rz, any finite values [P]; text is split at spaces and commas.
 
     Raises:
-        TaskError: not six, not numbers or not finite; says which.
+        TaskError: There are not six values, or one is no finite number; the message says which.
 
     >>> task_from_numbers("1 1 .1 .05 .8 .05").describe()
     'along +X +Y, turning about +Y'
@@ -201,18 +200,18 @@ def task_from_numbers(
     q = np.zeros(6)
     for i, (item, component) in enumerate(zip(items, COMPONENTS, strict=True)):
         try:
-            if isinstance(item, str) and "_" in item:  # Python's own spelling, nobody else's
+            if isinstance(item, str) and "_" in item:  # Python reads 1_0 as 10; no other format does
                 raise ValueError
             q[i] = float(item)
         except (TypeError, ValueError, OverflowError) as error:
             raise TaskError(f"{_SIX}; number {i + 1} ({component}) is {item!r:.40}") from error
         if not np.isfinite(q[i]):
             raise TaskError(f"{_SIX}, all finite; number {i + 1} ({component}) is {q[i]}")
-    return Task(name=name, q=q, means=means or "The six numbers of Q, as given.", gravity=gravity)
+    return Task(name=name, q=q, means=means or "Six numbers of Q.", gravity=gravity)
 
 
 def to_json(task: Task) -> dict[str, Any]:
-    """The task as plain numbers, lists and texts; :func:`from_json` gives back the same bits."""
+    """The task as plain JSON values; :func:`from_json` restores it bit for bit."""
     return {
         "name": task.name,
         "q": task.q.tolist(),
@@ -231,18 +230,20 @@ def from_json(data: Mapping[str, Any]) -> Task:
     """The task that :func:`to_json` wrote.
 
     Raises:
-        TaskError: no task, or one that breaks a rule of :class:`Task`.
+        TaskError: The data are no task, or break a rule of :class:`Task`.
     """
     if not isinstance(data, Mapping) or not {"name", "q"} <= set(data):
-        raise TaskError(f"a stored task has at least name and q, got {data!r:.80}")
+        raise TaskError(f"a stored task must have name and q, got {data!r:.80}")
     texts = {key: data.get(key, "") for key in ("name", "means", "axis")}
     steps = data.get("primitives", ())
     if not all(isinstance(text, str) for text in texts.values()):
-        raise TaskError(f"name, means and axis of a stored task are texts, got {texts!r:.80}")
+        raise TaskError(f"name, means and axis of a stored task must be text, got {texts!r:.80}")
     if not isinstance(steps, list | tuple) or not all(
         isinstance(step, Mapping) and set(step) == {"kind", "axis", "amount"} for step in steps
     ):
-        raise TaskError(f"primitives of a stored task are a list of kind, axis, amount, got {steps!r:.80}")
+        raise TaskError(
+            f"primitives of a stored task must be a list of kind, axis, amount, got {steps!r:.80}"
+        )
     return Task(
         q=data["q"],
         displacement=data.get("displacement"),
