@@ -148,8 +148,8 @@ class InverseKinematics:
     def links(self, fingers: tuple[Finger, ...]) -> tuple[IntArray, Array, IntArray, Array]:
         """Points of the palm and of the fingers in use that the penalties keep out of the object.
 
-        They are on the axes of the links. The fingertips and the outer half of the last phalanges are left out, because they are to be near the
-        object.
+        They are on the axes of the links. The fingertips and the outer half of the last phalanges are left
+        out, because they are to be near the object.
 
         Returns:
             (k,) index of the shape, fraction along its axis, index of the body, and radius [m] of each point.
@@ -311,7 +311,8 @@ class _Problem:
     def polish(self, z: Array, lower: Array, upper: Array) -> Placement:
         """Remove the fingertip errors that the other residuals left.
 
-        The steps are the shortest Newton steps within the bounds. A step that would leave a bound is solved again with that unknown fixed, at most three times.
+        The steps are the shortest Newton steps within the bounds. A step that would leave a bound is solved
+        again with that unknown fixed, at most three times.
         """
         self.soft = False
         best, error = z, np.inf
