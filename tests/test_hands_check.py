@@ -558,7 +558,7 @@ def test_check_counts_findings_in_its_exit_code(tmp_path):
     assert run("check", "shadw") == (
         2,
         "no hand 'shadw'; did you mean shadow? Known: allegro, leap, shadow, utah_mit "
-        "(NAME:left for a left one, or your own TOML)",
+        "(NAME:left for a left hand, or a TOML file of your own)",
     )
     assert json.loads(run("check", "leap:left", "--json")[1])["status"] == "fine"
 

@@ -243,5 +243,5 @@ def test_what_is_asked_for_must_exist(tmp_path: Path) -> None:
         run_all(tmp_path, seed=-1, progress=lambda fraction, label: None)
     file = tmp_path / "file"
     file.touch()
-    with pytest.raises(EnvironmentFailure, match="cannot make the folder"):
+    with pytest.raises(EnvironmentFailure, match="cannot create the folder"):
         run_all(file, only=["contradictions"], progress=lambda fraction, label: None)

@@ -1,22 +1,22 @@
-"""Every error that preshape raises on purpose, on one screen.
+"""The errors that preshape raises.
 
 ::
 
-    PreshapeError                 the root; its exit_code is what the command line returns
-    ├── InputError           2    what was given cannot be used; says what to change
+    PreshapeError                 root; its exit_code is the exit code of the command line
+    ├── InputError           2    an input cannot be used; the message says what to change
     │   ├── ObjectError           an object file or mesh
     │   ├── TaskError             a task
     │   ├── HandError             a hand description
-    │   ├── MemoryFileError       a file that is not a memory, or one of a newer version
-    │   └── UnknownName           a name that is not known; lists the nearest ones
+    │   ├── MemoryFileError       a file that is no memory, or one of a newer version
+    │   └── UnknownName           an unknown name; the message lists the nearest known names
     │       ├── UnknownObject
     │       ├── UnknownTask
     │       └── UnknownHand
-    ├── EnvironmentFailure   3    files, disk, environment: the input may be right
-    └── Cancelled          130    the caller stopped the work; what was acknowledged is kept
+    ├── EnvironmentFailure   3    a file, the disk or the environment; the input may be right
+    └── Cancelled          130    the caller stopped the work; acknowledged results are kept
 
-A bad argument is an exception; a bad grasp is a result with a status and a reason.
-Every message is one sentence or two: what was expected, what came, what to do.
+A bad argument raises an exception; a bad grasp is a result with a status and a reason.
+Each message is one or two sentences: what was expected, what came, what to do.
 """
 
 from __future__ import annotations
@@ -30,14 +30,14 @@ class PreshapeError(Exception):
     """Root of all errors of this package.
 
     Attributes:
-        exit_code: what the command line returns for this error.
+        exit_code: Exit code of the command line for this error.
     """
 
     exit_code: ClassVar[int] = 2
 
 
 class InputError(PreshapeError):
-    """What was given cannot be used."""
+    """An input cannot be used."""
 
 
 class ObjectError(InputError):
@@ -53,17 +53,15 @@ class HandError(InputError):
 
 
 class MemoryFileError(InputError):
-    """A memory file that is not one, or that a newer version wrote."""
+    """A file that is no memory, or a memory that a newer version wrote."""
 
 
 class UnknownName(InputError):
     """A name that does not exist.
 
     Args:
-        name: what was asked for.
-        known: the names that exist.
-
-    Survives pickling: both arguments are kept in ``args``.
+        name: The unknown name.
+        known: The known names.
 
     >>> str(UnknownTask("lit", ["lift", "pour"]))
     "no task 'lit'; did you mean lift? Known: lift, pour"
@@ -75,10 +73,10 @@ class UnknownName(InputError):
     def __init__(self, name: str, known: Iterable[str]) -> None:
         self.name = name
         self.known = tuple(known)
-        super().__init__(name, self.known)
+        super().__init__(name, self.known)  # pickling calls the constructor with these
 
     def nearest(self, count: int = 3) -> tuple[str, ...]:
-        """The known names most like the one asked for, best first."""
+        """The known names that are most similar, best first."""
         if not self.name.strip():
             return ()
         close = difflib.get_close_matches(self.name.lower(), self.known, n=count, cutoff=0.4)
@@ -93,22 +91,22 @@ class UnknownName(InputError):
 
 
 class UnknownObject(UnknownName):
-    """No library object of that name, and no file either."""
+    """There is neither a library object nor a file of that name."""
 
     noun = "file or built-in object"
 
 
 class UnknownTask(UnknownName):
-    """No task family of that name."""
+    """There is no task family of that name."""
 
     noun = "task"
 
 
 class UnknownHand(UnknownName):
-    """No hand of that name."""
+    """There is no hand of that name."""
 
     noun = "hand"
-    more = " (NAME:left for a left one, or your own TOML)"
+    more = " (NAME:left for a left hand, or a TOML file of your own)"
 
 
 class EnvironmentFailure(PreshapeError):

@@ -1,4 +1,4 @@
-"""Files that are written whole or not at all, and the folder of those that can be made again."""
+"""Files that are written whole or not at all, and the cache folder."""
 
 from __future__ import annotations
 
@@ -15,19 +15,23 @@ from .exceptions import EnvironmentFailure
 
 
 def dumps(document: Any) -> str:
-    """JSON text; numbers that are not finite are a fault of ours and raise."""
+    """JSON text.
+
+    Raises:
+        ValueError: A number is not finite, which is a fault of this program.
+    """
     return json.dumps(document, allow_nan=False, indent=2)
 
 
 def write_whole(path: Path, write: Callable[[Path], None]) -> None:
-    """Write a file whole or not at all: into a neighbour first, then renamed.
+    """Write a file whole or not at all: a temporary file beside it is written and then renamed.
 
     Args:
-        path: the file; its folder is made where it is missing.
-        write: writes the content to the path it is given.
+        path: The file; its folder is created where it is missing.
+        write: Writes the content to the path that it gets.
 
     Raises:
-        EnvironmentFailure: the folder cannot be made or written, or the disk is full.
+        EnvironmentFailure: The folder cannot be created or written, or the disk is full.
     """
     temporary = None
     try:
@@ -47,15 +51,15 @@ def write_whole(path: Path, write: Callable[[Path], None]) -> None:
 
 
 def make_folder(path: Path) -> None:
-    """Make a folder that will be written to, and those above it, before long work is done for it.
+    """Create a folder and the folders above it, so that long work does not fail at its end.
 
     Raises:
-        EnvironmentFailure: it cannot be made, or not be written to.
+        EnvironmentFailure: The folder cannot be created, or cannot be written to.
     """
     try:
         path.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise EnvironmentFailure(f"cannot make the folder {path}: {error.strerror}") from error
+        raise EnvironmentFailure(f"cannot create the folder {path}: {error.strerror}") from error
     if not os.access(path, os.W_OK | os.X_OK):
         raise EnvironmentFailure(f"cannot write to the folder {path}: permission denied")
 
@@ -83,10 +87,10 @@ def write_bytes(path: Path, content: bytes) -> None:
 
 
 def locked(file: IO[bytes]) -> bool:
-    """Take an open file for this process; it is free again when it is closed, however the process ends.
+    """Lock an open file for this process; closing it, also by the end of the process, releases the lock.
 
     Returns:
-        False where another process has it; True also where the system has no such locks.
+        False where another process holds the lock; True also where the system has no such locks.
     """
     try:
         import fcntl
@@ -96,13 +100,13 @@ def locked(file: IO[bytes]) -> bool:
         fcntl.flock(file.fileno(), fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
         return False
-    except OSError:  # a file system without them
+    except OSError:  # a file system without locks
         return True
     return True
 
 
 def cache_folder() -> Path:
-    """Where what can be made again is kept: ``PRESHAPE_CACHE``, or the user's cache directory."""
+    """Folder of cached results: ``PRESHAPE_CACHE``, or the user's cache directory."""
     chosen = os.environ.get("PRESHAPE_CACHE", "")
     if chosen:
         return Path(chosen)
@@ -112,11 +116,11 @@ def cache_folder() -> Path:
 
 
 def read_arrays(path: Path) -> dict[str, Any]:
-    """The arrays of an npz, read into memory, without pickle.
+    """The arrays of an npz without pickled content.
 
     Raises:
-        OSError: the file cannot be read.
-        ValueError: it is no such file, or a damaged one.
+        OSError: The file cannot be read.
+        ValueError: The file is no such npz, or is damaged.
     """
     import numpy as np
 
@@ -124,12 +128,12 @@ def read_arrays(path: Path) -> dict[str, Any]:
     try:
         with np.load(content, allow_pickle=False) as stored:
             return {name: stored[name] for name in stored.files}
-    except Exception as error:  # a damaged zip raises whatever its damaged bytes happen to mean
+    except Exception as error:  # a damaged zip file can raise any exception
         raise ValueError(str(error) or type(error).__name__) from error
 
 
 def keep_arrays(path: Path, /, **arrays: Any) -> None:
-    """Write arrays to a cache as npz, whole or not at all. One that cannot be written is done without."""
+    """Write arrays to a cache as npz, whole or not at all; without a usable cache nothing is written."""
     import numpy as np
 
     def write(target: Path) -> None:

@@ -1,6 +1,6 @@
-"""The plain values that everything else is made of: frozen dataclasses over read-only arrays.
+"""Values: frozen dataclasses over read-only arrays.
 
-A value is made once, checked at once and never changed:
+A value is checked when it is created, and never changes:
 
 >>> import numpy as np
 >>> frozen_array([1, 2, 3], (3,), "point")
@@ -23,14 +23,14 @@ from numpy.typing import ArrayLike, NDArray
 from .exceptions import InputError
 
 Array = NDArray[np.float64]
-"""Numbers; the shape stands beside each use."""
+"""Array of floats; docstrings state its shape."""
 IntArray = NDArray[np.int64]
-"""Whole numbers, mostly indices."""
+"""Array of integers, mostly indices."""
 BoolArray = NDArray[np.bool_]
-"""Yes or no for each."""
+"""Array of truth values."""
 
 FRICTION = 0.6
-"""Sliding friction between hand and object that is assumed where nothing else is said, as in the field's tests."""
+"""Default sliding friction between hand and object, as in the field's tests."""
 FIELD_MASS = 0.1
 """Mass of every object in the field's holding tests [kg]."""
 GRAVITY = 9.81
@@ -44,14 +44,14 @@ _A = TypeVar("_A", bound=NDArray[Any])
 def value(cls: type[_T]) -> type[_T]:
     """Make ``cls`` a value: frozen, slotted, keyword-only, compared by identity.
 
-    Copies go through the constructor, so that they are checked and read-only too.
+    A copy goes through the constructor, so it is checked and read-only too.
     """
     cls.__reduce__ = rebuilt  # type: ignore[method-assign]
     return dataclass(frozen=True, slots=True, kw_only=True, eq=False)(cls)
 
 
 def rebuilt(self: Any) -> tuple[Any, ...]:
-    """How a value is copied: its fields, through its constructor."""
+    """``__reduce__`` of a value: it is copied by its constructor, with its fields as arguments."""
     return _rebuild, (type(self), {f.name: getattr(self, f.name) for f in fields(self)})
 
 
@@ -60,21 +60,21 @@ def _rebuild(cls: Callable[..., Any], content: dict[str, Any]) -> Any:
 
 
 def read_only(array: _A) -> _A:
-    """The same array, which can no longer be written."""
+    """Make an array read-only, and return it."""
     array.setflags(write=False)
     return array
 
 
 def frozen_array(data: ArrayLike, shape: tuple[int | None, ...], name: str) -> Array:
-    """Copy ``data`` to a read-only float64 array after checking it.
+    """A checked, read-only float64 copy of ``data``.
 
     Args:
-        data: anything NumPy turns into numbers.
-        shape: the wanted shape; ``None`` stands for any length.
-        name: what the array is called in the error message.
+        data: Anything that NumPy converts to numbers.
+        shape: Expected shape; ``None`` stands for any length.
+        name: Name of the array in messages.
 
     Raises:
-        InputError: not numbers, another shape, or not finite.
+        InputError: The data are not numbers, have another shape, or are not finite.
     """
     try:
         array = np.array(data, dtype=np.float64)
@@ -93,25 +93,25 @@ def frozen_array(data: ArrayLike, shape: tuple[int | None, ...], name: str) -> A
 
 
 def freeze(instance: Any, **fields: Any) -> None:
-    """Set fields of a frozen instance; only for use in its own ``__post_init__``."""
+    """Set fields of a frozen instance; for its own ``__post_init__`` only."""
     for name, content in fields.items():
         object.__setattr__(instance, name, content)
 
 
 @value
 class Attributes:
-    """What the object looks like to the estimator (§2.1, table 2) and to recognition.
+    """Attributes of an object for the estimator (§2.1, table 2) and for recognition.
 
     Attributes:
-        extents: W, H, D = bounding-box extents along x, y, z [m].
-        vertices: number of vertices in the model.
-        vertex_normals: number of vertex normals in the model.
-        faces: number of faces (polygons) in the model.
-        triangles: number of triangles that the faces are cut into.
-        area: surface area [m²] (not in the paper; used for recognition only).
-        volume: enclosed volume [m³], about the COG where the mesh is open (as area).
-        shape: (28,) shape descriptor of :mod:`preshape.objects.shape`, the same however the surface was
-            cut into triangles; ``None`` where it is not known.
+        extents: (3,) W, H, D, the extents of the bounding box along x, y, z [m].
+        vertices: Number of vertices of the model.
+        vertex_normals: Number of vertex normals of the model.
+        faces: Number of faces (polygons) of the model.
+        triangles: Number of triangles that the faces are cut into.
+        area: Surface area [m²]; it is not in the paper and serves recognition only.
+        volume: Enclosed volume [m³]; holes are closed by cones to the COG. It serves recognition only.
+        shape: (28,) shape descriptor of :mod:`preshape.objects.shape`, which does not depend on the
+            triangulation; ``None`` where it is unknown.
     """
 
     extents: Array
@@ -130,15 +130,15 @@ class Attributes:
 
 @value
 class ContactCoefficients:
-    """Scale of each part of a soft-finger contact wrench (§2.3, eq. 11-12).
+    """Scales of the parts of a soft-finger contact wrench (§2.3, eq. 11-12).
 
     Attributes:
-        ka: tangential force along the approach axis, per unit normal force.
-        ko: tangential force along the transverse axis.
-        kn: normal force.
-        mn: moment about the inward normal, in units of force times U.
+        ka: Tangential force along the approach axis, per unit normal force.
+        ko: Tangential force along the transverse axis, per unit normal force.
+        kn: Normal force.
+        mn: Moment about the inward normal, in units of force times U.
 
-    The defaults are the set behind fig. 16 [P/R].
+    The defaults are the set of fig. 16 [P/R].
     """
 
     ka: float = 0.45
@@ -156,31 +156,31 @@ ANSWER_KIND = "grip"
 
 @value
 class Experience:
-    """One thing the system has met (§3.5): what was asked of which object, and what answered it.
+    """An experience of the system (§3.5): an object, a task, and the grasp that answered it.
 
     Attributes:
-        kind: ``seed`` (the cube of the first training), ``task`` (the user's Q), ``best`` (the best
-            possible task, BPT), ``landmark`` (kept for recognition only, never trained on) or ``grip``
-            (how a real hand held the object in mode 0 or 1: tried again, not trained on nor recognised by).
-        object_name: the object's name.
-        hand: the hand's name; experiences of one hand never serve another.
-        attributes: the object's attributes [m].
-        task: Q, six numbers (§2.2).
-        plane: approach plane index, 1..12.
-        flip: whether the thumb stands on the -o side.
-        approach_value: v, -1..1 (§3).
-        approach_set: index of the fuzzy set of v, 0 = RWD-H … 6 = FWD-H.
-        fingers: virtual fingers, thumb included, 2..4.
-        wrench: net wrench about the COG, axes x y z, lengths in U.
+        kind: ``seed`` (the cube of the first training), ``task`` (the user's Q), ``best`` (the best possible
+            task, BPT), ``landmark`` (for recognition only, never trained on) or ``grip`` (an answer of a real
+            hand in mode 0 or 1: it is recalled, but neither trained on nor used for recognition).
+        object_name: Name of the object.
+        hand: Name of the hand; experiences with one hand never serve another.
+        attributes: Attributes of the object [m].
+        task: (6,) Q of the task (§2.2).
+        plane: Approach plane, 1..12.
+        flip: Whether the thumb is on the -o side.
+        approach_value: Approach value v, -1..1 (§3).
+        approach_set: Index of the fuzzy set of v, 0 = RWD-H … 6 = FWD-H.
+        fingers: Number of virtual fingers, the thumb included, 2..4.
+        wrench: (6,) net wrench about the COG, axes x y z, lengths in U.
         match: TFVADI(task, wrench), 0..6.
-        created: when, ISO 8601 in UTC; empty until the memory has stored it.
-        grip: (8 + j,) how a real hand held the object, j its number of joints: the palm's place about the
-            COG [m] and its quaternion wxyz in the object's frame, the fingers that took part (a whole
-            number, bit k for the hand's finger k), and the joint angles of the preshape from which the
-            fingers closed [rad]; ``None`` for a virtual grasp.
-        quality: what the critic judged, 0..6, where that is not ``match``; ``None`` where it is.
-        outcome: what physics said of the grip: ``held``, ``lost``, or empty where it was not asked.
-        scene: The table and boxes that the lesson was learnt with, as text; empty for free space. Mode 2
+        created: Time of storing, ISO 8601 in UTC; empty before.
+        grip: (8 + j,) grip of a real hand with j joints: position of the palm relative to the COG [m] and its
+            quaternion wxyz in the object's frame, a whole number whose bit k is set where finger k takes
+            part, and the joint angles of the preshape from which the fingers close [rad]; ``None`` for a
+            virtual grasp.
+        quality: The critic's figure, 0..6, where it is not ``match``; otherwise ``None``.
+        outcome: Result of the physics test: ``held``, ``lost``, or empty without a test.
+        scene: Table and boxes that the lesson was learnt with, as text; empty for free space. Mode 2
             recognises, and mode 0 recalls, only lessons of the present scene.
     """
 
@@ -213,16 +213,16 @@ class Experience:
 
 @value
 class NetworkWeights:
-    """The approach estimator's weights, 13-45-9 (fig. 5).
+    """Weights of the approach estimator, 13-45-9 (fig. 5).
 
     Attributes:
         w1: (45, 13) hidden weights.
         b1: (45,) hidden biases.
         w2: (9, 45) output weights.
         b2: (9,) output biases.
-        mean_square_error: on the training set, over samples and outputs.
-        trained_on: number of training samples behind these weights.
-        epochs: epochs or iterations that training took.
+        mean_square_error: Mean over the samples and outputs of the training set.
+        trained_on: Number of training samples.
+        epochs: Number of epochs or iterations of the training.
     """
 
     w1: Array
