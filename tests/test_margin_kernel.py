@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from preshape.exceptions import InputError
-from preshape.kernels.margin.host import MarginKernel, Margins, cone_strengths, margins
+from preshape.kernels.margin.host import MarginKernel, Margins, cone_starts, margins
 from preshape.kernels.margin.plain import SoftContacts, margin_plain
-from preshape.metrics import Contacts, ForceLimits, six_pushes, task_margin
+from preshape.metrics import HALF_ANGLE, Contacts, ForceLimits, six_pushes, task_margin
 from preshape.spatial import rotation_from_quaternion
 from preshape.types import Array
 
@@ -138,8 +139,6 @@ def test_kernel_against_its_twin(seed: int):
 
 @pytest.mark.parametrize("thorough", [False, True])
 def test_cone_against_its_twin(thorough: bool):
-    from preshape.kernels.margin.host import HALF_ANGLE, cone_starts
-
     batch = Batch(20, 9)
     axis = np.array([0.2, -0.1, 0.9, 0.3, 0.1, -0.2])
     axis /= np.linalg.norm(axis)
@@ -162,17 +161,11 @@ def test_cone_against_its_twin(thorough: bool):
     assert (np.abs(found.strength - plain) <= 0.006 * plain + 5e-5).mean() >= 0.9
 
 
-def strengths(batch: Batch, direction: Array, **more: object):
-    return cone_strengths(
-        batch.points,
-        batch.normals,
-        batch.counts,
-        direction=direction,
-        friction=batch.friction,
-        torsion=batch.torsion,
-        length=batch.length,
-        **more,  # type: ignore[arg-type]
-    )
+def strengths(batch: Batch, axis: Array, **more: object) -> SimpleNamespace:
+    """Strengths of the batch against a cone, and the wrenches that decided them."""
+    given = {"friction": batch.friction, "torsion": batch.torsion, "half_angle": HALF_ANGLE, **more}
+    kernel = MarginKernel(axis[None], **given)  # type: ignore[arg-type]
+    return SimpleNamespace(**kernel(batch.points, batch.normals, batch.counts, batch.length))
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -205,8 +198,6 @@ def test_cone_against_the_task_margin(seed: int, thorough: bool):
 @pytest.mark.parametrize("thorough", [False, True])
 def test_what_is_worth_little_is_not_worked_out(share: float, thorough: bool):
     """With a floor the same above it; under it something between the strength and the floor."""
-    from preshape.kernels.margin.host import HALF_ANGLE, MarginKernel
-
     batch = Batch(200, 11)
     how = {"half_angle": HALF_ANGLE, "thorough": thorough}
     for more in (how, {}):

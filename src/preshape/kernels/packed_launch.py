@@ -56,17 +56,14 @@ class DeviceRows:
 
     def get(self, which: int | IntArray) -> Any:
         """A copy of the first ``which`` rows, or of the rows with these numbers."""
+        leading = isinstance(which, int | np.integer)
         if self._host_view is not None:
-            return (
-                self._host_view[:which].copy()
-                if isinstance(which, int | np.integer)
-                else self._host_view[which]
-            )
+            return self._host_view[:which].copy() if leading else self._host_view[which]
         count = which if isinstance(which, int | np.integer) else int(which.max(initial=-1)) + 1
         if not count:
             return warp().zeros((0, *self._shape), dtype=self._dtype, device="cpu").numpy()
         host = np.array(self.array[:count].numpy())
-        return host if isinstance(which, int | np.integer) else host[which]
+        return host if leading else host[which]
 
 
 class PackedLaunch:
