@@ -24,7 +24,8 @@ BY_CHANCE = ("seconds", "version")
 def plain(document: dict[str, Any]) -> dict[str, Any]:
     """The document without times."""
     out = {key: content for key, content in document.items() if key not in BY_CHANCE}
-    out["alternatives"] = [plain(one) for one in document.get("alternatives", ())]
+    out["alternatives"] = [plain(one) for one in document["alternatives"]]
+    out["best"] = document["best"] and plain(document["best"])
     return json.loads(json.dumps(out))  # type: ignore[no-any-return]
 
 

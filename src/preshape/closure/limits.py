@@ -73,8 +73,8 @@ def shortfall(search: ClosureSearch, grip: Grip, demand: Demand) -> str:
     share = f"{settings.friction_share:g} of the friction {settings.friction:g}"
     if most < NOTHING * mass:
         return (
-            f"the contacts of the best grip cannot balance {mass:.3g} kg with the planned {share}; more "
-            "friction (--friction), another task or another hand would help"
+            f"the contacts of the best grip cannot balance {mass:.3g} kg with the planned {share}; a "
+            "lighter object (--mass), more friction (--friction), another task or another hand would help"
         )
     limit = strongest_press(grip, search.hand.torque_limits)
     bound = "the joint torques" if limit <= settings.strongest else "the settings (press_most)"
