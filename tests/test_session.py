@@ -365,7 +365,7 @@ def test_a_plan_shows_itself(session: Session, tmp_path: Path) -> None:
     assert "\n" not in repr(plan)
     assert repr(plan).startswith("<Plan box, lift:+z, shadow: plane ")
     assert "margins" in str(plan)
-    assert "TFVADI" not in str(plan).split("mode 0")[0]
+    assert "TFVADI" not in str(plan).split("estimate (0)")[0]
     html = plan._repr_html_()
     assert "data:image/png;base64," in html
     assert "margins" in html

@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 
 MODE_WORDS = {0: "known", 1: "searched", 2: "task does not fit", 3: "new"}
 """The execution modes in plain words: how the answer was come by."""
+STEP_WORDS = {0: "estimate", 1: "search", 2: "recognise", 3: "explore"}
+"""What each execution mode does, beside its number."""
 _COLOURS = {"reward": "green", "learned": "green", "known": "yellow", "deadlock": "red", "no grasp": "red"}
 _HEADLINES = {
     Status.ANSWER: ("green", "grasp found"),
@@ -190,7 +192,7 @@ def _why(decision: Decision) -> Table:
     for t in decision.transitions:
         text = Text(t.outcome, style=_COLOURS.get(t.outcome, "default"))
         text.append(f": {t.reason}", style="default")
-        rows.append((f"mode {t.mode}", text))
+        rows.append((f"{STEP_WORDS[t.mode]} ({t.mode})", text))
     return _grid(*rows)
 
 
