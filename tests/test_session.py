@@ -365,7 +365,7 @@ def test_a_plan_shows_itself(session: Session, tmp_path: Path) -> None:
     assert "\n" not in repr(plan)
     assert repr(plan).startswith("<Plan box, lift:+z, shadow: plane ")
     assert "margins" in str(plan)
-    assert "TFVADI" not in str(plan).split("estimate (0)")[0]
+    assert "TFVADI" not in str(plan).split("recall (0)")[0]
     html = plan._repr_html_()
     assert "data:image/png;base64," in html
     assert "margins" in html
@@ -387,7 +387,7 @@ def test_a_trimesh_is_an_object(tmp_path: Path) -> None:
     document = read_plan(tmp_path / "plan.json")
     assert document["object"]["source"] == surface.name
     assert preshape.load_object(surface).extents == pytest.approx(plan.mesh.extents)
-    with pytest.raises(ObjectError, match="asks for vertex"):
+    with pytest.raises(ObjectError, match="refers to vertex"):
         preshape.plan(trimesh.Trimesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 9]], process=False), "lift")
     with pytest.raises(InputError, match=r"trimesh\.Trimesh"):
         preshape.plan(3, "lift")  # type: ignore[arg-type]

@@ -17,15 +17,12 @@ from ..hiis.decision import Decision, Status
 from ..hiis.fuzzy import SET_NAMES
 from ..hiis.planes import axis_name
 from ..tasks.task import COMPONENTS
+from ..viewer.readings import MODES, STEPS
 from .answers import Answer, missing_motion, scan_trust, shortfalls
 
 if TYPE_CHECKING:
     from .plan import Plan
 
-MODE_WORDS = {0: "known", 1: "searched", 2: "task does not fit", 3: "new"}
-"""The execution modes in plain words: how the answer was come by."""
-STEP_WORDS = {0: "estimate", 1: "search", 2: "recognise", 3: "explore"}
-"""What each execution mode does, beside its number."""
 _COLOURS = {"reward": "green", "learned": "green", "known": "yellow", "deadlock": "red", "no grasp": "red"}
 _HEADLINES = {
     Status.ANSWER: ("green", "grasp found"),
@@ -73,7 +70,7 @@ def summary(plan: Plan, *, explain: bool = False) -> RenderableType:
         parts += ["", _grid(("physics", Text(f"{said.reason} ({said.tried} tried)", style=style)))]
     if plan.alternatives:
         parts += ["", _alternatives(plan)]
-    title = f"[bold {colour}]{headline}[/] · {MODE_WORDS[decision.mode]} (mode {decision.mode})"
+    title = f"[bold {colour}]{headline}[/] · {MODES[decision.mode]} (mode {decision.mode})"
     return Panel(Group(*parts), title=title, title_align="left", border_style=colour)
 
 
@@ -192,14 +189,14 @@ def _why(decision: Decision) -> Table:
     for t in decision.transitions:
         text = Text(t.outcome, style=_COLOURS.get(t.outcome, "default"))
         text.append(f": {t.reason}", style="default")
-        rows.append((f"{STEP_WORDS[t.mode]} ({t.mode})", text))
+        rows.append((f"{STEPS[t.mode].lower()} ({t.mode})", text))
     return _grid(*rows)
 
 
 def _offers(decision: Decision) -> Table:
     rows: list[tuple[str, str | Text]] = []
     for offer in decision.offers:
-        match = f"{MODE_WORDS[offer.mode]}, {offer.match:.2f} of 6"
+        match = f"{MODES[offer.mode]}, {offer.match:.2f} of 6"
         rows.append(("fits", f"--task {offer.task.label:<14} {offer.task.describe()} ({match})"))
     return _grid(*rows)
 

@@ -31,7 +31,7 @@ _MODE_SENTENCES = {
     2: "the object is known, another task is asked for",
     3: "all planes were explored, and the result was learnt",
 }
-_STEPS = {0: "Recall", 1: "Search", 2: "Recognise", 3: "Explore"}
+STEPS = {0: "Recall", 1: "Search", 2: "Recognise", 3: "Explore"}
 ASIDE = 20.0
 """Angle between way in and approach axis above which both are told [degrees]."""
 OUTCOMES = {"reward": "good", "learned": "good", "explored": "good", "known": "warn", "unknown": "warn"}
@@ -116,7 +116,7 @@ def mode_words(mode: int | None) -> str:
 def step_words(transition: Document) -> str:
     """One step of the search: what was done, the paper's mode, and its outcome."""
     mode = int(transition["mode"])
-    return f"{_STEPS[mode]} (mode {mode}): {transition['outcome']}"
+    return f"{STEPS[mode]} (mode {mode}): {transition['outcome']}"
 
 
 def result_words(document: Document) -> str:
@@ -148,7 +148,7 @@ def headline(document: Document) -> str:
         lines.append(" · ".join(f"{name} {text}" for name, text in figures(shown[0])))
     mode = document["mode"]
     seconds = float(document.get("seconds", {}).get("total", 0.0))
-    time = f" · {seconds:.1f} s" if seconds else ""
+    time = f" · {seconds:.1f}\u00a0s" if seconds else ""
     lines.append(f"{mode_words(mode)}: {_MODE_SENTENCES.get(mode, '')}{time}")
     if status == "task_correction":
         lines.append(
