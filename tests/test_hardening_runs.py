@@ -78,7 +78,7 @@ def test_every_random_object_is_answered_or_refused_with_a_reason(folder: Path, 
         ("003", "1 of "),
         ("004", "not finite"),
         ("005", "flat"),
-        ("006", "asks for vertex"),
+        ("006", "refers to vertex"),
     ):
         assert said in refused[number]
     assert all(row["reason"] for row in rows)

@@ -1,4 +1,4 @@
-"""Is this a mesh that a hand can be placed on? Each refusal is one sentence that says what to change."""
+"""Checks that a mesh can be grasped; each message is one sentence that says what to change."""
 
 from __future__ import annotations
 
@@ -10,23 +10,23 @@ from ..exceptions import InputError, ObjectError
 from ..types import Array, IntArray
 
 UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "inch": 0.0254}
-"""Metres in each unit that a file may be written in."""
+"""Length of each unit of a file [m]."""
 
 SMALLEST, LARGEST = 1e-4, 10.0
-"""Accepted range of the largest extent [m]: outside it the unit is surely wrong [C]."""
+"""Accepted range of the largest extent [m]; outside it the unit is certainly wrong [C]."""
 
 FLATNESS = 1e-6
-"""Smallest extent, as a part of the largest, that is still a body [C]."""
+"""Smallest extent of a solid body, as a share of the largest [C]."""
 
 SLIVER = 1e-12
-"""Height, as a part of the largest extent, below which a triangle has no area: rounding noise [C]."""
+"""Height below which a triangle has no area, as a share of the largest extent: rounding noise [C]."""
 
 
 def metres(unit: str, scale: float) -> float:
-    """Factor from the file's numbers to metres.
+    """Factor from the numbers of a file to metres.
 
     Raises:
-        InputError: an unknown unit, or a scale that is not a positive, finite number.
+        InputError: The unit is unknown, or the scale is not a positive, finite number.
     """
     if unit not in UNITS:
         raise InputError(f"unknown unit {unit!r}; known: {', '.join(UNITS)}")
@@ -73,14 +73,14 @@ def enough_corners(name: str, sizes: IntArray) -> None:
 def in_range(
     name: str, corners: IntArray, sizes: IntArray, count: int, first: int, written: IntArray | None
 ) -> None:
-    """Refuse faces that ask for vertices which do not exist."""
+    """Refuse faces with vertices that do not exist."""
     bad = (corners < 0) | (corners >= count)
     if bad.any():
         index = int(bad.argmax())
         face = int(np.searchsorted(np.cumsum(sizes), index, side="right"))
-        asked = corners[index] + first if written is None else written[index]
+        vertex = corners[index] + first if written is None else written[index]
         raise ObjectError(
-            f"{name}: face {face + 1} of {len(sizes)} asks for vertex {asked}, the file has vertices "
+            f"{name}: face {face + 1} of {len(sizes)} refers to vertex {vertex}, the file has vertices "
             f"{first} to {count - 1 + first}; the file is damaged or cut short"
         )
 
@@ -94,9 +94,9 @@ def solid_triangles(name: str, vertices: Array, triangles: IntArray) -> IntArray
         triangles: (m, 3) valid indices, at least one.
 
     Raises:
-        ObjectError: none has, or the size makes no sense in metres.
+        ObjectError: No triangle has area, or the size is not plausible in metres.
     """
-    # One array for each coordinate of each corner: several times faster than (m, 3, 3) at a million.
+    # One array for each coordinate of each corner is several times faster than (m, 3, 3) for a million.
     corners = [[np.ascontiguousarray(axis)[column] for axis in vertices.T] for column in triangles.T]
     low = np.array([min(corner[axis].min() for corner in corners) for axis in range(3)])
     high = np.array([max(corner[axis].max() for corner in corners) for axis in range(3)])
@@ -124,10 +124,10 @@ def _dot(a: list[Array], b: list[Array]) -> Array:
 
 
 def size(name: str, extents: Array) -> None:
-    """Refuse a size that makes no sense in metres.
+    """Refuse a size that is not plausible in metres.
 
     Raises:
-        ObjectError: the largest extent is under 0.1 mm or over 10 m.
+        ObjectError: The largest extent is under 0.1 mm or over 10 m.
     """
     if not SMALLEST <= float(extents.max()) <= LARGEST:
         sizes = " × ".join(f"{extent:.3g}" for extent in extents)
@@ -141,12 +141,12 @@ def body(name: str, extents: Array) -> None:
     """Refuse a flat mesh.
 
     Raises:
-        ObjectError: one extent is (next to) nothing.
+        ObjectError: One extent is almost zero.
     """
     if extents.min() < FLATNESS * extents.max():
         axis = "xyz"[int(extents.argmin())]
         size = " × ".join(f"{extent:.3g}" for extent in extents)
         raise ObjectError(
             f"{name}: the mesh is flat, {size} m with no thickness along {axis}; "
-            "give a body with thickness, not a sheet"
+            "give a solid body, not a sheet"
         )

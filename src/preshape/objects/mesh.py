@@ -1,4 +1,4 @@
-"""A triangle mesh as a value: vertices, triangles, and what follows from them."""
+"""A triangle mesh as a value: vertices, triangles, and the quantities that follow from them."""
 
 from __future__ import annotations
 
@@ -16,22 +16,22 @@ from .scans.scan import Scan
 class TriangleMesh:
     """Triangles in the object's own frame.
 
-    The COG is the centre of the axis-aligned bounding box (eq. 1-2) [P], **not** the centroid; the
-    object's axes W, H, D are the file's x, y, z.
+    The COG is the centre of the axis-aligned bounding box (eq. 1-2) [P], **not** the centroid. The axes W, H,
+    D of the object are the x, y, z of the file.
 
     Attributes:
-        name: the object's name, for people.
+        name: Name of the object for display.
         vertices: (n, 3) positions [m].
-        triangles: (m, 3) indices into ``vertices``, outward by the right-hand rule where the file is
-            consistent.
-        counts: vertices, vertex normals, faces and triangles **as the file has them** (table 2);
-            ``None`` takes them from the arrays.
-        mass: [kg], where it is known.
-        scale: factor on the file's size that is already in the vertices, for messages.
-        scan: how it was seen, where it was made from a point cloud.
+        triangles: (m, 3) vertex indices, outward by the right-hand rule where the file is consistent.
+        counts: Numbers of vertices, vertex normals, faces and triangles **of the file** (table 2); ``None``
+            counts those of the arrays.
+        mass: Mass [kg] where it is known.
+        scale: Factor on the size of the file, which the vertices include; for messages.
+        scan: How the object was seen, where it was made from a point cloud.
 
     Raises:
-        ObjectError: see :func:`preshape.objects.load.load_object` for what is refused.
+        ObjectError: An array has the wrong shape, no triangle, a position that is not finite, or an index
+            that is out of range.
     """
 
     name: str
@@ -58,7 +58,7 @@ class TriangleMesh:
             raise ObjectError(f"{self.name}: every vertex must be finite")
         if triangles.min() < 0 or triangles.max() >= len(vertices):
             raise ObjectError(
-                f"{self.name}: triangles must name vertices 0 to {len(vertices) - 1}, "
+                f"{self.name}: triangles must refer to vertices 0 to {len(vertices) - 1}, "
                 f"got {triangles.min()} to {triangles.max()}"
             )
         object.__setattr__(self, "vertices", read_only(vertices))
@@ -73,7 +73,7 @@ class TriangleMesh:
 
     @cached_property
     def bounds(self) -> Array:
-        """(2, 3) lower and upper corner of the bounding box [m], of the vertices that are used."""
+        """(2, 3) lower and upper corner of the bounding box of all vertices in triangles [m]."""
         flat = self.corners.reshape(-1, 3)
         return read_only(np.array([flat.min(axis=0), flat.max(axis=0)]))
 
@@ -99,7 +99,7 @@ class TriangleMesh:
 
     @cached_property
     def normals(self) -> Array:
-        """(m, 3) unit normals by the right-hand rule; zero for a triangle without area."""
+        """(m, 3) unit normals by the right-hand rule; zero for triangles without area."""
         length = 2 * self.areas[:, None]
         zero = np.zeros_like(self._crosses)
         return read_only(np.divide(self._crosses, length, out=zero, where=length > 0))
@@ -111,13 +111,13 @@ class TriangleMesh:
 
     @cached_property
     def volume(self) -> float:
-        """Signed volume [m³], about the COG; where the mesh has holes they are closed by cones to it."""
+        """Signed volume [m³]; cones to the COG close the holes of the mesh."""
         a = self.corners[:, 0] - self.cog
         return float(np.einsum("ij,ij->i", a, self._crosses).sum() / 6)
 
     @cached_property
     def attributes(self) -> Attributes:
-        """Attributes of the paper's table 2, with area and volume beside them."""
+        """The attributes of the paper's table 2, and area and volume."""
         counts = self.counts
         if counts is None:
             n, m = len(np.unique(self.triangles)), len(self.triangles)

@@ -1,7 +1,7 @@
-"""glTF, text and binary, read by trimesh; here is refused what it would read wrongly or without end.
+"""glTF, text and binary, read by trimesh; files that it would read wrongly or too slowly are refused first.
 
-It does not read triangle fans and line strips, nor positions that are normalised, sparse or compressed. Skins
-and morphs stay at rest.
+trimesh reads neither triangle fans nor line strips, nor positions that are normalised, sparse or compressed.
+Skins and morphs are read in their rest state.
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ from .read_raw import RawMesh
 from .read_text import shown
 from .read_trimesh import read_scene
 
-# Far beyond any scan, and still bearable: numbers drawn, nodes, and levels of nodes (trimesh takes their
-# third power).
+# Limits far above any scan: numbers of all parts, nodes, and levels of nodes, whose third power trimesh
+# needs.
 _MOST, _NODES, _LEVELS = 60_000_000, 2000, 32
 
 
@@ -26,12 +26,12 @@ def read_gltf(name: str, data: bytes, path: Path) -> RawMesh:
     """Read a glTF scene, text or binary; equal positions are counted once [C].
 
     Args:
-        name: the file, for messages.
-        data: its content.
-        path: where it lies; it may name buffers beside it.
+        name: Name of the file, for messages.
+        data: Content of the file.
+        path: Path of the file, which may refer to buffers beside it.
 
     Raises:
-        ObjectError: see :func:`preshape.objects.load.load_object`.
+        ObjectError: See :func:`preshape.objects.load.load_object`.
     """
     binary = data.startswith(b"glTF")
     start, end = (20, 20 + int.from_bytes(data[12:16], "little")) if binary else (0, len(data))
@@ -43,7 +43,8 @@ def read_gltf(name: str, data: bytes, path: Path) -> RawMesh:
     for extension in tree.get("extensionsRequired", ()):
         if "compression" in extension:
             raise ObjectError(
-                f"{name}: the mesh is compressed ({shown(extension)}), which is not read; export it without"
+                f"{name}: the mesh is compressed ({shown(extension)}), which cannot be read; "
+                "export it without compression"
             )
     files = {
         uri: _beside(name, uri, path)
@@ -61,7 +62,7 @@ def read_gltf(name: str, data: bytes, path: Path) -> RawMesh:
 def _beside(name: str, uri: str, path: Path) -> bytes:
     beside = Path(unquote(uri))
     if beside.is_absolute() or ".." in beside.parts or ":" in uri:
-        raise ObjectError(f"{name}: names the buffer {uri!r:.80}; only files beside it are read")
+        raise ObjectError(f"{name}: refers to the buffer {uri!r:.80}; only files beside it are read")
     try:
         return (path.parent / beside).read_bytes()
     except OSError as error:
@@ -71,14 +72,14 @@ def _beside(name: str, uri: str, path: Path) -> bytes:
 
 
 def _item(entries: list[Any], index: object) -> Any:
-    """One entry; a negative index is a damaged file, not the last entry."""
+    """An entry; a negative index is an error of the file and not the last entry."""
     if not isinstance(index, int) or not 0 <= index < len(entries):
         raise IndexError(f"no entry {index!r:.20} among {len(entries)}")
     return entries[index]
 
 
 def _check(name: str, tree: dict[str, Any], size: int) -> None:
-    """Refuse arrays that do not lie where they should, and scenes that would not fit into the memory."""
+    """Refuse arrays outside their buffers, and scenes that do not fit into memory."""
     views, accessors, meshes = (tree.get(kind, []) for kind in ("bufferViews", "accessors", "meshes"))
     for view in views:
         _item(tree["buffers"], view["buffer"])
@@ -94,18 +95,18 @@ def _check(name: str, tree: dict[str, Any], size: int) -> None:
             place = primitive["attributes"]["POSITION"]
             position = _item(accessors, place)
             if position["type"] != "VEC3" or position.get("normalized"):
-                raise ValueError("positions that are not three plain numbers are not read")
+                raise ValueError("positions must be three plain numbers")
             for accessor in (position, _item(accessors, primitive.get("indices", place))):
                 if "sparse" in accessor or "bufferView" not in accessor:
-                    raise ValueError("sparse or empty accessors are not read")
+                    raise ValueError("sparse or empty accessors cannot be read")
                 _item(views, accessor["bufferView"])
                 total += max(accessor["count"], 5000) * max(1, uses[index])
     if total > _MOST or sum(view["byteLength"] for view in views) > 4 * size:
-        raise ObjectError(f"{name}: the scene has over {_MOST} numbers; simplify it")
+        raise ObjectError(f"{name}: the scene has more than {_MOST} numbers; simplify it")
 
 
 def _arrange(name: str, tree: dict[str, Any]) -> None:
-    """Show all where the file has no scene, and refuse nodes that are no tree."""
+    """Add a scene of all nodes where the file has none, and refuse nodes that form no tree."""
     if not tree.setdefault("nodes", []):
         tree["nodes"] = [{"mesh": index} for index in range(len(tree.get("meshes", [])))]
         tree.pop("scenes", None)
@@ -124,7 +125,7 @@ def _arrange(name: str, tree: dict[str, Any]) -> None:
     if levels > _LEVELS or len(nodes) > _NODES:
         raise ObjectError(
             f"{name}: the scene has {len(nodes)} nodes in {levels} levels, "
-            f"the most are {_NODES} in {_LEVELS}; join its parts"
+            f"at most {_NODES} in {_LEVELS} are read; join its parts"
         )
     for node in nodes:
-        node.pop("camera", None)  # trimesh would leave out what hangs on it
+        node.pop("camera", None)  # trimesh would leave out its children

@@ -1,4 +1,4 @@
-"""Wavefront OBJ (§2.1): vertices, vertex normals and polygons; all else in the file is passed over."""
+"""Wavefront OBJ (§2.1): vertices, vertex normals and polygons; the rest of the file is ignored."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from .read_text import Lines
 def read_obj(name: str, data: bytes) -> RawMesh:
     """Read an OBJ file; all objects and groups become one mesh.
 
-    Positions are shared by their ``v`` number, so that seams in texture or normals do not cut the
-    surface. Relative (negative) numbers count back from the face's own line. The counts of table 2 are
-    those of the ``v``, ``vn`` and ``f`` lines; a file without ``vn`` counts one normal a vertex [C].
+    Corners with the same ``v`` number share a vertex, so seams of texture or normals do not cut the surface.
+    Negative numbers count back from the line of the face. The counts of table 2 are those of the ``v``,
+    ``vn`` and ``f`` lines; a file without ``vn`` counts one normal for each vertex [C].
 
     Raises:
-        ObjectError: see :func:`preshape.objects.load.load_object`.
+        ObjectError: See :func:`preshape.objects.load.load_object`.
     """
     if b"\\" in data:
         data = re.sub(rb"\\[ \t]*\r?\n", b" ", data)
@@ -30,16 +30,16 @@ def read_obj(name: str, data: bytes) -> RawMesh:
             f"{name}: found no vertex and no face lines, this is not an OBJ mesh; "
             "check the file and its suffix"
         )
-    table = lines.table(is_vertex, skip=1)
-    short = table.counts < 3
+    rows = lines.rows(is_vertex, skip=1)
+    short = rows.counts < 3
     if short.any():
-        at = int(table.lines[short.argmax()])
+        at = int(rows.lines[short.argmax()])
         raise ObjectError(
             f"{name}: line {at} should hold x, y and z, found {lines.text(at - 1)!r}; "
             "the file is damaged or cut short"
         )
-    vertices = table.columns(0, 3)
-    faces = lines.table(is_face, skip=1, integers=True)
+    vertices = rows.columns(0, 3)
+    faces = lines.rows(is_face, skip=1, integers=True)
     written = faces.values
     corners = written - 1
     relative = written < 0

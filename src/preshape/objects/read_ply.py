@@ -1,8 +1,9 @@
-"""PLY and OFF, read by trimesh as whole polygons, with a check wherever it would let a damaged file through.
+"""PLY and OFF, read by trimesh as whole polygons, with checks where it accepts damaged files.
 
-A PLY without faces is a point cloud, with its camera where the file has an element of that name.
+A PLY without faces is a point cloud; its camera comes from an element of that name.
 
-trimesh reads lists of different lengths only in text: a binary PLY that has them is spelled out for it.
+trimesh reads lists of different lengths from text only, so a binary PLY that has them is converted to text
+first.
 """
 
 from __future__ import annotations
@@ -35,17 +36,17 @@ _SHORT = "the file is damaged or cut short"
 
 
 def is_off(data: bytes) -> bool:
-    """Whether the file says that it is a text OFF mesh."""
+    """Whether the file has the header of a text OFF mesh."""
     return _OFF.match(data[:4096].decode("utf-8-sig", "replace")) is not None
 
 
 def read_off(name: str, data: bytes) -> RawMesh:
-    """Read an OFF file (also COFF, NOFF, STOFF) as what it is: a text PLY under another header.
+    """Read an OFF file (also COFF, NOFF, STOFF); its content is that of a text PLY with another header.
 
-    trimesh's own OFF reader says nothing about missing faces and cuts concave polygons wrongly.
+    trimesh's own OFF reader accepts missing faces and cuts concave polygons wrongly.
 
     Raises:
-        ObjectError: see :func:`preshape.objects.load.load_object`.
+        ObjectError: See :func:`preshape.objects.load.load_object`.
     """
     text = plain_text(name, data, "an OFF mesh").decode("ascii", "replace")
     start = _OFF.match(text)
@@ -53,38 +54,38 @@ def read_off(name: str, data: bytes) -> RawMesh:
         raise ObjectError(f"{name}: expected OFF in the first line; this is not an OFF mesh, or a binary one")
     counts = _OFF_COUNTS.match(text, start.end())
     if counts is None:
-        raise ObjectError(f"{name}: expected the numbers of vertices and faces after OFF, found none")
+        raise ObjectError(f"{name}: expected the numbers of vertices and faces after OFF, found no numbers")
     points = [f"element vertex {counts[1]}", *(f"property double {axis}" for axis in "xyz")]
     faces = [f"element -face {counts[2]}", "property list int int64 vertex_indices"]
     return _mesh(name, *_read(name, "ascii", [*points, *faces], text[counts.end() :]))
 
 
 def read_ply(name: str, data: bytes) -> RawMesh | RawCloud:
-    """Read a PLY file. Its vertices are counted as they stand, with one normal each [C].
+    """Read a PLY file; its vertices are counted as they are, with one normal each [C].
 
-    Without faces (and without strips of triangles) it is a point cloud.
+    A file without faces and triangle strips is a point cloud.
 
     Raises:
-        ObjectError: see :func:`preshape.objects.load.load_object`.
+        ObjectError: See :func:`preshape.objects.load.load_object`.
     """
     at = data.find(b"end_header")
     end = data.find(b"\n", at) + 1
     if not data.startswith(b"ply") or at < 0 or not end:
-        raise ObjectError(f"{name}: expected a header from ply to end_header, this is not a PLY mesh")
+        raise ObjectError(f"{name}: expected a header from ply to end_header; this is not a PLY mesh")
     form, elements = "", list[str]()
     for line in data[:at].decode("ascii", "replace").splitlines()[1:]:
         match line.split():
             case ["format", form, *_]:
                 pass
             case ["element", kind, count] if count.isdecimal():
-                # Under its own name trimesh would cut the faces in fans and make paths of the edges.
+                # With their own names trimesh would cut faces into fans and turn edges into paths.
                 elements.append(f"element {kind if kind == 'vertex' else '-' + kind} {count}")
             case ["property", *_]:
                 elements.append(line)
             case [] | ["comment" | "obj_info", *_]:
                 pass
             case _:
-                raise ObjectError(f"{name}: cannot make sense of {line!r:.60} in the PLY header")
+                raise ObjectError(f"{name}: the PLY header has an unknown line {line!r:.60}")
     if form not in _FORMATS:
         raise ObjectError(f"{name}: the PLY header names no format; known: {', '.join(_FORMATS)}")
     body: str | bytes = data[end:]
@@ -101,7 +102,7 @@ def read_ply(name: str, data: bytes) -> RawMesh | RawCloud:
 def _read(
     name: str, form: str, elements: list[str], body: str | bytes
 ) -> tuple[Array, dict[str, Any], list[str] | None]:
-    """Vertices and the elements as trimesh finds them, before it would cut polygons into triangles."""
+    """Vertices, the elements as trimesh reads them with whole polygons, and the rows of a text file."""
     from trimesh.exchange.ply import load_ply
 
     rows: list[str] | None = None
@@ -110,19 +111,19 @@ def _read(
         body = "\n".join(rows).encode()
     header = "\n".join(["ply", f"format {form} 1.0", *elements, "end_header\n"]).encode()
     try:
-        with quietly(), np.errstate(invalid="raise"):  # NaN is no index
+        with quietly(), np.errstate(invalid="raise"):  # NaN must not become an index
             found = load_ply(io.BytesIO(header + body), skip_materials=True)
         raw = found["metadata"]["_ply_raw"]
         if rows is None and not all(_alike(element["data"]) for element in raw.values()):
-            raise ValueError("unexpected lengths that make up for each other")
+            raise ValueError("unexpected lengths whose sum is right")
     except ValueError as error:
         if "unexpected length" not in str(error):
             raise
         try:
-            return _read(name, "ascii", elements, _spelled_out(form, elements, body))
+            return _read(name, "ascii", elements, _as_text(form, elements, body))
         except struct.error:
             raise ObjectError(
-                f"{name}: {len(body)} bytes do not hold what the PLY header promises; {_SHORT}"
+                f"{name}: {len(body)} bytes are fewer than the PLY header announces; {_SHORT}"
             ) from error
     return np.asarray(found.get("vertices", np.zeros((0, 3))), dtype=np.float64), raw, rows
 
@@ -133,7 +134,7 @@ def _mesh(name: str, vertices: Array, raw: dict[str, Any], rows: list[str] | Non
 
 
 def _camera(raw: dict[str, Any]) -> Array | None:
-    """The camera's position in the file's unit, where an element says so (PCL writes it)."""
+    """(3,) position of the camera in the file's unit, from the element that PCL writes, or ``None``."""
     table = raw.get("-camera", {"length": 0})
     words = ("view_px", "view_py", "view_pz")
     if not table["length"] or not set(words) <= set(table["properties"]):
@@ -143,12 +144,12 @@ def _camera(raw: dict[str, Any]) -> Array | None:
 
 
 def _alike(table: Any) -> bool:
-    """Whether the lists of a binary element are as long in every row as trimesh took them to be."""
+    """Whether the lists of a binary element have the same length in every row, as trimesh assumes."""
     lists = [table[word] for word, (kind, _) in table.dtype.fields.items() if kind.names]
     return all((column["f0"] == column["f1"].shape[1]).all() for column in lists)
 
 
-def _spelled_out(form: str, elements: list[str], body: bytes) -> str:
+def _as_text(form: str, elements: list[str], body: bytes) -> str:
     """A binary body as rows of text."""
     mark = ">" if form == "binary_big_endian" else "<"
     plan: list[tuple[int, list[list[str]]]] = []
@@ -173,7 +174,7 @@ def _spelled_out(form: str, elements: list[str], body: bytes) -> str:
 
 
 def _faces(name: str, raw: dict[str, Any], rows: list[str] | None) -> tuple[IntArray, IntArray]:
-    """Corners of all polygons, and how many each has; refuses rows that are missing or too short."""
+    """Corners of all polygons, and the number of corners of each; refuses missing and short rows."""
     before = 0
     for kind, element in raw.items():
         if rows is not None and len(rows) < before + element["length"]:
@@ -203,6 +204,6 @@ def _faces(name: str, raw: dict[str, Any], rows: list[str] | None) -> tuple[IntA
     if stated is not None and (wrong := stated != sizes).any():
         at = int(wrong.argmax())
         raise ObjectError(
-            f"{name}: face {at + 1} of {count} promises {stated[at]:g} corners, found {sizes[at]}; {_SHORT}"
+            f"{name}: face {at + 1} of {count} announces {stated[at]:g} corners, found {sizes[at]}; {_SHORT}"
         )
     return corners.astype(np.int64), sizes

@@ -1,4 +1,4 @@
-"""What every reader hands over: positions, triangles, and the numbers that the file states."""
+"""The result of every reader: positions, triangles, and the counts of the file."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from . import checks
 
 @value
 class RawMesh:
-    """A file's content, indices and numbers checked, in the file's unit.
+    """The checked content of a file, in its unit.
 
     Attributes:
         vertices: (n, 3) positions.
         triangles: (m, 3) indices into ``vertices``.
-        normals: number of vertex normals.
-        faces: number of polygons, before they were cut into triangles.
+        normals: Number of vertex normals.
+        faces: Number of polygons before they were cut into triangles.
     """
 
     vertices: Array
@@ -41,19 +41,19 @@ def assemble(
     first: int = 0,
     written: IntArray | None = None,
 ) -> RawMesh:
-    """Check what a file holds and cut its polygons into triangles.
+    """Check the content of a file and cut its polygons into triangles.
 
     Args:
-        name: the file, for messages.
+        name: Name of the file, for messages.
         vertices: (n, 3) positions.
-        corners: vertex indices from 0, one polygon after another.
-        sizes: (faces,) corners of each polygon.
-        normals: vertex normals in the file; 0 counts one for each vertex.
-        first: what the format calls its first vertex, for messages.
-        written: the indices as the file writes them, for messages.
+        corners: Vertex indices counted from 0, one polygon after another.
+        sizes: (faces,) number of corners of each polygon.
+        normals: Number of vertex normals in the file; 0 counts one for each vertex.
+        first: Number of the first vertex in the format, for messages.
+        written: Indices as the file writes them, for messages.
 
     Raises:
-        ObjectError: no faces, a position that is not finite, an index out of range, a face with
+        ObjectError: There are no faces, a position is not finite, an index is out of range, or a face has
             fewer than three corners.
     """
     checks.has_faces(name, len(vertices), len(sizes))
@@ -69,15 +69,15 @@ def assemble(
 
 
 def triangulate(vertices: Array, corners: IntArray, sizes: IntArray) -> IntArray:
-    """Cut polygons into triangles, concave ones too, in the order of the file.
+    """Cut polygons, also concave ones, into triangles in the order of the file.
 
     Args:
         vertices: (n, 3) finite positions.
-        corners: valid vertex indices, one polygon after another.
-        sizes: (faces,) corners of each polygon, 3 or more.
+        corners: Valid vertex indices, one polygon after another.
+        sizes: (faces,) number of corners of each polygon, 3 or more.
 
     Returns:
-        (m, 3) indices, turning the same way as their polygons.
+        (m, 3) indices with the orientation of their polygons.
     """
     if (sizes == 3).all():
         return corners.reshape(-1, 3)
@@ -99,7 +99,7 @@ def triangulate(vertices: Array, corners: IntArray, sizes: IntArray) -> IntArray
 
 
 def _fan(vertices: Array, polygons: IntArray) -> tuple[IntArray, BoolArray]:
-    """Fans of (k, n) polygons from their first corner, (k, n - 2, 3), and where that is a right cut."""
+    """(k, n - 2, 3) fans of (k, n) polygons from their first corners, and (k,) whether each fan is valid."""
     count = polygons.shape[1]
     fan = np.empty((len(polygons), count - 2, 3), dtype=np.int64)
     fan[:, :, 0] = polygons[:, :1]
@@ -108,12 +108,12 @@ def _fan(vertices: Array, polygons: IntArray) -> tuple[IntArray, BoolArray]:
     a, b, c = (vertices[fan[:, :, k]] for k in range(3))
     with np.errstate(all="ignore"):
         crosses = np.cross(b - a, c - a)
-        total = crosses.sum(axis=1, keepdims=True)  # Newell's normal times two areas
+        total = crosses.sum(axis=1, keepdims=True)  # Newell's normal, times twice the area
         return fan, ((crosses * total).sum(axis=2) > 0).all(axis=1)
 
 
 def _ears(vertices: Array, polygon: IntArray) -> IntArray:
-    """Cut one polygon, seen along its own normal, by clipping ears; a fan where it has no inside."""
+    """Cut one polygon by ear clipping in the plane across its normal; a fan where it has no area."""
     import mapbox_earcut
 
     fan = np.stack([np.full(len(polygon) - 2, polygon[0]), polygon[1:-1], polygon[2:]], axis=1)
@@ -142,16 +142,16 @@ def _ears(vertices: Array, polygon: IntArray) -> IntArray:
 
 
 def merge_equal(vertices: Array, triangles: IntArray) -> tuple[Array, IntArray]:
-    """Make one vertex of all that are exactly equal in position, and point the triangles at it."""
-    kept, inverse = group_rows(vertices + 0.0)  # -0 becomes 0
-    return vertices[kept] + 0.0, inverse[triangles]
+    """Merge vertices with exactly equal positions."""
+    unique, inverse = group_rows(vertices + 0.0)  # -0 becomes 0
+    return vertices[unique] + 0.0, inverse[triangles]
 
 
 def group_rows(rows: NDArray[np.float64] | NDArray[np.int64]) -> tuple[IntArray, IntArray]:
     """Group equal rows of three 8-byte numbers.
 
     Returns:
-        (k,) the first of each group, in order of appearance, and (n,) the group of each row.
+        (k,) index of the first row of each group, in order of appearance, and (n,) group of each row.
     """
     bits = np.ascontiguousarray(rows).view(np.uint64)
     key = np.zeros(len(rows), dtype=np.uint64)
@@ -164,7 +164,7 @@ def group_rows(rows: NDArray[np.float64] | NDArray[np.int64]) -> tuple[IntArray,
         every = np.arange(len(rows))
         return every, every
     differs = _changes(bits, order)
-    if (differs & (ordered[1:] == ordered[:-1])).any():  # two rows share a key: sort the rows
+    if (differs & (ordered[1:] == ordered[:-1])).any():  # two different rows share a key: sort the rows
         order = np.lexsort(bits.T)
         differs = _changes(bits, order)
     new = np.concatenate([[True], differs])
@@ -178,7 +178,7 @@ def group_rows(rows: NDArray[np.float64] | NDArray[np.int64]) -> tuple[IntArray,
 
 
 def _changes(bits: NDArray[np.uint64], order: IntArray) -> BoolArray:
-    """(n - 1,) where a row differs from the one before it, in this order."""
+    """(n - 1,) whether each row differs from the row before it, in the given order."""
     ordered = bits[order].T
     x, y, z = (column[1:] != column[:-1] for column in ordered)
     changes: BoolArray = x | y | z

@@ -1,4 +1,4 @@
-"""Numbers out of text files, a million lines at a time and without trusting one of them."""
+"""Fast and checked reading of numbers from large text files."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _CHUNK = 1 << 21
 
 
 def shown(text: object, longest: int = 80) -> str:
-    r"""What a file says, fit for a message: one line, printable, not too long.
+    r"""Text from a file in a form for messages: one line, printable, not too long.
 
     >>> shown("a\x1b[31m\nb")
     'a?[31m b'
@@ -28,33 +28,33 @@ def shown(text: object, longest: int = 80) -> str:
 
 
 def plain_text(name: str, data: bytes, kind: str) -> bytes:
-    """A text file without byte order mark and carriage returns.
+    """The content of a text file without byte order mark and carriage returns.
 
     Args:
-        name: the file, for messages.
-        data: its content.
-        kind: what it should be, for messages ("an OBJ mesh").
+        name: Name of the file, for messages.
+        data: Content of the file.
+        kind: Expected kind of file, for messages ("an OBJ mesh").
 
     Raises:
-        ObjectError: the content is binary.
+        ObjectError: The content is binary.
     """
     if b"\0" in data:
         raise ObjectError(
-            f"{name}: expected {kind} as text, found binary data; check that the file is whole "
-            "and that its suffix says what it is"
+            f"{name}: expected {kind} as text, found binary data; check that the file is complete "
+            "and has the right suffix"
         )
     return data.removeprefix(b"\xef\xbb\xbf").replace(b"\r\n", b"\n").replace(b"\r", b"\n")
 
 
 @value
-class Table:
+class NumberRows:
     """The numbers of some lines.
 
     Attributes:
-        values: all numbers, one line after another.
-        counts: (n,) how many numbers each line has.
-        starts: (n,) where the numbers of each line begin in ``values``.
-        lines: (n,) line numbers in the file, from 1, for messages.
+        values: All numbers, one line after another.
+        counts: (n,) number of values in each line.
+        starts: (n,) index of the first value of each line in ``values``.
+        lines: (n,) line numbers in the file, counted from 1, for messages.
     """
 
     values: NDArray[Any]
@@ -63,7 +63,7 @@ class Table:
     lines: IntArray
 
     def columns(self, first: int, last: int) -> NDArray[Any]:
-        """(n, last - first) the numbers of these columns; every line must have them."""
+        """(n, last - first) values of these columns, which every line must have."""
         if len(self.counts) and (self.counts == self.counts[0]).all():
             grid: NDArray[Any] = self.values.reshape(len(self.counts), -1)[:, first:last]
             return grid
@@ -73,15 +73,15 @@ class Table:
 
 
 class Lines:
-    """A text file cut into lines, without leading blanks, byte order mark or carriage returns.
+    """The lines of a text file, without leading blanks, byte order mark and carriage returns.
 
     Args:
-        name: the file, for messages.
-        data: its content.
-        kind: what it should be, for messages ("an OBJ mesh").
+        name: Name of the file, for messages.
+        data: Content of the file.
+        kind: Expected kind of file, for messages ("an OBJ mesh").
 
     Raises:
-        ObjectError: the content is binary.
+        ObjectError: The content is binary.
     """
 
     def __init__(self, name: str, data: bytes, kind: str) -> None:
@@ -101,7 +101,7 @@ class Lines:
         self.lengths = ends + 1 - self.starts
 
     def starting_with(self, word: bytes) -> BoolArray:
-        """(lines,) which lines have ``word`` as their first word."""
+        """(lines,) whether ``word`` is the first word of each line."""
         last = len(self.bytes) - 1
         hit: BoolArray = self.bytes[np.minimum(self.starts + len(word), last)] <= _BLANK
         for k, letter in enumerate(word):
@@ -109,32 +109,32 @@ class Lines:
         return hit
 
     def text(self, line: int | np.int64) -> str:
-        """One line, counted from 0, fit for a message."""
+        """A line, counted from 0, for messages."""
         raw = self.bytes[self.starts[line] : self.starts[line] + min(int(self.lengths[line]), 60)]
         return raw.tobytes().decode("ascii", "replace").strip()
 
-    def table(self, chosen: BoolArray, *, skip: int = 0, integers: bool = False) -> Table:
-        """Read the numbers on the chosen lines.
+    def rows(self, chosen: BoolArray, *, skip: int = 0, integers: bool = False) -> NumberRows:
+        """Read the numbers of the chosen lines.
 
         Args:
-            chosen: (lines,) which lines.
-            skip: length of the first word, which is no number.
-            integers: read integers, of which only what stands before a slash counts (``1/2/3`` is 1).
+            chosen: (lines,) whether to read each line.
+            skip: Length of the first word, which is no number.
+            integers: Whether to read integers, and only the part before a slash (``1/2/3`` is 1).
 
         Raises:
-            ObjectError: something on one of the lines is not a number; the message quotes it.
+            ObjectError: A word of these lines is no number; the message quotes the line.
         """
         lines = np.flatnonzero(chosen)
         kind = np.int64 if integers else np.float64
         values: list[NDArray[Any]] = [np.zeros(0, dtype=kind)]
         counts: list[IntArray] = [np.zeros(0, dtype=np.int64)]
-        # A few MB at a time: the work stays in the cache and the masks stay small.
+        # Parts of a few MB keep the work in the processor's cache and the masks small.
         share = np.cumsum(self.lengths[lines]) // _CHUNK
         for part in np.split(lines, np.flatnonzero(np.diff(share)) + 1):
             if len(part):
                 self._part(part, skip, integers, values, counts)
         total = np.concatenate(counts)
-        return Table(
+        return NumberRows(
             values=np.concatenate(values), counts=total, starts=np.cumsum(total) - total, lines=lines + 1
         )
 
@@ -146,10 +146,10 @@ class Lines:
         values: list[NDArray[Any]],
         counts: list[IntArray],
     ) -> None:
-        """Read some lines and append what they hold."""
+        """Read some lines and append their values and counts."""
         begin, end = int(self.starts[lines[0]]), int(self.starts[lines[-1]] + self.lengths[lines[-1]])
         text = self.bytes[begin:end].copy()
-        if len(lines) < lines[-1] - lines[0] + 1:  # other lines stand between
+        if len(lines) < lines[-1] - lines[0] + 1:  # there are other lines between them
             chosen = np.zeros(lines[-1] - lines[0] + 1, dtype=bool)
             chosen[lines - lines[0]] = True
             text = text[np.repeat(chosen, self.lengths[lines[0] : lines[-1] + 1])]
@@ -172,7 +172,7 @@ class Lines:
 
 
 def _blank_comments(text: NDArray[np.uint8]) -> None:
-    """Overwrite with blanks, in place, from each # to the end of its line."""
+    """Overwrite comments, from # to the end of the line, with blanks in place."""
     found = text == _HASH
     if found.any():
         place = np.arange(1, len(text) + 1) * 2
@@ -181,7 +181,7 @@ def _blank_comments(text: NDArray[np.uint8]) -> None:
 
 
 def _parse(text: NDArray[np.uint8], integers: bool) -> tuple[NDArray[Any], IntArray] | None:
-    """One number from each word, and where the words begin; nothing if one of them is no number."""
+    """A number from each word, and the start index of each word; ``None`` where a word is no number."""
     kind = np.int64 if integers else np.float64
     slash = text == _SLASH if integers else np.zeros(0, dtype=bool)
     words = _starts(text > _BLANK)
@@ -193,20 +193,20 @@ def _parse(text: NDArray[np.uint8], integers: bool) -> tuple[NDArray[Any], IntAr
     if leading.sum() != len(words):
         return None
     split = np.where(slash, np.uint8(_BLANK), text)[parts[0] :]
-    kept = split[np.repeat(leading, np.diff(parts, append=len(text)))]
-    numbers = _numbers(kept.tobytes(), kind, len(words))
+    leads = split[np.repeat(leading, np.diff(parts, append=len(text)))]
+    numbers = _numbers(leads.tobytes(), kind, len(words))
     return None if numbers is None else (numbers, words)
 
 
 def _starts(solid: BoolArray) -> IntArray:
-    """Where runs of ``solid`` begin."""
+    """Indices at which runs of true values begin."""
     first = solid.copy()
     first[1:] &= ~solid[:-1]
     return np.flatnonzero(first)
 
 
 def _numbers(text: bytes, kind: type, count: int) -> NDArray[Any] | None:
-    """Exactly ``count`` numbers, or nothing."""
+    """Exactly ``count`` numbers; ``None`` where the text holds others."""
     if count == 0:
         return np.zeros(0, dtype=kind)
     try:

@@ -1,4 +1,4 @@
-"""What trimesh reads as a scene of meshes, and STL; checked wherever it would let a damaged file through."""
+"""Scenes of meshes and STL, read by trimesh, with checks where it accepts damaged files."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from .read_text import plain_text, shown
 
 @contextmanager
 def quietly() -> Iterator[list[LogRecord]]:
-    """Collect trimesh's notes instead of showing them; words where numbers should be are an error."""
+    """Collect trimesh's log instead of showing it; NumPy's warning of words among numbers is an error."""
     log, notes = getLogger("trimesh"), BufferingHandler(1_000_000)
     level, propagate = log.level, log.propagate
     log.addHandler(notes)
@@ -47,19 +47,19 @@ def is_binary_stl(data: bytes) -> bool:
 
 
 def is_text_stl(data: bytes) -> bool:
-    """Whether this is a text STL; some binary ones begin with ``solid`` too, but fit their length."""
+    """Whether the file is a text STL; a binary STL may begin with ``solid`` too, but has the right length."""
     return not is_binary_stl(data) and data[:512].lstrip().lower().startswith(b"solid")
 
 
 def read_stl(name: str, data: bytes) -> RawMesh:
-    """Read an STL file; the format has no vertices of its own, equal positions are counted once [C].
+    """Read an STL file; the format has no shared vertices, so equal positions are counted once [C].
 
     Raises:
-        ObjectError: see :func:`preshape.objects.load.load_object`.
+        ObjectError: See :func:`preshape.objects.load.load_object`.
     """
     size, facets = _stl_size(data), int.from_bytes(data[80:84], "little")
     if is_text_stl(data):
-        # In names any byte may stand; trimesh would guess at an encoding.
+        # Names may hold any byte, and trimesh would guess an encoding.
         data = plain_text(name, data, "an STL mesh").decode("ascii", "replace").encode()
         size, facets = len(data), len(re.findall(rb"(?mi)^[ \t]*facet\b", data))
     if len(data) < size:
@@ -71,7 +71,18 @@ def read_stl(name: str, data: bytes) -> RawMesh:
 
 
 def read_scene(name: str, data: bytes, kind: str, files: dict[str, bytes], facets: int = -1) -> RawMesh:
-    """All meshes of a scene, each where its node puts it, checked, with equal positions made one."""
+    """All meshes of a scene at the places of their nodes, checked, with equal positions merged.
+
+    Args:
+        name: Name of the file, for messages.
+        data: Content of the file.
+        kind: Format of the file, as trimesh names it.
+        files: Content of the files that it refers to, by name.
+        facets: Number of triangles that the file announces; -1 where it announces none.
+
+    Raises:
+        ObjectError: See :func:`preshape.objects.load.load_object`.
+    """
     import trimesh
 
     with quietly() as notes:
@@ -82,19 +93,21 @@ def read_scene(name: str, data: bytes, kind: str, files: dict[str, bytes], facet
     for note in notes:
         text = note.getMessage()
         if kind != "stl" and (note.levelno >= WARNING or text.startswith("skipping primitive")):
-            raise ObjectError(f"{name}: a part is not read ({shown(text)}); export it as plain triangles")
+            raise ObjectError(
+                f"{name}: a part of the scene cannot be read ({shown(text)}); export it as plain triangles"
+            )
     vertices, triangles, count = [np.zeros((0, 3))], [np.zeros((0, 3), dtype=np.int64)], 0
     for part in parts:
-        own = np.asarray(getattr(part, "faces", np.zeros((0, 3))), dtype=np.int64)  # lines, points: none
+        own = np.asarray(getattr(part, "faces", np.zeros((0, 3))), dtype=np.int64)  # none of lines and points
         outside = (own < 0) | (own >= len(part.vertices))
-        triangles.append(np.where(outside, -1, own + count))  # else it would reach into another part
+        triangles.append(np.where(outside, -1, own + count))  # -1, or it would refer to another part
         vertices.append(np.asarray(part.vertices, dtype=np.float64))
         count += len(part.vertices)
     corners = np.concatenate(triangles)
     if facets not in (-1, len(corners)):
         raise ObjectError(
-            f"{name}: expected three vertices a facet and a closing endsolid, found {len(corners)} whole "
-            f"ones of {facets} facets; the file is damaged or cut short"
+            f"{name}: expected three vertices in each facet and endsolid at the end, found {len(corners)} "
+            f"complete facets of {facets}; the file is damaged or cut short"
         )
     raw = assemble(name, np.concatenate(vertices), corners.reshape(-1), np.full(len(corners), 3))
     merged, indices = merge_equal(raw.vertices, raw.triangles)

@@ -1,9 +1,9 @@
-"""What an object is shaped like, in numbers that do not depend on how its surface was cut into triangles.
+"""A shape descriptor that does not depend on the triangulation of the surface.
 
-The paper describes an object by its extents and by counts of vertices and faces; the counts change whenever
-the same object is meshed anew. The descriptor here consists of means over the surface instead. Each is
-exact for flat triangles, so that cutting them finer, listing them in another order or winding them the
-other way changes nothing but the last digits. None needs a closed surface.
+The paper describes an object by its extents and by its counts of vertices and faces. The counts change when
+the same object is meshed again. The descriptor here consists of means over the surface. Each mean is exact
+for flat triangles, so that subdividing, reordering or flipping triangles changes only rounding errors. The
+surface need not be closed.
 """
 
 from __future__ import annotations
@@ -30,13 +30,13 @@ POSITION_MOMENTS: _Exponents = _FIRST + _SECOND + _THIRD + _FOURTH
 """Exponents of the first 21 numbers, in their order: the mean of x^a y^b z^c for (a, b, c)."""
 
 NORMAL_MOMENTS: _Exponents = _SECOND
-"""Exponents of the next 6 numbers: the same of the unit normal's components."""
+"""Exponents of the next 6 numbers: the means of these products of the unit normal's components."""
 
 LENGTH = len(POSITION_MOMENTS) + len(NORMAL_MOMENTS) + 1
-"""How many numbers describe a shape: 28."""
+"""Number of values of a descriptor: 28."""
 
-# Six points of a triangle whose weighted sum is exact for polynomials to the fourth degree (Dunavant 1985,
-# High degree efficient symmetrical Gaussian quadrature rules for the triangle).
+# Six points of a triangle and weights that integrate polynomials up to the fourth degree exactly (Dunavant
+# 1985, High degree efficient symmetrical Gaussian quadrature rules for the triangle).
 _POINTS: Array = np.array(
     [
         np.roll([1.0 - 2.0 * side, side, side], corner)
@@ -46,38 +46,38 @@ _POINTS: Array = np.array(
 )
 _WEIGHTS: Array = np.repeat([0.223381589678011, 0.109951743655322], 3)
 _QUADRATIC: _Exponents = ((0, 0, 0), *_FIRST, *_SECOND)
-# Every monomial to the fourth degree is the product of two of the ten to the second.
+# Every monomial up to the fourth degree is the product of two of the ten up to the second.
 _FACTORS = {
     tuple(p + q for p, q in zip(a, b, strict=True)): (i, j)
     for i, a in enumerate(_QUADRATIC)
     for j, b in enumerate(_QUADRATIC)
 }
-_BLOCK = 500  # triangles at a time: what is computed for them stays in the cache
+_BLOCK = 500  # triangles in a block, so that its arrays stay in the processor's cache
 
 
 def shape_descriptor(mesh: TriangleMesh) -> Array:
-    """Shape in the object's own frame, without size: 28 numbers between -1 and 1 [C], the last over 0.
+    """The shape in the object's own frame, without its size: 28 numbers from -1 to 1 [C], the last above 0.
 
-    Positions run from -1 to 1 across the bounding box along each axis (0 along an axis without extent),
-    normals are unit vectors of the object as it is, and means are weighted by area:
+    Positions are scaled to -1..1 across the bounding box along each axis (0 along an axis without extent);
+    normals are those of the unscaled object; means are weighted by area:
 
     ======= =======================================================================================
-    numbers what
+    numbers content
     ======= =======================================================================================
-    0..20   means of x^a y^b z^c, exponents ``POSITION_MOMENTS``: where the surface lies (first), how
-            widely it is spread and along which diagonals (second), which end is the thicker one (third),
-            whether it is wide in the middle or at the ends (fourth degree)
-    21..26  means of nx², ny², nz², ny nz, nx nz, nx ny: which way the surface faces
-    27      area over that of the bounding box; a body with inner walls has more than 1
+    0..20   means of x^a y^b z^c with the exponents ``POSITION_MOMENTS``: where the surface lies
+            (first degree), how far it spreads and along which diagonals (second), which end is
+            thicker (third), whether it is wide in the middle or at the ends (fourth)
+    21..26  means of nx², ny², nz², ny nz, nx nz, nx ny: the directions that the surface faces
+    27      area over the area of the bounding box; above 1 for a body with inner walls
     ======= =======================================================================================
 
-    A turn by 90° or a mirror image permutes the numbers and changes signs; a change of size changes nothing.
+    A rotation by 90° or a mirror image permutes the numbers and changes signs; the size changes nothing.
 
     Returns:
-        (28,) numbers.
+        (28,) descriptor.
 
     Raises:
-        ObjectError: the surface has no area.
+        ObjectError: The surface has no area.
 
     >>> from preshape.objects.library import load_library_object
     >>> shape_descriptor(load_library_object("cube"))[[0, 3, 6, 21, 27]].round(6) + 0.0
@@ -101,12 +101,12 @@ def shape_descriptor(mesh: TriangleMesh) -> Array:
 
 
 def _products(axes: Array, triangles: IntArray, shares: Array) -> Array:
-    """(10, 10) contribution of some triangles to the mean of the products of all quadratic monomials.
+    """(10, 10) contribution of some triangles to the means of the products of two monomials.
 
     Args:
-        axes: (3, n) positions in the bounding box, one row an axis.
-        triangles: (m, 3) their corners.
-        shares: (m,) their areas over the whole area.
+        axes: (3, n) scaled positions of the vertices, one row for each axis.
+        triangles: (m, 3) vertex indices.
+        shares: (m,) areas of the triangles over the whole area.
     """
     first, second, third = np.ascontiguousarray(triangles.T)
     monomials = np.ones((len(_QUADRATIC), len(_WEIGHTS) * len(shares)))
@@ -120,20 +120,20 @@ def _products(axes: Array, triangles: IntArray, shares: Array) -> Array:
 
 
 def described(mesh: TriangleMesh) -> Attributes:
-    """The mesh's attributes with the descriptor in ``shape``.
+    """The attributes of a mesh with the descriptor in ``shape``.
 
     Raises:
-        ObjectError: the surface has no area.
+        ObjectError: The surface has no area.
     """
     return replace(mesh.attributes, shape=shape_descriptor(mesh))
 
 
 def shape_distance(a: Array, b: Array) -> float:
-    """How unlike two shapes are: the root of the sum of squared differences of their descriptors [C].
+    """Distance of two shapes: the Euclidean distance of their descriptors [C].
 
     Args:
         a: (28,) descriptor.
-        b: (28,) another one.
+        b: (28,) descriptor.
     """
     length = (LENGTH,)
     difference = frozen_array(a, length, "shape descriptor") - frozen_array(b, length, "shape descriptor")
