@@ -40,10 +40,18 @@ def test_readme_python_runs(tmp_path, monkeypatch, capsys):
     blocks = re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), re.DOTALL)
     assert len(blocks) == 1
     monkeypatch.chdir(tmp_path)
+    shown = list[str]()
+    monkeypatch.setattr("webbrowser.open", shown.append)
     script = tmp_path / "readme.py"
     script.write_text(blocks[0])
     runpy.run_path(str(script))
     assert "plane" in capsys.readouterr().out
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {"plan.json", "plan.png", "plan.html"}
+    assert len(shown) == 1
+
+
+def test_readme_is_short():
+    assert len((ROOT / "README.md").read_text(encoding="utf-8").split()) <= 600
 
 
 @pytest.mark.parametrize(
