@@ -142,10 +142,10 @@ def test_every_kind_of_file_gives_its_points():
         (".pcd", pcd("ascii", b"1 2 3"), "expected 7 points of 4 numbers, found 3"),
         (".pcd", pcd("ascii", b"1 2 three 4"), "should be numbers"),
         (".pcd", pcd("binary", b"\0" * 30), "7 points need 140 bytes, found 30"),
-        (".pcd", pcd("binary_compressed", struct.pack("<II", 3, 140) + b"\xff\xff\xff"), "does not give 7"),
+        (".pcd", pcd("binary_compressed", struct.pack("<II", 3, 140) + b"\xff\xff\xff"), "do not hold 7"),
         (".pcd", pcd("zipped", b""), "known: ascii, binary, binary_compressed"),
         (".pcd", pcd("ascii", b"").replace(b"x y z", b"a b c"), "fields x, y and z"),
-        (".pcd", pcd("ascii", b"").replace(b"SIZE 4", b"SIZE 3"), "header makes no sense"),
+        (".pcd", pcd("ascii", b"").replace(b"SIZE 4", b"SIZE 3"), "header is invalid"),
         (".pcd", pcd("ascii", b"1 2 3 4", count=1, viewpoint="here 0 0"), "VIEWPOINT"),
         (".npy", b"hello", "expected an NPY array"),
         (".xyz", b"0 0 0\n1 2\n", "line 2 should hold x, y and z, found '1 2'"),
@@ -169,7 +169,7 @@ def test_a_file_that_holds_no_points_is_refused(tmp_path, suffix, content, says)
 
 
 def test_an_array_of_words_or_of_two_columns_is_refused():
-    for array, says in ((np.array(["a"]), "something else"), (np.zeros((9, 2)), "this one is 9 × 2")):
+    for array, says in ((np.array(["a"]), "other data"), (np.zeros((9, 2)), "got 9 × 2")):
         buffer = io.BytesIO()
         np.save(buffer, array)
         with pytest.raises(ObjectError, match=says):
@@ -246,9 +246,9 @@ def test_one_view_is_told_from_points_from_all_round(name):
 
 def test_a_camera_that_cannot_have_seen_the_points_is_refused(box):
     mesh, points, camera = box
-    with pytest.raises(InputError, match=r"cannot have seen these points, \d+ % of them stand behind others"):
+    with pytest.raises(InputError, match=r"cannot have seen these points: \d+ % of them are behind others"):
         complete("scan", RawCloud(points=points), camera - np.array([0.0, 0.0, 3.0]))
-    with pytest.raises(InputError, match="cannot have seen these points, it is among them"):
+    with pytest.raises(InputError, match="cannot have seen these points: it is among them"):
         complete("scan", RawCloud(points=points), mesh.cog)
     with pytest.raises(InputError, match="position x,y,z or all"):
         complete("scan", RawCloud(points=points), "left")
@@ -330,12 +330,12 @@ def test_points_from_all_round_become_the_whole_body(name):
 @pytest.mark.parametrize(
     ("points", "says"),
     [
-        (BALL[:50], "needs 100 points at least, found 50"),
+        (BALL[:50], "needs at least 100 points, found 50"),
         (np.tile(BALL[:1], (500, 1)), "found 1 different points"),
         (PLANE, "all points lie on a plane, within 0.8 mm"),
         (PLANE @ np.linalg.qr(R.normal(size=(3, 3)))[0], "all points lie on a plane"),
         (np.outer(np.linspace(0, 0.1, 500), [1, 1, 1]), "all points lie on a plane"),
-        (np.concatenate([BALL, BALL + np.array([0.2, 0, 0])]), r"two separate things, \d+ and \d+ points"),
+        (np.concatenate([BALL, BALL + np.array([0.2, 0, 0])]), r"two separate objects of \d+ and \d+ points"),
         (1000 * BALL, "--unit mm"),
         (np.where(np.arange(900)[:, None] == 3, np.inf, BALL), "1 of 900 points are not finite"),
     ],
@@ -391,7 +391,7 @@ def test_trust_is_what_was_seen():
     assert trusts[2] == 0.0
     said = trust_of(scan, half)
     assert said.contacts_seen == (True, False)
-    assert said.sentence.startswith("1 of 2 contacts are on surface that was seen; 50 % of the surface")
+    assert said.sentence.startswith("1 of 2 contacts are on seen surface; 50 % of the surface")
     assert trust_of(scan, None).contacts_seen == ()
     assert trust_of(replace(scan, seen_share=0.1), every).trust < trust_of(scan, every).trust
 

@@ -1,1 +1,1 @@
-"""Point clouds: from what a depth camera saw of an object to a closed surface, arrays in and arrays out."""
+"""Point clouds: from the points of a depth camera to a closed surface, arrays in and arrays out."""

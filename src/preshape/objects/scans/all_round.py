@@ -1,9 +1,9 @@
-"""A closed surface round points from all sides: normals turned outward, then Poisson's equation on a grid.
+"""A closed surface from points on all sides of an object: outward normals, and Poisson's equation on a grid.
 
-Normals are those of planes through neighbours, turned alike along a tree of nearest neighbours (Hoppe et al.
-1992, Surface reconstruction from unorganized points). The function whose gradient they are comes from a
-Fourier transform (Kazhdan 2005, Reconstruction of solid models from oriented point sets); gaps are closed by
-the smoothest surface.
+Normals are those of planes through neighbours, oriented consistently along a tree of nearest neighbours
+(Hoppe et al. 1992, Surface reconstruction from unorganized points). A Fourier transform gives the function
+whose gradient they are (Kazhdan 2005, Reconstruction of solid models from oriented point sets). The smoothest
+surface closes gaps.
 """
 
 from __future__ import annotations
@@ -15,28 +15,29 @@ from .cleaning import nearest
 from .surface import Grid
 
 NEIGHBOURS = 14
+"""Number of points that a plane is fitted to [C]."""
 BLUR = 1.2
-"""Standard deviation to which normals are blurred on the grid, in cells [C]."""
+"""Standard deviation of the blur of the normals on the grid, in cells [C]."""
 
 
 def outward_normals(points: Array) -> Array:
-    """(n, 3) unit normals of points from all sides of a thing, outward.
+    """(n, 3) outward unit normals of points from all sides of an object.
 
     Args:
-        points: (n, 3) cleaned [m].
+        points: (n, 3) cleaned points [m].
     """
     _, near = nearest(points, min(NEIGHBOURS, len(points)))
     spread = points[near] - points[near].mean(axis=1, keepdims=True)
     normals = np.linalg.svd(spread, full_matrices=False)[2][:, 2]
-    signs = _alike(points, normals, near)
-    turned: Array = normals * signs[:, None]
-    # The divergence theorem: outward normals of a closed surface have the volume's positive flux.
-    flux = float(np.einsum("ij,ij->", turned, points - points.mean(axis=0)))
-    return turned if flux >= 0 else -turned
+    signs = _consistent_signs(points, normals, near)
+    oriented: Array = normals * signs[:, None]
+    # By the divergence theorem the flux of outward normals of a closed surface is positive.
+    flux = float(np.einsum("ij,ij->", oriented, points - points.mean(axis=0)))
+    return oriented if flux >= 0 else -oriented
 
 
-def _alike(points: Array, normals: Array, near: IntArray) -> Array:
-    """(n,) signs with which neighbours' normals agree, spread from the farthest point along a tree."""
+def _consistent_signs(points: Array, normals: Array, near: IntArray) -> Array:
+    """(n,) signs with which the normals of neighbours agree, along a tree from the farthest point."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import breadth_first_order, connected_components, minimum_spanning_tree
 
@@ -44,7 +45,7 @@ def _alike(points: Array, normals: Array, near: IntArray) -> Array:
     rows = np.repeat(np.arange(count), near.shape[1] - 1)
     columns = near[:, 1:].ravel()
     cosine = np.abs(np.einsum("ij,ij->i", normals[rows], normals[columns]))
-    # Flat ways first; the small part keeps equal points linked.
+    # The tree prefers flat regions; the small constant keeps edges of weight zero.
     graph = coo_array((1.0 - cosine + 1e-3, (rows, columns)), shape=(count, count)).tocsr()
     tree = minimum_spanning_tree(graph)
     total, part = connected_components(tree, directed=False)
@@ -62,12 +63,12 @@ def _alike(points: Array, normals: Array, near: IntArray) -> Array:
 
 
 def poisson(points: Array, normals: Array, grid: Grid) -> Array:
-    """Function on a grid's nodes, negative inside and zero where the points are, on average [cells].
+    """A function on the nodes of a grid, negative inside and on average zero at the points [cells].
 
     Args:
-        points: (n, 3) [m], within the grid.
-        normals: (n, 3) outward.
-        grid: with some cells to spare: the transform takes it as repeated.
+        points: (n, 3) points inside the grid [m].
+        normals: (n, 3) outward unit normals.
+        grid: Grid with margins on all sides, because the transform treats it as periodic.
     """
     from scipy.fft import irfftn, rfftn
     from scipy.ndimage import map_coordinates
@@ -86,7 +87,7 @@ def poisson(points: Array, normals: Array, grid: Grid) -> Array:
     square[0, 0, 0] = 1.0
     spectrum = -total / square
     spectrum[0, 0, 0] = 0.0
-    # Its gradient is the inward normals: 1 inside, 0 outside, up to a constant.
+    # The gradient of this function is the inward normals, so it is 1 inside and 0 outside up to a constant.
     inside = irfftn(spectrum, s=grid.shape)
     level = float(np.median(map_coordinates(inside, place.T, order=1, mode="nearest")))
     slope = 1.0 / (np.sqrt(2 * np.pi) * BLUR)
@@ -95,14 +96,14 @@ def poisson(points: Array, normals: Array, grid: Grid) -> Array:
 
 
 def _areas(points: Array) -> Array:
-    """(n,) area that each point stands for [m²]: of the disc to its sixth neighbour, shared by six."""
+    """(n,) area of each point [m²]: that of the disc up to its sixth neighbour, over the points in it."""
     distance, _ = nearest(points, 7)
     found: Array = np.pi * distance[:, 6] ** 2 / 6.5
     return found
 
 
 def _splat(place: Array, weight: Array, shape: tuple[int, int, int]) -> Array:
-    """Weights shared among the eight nodes round each place."""
+    """(shape) weights of points at places [cells], each shared by the eight nodes around it."""
     low = np.floor(place).astype(np.int64)
     part = place - low
     total = np.zeros(shape)

@@ -1,4 +1,4 @@
-"""Points of one object, fit to be made a surface: without stray ones, evenly thinned, in one piece."""
+"""Cleaning of point clouds: no stray points, even density, one connected object."""
 
 from __future__ import annotations
 
@@ -8,62 +8,71 @@ from ...exceptions import ObjectError
 from ...types import Array, IntArray, read_only
 
 LEAST = 100
-"""Points that a cloud must have [C]."""
+"""Least number of points of a cloud [C]."""
 MOST = 200_000
-"""Points that are looked at; more are thinned to every n-th first [C]."""
+"""Number of points above which only every n-th point is used [C]."""
 CELLS = 110
-"""Cells along the cloud's longest side that points are averaged in [C]."""
+"""Cells along the cloud's longest side, in each of which the points are averaged [C]."""
 NEIGHBOURS = 8
+"""Neighbours that decide whether a point is stray [C]."""
 SMOOTHED = 24
-"""Neighbours of the plane that a point is moved to [C]."""
+"""Neighbours that give the plane to which a point is moved [C]."""
 STRAY = 4.0
-"""A point whose neighbours are this many times farther than the median's is stray [C]."""
+"""A point is stray when its neighbours are this many times farther away than the median [C]."""
 GAP, GAP_SPACINGS = 0.15, 8.0
-"""Parts farther apart than both, in the cloud's extent and in spacings, are two things [C]."""
+"""Parts are two objects when they are farther apart than this share of the cloud's extent, and than this
+number of spacings [C]."""
 SHALLOW = 0.25
-"""Gaps along the sight count this much [C]."""
+"""Factor on gaps along the line of sight [C]."""
 CRUMB = 0.05
-"""Parts with a smaller share of the points are left out [C]."""
+"""Parts with a smaller share of the points are dropped [C]."""
 FLAT, FLAT_NOISE = 0.005, 2.5
-"""Points are on a plane if their rms distance to it is under either, in extents or in local roughness [C]."""
+"""Points lie on a plane when their rms distance from it is below this share of the extent, or below this
+multiple of the local roughness [C]."""
 
 
 def cleaned(name: str, points: Array, camera: Array | None = None) -> Array:
-    """Points without stray ones, averaged in cells, of one connected thing.
+    """Clean the points of one object.
+
+    1. Drop points that occur twice, and every n-th point of a large cloud.
+    2. Drop stray points, and average the points of each cell.
+    3. Keep the largest connected part; a second large part is an error.
+    4. Check that the points do not lie on a plane, and smooth them.
 
     Args:
-        name: the file, for messages.
+        name: Name of the file, for messages.
         points: (n, 3) finite positions [m].
-        camera: (3,) where they were seen from [m]; a part in front hides what joins it to the others, so
-            that gaps along the sight count less.
+        camera: (3,) position of the camera [m], or ``None``. A part in front hides the connection to the
+            parts behind it, so gaps along the line of sight count less.
 
     Returns:
         (m, 3) positions [m].
 
     Raises:
-        ObjectError: too few points, two things, or all points on a plane.
+        ObjectError: There are too few points, two objects, or all points lie on a plane.
     """
     check_enough(name, len(points), "points")
-    kept = np.unique(points[:: -(-len(points) // MOST)], axis=0)
-    check_enough(name, len(kept), "different points")
-    kept = _without_strays(kept)
-    kept = _averaged(kept, float(np.ptp(kept, axis=0).max()) / CELLS)
-    kept = _one_thing(name, kept, camera)
-    check_enough(name, len(kept), "points that belong together")
-    _not_on_a_plane(name, kept)
-    return read_only(_smooth(kept))
+    found = np.unique(points[:: -(-len(points) // MOST)], axis=0)
+    check_enough(name, len(found), "different points")
+    found = _without_strays(found)
+    found = _averaged(found, float(np.ptp(found, axis=0).max()) / CELLS)
+    found = _one_object(name, found, camera)
+    check_enough(name, len(found), "points that belong together")
+    _not_on_a_plane(name, found)
+    return read_only(_smooth(found))
 
 
 def nearest(points: Array, count: int, at: Array | None = None) -> tuple[Array, IntArray]:
-    """Distances [m] to and indices of the nearest points, nearest first.
+    """Distances of the nearest points [m] and their indices, nearest first.
 
     Args:
-        points: (n, 3) or (n, 2).
-        count: of neighbours, 2 or more.
-        at: (m, ...) where; ``None`` for the points themselves, each of which is its own first neighbour.
+        points: (n, 3) or (n, 2) points.
+        count: Number of neighbours, 2 or more.
+        at: (m, ...) places at which neighbours are searched; ``None`` for the points themselves, each of
+            which is its own first neighbour.
 
     Returns:
-        (m, count) both.
+        (m, count) distances and (m, count) indices.
     """
     from scipy.spatial import cKDTree
 
@@ -72,32 +81,37 @@ def nearest(points: Array, count: int, at: Array | None = None) -> tuple[Array, 
 
 
 def spacing_of(points: Array) -> float:
-    """Median distance of a point to its fourth neighbour [m]: a cell's edge where points fill a grid."""
+    """Median distance of a point to its fourth neighbour [m]; on a square grid the edge of a cell."""
     return float(np.median(nearest(points, 5)[0][:, 4]))
 
 
 def check_enough(name: str, count: int, what: str) -> None:
     """Refuse fewer points than ``LEAST``.
 
+    Args:
+        name: Name of the file, for messages.
+        count: Number of points.
+        what: Which points they are, for messages.
+
     Raises:
-        ObjectError: saying how many of what were found in the file.
+        ObjectError: There are too few points.
     """
     if count < LEAST:
         raise ObjectError(
-            f"{name}: a point cloud needs {LEAST} points at least, found {count} {what}; "
-            "scan nearer or with more pixels"
+            f"{name}: a point cloud needs at least {LEAST} points, found {count} {what}; "
+            "scan from nearer or with more pixels"
         )
 
 
 def _without_strays(points: Array) -> Array:
     distance, _ = nearest(points, NEIGHBOURS + 1)
     mean = distance[:, 1:].mean(axis=1)
-    kept: Array = points[mean <= STRAY * np.median(mean)]
-    return kept
+    found: Array = points[mean <= STRAY * np.median(mean)]
+    return found
 
 
 def _averaged(points: Array, cell: float) -> Array:
-    """The mean of the points of each cell: thinner, and less noisy."""
+    """The mean of the points in each cell, which thins the cloud and reduces noise."""
     place = np.floor((points - points.min(axis=0)) / cell).astype(np.int64)
     _, label, count = np.unique(place, axis=0, return_inverse=True, return_counts=True)
     sums = [np.bincount(label.ravel(), weights=column) for column in points.T]
@@ -106,7 +120,7 @@ def _averaged(points: Array, cell: float) -> Array:
 
 
 def _smooth(points: Array) -> Array:
-    """Each point moved to the plane through its neighbours, weighted by nearness: noise becomes less."""
+    """Each point moved to a plane through its neighbours, nearer ones weighted more, which reduces noise."""
     away, near = nearest(points, SMOOTHED)
     weight = np.exp(-0.5 * (away / away[:, -1:] * 2.0) ** 2)
     weight /= weight.sum(axis=1, keepdims=True)
@@ -119,35 +133,35 @@ def _smooth(points: Array) -> Array:
     return moved
 
 
-def _one_thing(name: str, points: Array, camera: Array | None) -> Array:
+def _one_object(name: str, points: Array, camera: Array | None) -> Array:
     part = _parts(points if camera is None else _shallow(points, camera))
     sizes = np.bincount(part)
     order = np.argsort(-sizes, kind="stable")
     if len(order) > 1 and sizes[order[1]] >= CRUMB * len(points):
         first, second = (points[part == k] for k in order[:2])
         raise ObjectError(
-            f"{name}: the points are two separate things, {sizes[order[0]]} and {sizes[order[1]]} points "
+            f"{name}: the points are two separate objects of {sizes[order[0]]} and {sizes[order[1]]} points "
             f"after thinning, {_apart(first, second)} apart; cut the cloud down to one object"
         )
     return points[part == order[0]]
 
 
 def _shallow(points: Array, camera: Array) -> Array:
-    """Points with their distances from the camera nearer to the middle one."""
+    """The points with distances from the camera that are compressed towards their median."""
     away = np.linalg.norm(points - camera, axis=1, keepdims=True)
     middle = float(np.median(away))
     return camera + (points - camera) / away * (middle + (away - middle) * SHALLOW)
 
 
 def _parts(points: Array) -> IntArray:
-    """Which connected part each point is of."""
+    """(n,) connected part of each point."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
     from scipy.spatial import cKDTree
 
     extent = float(np.ptp(points, axis=0).max())
     reach = max(GAP * extent, GAP_SPACINGS * spacing_of(points))
-    # Cells of a third of the reach: points are linked through them, where all pairs would be millions.
+    # Points are linked through cells of a third of the reach, because all pairs would be millions.
     cell = reach / 3
     place, label = np.unique(np.floor(points / cell).astype(np.int64), axis=0, return_inverse=True)
     pairs = cKDTree(place.astype(np.float64)).query_pairs(3.5, output_type="ndarray")
@@ -170,5 +184,5 @@ def _not_on_a_plane(name: str, points: Array) -> None:
     if spread[2] < max(FLAT * extent, FLAT_NOISE * rough):
         raise ObjectError(
             f"{name}: all points lie on a plane, within {1000 * spread[2]:.1f} mm: one flat side does not "
-            "tell what is behind it; scan the object from an angle that shows two sides"
+            "show the depth of the object; scan it from an angle that shows two sides"
         )

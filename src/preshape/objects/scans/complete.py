@@ -1,4 +1,4 @@
-"""From points to a closed surface that says which of it was seen."""
+"""A closed surface from a point cloud, with the part of it that was seen."""
 
 from __future__ import annotations
 
@@ -16,21 +16,21 @@ from .surface import SEEN_SPACINGS, Grid, grid_round, seen_triangles, zero_of_va
 from .symmetry import Symmetry, symmetries
 
 NEAR = 8.0
-"""Beyond this many spacings in free space a node is outside for certain [C]."""
+"""A node that lies more than this number of spacings in free space is outside [C]."""
 PER_SPACING, MARGIN = 0.7, 8
-"""Cells of the grid of points from all round, in spacings; and cells to spare on every side [C]."""
+"""For points from all sides: edge of a cell in spacings, and cells of the margin on every side [C]."""
 ALL_ROUND = "all"
-"""What stands for points from all round where a camera is asked for."""
+"""Value of a view for points from all sides."""
 
 
 @value
 class Completed:
-    """A closed surface made from points.
+    """A closed surface from points.
 
     Attributes:
-        vertices: (v, 3) [m], cloud frame.
-        triangles: (t, 3), outward by the right-hand rule.
-        scan: what it was made from.
+        vertices: (v, 3) positions in the frame of the cloud [m].
+        triangles: (t, 3) vertex indices, outward by the right-hand rule.
+        scan: How the object was seen.
     """
 
     vertices: Array
@@ -42,35 +42,35 @@ class Completed:
 
 
 def complete(name: str, cloud: RawCloud, camera: Sequence[float] | Array | str | None = None) -> Completed:
-    """Make a closed surface of points.
+    """Make a closed surface from points.
 
     Args:
-        name: the file, for messages.
-        cloud: points [m], and the camera that the file names.
-        camera: (3,) where they were seen from [m], cloud frame; ``all`` for points from all round; ``None``
-            takes the file's camera, else the origin where it lies outside the points' box and no point
-            hides another from there, else all round.
+        name: Name of the file, for messages.
+        cloud: Points [m], and the camera that the file names.
+        camera: (3,) position of the camera in the frame of the cloud [m], or ``all`` for points from all
+            sides. ``None`` takes the camera of the file; without one, the origin where it lies outside the
+            bounding box and no point hides another from there; otherwise all sides.
 
     Raises:
-        ObjectError: points that make no body: too few, two things, all on a plane.
-        InputError: a camera within the points, or one that cannot have seen them.
+        ObjectError: The points do not make one body: too few points, two objects, or all points on a plane.
+        InputError: The camera is among the points, or cannot have seen them.
     """
     points = cloud.points[np.isfinite(cloud.points).all(axis=1)]
     check_enough(name, len(points), "points")
     place = _camera(name, points, cloud, camera)
-    kept = cleaned(name, points, place)
+    clean = cleaned(name, points, place)
     if place is None:
-        return _from_all_round(name, len(points), kept)
-    return _from_one_side(name, len(points), kept, place)
+        return _from_all_round(name, len(points), clean)
+    return _from_one_side(name, len(points), clean, place)
 
 
 def _camera(
     name: str, points: Array, cloud: RawCloud, asked: Sequence[float] | Array | str | None
 ) -> Array | None:
-    """Where the points were seen from; ``None`` for all round."""
+    """(3,) position of the camera [m]; ``None`` for all sides."""
     if isinstance(asked, str):
         if asked != ALL_ROUND:
-            raise InputError(f"a view is a camera's position x,y,z or {ALL_ROUND}, got {asked!r}")
+            raise InputError(f"a view is the position x,y,z of a camera or {ALL_ROUND}, got {asked!r}")
         return None
     low, high = points.min(axis=0), points.max(axis=0)
     given = cloud.camera if asked is None else frozen_array(asked, (3,), "the camera's position")
@@ -82,10 +82,10 @@ def _camera(
     if given is None:
         return None
     where = ", ".join(f"{number:g}" for number in place)
-    why = f"{100 * share:.0f} % of them stand behind others" if outside else "it is among them"
+    why = f"{100 * share:.0f} % of them are behind others" if outside else "it is among them"
     raise InputError(
-        f"{name}: a camera at {where} m cannot have seen these points, {why}; give its place in the "
-        f"cloud's frame, or --view {ALL_ROUND} for points from all round"
+        f"{name}: a camera at {where} m cannot have seen these points: {why}; give its position in the "
+        f"frame of the cloud, or --view {ALL_ROUND} for points from all sides"
     )
 
 
@@ -95,23 +95,25 @@ def _from_one_side(name: str, count: int, points: Array, camera: Array) -> Compl
     far = np.concatenate([points, *(one.apply(points) for one in found)])
     grid = grid_round(far)
     vertices, triangles = zero_surface(lambda nodes: solid(sight, found, nodes), grid)
-    kinds = {"mirror": "a mirror plane", "turn": "half a turn", "point": "a centre"}
+    kinds = {"mirror": "a mirror plane", "turn": "an axis", "point": "a centre"}
     named = [kinds[kind] for kind in dict.fromkeys(one.kind for one in found)]
     guess = f"guessed by symmetry about {' and '.join(named)}"
     return marked(name, count, points, camera, vertices, triangles, grid, guess)
 
 
 def solid(sight: Sight, found: Sequence[Symmetry], points: Array) -> Array:
-    """(n,) negative within the guessed solid: what is not seen to be free, nor is any of its images [m].
+    """(n,) distance from the guessed solid, negative inside [m].
+
+    A point is inside where neither it nor any of its mirror images is in space that was seen to be free.
 
     Args:
-        sight: what the camera saw.
-        found: symmetries of the solid.
-        points: (n, 3) [m].
+        sight: The view of the camera.
+        found: Symmetries of the solid.
+        points: (n, 3) points [m].
     """
     free = sight.free(points)
     for one in found:
-        # What is free by far stays so, whatever its image is.
+        # Points far in free space are outside, whatever their images.
         near = np.flatnonzero(free < NEAR * sight.spacing)
         free[near] = np.maximum(free[near], sight.free(one.apply(points[near])))
     return free
@@ -135,20 +137,20 @@ def marked(
     grid: Grid,
     guess: str,
 ) -> Completed:
-    """A surface with what of it was seen.
+    """A surface together with the part of it that was seen.
 
     Args:
-        name: the file, for messages.
-        count: points in the file.
-        points: (n, 3) cleaned [m].
-        camera: (3,) [m], or ``None``.
-        vertices: (v, 3) [m].
-        triangles: (t, 3).
-        grid: that the surface was found on.
-        guess: how the rest was guessed.
+        name: Name of the file, for messages.
+        count: Number of points in the file.
+        points: (n, 3) cleaned points [m].
+        camera: (3,) position of the camera [m], or ``None``.
+        vertices: (v, 3) positions [m].
+        triangles: (t, 3) vertex indices.
+        grid: Grid that the surface was computed on.
+        guess: How the rest was guessed.
 
     Raises:
-        ObjectError: no triangle.
+        ObjectError: There is no triangle.
     """
     if not len(triangles):
         raise ObjectError(f"{name}: no closed surface fits these points; scan more of the object")

@@ -1,4 +1,4 @@
-"""Points from PCD, XYZ and NPY files, with a check wherever a damaged file would slip through."""
+"""Point clouds from PCD, XYZ and NPY files, with checks for damaged files."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ _COMMENT = re.compile(r"(?:#|//).*")
 
 
 def read_xyz(name: str, data: bytes) -> RawCloud:
-    """Lines of three numbers or more, between blanks, commas or semicolons; the first three are x, y, z.
+    """Read lines of three or more numbers between blanks, commas or semicolons; the first three are x, y, z.
 
-    Lines of words before the first numbers (a header), and one with the number of points, are passed over.
+    Lines before the first numbers (a header, or the number of points) are skipped.
 
     Raises:
-        ObjectError: binary data, or a line that does not hold three numbers.
+        ObjectError: The content is binary, or a line does not hold three numbers.
     """
     if b"\0" in data:
         raise ObjectError(f"{name}: expected lines of x y z, found binary data; check the suffix")
@@ -50,30 +50,30 @@ def read_xyz(name: str, data: bytes) -> RawCloud:
 
 
 def read_npy(name: str, data: bytes) -> RawCloud:
-    """An array of shape (n, 3 or more) or (h, w, 3 or more); the first three columns are x, y, z.
+    """Read an array of shape (n, 3 or more) or (h, w, 3 or more); the first three columns are x, y, z.
 
     Raises:
-        ObjectError: no NPY file, pickled content, or another shape.
+        ObjectError: The file is no NPY file, holds pickled content, or has another shape.
     """
     try:
         array = np.load(io.BytesIO(data), allow_pickle=False)
     except (ValueError, EOFError, OSError, MemoryError) as error:
         raise ObjectError(
-            f"{name}: expected an NPY array of numbers, this is none ({error!s:.80})"
+            f"{name}: expected an NPY array of numbers, this file holds none ({error!s:.80})"
         ) from error
     if not isinstance(array, np.ndarray) or array.dtype.kind not in "fiu":
-        raise ObjectError(f"{name}: expected an NPY array of numbers, this holds something else")
+        raise ObjectError(f"{name}: expected an NPY array of numbers, this file holds other data")
     if array.ndim not in (2, 3) or array.shape[-1] < 3:
         shape = " × ".join(map(str, array.shape))
-        raise ObjectError(f"{name}: expected points as an array n × 3, this one is {shape or 'one number'}")
+        raise ObjectError(f"{name}: expected points as an array n × 3, got {shape or 'one number'}")
     return _cloud(name, array.reshape(-1, array.shape[-1])[:, :3].astype(np.float64), no_echo=True)
 
 
 def read_pcd(name: str, data: bytes) -> RawCloud:
-    """A PCD file (0.7: ascii, binary or binary_compressed); its VIEWPOINT is the camera unless it is zero.
+    """Read a PCD file (0.7: ascii, binary or binary_compressed); a VIEWPOINT that is not zero is the camera.
 
     Raises:
-        ObjectError: a header that makes no sense, or fewer data than it promises.
+        ObjectError: The header is invalid, or announces more data than the file holds.
     """
     header, body = _header(name, data)
     fields = header.get("FIELDS", [])
@@ -87,10 +87,10 @@ def read_pcd(name: str, data: bytes) -> RawCloud:
         if points < 0 or len(kinds) != len(fields) or len(counts) != len(fields) or min(counts) < 1:
             raise ValueError
     except (KeyError, ValueError, IndexError) as error:
-        raise ObjectError(f"{name}: the PCD header makes no sense; {_SHORT}") from error
+        raise ObjectError(f"{name}: the PCD header is invalid; {_SHORT}") from error
     form = " ".join(header.get("DATA", []))
     if form not in _DATA:
-        raise ObjectError(f"{name}: PCD data of kind {form!r:.30}; known: {', '.join(_DATA)}")
+        raise ObjectError(f"{name}: no PCD data format {form!r:.30}; known: {', '.join(_DATA)}")
     parts = [
         (f"{place}", kind, (count,)) for place, (kind, count) in enumerate(zip(kinds, counts, strict=True))
     ]
@@ -112,10 +112,15 @@ def _cloud(name: str, points: Array, *, no_echo: bool) -> RawCloud:
 
 
 def check_finite(name: str, points: Array, *, no_echo: bool) -> None:
-    """Refuse positions that are not finite; ``no_echo`` allows rows of NaN alone, pixels without an echo.
+    """Refuse positions that are not finite.
+
+    Args:
+        name: Name of the file, for messages.
+        points: (n, 3) positions.
+        no_echo: Whether rows of NaN are allowed, which are pixels without an echo.
 
     Raises:
-        ObjectError: naming the first.
+        ObjectError: A position is not finite; the message names the first one.
     """
     bad = ~np.isfinite(points).all(axis=1)
     if no_echo:
@@ -124,7 +129,7 @@ def check_finite(name: str, points: Array, *, no_echo: bool) -> None:
         first = int(bad.argmax())
         raise ObjectError(
             f"{name}: {bad.sum()} of {len(points)} points are not finite, the first is point {first + 1} at "
-            f"{points[first]}; leave them out"
+            f"{points[first]}; remove them"
         )
 
 
@@ -141,7 +146,7 @@ def _header(name: str, data: bytes) -> tuple[dict[str, list[str]], bytes]:
         if len(found) > 20:
             break
     if "DATA" not in found or "FIELDS" not in found:
-        raise ObjectError(f"{name}: expected a PCD header from VERSION to DATA, this is not a PCD file")
+        raise ObjectError(f"{name}: expected a PCD header from VERSION to DATA; this is not a PCD file")
     return found, data[at:]
 
 
@@ -180,12 +185,12 @@ def _binary_columns(name: str, body: bytes, points: int, kind: np.dtype[Any]) ->
 def _packed_columns(
     name: str, body: bytes, points: int, parts: list[tuple[str, str, tuple[int]]]
 ) -> list[NDArray[Any]]:
-    """Field after field, packed with LZF."""
+    """The columns of compressed data: one field after another, compressed with LZF."""
     packed, size = (int.from_bytes(body[at : at + 4], "little") for at in (0, 4))
     need = points * sum(np.dtype(kind).itemsize * count for _, kind, (count,) in parts)
     plain = _lzf(body[8 : 8 + packed], need) if size == need and len(body) >= 8 + packed else b""
     if len(plain) != need:
-        raise ObjectError(f"{name}: the packed PCD data does not give {points} points; {_SHORT}")
+        raise ObjectError(f"{name}: the compressed PCD data do not hold {points} points; {_SHORT}")
     columns, at = [], 0
     for _, kind, (count,) in parts:
         values = np.frombuffer(plain, dtype=kind, count=points * count, offset=at)
@@ -195,7 +200,11 @@ def _packed_columns(
 
 
 def _lzf(data: bytes, most: int) -> bytes:
-    """Unpack LZF (libLZF's format): runs of plain bytes, and copies of what came before."""
+    """Decompress LZF (libLZF's format): runs of plain bytes, and copies of earlier output.
+
+    Returns:
+        At most a little more than ``most`` bytes; nothing for damaged data.
+    """
     out = bytearray()
     at = 0
     try:
@@ -214,7 +223,7 @@ def _lzf(data: bytes, most: int) -> bytes:
             at += 1
             if start < 0:
                 return b""
-            for k in range(length + 2):  # may run into what it writes
+            for k in range(length + 2):  # a copy may overlap its own output
                 out.append(out[start + k])
     except IndexError:
         return b""

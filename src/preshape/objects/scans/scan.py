@@ -1,4 +1,4 @@
-"""What is known about how an object was seen, beside its surface."""
+"""How an object was seen: the points of a file, and what a surface was made from."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from ...types import Array, BoolArray, freeze, frozen_array, read_only, value
 
 @value
 class RawCloud:
-    """A file's points.
+    """The points of a file.
 
     Attributes:
         points: (n, 3) positions in the file's unit; rows of NaN are pixels without an echo.
-        camera: (3,) where the file says that they were seen from, or ``None``.
+        camera: (3,) position of the camera that the file names, or ``None``.
     """
 
     points: Array
@@ -28,14 +28,14 @@ class RawCloud:
 
 @value
 class Scan:
-    """What a surface was made from.
+    """How the object of a surface was seen.
 
     Attributes:
-        points: how many the file holds.
-        camera: (3,) where they were seen from [m], cloud frame; ``None`` for points from all round.
-        seen: (m,) of each triangle, whether it was seen; the others are guessed.
-        seen_share: of the surface, by area.
-        guess: how the rest was guessed, for people.
+        points: Number of points in the file.
+        camera: (3,) position of the camera in the frame of the cloud [m]; ``None`` for points from all sides.
+        seen: (m,) whether each triangle was seen; the others are guessed.
+        seen_share: Share of the surface that was seen, by area.
+        guess: How the rest was guessed, for display.
     """
 
     points: int
@@ -46,6 +46,6 @@ class Scan:
 
     def __post_init__(self) -> None:
         if not 0.0 <= self.seen_share <= 1.0:
-            raise InputError(f"the share that was seen must lie in 0..1, got {self.seen_share}")
+            raise InputError(f"the seen share of a surface must be in 0..1, got {self.seen_share}")
         camera = None if self.camera is None else frozen_array(self.camera, (3,), "camera position")
         freeze(self, camera=camera, seen=read_only(np.array(self.seen, dtype=bool)))

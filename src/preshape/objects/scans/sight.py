@@ -1,8 +1,9 @@
-"""What a camera saw, as a function of space: free before the surface and beside the outline, unknown behind.
+"""The view of a camera as a function of space: free in front of the surface and beside the outline, else
+unknown.
 
-The points are drawn into an image of the camera's own sight: depth along each ray, and the signed distance
-to the object's outline. A point in space that is nearer than the depth there, or outside the outline, was
-seen to be free (visual hull and depth carving: Curless and Levoy 1996, A volumetric method for building
+The points are projected into an image of the camera, which holds the depth along each ray and the signed
+distance to the object's outline. A point in space was seen to be free where it is nearer than the depth, or
+outside the outline (visual hull and depth carving: Curless and Levoy 1996, A volumetric method for building
 complex models from range images).
 """
 
@@ -15,16 +16,16 @@ from ...types import Array, freeze, frozen_array, value
 from .cleaning import nearest, spacing_of
 
 PIXELS = 200
-"""Pixels of the image along the cloud's longer side [C]."""
+"""Pixels of the image along the longer side of the cloud [C]."""
 HOLE = 2.0
-"""Gaps in the image up to this many spacings wide are surface that the camera missed [C]."""
+"""Gaps in the image up to this number of spacings are surface that the camera missed [C]."""
 RIM = 0.5
-"""The outline runs this many spacings outside the last points: half a pixel, on average [C]."""
+"""Distance of the outline from the outermost points in spacings: half a pixel on average [C]."""
 STEEPEST = 0.2
-"""Least cosine of surface and ray: distances on steeper ones are taken as this [C]."""
+"""Least cosine of the angle between surface normal and ray; smaller ones count as this [C]."""
 HIDDEN, HIDDEN_DEPTH = 0.055, 0.25
-"""Points behind others by more than the second (a part of the cloud's depth) are hidden; more of them than
-the first (a share) mean that no single camera saw them all [C]."""
+"""A point is hidden when it is behind others by more than the second number, a share of the cloud's depth.
+When the share of hidden points exceeds the first number, no single camera has seen all points [C]."""
 
 
 @value
@@ -32,14 +33,14 @@ class Sight:
     """A camera's view of one object.
 
     Attributes:
-        camera: (3,) its position [m].
-        axes: (3, 3) rows: right, down, forward; orthonormal, cloud frame.
-        low: (2,) image coordinates (tangents) of the first pixel's middle.
-        step: tangent of one pixel.
-        depth: (h, w) distance along the forward axis [m].
-        outline: (h, w) distance to the outline in tangents, positive outside.
-        slant: (h, w) cosine between surface and ray.
-        spacing: of the points [m].
+        camera: (3,) position of the camera [m].
+        axes: (3, 3) orthonormal rows right, down, forward in the frame of the cloud.
+        low: (2,) image coordinates (tangents) of the centre of the first pixel.
+        step: Size of a pixel (tangent).
+        depth: (h, w) distance of the surface along the forward axis [m].
+        outline: (h, w) distance from the outline (tangent), positive outside.
+        slant: (h, w) cosine of the angle between surface normal and ray.
+        spacing: Spacing of the points [m].
     """
 
     camera: Array
@@ -68,13 +69,13 @@ class Sight:
         return self.axes[2]
 
     def free(self, points: Array) -> Array:
-        """How far points are in the space that was seen to be free [m]; negative behind the surface.
+        """How far points are inside the space that was seen to be free, negative behind the surface.
 
         Args:
-            points: (n, 3) [m], cloud frame.
+            points: (n, 3) points in the frame of the cloud [m].
 
         Returns:
-            (n,) roughly the distance to the seen surface or to the cone of the outline.
+            (n,) approximate distances to the seen surface or to the cone of the outline [m].
         """
         from scipy.ndimage import map_coordinates
 
@@ -94,11 +95,11 @@ class Sight:
 
 
 def sight_of(points: Array, camera: Array) -> Sight:
-    """The view that a camera had of points.
+    """The view of a camera on points.
 
     Args:
-        points: (n, 3) cleaned [m].
-        camera: (3,) its position [m], outside them.
+        points: (n, 3) cleaned points [m].
+        camera: (3,) position of the camera outside the points [m].
     """
     from scipy.ndimage import distance_transform_edt
 
@@ -131,9 +132,13 @@ def sight_of(points: Array, camera: Array) -> Sight:
 
 
 def hidden_share(points: Array, camera: Array) -> float:
-    """Share of points that stand well behind others, seen from the camera.
+    """Share of points that are hidden behind others from a camera.
 
-    A camera sees no point through another, so a cloud with many such points has another camera, or several.
+    No camera sees hidden points, so a cloud with many of them comes from another camera or from several.
+
+    Args:
+        points: (n, 3) points [m].
+        camera: (3,) position of the camera [m].
     """
     axes = level_axes(points.mean(axis=0) - camera)
     local = (points - camera) @ axes.T
@@ -150,10 +155,11 @@ def hidden_share(points: Array, camera: Array) -> float:
 
 
 def level_axes(forward: Array) -> Array:
-    """Rows right, down, forward of a camera; level with the cloud's z where it does not look along that.
+    """(3, 3) rows right, down, forward of a camera that is level with respect to z, or to y where it looks
+    along z.
 
     Args:
-        forward: (3,) where it looks, of any length.
+        forward: (3,) direction of the view, of any length.
     """
     ahead = forward / np.linalg.norm(forward)
     up = np.array([0.0, 0.0, 1.0]) if abs(ahead[2]) < 0.95 else np.array([0.0, 1.0, 0.0])
@@ -163,23 +169,23 @@ def level_axes(forward: Array) -> Array:
 
 
 def _gap(flat: Array) -> float:
-    """Distance of neighbours in the image where the surface faces the camera [tangent]."""
+    """Distance of neighbours in the image where the surface faces the camera (tangent)."""
     return float(np.quantile(nearest(flat, 5)[0][:, 4], 0.8))
 
 
 def _depth(depths: Array, away: Array, jump: float) -> Array:
-    """(n,) depth of each pixel from its four nearest points; the nearest alone across a step."""
+    """(n,) depth of each pixel from its four nearest points, or from the nearest one at a step of depth."""
     weight = 1.0 / np.maximum(away, 1e-12)
     mean = (weight * depths).sum(axis=1) / weight.sum(axis=1)
     return np.where(np.ptp(depths, axis=1) > jump, depths[:, 0], mean)
 
 
 def _slant(depth: Array, step: float, low: Array) -> Array:
-    """(h, w) cosine between ray and surface, from how depth changes."""
+    """(h, w) cosine of the angle between ray and surface normal, from the gradient of the depth."""
     down, right = np.gradient(depth, step)
     x = low[0] + step * np.arange(depth.shape[1])
     y = low[1] + step * np.arange(depth.shape[0])[:, None]
-    # Surface point D (x, y, 1); its normal is (-Dx, -Dy, D + x Dx + y Dy) up to length.
+    # The surface point D (x, y, 1) has the normal (-Dx, -Dy, D + x Dx + y Dy), up to its length.
     along = depth + x * right + y * down
     length = np.sqrt(right**2 + down**2 + along**2)
     return np.clip(depth / np.maximum(length, 1e-12), STEEPEST, 1.0)

@@ -1,4 +1,4 @@
-"""A closed surface from a function on a grid, and which of it was seen."""
+"""A closed surface from a function on a grid, and the triangles of it that were seen."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ CELLS = 72
 SMOOTH = 0.7
 """Standard deviation of the smoothing of the function, in cells [C]."""
 SEEN_SPACINGS = 1.5
-"""A triangle was seen if its middle is within this many spacings (of points or grid) of a point [C]."""
+"""A triangle was seen when its centre is within this many spacings (of points or grid) of a point [C]."""
 
 
 @value
 class Grid:
-    """Nodes of a grid of cubes.
+    """The nodes of a grid of cubes.
 
     Attributes:
-        origin: (3,) the first node [m].
-        spacing: edge of a cell [m].
-        shape: nodes along each axis.
+        origin: (3,) position of the first node [m].
+        spacing: Edge of a cell [m].
+        shape: Number of nodes along each axis.
     """
 
     origin: Array
@@ -36,18 +36,18 @@ class Grid:
 
     @property
     def nodes(self) -> Array:
-        """(n, 3) all nodes, the last axis fastest [m]."""
+        """(n, 3) positions of all nodes, the last axis fastest [m]."""
         steps = np.stack(np.meshgrid(*map(np.arange, self.shape), indexing="ij"), axis=-1)
         return self.origin + self.spacing * steps.reshape(-1, 3).astype(np.float64)
 
 
 def grid_round(points: Array, *, cells: int = CELLS, margin: int = 3) -> Grid:
-    """A grid round points, with some cells to spare.
+    """A grid around points, with a margin.
 
     Args:
-        points: (n, 3) [m].
-        cells: nodes along the longest side.
-        margin: cells on every side.
+        points: (n, 3) points [m].
+        cells: Nodes along the longest side.
+        margin: Cells of the margin on every side.
     """
     low, high = points.min(axis=0), points.max(axis=0)
     spacing = float((high - low).max()) / (cells - 1 - 2 * margin)
@@ -60,26 +60,26 @@ def grid_round(points: Array, *, cells: int = CELLS, margin: int = 3) -> Grid:
 
 
 def zero_surface(function: Callable[[Array], Array], grid: Grid) -> tuple[Array, IntArray]:
-    """Where a function is zero, as triangles outward by the right-hand rule; the largest part of it.
+    """The zero surface of a function as triangles, outward by the right-hand rule; its largest part only.
 
     Args:
-        function: (n, 3) points to (n,) values, negative inside.
-        grid: where it is looked at.
+        function: Maps (n, 3) points to (n,) values, negative inside.
+        grid: Grid on which the function is evaluated.
 
     Returns:
-        (v, 3) vertices [m] and (t, 3) triangles; none where the function has no zero.
+        (v, 3) vertices [m] and (t, 3) triangles, both empty where the function has no zero.
     """
     return zero_of_values(function(grid.nodes).reshape(grid.shape), grid)
 
 
 def zero_of_values(values: Array, grid: Grid) -> tuple[Array, IntArray]:
-    """As :func:`zero_surface`, from the function's values at the nodes."""
+    """:func:`zero_surface` from the values of the function at the nodes."""
     from scipy.ndimage import gaussian_filter, label
     from skimage.measure import marching_cubes
 
     near = 4 * grid.spacing
     smooth = gaussian_filter(np.clip(values, -near, near), SMOOTH)
-    # The rim is outside: what reaches it is closed there.
+    # The rim of the grid is outside, so that a body that reaches it is closed there.
     for axis in range(3):
         for side in (0, -1):
             rim = np.moveaxis(smooth, axis, 0)[side]
@@ -96,13 +96,13 @@ def zero_of_values(values: Array, grid: Grid) -> tuple[Array, IntArray]:
 
 
 def seen_triangles(vertices: Array, triangles: IntArray, points: Array, reach: float) -> BoolArray:
-    """(t,) which triangles have a point of the cloud within reach of their middle.
+    """(t,) whether a point of the cloud is within reach of the centre of each triangle.
 
     Args:
-        vertices: (v, 3) [m].
-        triangles: (t, 3).
-        points: (n, 3) what was seen [m].
-        reach: [m].
+        vertices: (v, 3) positions [m].
+        triangles: (t, 3) vertex indices.
+        points: (n, 3) points of the cloud [m].
+        reach: Largest distance [m].
     """
     away, _ = nearest(points, 2, vertices[triangles].mean(axis=1))
     seen: BoolArray = away[:, 0] <= reach

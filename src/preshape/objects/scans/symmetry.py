@@ -1,10 +1,15 @@
-"""The unseen side of what was seen from one side: guessed from symmetry.
+"""The unseen side of an object that was seen from one side, guessed by symmetry.
 
-Most things that a hand holds are symmetric about a plane, an axis or a point. Each candidate maps the points
-that were seen to where they would be on the far side; a right one never maps a point to where the camera saw
-free space (Thrun and Wegbreit 2005, Shape from symmetry; Bohg et al. 2011, Mind the gap - robotic grasping
-under incomplete observation). Of those that are right, one that maps seen points on seen points is better,
-and so is one that does not make the thing much deeper than it is wide.
+Most objects that a hand holds are symmetric about a plane, an axis or a point. A candidate symmetry maps the
+seen points to the far side. A valid one never maps a point into space that the camera saw to be free (Thrun
+and Wegbreit 2005, Shape from symmetry; Bohg et al. 2011, Mind the gap - robotic grasping under incomplete
+observation). Among the valid ones a candidate is better when it maps seen points on seen points, and when the
+object does not become much deeper than it is wide. The search has these steps:
+
+1. draw reflections, half turns and the point reflection as linear parts (:func:`_linear_parts`);
+2. for each, try positions of its centre along the line of sight, and take the cheapest (:func:`_best_along`);
+3. of each kind keep the cheapest ones with different directions, and refine them (:func:`_refined`);
+4. keep all candidates that contradict the view hardly more than the least contradicting one.
 """
 
 from __future__ import annotations
@@ -16,37 +21,40 @@ from ...types import Array, freeze, frozen_array, value
 from .sight import Sight
 
 SAMPLES = 500
+"""Number of points that a candidate maps [C]."""
 DEPTHS = 28
-"""Positions of the symmetry's middle that are tried along the sight [C]."""
+"""Number of positions of the centre that are tried along the line of sight [C]."""
 DEEPEST = 0.9
-"""Farthest middle behind the nearest point, in widths [C]."""
+"""Farthest centre behind the nearest point, in widths [C]."""
 TOLERANCE = 0.015
-"""A mapped point is on the surface, and not in free space, within this part of the extent [C]."""
+"""A mapped point within this share of the extent from the surface is on it, and not in free space [C]."""
 CONTRADICTION, EVIDENCE, DEPTH = 30.0, 1.0, 0.3
-"""Weights of the three parts of the cost [C], measured by ``preshape bench clouds``."""
+"""Weights of the three parts of the cost, measured by ``preshape bench clouds`` [C]."""
 CAP = 0.06
+"""Depth in free space at which a point contradicts fully, as a share of the extent [C]."""
 FEWEST_FACING = 0.35
-"""Least cosine of a mirror's normal to the sight: one seen edge-on would not show the far side [C]."""
+"""Least cosine of the angle between a mirror's normal and the line of sight; a mirror seen edge-on would not
+show the far side [C]."""
 EACH = {"mirror": 2, "turn": 1, "point": 1}
-"""How many of each kind are used at most: together they leave less of the far side than one alone [C]."""
+"""Largest number of symmetries of each kind; several together cut off more of the far side than one [C]."""
 APART = 0.6
-"""Symmetries of one kind are different where their axes are farther apart than this [rad] [C]."""
+"""Symmetries of one kind are different when the angle between their axes exceeds this [rad] [C]."""
 ALLOWED = 0.03
-"""Contradiction above the least one's that is still allowed [C]."""
+"""Contradiction above the least one that is accepted [C]."""
 KINDS = ("mirror", "turn", "point")
 
 
 @value
 class Symmetry:
-    """A motion of space that maps the object on itself.
+    """An isometry that maps the object on itself.
 
     Attributes:
         kind: ``mirror`` (about a plane), ``turn`` (half a turn about an axis) or ``point``.
-        linear: (3, 3) orthogonal.
-        middle: (3,) a point that stays where it is [m].
-        cost: what was least.
-        evidence: share of the seen points that it maps on seen points.
-        contradiction: mean depth of mapped points in free space, 0 to 1.
+        linear: (3, 3) orthogonal matrix.
+        middle: (3,) fixed point [m].
+        cost: Cost that the search minimises.
+        evidence: Share of the seen points that are mapped on seen points.
+        contradiction: Mean depth of the mapped points in free space, from 0 to 1.
     """
 
     kind: str
@@ -64,23 +72,20 @@ class Symmetry:
         )
 
     def apply(self, points: Array) -> Array:
-        """(n, 3) where points are mapped to [m]."""
+        """(n, 3) images of points [m]."""
         return (points - self.middle) @ self.linear.T + self.middle
 
 
 def symmetries(
     sight: Sight, points: Array, *, kinds: tuple[str, ...] = KINDS, seed: int = 0
 ) -> tuple[Symmetry, ...]:
-    """Symmetries that what was seen allows, the likeliest first.
-
-    Of each kind the best, and others of that kind that are at another direction; of all of them those that
-    contradict what was seen hardly more than the least contradicting one.
+    """The symmetries that the view permits, the likeliest first.
 
     Args:
-        sight: what the camera saw.
-        points: (n, 3) its points, cleaned [m].
-        kinds: which kinds are tried.
-        seed: of the choice of points that are mapped.
+        sight: The view of the camera.
+        points: (n, 3) its cleaned points [m].
+        kinds: Kinds of symmetry that are tried.
+        seed: Seed of the points that are mapped and of the refinement.
     """
     rng = np.random.default_rng(seed)
     chosen = points[rng.permutation(len(points))[:SAMPLES]]
@@ -91,20 +96,20 @@ def symmetries(
     found: list[Symmetry] = []
     for kind in kinds:
         parts = _linear_parts(kind, sight, points)
-        tried = [_best_along(kind, linear, middles, sight, chosen, size, width) for linear in parts]
-        kept: list[Symmetry] = []
-        for one in sorted(tried, key=lambda s: s.cost):
-            if len(kept) < EACH[kind] and all(_differ(one.linear, other.linear) for other in kept):
-                kept.append(one)
-        found += [_refined(one, sight, chosen, size, width, rng) for one in kept]
-    least = min(one.contradiction for one in found)
-    allowed = [one for one in found if one.contradiction <= least + ALLOWED]
+        candidates = [_best_along(kind, linear, middles, sight, chosen, size, width) for linear in parts]
+        best: list[Symmetry] = []
+        for candidate in sorted(candidates, key=lambda s: s.cost):
+            if len(best) < EACH[kind] and all(_differ(candidate.linear, other.linear) for other in best):
+                best.append(candidate)
+        found += [_refined(candidate, sight, chosen, size, width, rng) for candidate in best]
+    least = min(symmetry.contradiction for symmetry in found)
+    allowed = [symmetry for symmetry in found if symmetry.contradiction <= least + ALLOWED]
     return tuple(sorted(allowed, key=lambda s: s.cost))
 
 
 def _differ(first: Array, second: Array) -> bool:
-    """Whether two reflections or half turns have axes more than ``APART`` from each other."""
-    # tr(R1 R2') = 4 cos² - 1, of the angle between normals or axes.
+    """Whether the angle between the axes of two reflections or half turns exceeds ``APART``."""
+    # tr(R1 R2ᵀ) = 4 cos² - 1, of the angle between normals or axes.
     cosine = np.sqrt(max(0.0, (float(np.trace(first @ second.T)) + 1) / 4))
     return bool(cosine < np.cos(APART))
 
@@ -119,7 +124,7 @@ def _best_along(
 def _cheapest(
     kind: str, linear: Array, middles: Array, mapped: Array, sight: Sight, size: float, width: float
 ) -> Symmetry:
-    """The best of several, from where each maps the points: (k, n, 3)."""
+    """The cheapest of k candidates, from the images (k, n, 3) of the points under each."""
     free = sight.free(mapped.reshape(-1, 3)).reshape(mapped.shape[:2]) / size
     tolerance = max(TOLERANCE, sight.spacing / size)
     bad = np.clip(free - tolerance, 0.0, CAP).mean(axis=1) / CAP
@@ -149,7 +154,7 @@ def _front(sight: Sight) -> float:
 def _refined(
     best: Symmetry, sight: Sight, points: Array, size: float, width: float, rng: np.random.Generator
 ) -> Symmetry:
-    """Small turns and shifts of the best, three times smaller each time."""
+    """The cheapest of random small rotations and shifts of a candidate, in three rounds of halved size."""
     for scale in (1.0, 0.5, 0.25):
         turns = np.concatenate([np.zeros((1, 3)), scale * rng.normal(0, 0.12, (39, 3))])
         shifts = np.concatenate([np.zeros((1, 3)), scale * width * rng.normal(0, 0.04, (39, 3))])
@@ -162,12 +167,10 @@ def _refined(
 
 
 def outline_width(sight: Sight, points: Array) -> tuple[float, Array]:
-    """Width of the outline across its longer side [m], and its middle (tangents).
-
-    The narrowest box round the outline has the width as its shorter side.
+    """Shorter side of the smallest box around the outline [m], and its centre (tangents).
 
     Args:
-        sight: what the camera saw.
+        sight: The view of the camera.
         points: (n, 3) its points [m].
     """
     inside = np.argwhere(sight.outline < 0)[:, ::-1] * sight.step + sight.low
@@ -184,13 +187,14 @@ def outline_width(sight: Sight, points: Array) -> tuple[float, Array]:
 
 
 def _linear_parts(kind: str, sight: Sight, points: Array) -> list[Array]:
+    """Linear parts to try: about the line of sight, axes, principal axes and evenly spread directions."""
     if kind == "point":
         return [-np.eye(3)]
     ahead = sight.forward
     main = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)[2]
     level = ahead * np.array([1.0, 1.0, 0.0])
     own = [ahead, level, *np.eye(3), *main]
-    directions = [d / np.linalg.norm(d) for d in own if np.linalg.norm(d) > 0.2] + list(_round(24))
+    directions = [d / np.linalg.norm(d) for d in own if np.linalg.norm(d) > 0.2] + list(_half_sphere(24))
     if kind == "mirror":
         facing = [n for n in directions if abs(n @ ahead) > FEWEST_FACING]
         return [np.eye(3) - 2 * np.outer(n, n) for n in facing]
@@ -198,7 +202,7 @@ def _linear_parts(kind: str, sight: Sight, points: Array) -> list[Array]:
     return [2 * np.outer(a, a) - np.eye(3) for a in crossing]
 
 
-def _round(count: int) -> Array:
+def _half_sphere(count: int) -> Array:
     """(count, 3) directions spread over a half-sphere (Fibonacci)."""
     k = np.arange(count) + 0.5
     z = k / count

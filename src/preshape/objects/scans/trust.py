@@ -1,4 +1,4 @@
-"""How much an answer on a guessed surface can be trusted: it is as good as what its contacts rest on."""
+"""How far an answer on a partly guessed surface can be trusted: by the surface under its contacts."""
 
 from __future__ import annotations
 
@@ -8,21 +8,21 @@ from ...types import IntArray, value
 from .scan import Scan
 
 UNSEEN = 0.5
-"""What a contact on guessed surface is worth, where one on seen surface is worth 1 [C]."""
+"""Weight of a contact on guessed surface, where one on seen surface has 1 [C]."""
 HALF = 0.45
-"""Share of the surface that one good view shows: more than this adds no trust [C]."""
+"""Share of the surface that one good view shows; a larger share adds no trust [C]."""
 
 
 @value
 class Trust:
-    """How much of an answer was seen.
+    """How far an answer can be trusted.
 
     Attributes:
-        points: of the cloud.
-        seen_share: of the surface, by area.
-        contacts_seen: of each contact, whether the surface was seen there; empty without an answer.
-        trust: 0 (guessed) to 1 (seen).
-        sentence: the same for people.
+        points: Number of points of the cloud.
+        seen_share: Share of the surface that was seen, by area.
+        contacts_seen: Whether each contact is on seen surface; empty without an answer.
+        trust: From 0 (guessed) to 1 (seen).
+        sentence: The same as a sentence.
     """
 
     points: int
@@ -33,25 +33,25 @@ class Trust:
 
 
 def worth(scan: Scan, triangles: IntArray) -> float:
-    """What contacts are worth by what was seen: 1 for all seen, ``UNSEEN`` for none.
+    """Weight of a set of contacts: from ``UNSEEN`` where none is on seen surface to 1 where all are.
 
     Args:
-        scan: how the surface was seen.
-        triangles: (n,) the triangle under each contact.
+        scan: How the object was seen.
+        triangles: (n,) triangle under each contact.
     """
     return float(UNSEEN + (1.0 - UNSEEN) * scan.seen[triangles].mean())
 
 
 def trust_of(scan: Scan, triangles: IntArray | None) -> Trust:
-    """How much an answer can be trusted.
+    """How far an answer can be trusted.
 
     Args:
-        scan: how the surface was seen.
-        triangles: (n,) the triangle under each contact; ``None`` without an answer.
+        scan: How the object was seen.
+        triangles: (n,) triangle under each contact; ``None`` without an answer.
     """
     whole = min(1.0, scan.seen_share / HALF)
     percent = round(100 * scan.seen_share)
-    rest = f"the rest is {scan.guess}" if percent < 100 else "all round"
+    rest = f"the rest is {scan.guess}" if percent < 100 else "on all sides"
     surface = f"{percent} % of the surface was seen, {rest}"
     if triangles is None:
         return Trust(
@@ -68,5 +68,5 @@ def trust_of(scan: Scan, triangles: IntArray | None) -> Trust:
         seen_share=scan.seen_share,
         contacts_seen=seen,
         trust=trust,
-        sentence=f"{sum(seen)} of {len(seen)} contacts are on surface that was seen; {surface}",
+        sentence=f"{sum(seen)} of {len(seen)} contacts are on seen surface; {surface}",
     )
