@@ -61,11 +61,10 @@ def lesson(once: Callable[[str, Callable[[Path], object]], Path]) -> Callable[[s
     It is what a controller makes of an empty memory; ``test_plan_closure`` begins with an empty one.
     """
     from preshape.closure.settings import ClosureSettings
-    from preshape.planning.session import closure_controller
     from preshape.hands import load_hand
     from preshape.hiis.decision import Settings
     from preshape.memory import Memory
-    from preshape.planning.session import layout_of
+    from preshape.planning.session import closure_controller
     from preshape.tasks import parse_task
 
     def taught(name: str) -> Path:

@@ -122,6 +122,7 @@ def timeless(document: dict) -> dict:
     """A plan without what may differ from run to run."""
     return {
         **{key: content for key, content in document.items() if key != "seconds"},
+        "request": {key: content for key, content in document["request"].items() if key != "memory"},
         "alternatives": [timeless(other) for other in document["alternatives"]],
     }
 
@@ -288,10 +289,7 @@ def test_the_same_seed_gives_the_same_result(run_json, tmp_path):
     for number in range(2):
         memory = tmp_path / f"{number}.sqlite"  # trained from nothing, with this seed
         arguments = ("--task", "lift", "--seed", "7", "--count", "2", "--memory", memory)
-        made = [timeless(run_json("plan", name, *arguments)[1]) for name in ("mug", "cube")]
-        for document in (one for plan in made for one in (plan, *plan["alternatives"])):
-            assert document["request"].pop("memory") == str(memory)
-        results.append(made)
+        results.append([timeless(run_json("plan", name, *arguments)[1]) for name in ("mug", "cube")])
     assert results[0] == results[1]
 
 

@@ -11,7 +11,6 @@ import pytest
 
 from preshape.closure.analyser import ClosureAnalyser, GripExploration
 from preshape.closure.settings import ClosureSettings
-from preshape.planning.session import closure_controller
 from preshape.hands import load_hand
 from preshape.hiis.analyser import Aim, Grasp, Grip
 from preshape.hiis.controller import Controller
@@ -19,7 +18,7 @@ from preshape.hiis.decision import Settings
 from preshape.hiis.learning import training_set
 from preshape.memory import Memory
 from preshape.objects.library import load_library_object
-from preshape.planning.session import layout_of
+from preshape.planning.session import closure_controller, layout_of
 from preshape.tasks import parse_task
 
 HAND, TASK = load_hand("allegro"), parse_task("lift")

@@ -21,9 +21,8 @@ from preshape.objects.load import load_object
 from preshape.physics import pool
 from preshape.physics.grasps import STAGES, GraspSet, read_grasps, write_grasps
 from preshape.physics.hand import PhysicsHand, hand_from_mjcf
-from preshape.physics.hold.runner import perturbed
 from preshape.physics.hold.report import result_from_json, result_to_json
-from preshape.physics.hold.runner import run_holds
+from preshape.physics.hold.runner import perturbed, run_holds
 from preshape.physics.hold.six_directions import HoldStatus
 from preshape.physics.measures import diversity
 from preshape.physics.pieces import ConvexPieces
