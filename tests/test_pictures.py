@@ -66,9 +66,16 @@ def test_every_picture_is_small_enough_for_a_page(path: Path, make_pictures) -> 
     assert path.stat().st_size <= make_pictures.LARGEST
 
 
-def test_every_picture_that_the_readme_shows_is_there_and_told_in_words() -> None:
-    shown = re.findall(r"!\[([^\]]*)\]\(([^)]+)\)", (ROOT / "README.md").read_text(encoding="utf-8"))
-    assert len(shown) >= 5
-    for words, target in shown:
-        assert (ROOT / target).is_file(), target
-        assert len(words.split()) >= 3
+DOCUMENTS = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+
+
+def test_every_picture_that_a_document_shows_is_there_and_told_in_words() -> None:
+    shown = set()
+    for document in DOCUMENTS:
+        found = re.findall(r"!\[([^\]]*)\]\(([^)]+)\)", document.read_text(encoding="utf-8"))
+        assert found or document.name != "README.md"
+        for words, target in found:
+            assert (document.parent / target).is_file(), f"{document.name} shows {target}"
+            assert len(words.split()) >= 3
+            shown.add((document.parent / target).resolve())
+    assert shown == {path.resolve() for path in (ROOT / "docs" / "pictures").glob("*.png")}
