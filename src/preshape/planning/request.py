@@ -35,6 +35,10 @@ SCHEMA = 2
 ANALYSERS = ("rays", "closure")
 RAY_HAND = "utah_mit"
 """The paper's hand, whose default analyser is the paper's; every other hand's is closure."""
+VERIFIED = 6
+"""Answers that are tried in physics; with a larger ``count`` all of these."""
+ON_CLOUDS = 8
+"""Answers worked out on a point cloud, from which one with contacts on seen surface is chosen."""
 AUTO = "auto"
 """A table at the object's lowest point."""
 _SEARCH = (
@@ -111,9 +115,7 @@ class PlanRequest:
         if isinstance(self.source, TriangleMesh) and (self.unit != "m" or self.scale != 1.0):
             raise InputError("a TriangleMesh is in metres at its final size: unit and scale are for files")
         if isinstance(self.count, bool) or not isinstance(self.count, int) or self.count < 1:
-            raise InputError(
-                f"count, the number of answers, must be at least 1, got {self.count!r}"
-            )
+            raise InputError(f"count, the number of answers, must be at least 1, got {self.count!r}")
         if self.analyser == "rays":
             self._refuse_what_rays_ignore()
 
@@ -198,6 +200,11 @@ class PlanRequest:
             parts.append(f"load {self.stated_mass:.2g} kg")
         return "; ".join(parts)
 
+    def wanted(self, mesh: TriangleMesh) -> int:
+        """Number of answers that are worked out; physics, or what was seen of a cloud, chooses among them."""
+        chosen_from = [self.count, VERIFIED if self.verify else 0, ON_CLOUDS if mesh.scan is not None else 0]
+        return max(chosen_from)
+
     def closure(self, mesh: TriangleMesh, mass: float) -> ClosureSettings:
         """The settings of the closure analyser for this request.
 
@@ -205,12 +212,13 @@ class PlanRequest:
             mesh: The object.
             mass: The mass that is planned with [kg].
         """
+        wanted = self.wanted(mesh)
         return replace(
             self.search,
             friction=self.stated_friction,
             mass=mass,
             obstacles=self.obstacles(mesh),
-            finished=max(self.search.finished, self.count + self.count // 2 + 2),
+            finished=max(self.search.finished, wanted + wanted // 2 + 2),
         )
 
     def to_json(self) -> dict[str, Any]:

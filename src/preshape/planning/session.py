@@ -33,15 +33,13 @@ from .answers import Answer, seen_first
 from .hand_simulation import execute, hand_geometry
 from .plan import Plan
 from .request import PlanRequest
-from .verify import VERIFIED, verified_plan
+from .verify import verified_plan
 
 if TYPE_CHECKING:
     from ..closure.analyser import ClosureAnalyser
 
 CLOSURE_SUFFIX = "+closure"
 """Lessons of a hand closed for real are kept apart from what rays have found for the same hand."""
-ON_CLOUDS = 8
-"""Answers worked out on a point cloud, from which one with contacts on seen surface is chosen."""
 
 Progress = Callable[[str, float], None]
 """Called with what is being done and its share of the whole in percent."""
@@ -133,10 +131,10 @@ class Session:
         warnings += out_of_reach(request, mesh, hand)
         loaded = time.perf_counter()
         self._tell("opening the memory; a hand's first time includes the lesson with the cube", 12)
-        key = _element_key(request, hand, mass)
+        key = _element_key(request, hand, mesh, mass)
         controller = self._controller_of(request, hand, mesh, mass, key)
-        if self._element is None or self._element[0] != (*key, id(mesh), id(controller)):
-            self._element = (*key, id(mesh), id(controller)), controller.prepare(mesh)
+        if self._element is None or self._element[0] != (*key, mesh, controller):
+            self._element = (*key, mesh, controller), controller.prepare(mesh)
         return Prepared(
             request=request,
             hand=hand,
@@ -161,9 +159,7 @@ class Session:
             Cancelled: ``cancel`` was set.
         """
         ready = self.prepare(request)
-        wanted = max(request.count, VERIFIED) if request.verify else request.count
-        if ready.mesh.scan is not None:
-            wanted = max(wanted, ON_CLOUDS)
+        wanted = request.wanted(ready.mesh)
         started = time.perf_counter()
         self._tell("modes 0 to 3: looking for grasps that serve the task", 35)
         decision = ready.controller.run(
@@ -426,7 +422,7 @@ def _file_key(request: PlanRequest) -> tuple[Any, ...]:
     return str(request.source), request.unit, request.scale, view, written
 
 
-def _element_key(request: PlanRequest, hand: Hand, mass: ObjectMass) -> tuple[Any, ...]:
+def _element_key(request: PlanRequest, hand: Hand, mesh: TriangleMesh, mass: ObjectMass) -> tuple[Any, ...]:
     """What controller and analyser depend on, besides the object."""
     document = request.to_json()
     names = (
@@ -440,6 +436,6 @@ def _element_key(request: PlanRequest, hand: Hand, mass: ObjectMass) -> tuple[An
         "sets",
         "coefficients",
     )
-    wanted = request.count if request.analyser == "closure" else 0
+    wanted = request.wanted(mesh) if request.analyser == "closure" else 0
     parts = [repr(document[name]) for name in (*names, "search")]
-    return (id(hand), mass.kg, wanted, *parts)
+    return (hand, mass.kg, wanted, *parts)

@@ -19,9 +19,7 @@ from .answers import Verified, answers_of
 from .grasp_sets import palm_grasps, poses_of
 from .hand_simulation import HandResult
 from .plan import Plan
-
-VERIFIED = 6
-"""Answers that are tried in physics; with a larger ``count`` all of these."""
+from .request import VERIFIED
 
 
 def verified_plan(plan: Plan, *, keep: int) -> tuple[Plan, list[tuple[Grasp, bool]]]:

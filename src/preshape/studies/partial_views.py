@@ -41,7 +41,7 @@ from ..planner import plan
 from ..planning.answers import Answer, scan_trust
 from ..planning.plan import Plan
 from ..planning.planner_bench import Case, Planned, grasps_of
-from ..planning.session import ON_CLOUDS
+from ..planning.request import ON_CLOUDS
 from ..types import FIELD_MASS, Array, value
 
 Progress = Callable[[int, int, str], None]
