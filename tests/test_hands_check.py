@@ -137,7 +137,7 @@ def test_an_mjcf_with_meshes_degrees_fixed_joints_and_a_root(tmp_path):
         "</body></body></worldbody></mujoco>"
     )
     (tmp_path / "m.xml").write_text(mjcf, encoding="utf-8")
-    head = TOML[: TOML.index("# The thumb first")]
+    head = TOML[: TOML.index("[[finger]]")]
     toml = swap(
         head,
         ('model = "trident.urdf"', 'model = "m.xml"\nroot = "hand"\ncouplings = [["ia", "ib"]]'),
@@ -355,7 +355,7 @@ def test_mjcf_faults_that_mujoco_would_refuse_are_named(what, tmp_path):
         f'pos="0 0 -.02"/>{text}</body></worldbody></mujoco>'
     )
     (tmp_path / "m.xml").write_text(mjcf, encoding="utf-8")
-    head = TOML[: TOML.index("# The thumb first")].replace("trident.urdf", "m.xml")
+    head = TOML[: TOML.index("[[finger]]")].replace("trident.urdf", "m.xml")
     for f, name in (("t", "thumb"), ("i", "index")):
         head += (
             f'[[finger]]\nname = "{name}"\njoints = ["{f}a"]\ntip_body = "{f}1"\ntip_pos = [0, 0, 0.05]\n'
