@@ -1,1 +1,1 @@
-"""Objects: meshes, readers, and the built-in library (environment sensing element, §3.2)."""
+"""Objects: meshes from files, point clouds and the built-in library (§2.1)."""

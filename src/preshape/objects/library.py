@@ -1,8 +1,8 @@
-"""The built-in objects: everyday things at the size of a small robot hand, made by our own generator.
+"""The built-in objects: everyday objects in the size of a small robot hand, made by a generator of our own.
 
-Every one is a single watertight surface, outward by the right-hand rule, centred on its bounding box, no
-extent over 0.172 m = 4U of the ``utah_mit`` hand (§2.1). Upright things have up = +z. Nothing is built
-before it is asked for.
+Each one is a single watertight surface, outward by the right-hand rule and centred on its bounding box, with
+no extent over 0.172 m = 4U of the ``utah_mit`` hand (§2.1). The up direction of upright objects is +z. An
+object is built when it is first needed.
 
 >>> entry("mug").tasks[:2]
 ('lift', 'pour')
@@ -28,19 +28,19 @@ TASK_FAMILIES = (
     "lift", "push", "pull", "pour", "turn", "screw", "unscrew", "strike",
     "insert", "twist", "lever", "hand_over", "press", "slide", "shake",
 )  # fmt: skip
-"""Names of the task families that a library object may offer."""
+"""Names of the task families that library objects offer."""
 
 
 @value
 class LibraryObject:
-    """One built-in object.
+    """A built-in object.
 
     Attributes:
-        name: snake_case.
-        description: one line, for people.
-        mass: of a real thing of this size [kg].
-        tasks: the task families that make sense for it, the most natural first.
-        build: makes the (n, 3) vertices [m] and (m, 3) outward triangles, the same ones every time.
+        name: Name in snake_case.
+        description: One line for display.
+        mass: Mass of a real object of this kind and size [kg].
+        tasks: Task families that suit it, the most natural one first.
+        build: Makes the (n, 3) vertices [m] and (m, 3) outward triangles, always the same.
     """
 
     name: str
@@ -51,7 +51,7 @@ class LibraryObject:
 
 
 def _object(shape: Callable[[], Solid], mass: float, tasks: str, description: str) -> LibraryObject:
-    """An entry named after the function that shapes it."""
+    """An entry with the name of the function that makes its shape."""
     return LibraryObject(
         name=shape.__name__,
         description=description,
@@ -111,7 +111,7 @@ _OBJECTS = (
     ),
     _object(tools.wrench, 0.10, "turn lever pull push hand_over", "double open-ended spanner along x"),
     _object(tools.spoon, 0.035, "lift pour turn hand_over", "table spoon along x, its bowl on -x"),
-    _object(tools.scissors, 0.07, "lift press hand_over", "household scissors, a little open, lying flat"),
+    _object(tools.scissors, 0.07, "lift press hand_over", "household scissors, slightly open, lying flat"),
     _object(tools.pen, 0.02, "lift insert pull slide hand_over", "marker pen along z, its cap at the top"),
     _object(tools.dumbbell, 1.00, "lift turn shake hand_over", "hexagonal dumbbell along x"),
     _object(tools.phone, 0.17, "lift slide press hand_over", "mobile phone lying on its back"),
@@ -137,11 +137,11 @@ _OBJECTS = (
     _object(dolphin.dolphin, 0.07, "lift push turn hand_over", "rubber dolphin, leaping, its nose on +x"),
 )
 
-_BY_NAME = {thing.name: thing for thing in _OBJECTS}
+_BY_NAME = {one.name: one for one in _OBJECTS}
 
 
 def names() -> tuple[str, ...]:
-    """The names of the built-in objects, simple ones first."""
+    """Names of the built-in objects, simple ones first."""
     return tuple(_BY_NAME)
 
 
@@ -149,7 +149,7 @@ def entry(name: str) -> LibraryObject:
     """The built-in object of that name.
 
     Raises:
-        UnknownObject: there is none; the message lists the names that exist.
+        UnknownObject: There is none; the message lists the known names.
     """
     if name not in _BY_NAME:
         raise UnknownObject(name, _BY_NAME)
@@ -165,20 +165,20 @@ def load_library_object(name: str, *, scale: float = 1.0) -> TriangleMesh:
     """Build one object.
 
     Args:
-        name: one of :func:`names`.
-        scale: factor on every length; the mass grows with its cube.
+        name: One of :func:`names`.
+        scale: Factor on all lengths; the mass grows with its cube.
 
     Returns:
-        The mesh [m], with its mass [kg].
+        The mesh [m] with its mass [kg].
 
     Raises:
-        UnknownObject: no object of that name.
-        ObjectError: the scale is not a positive, finite number.
+        UnknownObject: There is no object of that name.
+        ObjectError: The scale is not a positive, finite number.
     """
-    thing = entry(name)
+    found = entry(name)
     if not (math.isfinite(scale) and scale > 0):
         raise ObjectError(f"scale must be a positive number, got {scale!r}")
     vertices, triangles = _arrays(name)
     return TriangleMesh(
-        name=name, vertices=vertices * scale, triangles=triangles, mass=thing.mass * scale**3, scale=scale
+        name=name, vertices=vertices * scale, triangles=triangles, mass=found.mass * scale**3, scale=scale
     )

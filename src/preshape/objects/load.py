@@ -1,4 +1,4 @@
-"""Objects from files and from the built-in library: the eye of the environment sensing element (§2.1)."""
+"""Objects from files and from the built-in library, as the environment sensing element sees them (§2.1)."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ _CLOUD_READERS: dict[str, _Reader] = {
 }
 
 CLOUD_SUFFIXES = tuple(_CLOUD_READERS)
-"""Suffixes of files that hold points alone."""
+"""Suffixes of files that hold points only."""
 
 _ALL_READERS = {**_READERS, **_CLOUD_READERS}
 
@@ -65,34 +65,34 @@ def load_object(
 ) -> TriangleMesh:
     """Read an object from a file, or build one of the library.
 
-    Several parts, groups or scene nodes in one file become one mesh, in the file's own axes. Polygons
-    are cut into triangles, concave ones too. Scans are taken as they are: holes, seams and parts that
-    do not join are fine; triangles without area, triangles given twice and vertices that no triangle
-    uses are left out of the mesh. ``counts`` (table 2) keeps the numbers **of the file**: OBJ, PLY and OFF
-    as they state them, STL and glTF with equal positions counted once; where a file has no normals (or
-    hides their number: PLY, OFF, STL, glTF) there are as many as vertices [C].
+    Parts, groups and scene nodes of a file become one mesh in the axes of the file. Polygons, also concave
+    ones, are cut into triangles. Holes, seams and disconnected parts of scans are accepted. Triangles without
+    area, triangles that occur twice and vertices without triangles are dropped. ``counts`` (table 2) holds
+    the numbers **of the file**: for OBJ, PLY and OFF as the file states them, for STL and glTF with equal
+    positions counted once. Where a file has no normals, or does not state their number (PLY, OFF, STL, glTF),
+    there are as many as vertices [C].
 
-    A point cloud (.pcd, .xyz, .npy, or a .ply without faces) becomes a closed surface, whose unseen side is
-    guessed; ``scan`` says which (:mod:`preshape.objects.scans.complete`).
+    A point cloud (.pcd, .xyz, .npy, or a .ply without faces) becomes a closed surface whose unseen side is
+    guessed; ``scan`` says which side (:mod:`preshape.objects.scans.complete`).
 
     Args:
-        source: a file (.obj, .stl, .ply, .off, .glb, .gltf) or the name of a library object.
-        unit: what the file's numbers are: m, cm, mm, in or inch; library objects are in metres.
-        scale: a further factor on every length.
-        view: of a point cloud: where the camera was, in the file's frame and unit, or ``all`` for points from
-            all round; by default what the file says, else its origin where that can be.
+        source: File (.obj, .stl, .ply, .off, .glb, .gltf, .pcd, .xyz, .npy) or name of a library object.
+        unit: Unit of the file: m, cm, mm, in or inch; library objects are in metres.
+        scale: Further factor on all lengths.
+        view: For a point cloud, the position of the camera in the frame and unit of the file, or ``all`` for
+            points from all sides; by default that of the file, or the origin where it is possible.
 
     Returns:
         The mesh [m]; a library object with its mass [kg].
 
     Raises:
-        InputError: an unknown unit, a scale that is not a positive, finite number, or a view that is no
-            camera's or is given for something else than a point cloud.
-        UnknownObject: neither a file nor a library object.
-        ObjectError: no such file; a folder; empty; not a mesh; an unknown suffix; positions that are
-            not finite; no faces; no area; flat; an index out of range; a size that makes no sense;
-            points that are no body: too few, on a plane, or two things.
-        EnvironmentFailure: the file cannot be read.
+        InputError: The unit is unknown, the scale is not a positive, finite number, or the view is no
+            possible camera or is given for a mesh.
+        UnknownObject: There is neither a file nor a library object of that name.
+        ObjectError: The file is missing, a folder, empty, no mesh or of an unknown suffix; a position is not
+            finite; there are no faces or no area; the object is flat; an index is out of range; the size is
+            not plausible; or points do not make one body (too few, on a plane, or two objects).
+        EnvironmentFailure: The file cannot be read.
     """
     factor = checks.metres(unit, scale)
     if not _is_file(source):
@@ -104,7 +104,7 @@ def load_object(
     data = _content(path, name, suffix)
     _refuse_other_kinds(name, suffix, data)
     try:
-        with np.errstate(all="ignore"):  # the checks look for what is not finite, and say where
+        with np.errstate(all="ignore"):  # the checks find numbers that are not finite, and name them
             raw = _ALL_READERS[suffix](name, data, path)
             if isinstance(raw, RawCloud):
                 return _from_cloud(name, path.stem, raw, factor, float(scale), view)
@@ -128,7 +128,7 @@ def load_object(
 
 
 def _is_file(source: str | Path) -> bool:
-    """Whether a file is meant: it looks like a path, or something of that name is on the disk."""
+    """Whether ``source`` is a file: it looks like a path, or exists on the disk."""
     if not isinstance(source, str):
         return True
     from .library import names
@@ -143,7 +143,7 @@ def _from_library(name: str, unit: str, scale: float) -> TriangleMesh:
 
     if unit != "m":
         raise InputError(
-            f"library objects such as {name!r} are in metres, a unit of {unit!r} is for files; use scale"
+            f"library objects such as {name!r} are in metres, and the unit {unit!r} is for files; use scale"
         )
     mesh = load_library_object(name, scale=scale)
     checks.size(name, mesh.extents)
@@ -151,7 +151,7 @@ def _from_library(name: str, unit: str, scale: float) -> TriangleMesh:
 
 
 def _content(path: Path, name: str, suffix: str) -> bytes:
-    """The whole file, where it is one that a reader knows."""
+    """The content of a file with a known suffix."""
     try:
         mode = path.stat().st_mode
         if stat.S_ISDIR(mode):
@@ -178,8 +178,8 @@ def _content(path: Path, name: str, suffix: str) -> bytes:
 
 
 def _refuse_other_kinds(name: str, suffix: str, data: bytes) -> None:
-    """Say what a file with the wrong suffix really is."""
-    if suffix == ".stl" and read_trimesh.is_binary_stl(data):  # its first 80 bytes are free
+    """Refuse a file whose content does not belong to its suffix, and name its format."""
+    if suffix == ".stl" and read_trimesh.is_binary_stl(data):  # its first 80 bytes may hold anything
         return
     for start, kind in _SIGNATURES.items():
         if data.startswith(start):
@@ -217,7 +217,7 @@ def _from_cloud(
     scale: float,
     view: Sequence[float] | Array | str | None,
 ) -> TriangleMesh:
-    """Scale, and make a closed surface."""
+    """Scale a cloud and make a closed surface."""
     from .scans.complete import complete
 
     points = raw.points * factor
@@ -233,25 +233,25 @@ def _from_cloud(
     )
 
 
-def mesh_from(thing: Any, unit: str = "m", scale: float = 1.0) -> TriangleMesh:
-    """A mesh of another library, such as ``trimesh.Trimesh``: anything with ``vertices`` and ``faces``.
+def mesh_from(other: Any, unit: str = "m", scale: float = 1.0) -> TriangleMesh:
+    """The mesh of another library, such as ``trimesh.Trimesh``: any object with ``vertices`` and ``faces``.
 
     Args:
-        thing: The mesh; it is copied, and cleaned as a file's mesh is.
+        other: The mesh, which is copied and cleaned like the mesh of a file.
         unit: Unit of its vertices: m, cm, mm, in or inch.
-        scale: A further factor on every length.
+        scale: Further factor on all lengths.
 
     Raises:
-        InputError: No such mesh, or one without vertices or faces.
-        ObjectError: A mesh that cannot be grasped as it is.
+        InputError: The argument has no vertices or no faces.
+        ObjectError: The mesh cannot be grasped as it is.
     """
-    vertices, faces = getattr(thing, "vertices", None), getattr(thing, "faces", None)
+    vertices, faces = getattr(other, "vertices", None), getattr(other, "faces", None)
     if vertices is None or faces is None:
         raise InputError(
             "an object is a file, the name of a built-in object, a TriangleMesh or a trimesh.Trimesh, "
-            f"got {type(thing).__name__}"
+            f"got {type(other).__name__}"
         )
-    name = str(getattr(thing, "metadata", {}).get("file_name") or "mesh")
+    name = str(getattr(other, "metadata", {}).get("file_name") or "mesh")
     points = frozen_array(vertices, (None, 3), f"{name}: vertices")
     triangles = np.asarray(faces)
     if triangles.ndim != 2 or triangles.shape[1] != 3 or not len(triangles):
@@ -263,14 +263,14 @@ def mesh_from(thing: Any, unit: str = "m", scale: float = 1.0) -> TriangleMesh:
 
 
 def _finish(name: str, stem: str, raw: RawMesh, factor: float, scale: float) -> TriangleMesh:
-    """Scale, clean and check."""
+    """Scale, clean and check a mesh."""
     vertices = raw.vertices * factor
     triangles = checks.solid_triangles(name, vertices, raw.triangles)
     a, b, c = triangles.T
-    turned = triangles.copy()  # each begins with its lowest corner, so that equal ones look equal
-    for lowest, turns in (((b < a) & (b < c), 1), ((c < a) & (c < b), 2)):
-        turned[lowest] = np.roll(triangles[lowest], -turns, axis=1)
-    triangles = triangles[group_rows(turned)[0]]
+    rolled = triangles.copy()  # with the lowest corner first, equal triangles are equal rows
+    for lowest, shift in (((b < a) & (b < c), 1), ((c < a) & (c < b), 2)):
+        rolled[lowest] = np.roll(triangles[lowest], -shift, axis=1)
+    triangles = triangles[group_rows(rolled)[0]]
     used = np.zeros(len(vertices), dtype=bool)
     used[triangles.reshape(-1)] = True
     place = np.cumsum(used) - 1

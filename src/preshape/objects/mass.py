@@ -1,7 +1,7 @@
 """The mass that an object is planned with: given, known, or estimated from its volume.
 
-The order is: what the caller gives; what the mesh carries (a library object knows its mass); else the larger
-of 0.1 kg and the solid's volume times the density of water. An estimate is an assumption, and says so.
+The mass that the caller gives comes first, then that of the mesh (library objects have one). Otherwise it is
+the larger of 0.1 kg and the volume times the density of water, and the answer states this assumption.
 """
 
 from __future__ import annotations
@@ -13,13 +13,13 @@ from ..types import value
 from .mesh import TriangleMesh
 
 LEAST_ESTIMATE = 0.1
-"""An estimated mass is never below this [kg]."""
+"""Least estimated mass [kg]."""
 WATER = 1000.0
-"""Density that an unknown object is assumed to have [kg/m³]."""
+"""Assumed density of an object of unknown mass [kg/m³]."""
 DENSEST, LIGHTEST = 25_000.0, 5.0
-"""Densities beyond these are most likely a wrong unit [kg/m³]: osmium has 22 600, foam rubber 20."""
+"""Densities outside this range probably come from a wrong unit [kg/m³]: osmium has 22 600, foam rubber 20."""
 SHEET = 1e-3
-"""A mesh whose volume is below this share of its bounding box is an open sheet, which has no density."""
+"""A mesh with less volume than this share of its bounding box is an open sheet, whose density is unknown."""
 
 
 @value
@@ -38,7 +38,7 @@ class ObjectMass:
 
     @property
     def words(self) -> str:
-        """The mass as people read it, with the assumption behind it.
+        """The mass and where it comes from, for display.
 
         >>> ObjectMass(kg=0.3, source="known").words
         '0.3 kg (the mass of the built-in object)'

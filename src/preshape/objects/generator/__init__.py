@@ -1,1 +1,1 @@
-"""The shapes behind the object library, made by our own parametric code."""
+"""The shapes of the object library, made by parametric code of our own."""

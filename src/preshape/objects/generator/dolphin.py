@@ -1,7 +1,7 @@
-"""The dolphin: our one complicated organic shape. Millimetres, nose on +x, back up, slightly arched.
+"""The dolphin, a complicated organic shape. Lengths in millimetres, nose on +x, back up, slightly arched.
 
-A body skinned over oval rings, fins skinned over aerofoil sections with flared roots, then eyes, mouth line
-and blowhole; at last the whole animal is bent along an arc, as in a leap.
+The body is lofted over oval rings and the fins over aerofoil sections with flared roots. Eyes, mouth line and
+blowhole are added, and the whole animal is bent along an arc, as in a leap.
 """
 
 from __future__ import annotations
@@ -75,7 +75,7 @@ def _fin(rows: ArrayLike, root: ArrayLike, span: ArrayLike, chord: ArrayLike) ->
 
 
 def _bent(points: Array) -> Array:
-    """Bend along an arc about y below the belly, nose and tail down, and turn the nose to +x."""
+    """Bend along an arc about y below the belly, with nose and tail down, and turn the nose to +x."""
     x, y, z = points.T
     turn = (x - 0.47 * _LENGTH) / _BEND
     reach = _BEND + z

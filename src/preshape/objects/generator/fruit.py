@@ -1,4 +1,4 @@
-"""Fruit: turned or swept, then bent out of true. Millimetres, stem at the top."""
+"""Fruit: solids of revolution or sweeps, deformed slightly. Lengths in millimetres, stem at the top."""
 
 from __future__ import annotations
 

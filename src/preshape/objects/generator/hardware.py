@@ -1,4 +1,4 @@
-"""Things to screw, turn and lock. Millimetres."""
+"""Objects to screw, turn and lock. Lengths in millimetres."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 def _thread(radius: float, depth: float, pitch: float, length: float) -> Solid:
-    """A rod with a single right-handed thread along +z from z = 0, rounded crest and root [mm]."""
+    """A rod with a right-handed thread along +z from z = 0, with rounded crest and root [mm]."""
     turn = 2 * np.pi * np.arange(36) / 36
     rings = []
     for z in np.linspace(0, length, round(10 * length / pitch) + 1):
@@ -23,7 +23,7 @@ def _thread(radius: float, depth: float, pitch: float, length: float) -> Solid:
 
 
 def _hexagon(across_flats: float, height: float) -> Solid:
-    """A hexagonal prism, its corners turned off above and below as on a nut."""
+    """A hexagonal prism with chamfered corners above and below, as on a nut."""
     corner = across_flats / np.sqrt(3)
     edge = 0.35 * (corner - across_flats / 2)
     r = across_flats / 2 * 0.97

@@ -1,4 +1,4 @@
-"""Plain solids: the first things a hand learns. Lengths in millimetres."""
+"""Plain solids, with which a hand begins to learn. Lengths in millimetres."""
 
 from __future__ import annotations
 

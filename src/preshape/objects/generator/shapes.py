@@ -1,8 +1,8 @@
-"""Shape functions that every library object is made of: sections, solids, and the final arrays.
+"""Functions that make the shapes of the library objects: sections, solids, and the final arrays.
 
-Lengths in this package are **millimetres**; :func:`finish` turns a solid into metres. A section is a flat
-region (``manifold3d.CrossSection``), a solid is a closed one (``manifold3d.Manifold``): ``+`` unites,
-``-`` cuts, ``^`` intersects. Both are imported only where they are made.
+Lengths in this package are in **millimetres**; :func:`finish` converts a solid to metres. A section is a flat
+region (``manifold3d.CrossSection``), a solid is a closed volume (``manifold3d.Manifold``). ``+`` is their
+union, ``-`` their difference, ``^`` their intersection.
 """
 
 from __future__ import annotations
@@ -21,19 +21,19 @@ if TYPE_CHECKING:
     from manifold3d import Manifold as Solid
 
 SEGMENTS = 64
-"""Straight pieces in a full turn, unless a shape asks for another number."""
+"""Default number of straight segments in a full turn."""
 
-_ARC = 24
-_CHORD = 8e-3
-_SLIVER = 5e-3
+_ARC = 24  # segments in a full turn of a rounded corner
+_CHORD = 8e-3  # deviation below which points of a section are dropped [mm]
+_SLIVER = 5e-3  # deviation below which vertices of a solid are dropped [mm]
 
 
 def section(points: ArrayLike, rounding: float = 0.0) -> Section:
-    """The region inside a closed polygon, its corners rounded inside and out.
+    """The region inside a closed polygon, with convex and concave corners rounded.
 
     Args:
-        points: (n, 2) corners in order, either way round [mm].
-        rounding: radius of the corners [mm]; nothing thinner than twice this survives.
+        points: (n, 2) corners in either order of rotation [mm].
+        rounding: Radius of the corners [mm]; parts thinner than twice the radius vanish.
     """
     from manifold3d import CrossSection, FillRule
 
@@ -42,27 +42,27 @@ def section(points: ArrayLike, rounding: float = 0.0) -> Section:
 
 
 def rounded(region: Section, radius: float) -> Section:
-    """``region`` with outer corners (shrink, grow) and inner corners (grow, shrink) rounded [mm]."""
+    """``region`` with its convex (shrink, grow) and concave corners (grow, shrink) rounded [mm]."""
     if radius == 0.0:
         return region
     return grown(grown(grown(region, -radius), 2 * radius), -radius).simplify(_CHORD)
 
 
 def grown(region: Section, distance: float) -> Section:
-    """``region`` with its border moved outward by ``distance`` [mm], round at the corners."""
+    """``region`` with its border moved outward by ``distance`` [mm] and round corners."""
     from manifold3d import JoinType
 
     return region.offset(distance, JoinType.Round, 2.0, _ARC)
 
 
 def disc(radius: float, centre: tuple[float, float] = (0.0, 0.0), segments: int = SEGMENTS) -> Section:
-    """A regular polygon about ``centre`` with its corners at ``radius`` [mm], the first one on +x."""
+    """A regular polygon about ``centre`` with its corners at ``radius`` [mm], the first one along +x."""
     angle = 2 * np.pi * np.arange(segments) / segments
     return section(np.column_stack([np.cos(angle), np.sin(angle)]) * radius + np.asarray(centre))
 
 
 def lobed(radius: float, depth: float, lobes: int, per_lobe: int = 8) -> Section:
-    """A disc whose edge waves ``lobes`` times between ``radius - depth`` and ``radius`` [mm]: a grip."""
+    """A disc whose edge has ``lobes`` waves between ``radius - depth`` and ``radius`` [mm], as on a grip."""
     angle = 2 * np.pi * np.arange(lobes * per_lobe) / (lobes * per_lobe)
     r = radius - depth * (1 - np.cos(lobes * angle)) / 2
     return section(np.column_stack([r * np.cos(angle), r * np.sin(angle)]))
@@ -75,15 +75,15 @@ def rectangle(width: float, height: float, rounding: float = 0.0) -> Section:
 
 
 def curve(points: ArrayLike, per_span: int = 8, *, closed: bool = False) -> Array:
-    """A smooth curve through points: centripetal Catmull-Rom, which neither loops nor overshoots.
+    """A smooth curve through points: a centripetal Catmull-Rom spline, which neither loops nor overshoots.
 
     Args:
-        points: (n, d) points in order, no two neighbours alike [mm].
-        per_span: pieces between two neighbouring points.
-        closed: whether the last point is followed by the first.
+        points: (n, d) points in order, with different neighbours [mm].
+        per_span: Number of segments between two neighbouring points.
+        closed: Whether the curve returns from the last point to the first.
 
     Returns:
-        (m, d) points [mm]; the first is not repeated where the curve is closed.
+        (m, d) points [mm]; a closed curve does not repeat its first point.
     """
     p = np.asarray(points, dtype=np.float64)
     before, after = (p[-1:], p[:2]) if closed else (2 * p[:1] - p[1:2], 2 * p[-1:] - p[-2:-1])
@@ -105,13 +105,14 @@ def curve(points: ArrayLike, per_span: int = 8, *, closed: bool = False) -> Arra
 
 
 def revolved(profile: ArrayLike | Section, rounding: float = 0.0, segments: int = SEGMENTS) -> Solid:
-    """A turned solid about +z.
+    """A solid of revolution about +z.
 
     Args:
-        profile: (n, 2) radius and height of the outline, from one point on the axis to another [mm];
-            it is mirrored, so that corners on the axis stay sharp. Or a section, whose x > 0 half is used.
-        rounding: radius of the profile's corners [mm].
-        segments: flats around the axis.
+        profile: (n, 2) radius and height of the outline, from one point on the axis to another [mm]; it is
+            mirrored, so that corners on the axis stay sharp. Alternatively a section, whose x > 0 half is
+            used.
+        rounding: Radius of the corners of the profile [mm].
+        segments: Number of flat segments around the axis.
     """
     if not hasattr(profile, "revolve"):
         half = np.asarray(profile, dtype=np.float64)
@@ -123,10 +124,10 @@ def extruded(region: Section, height: float, bevel: float = 0.0) -> Solid:
     """A prism over ``region`` from z = 0 to ``height`` [mm].
 
     Args:
-        region: the section, holes allowed.
-        height: along +z [mm].
-        bevel: radius of the quarter circle that breaks the upper and lower edges [mm]; it must be
-            smaller than the radius of the section's outer corners.
+        region: Section, which may have holes.
+        height: Height along +z [mm].
+        bevel: Radius of the rounded upper and lower edges [mm], smaller than that of the convex corners of
+            the section.
     """
     if bevel == 0.0:
         return region.extrude(height)
@@ -146,7 +147,7 @@ def extruded(region: Section, height: float, bevel: float = 0.0) -> Solid:
 
 
 def _miter(loop: Array) -> Array:
-    """(n, 2) for each corner of a counter-clockwise loop, the step that moves both its sides inward by 1."""
+    """(n, 2) step of each corner of a counter-clockwise loop that moves both of its sides inward by 1."""
     side = np.roll(loop, -1, axis=0) - loop
     normal = np.column_stack([-side[:, 1], side[:, 0]]) / np.linalg.norm(side, axis=1, keepdims=True)
     both = normal + np.roll(normal, 1, axis=0)
@@ -155,11 +156,11 @@ def _miter(loop: Array) -> Array:
 
 
 def lofted(rings: ArrayLike, *, closed: bool = False) -> Solid:
-    """A solid skinned over rings of equally many points, flat ends capped.
+    """A solid over a sequence of rings, with flat caps at the ends.
 
     Args:
-        rings: (k, n, 3) one closed ring after the other [mm]; the end rings must be flat and simple.
-        closed: whether the last ring is joined to the first, as in a torus.
+        rings: (k, n, 3) closed rings [mm]; the end rings must be flat and must not cross themselves.
+        closed: Whether the last ring is joined to the first, as in a torus.
     """
     from manifold3d import triangulate
 
@@ -176,7 +177,7 @@ def lofted(rings: ArrayLike, *, closed: bool = False) -> Solid:
 
 
 def _skin(levels: Array, counts: Sequence[int] | IntArray, cap: IntArray | None) -> Solid:
-    """Join neighbouring levels loop by loop, and cap both ends; turned outward at the end."""
+    """Join neighbouring levels loop by loop, cap both ends, and orient the triangles outward."""
     from manifold3d import Manifold, Mesh64
 
     k, n = levels.shape[:2]
@@ -205,9 +206,9 @@ def tube(path: ArrayLike, radii: ArrayLike, *, up: ArrayLike = (0, 1, 0), segmen
 
     Args:
         path: (k, 3) points in order [mm].
-        radii: one radius, (k,) radii, or (k, 2) radii across and along ``up`` [mm].
-        up: a direction that the path never follows; for a flat path, its normal.
-        segments: pieces around the rod.
+        radii: One radius, (k,) radii, or (k, 2) radii across and along ``up`` [mm].
+        up: Direction that is nowhere tangent to the path; for a flat path its normal.
+        segments: Number of segments around the rod.
     """
     p = np.asarray(path, dtype=np.float64)
     r = np.asarray(radii, dtype=np.float64)
@@ -237,10 +238,10 @@ def block(x: float, y: float, z: float) -> Solid:
 
 
 def finish(solid: Solid) -> tuple[Array, IntArray]:
-    """The arrays of a solid: centred on its bounding box, in metres, slivers under 5 µm removed.
+    """The arrays of a solid, centred on its bounding box and without slivers under 5 µm.
 
     Returns:
-        (n, 3) vertices [m] and (m, 3) triangles, outward.
+        (n, 3) vertices [m] and (m, 3) outward triangles.
     """
     mesh = solid.as_original().simplify(_SLIVER).to_mesh64()
     points = np.array(mesh.vert_properties[:, :3], dtype=np.float64)

@@ -1,4 +1,4 @@
-"""Hand tools and things from a desk drawer. Millimetres."""
+"""Hand tools and small household objects. Lengths in millimetres."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ _TURN = 2 * np.pi * np.arange(32) / 32
 
 
 def _stations(table: Sequence[tuple[float, ...]], per_span: int = 6) -> Array:
-    """Smooth columns through a table whose first column is the place along the object."""
+    """Smooth curve through the rows of a table, whose first column is the position along the object."""
     return curve(table, per_span)
 
 
 def _oval_rod(table: Sequence[tuple[float, ...]], power: float = 1.0) -> Solid:
-    """A rod along z over (z, half-width x, half-width y) stations; power < 1 makes it boxier."""
+    """A rod along z over (z, half-width x, half-width y) stations; power < 1 makes its section squarer."""
     c, s = np.cos(_TURN), np.sin(_TURN)
     c, s = np.sign(c) * np.abs(c) ** power, np.sign(s) * np.abs(s) ** power
     rows = _stations(table)
@@ -94,7 +94,7 @@ def spoon() -> Solid:
 
 
 def scissors() -> Solid:
-    """Household scissors, a little open, flat on the table, the blades along +x."""
+    """Household scissors, slightly open, flat on the table, the blades along +x."""
     edge = curve([(80, 0.4), (50, 7.5), (8, 9.5), (-10, 8)], 8)
     shank = curve([(-10, 8), (-22, 2), (-34, -5), (-44, -8)], 6)
     back = curve([(-44, -17), (-32, -14), (-20, -7), (-8, -2), (4, -2)], 6)

@@ -1,4 +1,4 @@
-"""Things that hold something: turned profiles, hollowed, with handles and spouts. Millimetres, up = +z."""
+"""Vessels: hollow solids of revolution with handles and spouts. Lengths in millimetres, up is +z."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ if TYPE_CHECKING:
 
 
 def _hollow(profile: ArrayLike, wall: float, rounding: float = 0.0, foot: float = 0.0) -> Solid:
-    """An open vessel: a turned shape without its inside, the rim rounded.
+    """An open vessel: a hollow solid of revolution with a rounded rim.
 
     Args:
-        profile: radius and height of the outside, from the axis at the foot up to the rim [mm].
-        wall: thickness [mm].
-        rounding: radius of the outside's corners [mm].
-        foot: how much thicker the bottom is than the wall [mm].
+        profile: Radius and height of the outside, from the axis at the foot up to the rim [mm].
+        wall: Thickness of the wall [mm].
+        rounding: Radius of the corners of the outside [mm].
+        foot: Thickness of the bottom beyond that of the wall [mm].
     """
     half = np.asarray(profile, dtype=np.float64)
     radius, top = half[-1]

@@ -70,7 +70,7 @@ def _camera(
     """(3,) position of the camera [m]; ``None`` for all sides."""
     if isinstance(asked, str):
         if asked != ALL_ROUND:
-            raise InputError(f"a view is the position x,y,z of a camera or {ALL_ROUND}, got {asked!r}")
+            raise InputError(f"a view is a camera's position x,y,z or {ALL_ROUND}, got {asked!r}")
         return None
     low, high = points.min(axis=0), points.max(axis=0)
     given = cloud.camera if asked is None else frozen_array(asked, (3,), "the camera's position")
