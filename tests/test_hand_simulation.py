@@ -11,6 +11,8 @@ from preshape.hands.collision import closest_on_triangles
 from preshape.hands.kinematics import HandKinematics
 from preshape.objects.mesh import TriangleMesh
 from preshape.planning.hand_simulation import HandStatus, hand_geometry, simulate_hand
+from preshape.planning.request import PlanRequest
+from preshape.planning.session import Session
 
 HAND = load_hand("utah_mit")
 X, Y, Z = np.eye(3)
@@ -209,6 +211,14 @@ def retracted(result, mesh, a):
     shapes = hand_geometry(HAND, result.retracted.palm_pose, result.retracted.q)
     front = max((p @ a) + s.radius for s in shapes for p in (s.p0, s.p1))
     assert front < (mesh.vertices @ a).min()
+
+
+def test_a_squeeze_that_takes_every_joint_to_its_limit_is_found():
+    with Session(":memory:") as session:
+        taught = session.teach(PlanRequest(source="hand_wheel", task="lift"))
+    assert taught.hand_result is not None
+    assert taught.hand_result.reached
+    assert taught.hand_result.squeeze is not None
 
 
 def test_out_of_reach():

@@ -327,10 +327,12 @@ class _Problem:
             free = np.ones(len(z), dtype=bool)
             step = np.zeros(len(z))
             for _ in range(3):
+                step[:] = 0.0
                 jacobian = self._jacobian[:, free]
                 gram = jacobian @ jacobian.T
+                if not gram.any():  # every unknown stands at a bound
+                    break
                 gram[np.diag_indices_from(gram)] += 1e-9 * np.trace(gram)
-                step[:] = 0.0
                 step[free] = -jacobian.T @ np.linalg.solve(gram, self._residual)
                 held = free & ((z + step < lower) | (z + step > upper))
                 if not held.any():
