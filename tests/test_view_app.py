@@ -30,7 +30,19 @@ from preshape.viewer.draw import GROUPS, draw_hand, draw_object, draw_plan
 from preshape.viewer.hand_motion import STEPS
 from preshape.viewer.readings import answers_of
 from preshape.viewer.reduce import MAX_TRIANGLES
-from view_app_page import SMALL, Watched, answer_buttons, choose, keep, press, saw, set_number, tab
+from view_app_page import (
+    SMALL,
+    Watched,
+    answer_buttons,
+    box_beside,
+    choose,
+    keep,
+    press,
+    saw,
+    set_number,
+    tab,
+    until,
+)
 
 pytest_plugins = ("view_app_fixtures",)
 
@@ -181,6 +193,38 @@ def test_the_report_opens_from_disk_without_a_network(browser, planned, tmp_path
     assert watched.complaints == []
     assert watched.strangers() == []
     context.close()
+
+
+def test_a_plan_is_opened_with_its_load_and_scene_in_panel_and_words(browser, serve, tmp_path: Path) -> None:
+    document = preshape.plan_to_json(preshape.plan("hammer", "lift", memory=":memory:"))
+    request = PlanRequest(
+        source="hammer",
+        task="lift",
+        hand="shadow",
+        mass=0.31,
+        friction=0.3,
+        table=-0.2,
+        avoid=[[0.2, 0, 0, 0.3, 0.1, 0.1]],
+    )
+    file = tmp_path / "plan.json"
+    file.write_text(
+        json.dumps({**document, "request": request.to_json(), "mass": 0.31, "mass_source": "given"}),
+        encoding="utf-8",
+    )
+    watched = Watched(browser.new_context(viewport=SMALL))
+    page = watched.page
+    page.goto(serve(str(file), "lift"))
+    saw(page, "Grasp found")
+    saw(page, "Planned with 0.31 kg (as given)")
+    assert box_beside(page, "mass [kg]").input_value() == "0.31"
+    assert box_beside(page, "friction").input_value() == "0.3"
+    assert box_beside(page, "table").input_value() == "at a height"
+    assert box_beside(page, "height [m]").input_value() == "-0.2"
+    assert page.locator("textarea").first.input_value() == "0.2 0.0 0.0 0.3 0.1 0.1"
+    choose(page, "Analyser", "rays")
+    until(page, lambda: box_beside(page, "mass [kg]").is_disabled())
+    assert watched.complaints == []
+    page.context.close()
 
 
 def test_nothing_in_a_name_becomes_part_of_the_page(planned) -> None:

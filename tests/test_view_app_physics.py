@@ -116,7 +116,7 @@ def test_a_run_is_asked_for_read_and_played(opened) -> None:
     plan(page)
     tab(page, "Physics")
     simulate.click()
-    saw(page, "Each push is 1 N for 2 s")
+    saw(page, "Each push is 3.5 N for 2 s")
     rows = page.locator("tr:has(td:text-matches('^force [+-][xyz]$'))")
     assert sorted(rows.locator("td:first-child").all_text_contents()) == SIX
     saw(page, "Grasp found")
@@ -158,7 +158,7 @@ def test_a_run_is_cancelled_in_its_midst_and_the_next_one_works(opened, tmp_path
     assert page.get_by_role("button", name="Play the run").count() == 0
 
     press(page, "Simulate this answer")
-    saw(page, "Each push is 1 N for 2 s")
+    saw(page, "Each push is 3.5 N for 2 s")
     assert sorted(rows.locator("td:first-child").all_text_contents()) == SIX
     saw(page, "Grasp found")
     cancel.wait_for(state="hidden")

@@ -28,6 +28,7 @@ ALTERNATIVES = 5
 """Number of answers that are asked for beside the best."""
 ACCEPT, REJECT = VERDICTS = ("Accept", "Reject")
 NO_TABLE, UNDER, AT_HEIGHT = TABLES = ("none", "under the object", "at a height")
+OWN_MASS = wrapped('<p class="quiet">Empty: the mass that the object has, else one from its volume.</p>')
 TRIAL = (
     "The hand grasps and squeezes in simulated physics (MuJoCo), then the object is pushed from six sides. "
     "Friction and mass are those that the answer was planned with. "
@@ -137,7 +138,7 @@ class Panel:
                 "" if mass is None else str(mass),
                 hint="Mass of the object; empty for the object's own, else an estimate from its volume",
             )
-            self.mass_note = gui.add_html("")
+            self.mass_note = gui.add_html(OWN_MASS)
             self.friction = gui.add_number(
                 "friction",
                 request.stated_friction,

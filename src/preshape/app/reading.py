@@ -9,7 +9,7 @@ from ..files import dumps
 from ..hands.load import recorded_hand
 from ..pictures import Document, document_html
 from ..viewer import readings
-from .panel import Panel
+from .panel import OWN_MASS, Panel
 from .stage import Stage
 
 STAGES = 3.0
@@ -42,7 +42,8 @@ class Reading:
         p = self._panel
         self.document, self._answers, self._rays, self._rejected = None, [], [], set()
         self._shown, self.offers = 0, []
-        p.why.content = p.answers_note.content = p.mass_note.content = ""
+        p.why.content = p.answers_note.content = ""
+        p.mass_note.content = OWN_MASS
         for handle in (*p.offers, *p.answers, p.verdict, p.slider, p.play):
             handle.visible = False
         p.simulate.disabled = True

@@ -158,7 +158,7 @@ def _axes(scene: PlanScene, canvas: Canvas) -> None:
     canvas.solid("axes/edge", card_border(scene.cog, u, v, 0.004 * size, APPROACH))
     if scene.aim is not None and scene.approach_value is not None:
         canvas.solid("axes/aim", sphere(scene.aim, 0.028 * size, APPROACH))
-        canvas.label("axes/aim-name", f"v = {scene.approach_value:+.2f}", scene.aim)
+        canvas.label("axes/aim-name", f"v = {round(scene.approach_value, 2) + 0.0:+.2f}", scene.aim)
 
 
 def _contacts(scene: PlanScene, canvas: Canvas) -> None:
