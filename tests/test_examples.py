@@ -55,12 +55,17 @@ def test_readme_is_short():
 
 
 @pytest.mark.parametrize(
-    "document", sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/*.md")]), ids=lambda p: p.name
+    "document", sorted(ROOT.glob("*.md")) + sorted(ROOT.glob("[dh]*/*.md")), ids=lambda p: p.stem
 )
 def test_links_lead_somewhere(document):
-    for target in re.findall(r"\]\(([^)#]+)\)", document.read_text()):
+    for target, anchor in re.findall(r"\]\(([^)#]*)#?([^)]*)\)", document.read_text(encoding="utf-8")):
         if "://" not in target:
-            assert (document.parent / target).exists(), f"{document.name} links to {target}"
+            linked = document.parent / target if target else document
+            assert linked.exists(), f"{document.name} links to {target}"
+            if anchor:
+                headings = re.findall(r"^#+ (.*)$", linked.read_text(encoding="utf-8"), re.MULTILINE)
+                anchors = [re.sub(r"[^\w -]", "", text.lower()).replace(" ", "-") for text in headings]
+                assert anchor in anchors, f"{document.name} links to {target}#{anchor}"
 
 
 def test_module_runs_as_a_program():

@@ -47,8 +47,8 @@ _DOWN = (0.0, 0.0, -1.0)
 def q_of_displacement(displacement: Array) -> Array:
     """(6,) Q of a displacement.
 
-    Translations and rotations are treated separately. The value is presence × component / largest
-    |component|; it is the absence value where the component is below 10 % of the largest, or the motion below
+    Translations and rotations are treated separately. The value is presence × component / largest absolute
+    component; it is the absence value where the component is below 10 % of the largest, or the motion below
     1 µm or 1 µrad [C].
     """
     q = proportions(displacement)
