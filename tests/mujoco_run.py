@@ -16,6 +16,7 @@ import numpy as np
 from preshape import load_hand, load_object
 from preshape.export.mjcf import scene_mjcf
 from preshape.export.planned import planned_grasps
+from preshape.physics.grasps import STAGES, HandPoses
 from preshape.physics.hand import physics_hand
 from preshape.physics.hold.six_directions import hold_test
 from preshape.physics.pieces import ConvexPieces
@@ -33,7 +34,7 @@ def held(hand: str, grip: dict, protocol: HoldProtocol) -> dict:
     path: list[list[float]] = []
     result = hold_test(
         scene,
-        *(np.array(grip[name]) for name in ("pregrasp", "grasp", "squeeze", "object_pose")),
+        HandPoses(**{name: grip[name] for name in (*STAGES, "object_pose")}),
         protocol,
         observer=lambda _, data: path.append(data.qpos.tolist()),
         row=0,

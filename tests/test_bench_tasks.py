@@ -15,11 +15,11 @@ from preshape.exceptions import InputError, UnknownObject, UnknownTask
 from preshape.objects.library import names
 from preshape.objects.load import load_object
 from preshape.objects.mesh import TriangleMesh
+from preshape.physics.grasps import HandPoses
 from preshape.physics.pieces import ConvexPieces
 from preshape.physics.protocol import HoldProtocol
 from preshape.physics.task.grasps import (
     GivenAnswers,
-    HandPoses,
     given_answers,
     read_task_grasps,
     write_task_grasps,

@@ -14,6 +14,7 @@ from preshape.exceptions import HandError, InputError, ObjectError, UnknownObjec
 from preshape.objects.load import load_object
 from preshape.objects.mesh import TriangleMesh
 from preshape.physics import pieces as pieces_module
+from preshape.physics.grasps import HandPoses
 from preshape.physics.hand import PhysicsHand, physics_hand
 from preshape.physics.hold.six_directions import HoldResult, HoldStatus, hold_test, slerp
 from preshape.physics.measures import geometry, place
@@ -68,9 +69,15 @@ def clamp(travel: float) -> np.ndarray:
     return np.array([*HERE, travel, travel])
 
 
+def grasp_of(
+    pregrasp: np.ndarray, grasp: np.ndarray, squeeze: np.ndarray, where: np.ndarray = HERE
+) -> HandPoses:
+    return HandPoses(pregrasp=pregrasp, grasp=grasp, squeeze=squeeze, object_pose=where)
+
+
 def trial(protocol: HoldProtocol = FAST, grasp: float = 0.0052, squeeze: float = 0.01) -> HoldResult:
     scene = build_scene(HAND, BOX, 1.0, protocol)
-    return hold_test(scene, clamp(0.0), clamp(grasp), clamp(squeeze), HERE, protocol)
+    return hold_test(scene, grasp_of(clamp(0.0), clamp(grasp), clamp(squeeze)), protocol)
 
 
 class TestObjects:
@@ -301,7 +308,7 @@ class TestHolding:
     def test_a_box_alone_fails_all_six(self, early: bool) -> None:
         scene = build_scene(None, BOX, 1.0, FAST)
         nothing = HERE.copy()
-        result = hold_test(scene, nothing, nothing, nothing, HERE, replace(FAST, stop_early=early))
+        result = hold_test(scene, grasp_of(nothing, nothing, nothing), replace(FAST, stop_early=early))
         assert result.status is HoldStatus.LOST
         assert [p.held for p in result.probes] == [False] * (1 if early else 6)
         # s = a t² / 2, looked at after 50 steps of 4 ms: 0.2 m (implicit Euler: a (n + 1) n h² / 2).
@@ -315,7 +322,7 @@ class TestHolding:
 
     def test_pregrasp_in_the_object(self) -> None:
         scene = build_scene(HAND, BOX, 1.0, FAST)
-        result = hold_test(scene, clamp(0.016), clamp(0.016), clamp(0.016), HERE, FAST)
+        result = hold_test(scene, grasp_of(*[clamp(0.016)] * 3), FAST)
         assert result.status is HoldStatus.PENETRATES
         assert "11.0 mm into the object" in result.reason
         assert result.probes == ()
@@ -330,7 +337,7 @@ class TestHolding:
             if name == "squeeze":
                 forces.append(20 * float(data.actuator_force.mean()))
 
-        result = hold_test(scene, *poses, HERE, protocol, observer=look)
+        result = hold_test(scene, grasp_of(*poses), protocol, observer=look)
         most = 2 * 0.6 * forces[-1]
         assert result.strength is not None
         assert result.strength <= most < 1.4 * 1.05 * result.strength
@@ -341,7 +348,7 @@ class TestHolding:
         protocol = replace(FAST, friction=0.2, checks=2)
         scene = build_scene(HAND, BOX, 1.0, protocol)
         poses = clamp(0.0), clamp(0.005), clamp(0.007)
-        result = hold_test(scene, *poses, HERE, protocol)
+        result = hold_test(scene, grasp_of(*poses), protocol)
         for load, found in zip(protocol.loads(), result.probes, strict=True):
             assert (found.displacement, found.rotation) == plain(scene, poses, load.wrench, protocol)
 
@@ -349,9 +356,9 @@ class TestHolding:
         seen: list[str] = []
         scene = build_scene(HAND, BOX, 1.0, FAST)
         poses = clamp(0.0), clamp(0.005), clamp(0.007)
-        watched = hold_test(scene, *poses, HERE, FAST, observer=lambda name, _: seen.append(name))
+        watched = hold_test(scene, grasp_of(*poses), FAST, observer=lambda name, _: seen.append(name))
         assert list(dict.fromkeys(seen)) == ["grasp", "squeeze", *(p.name for p in FAST.loads())]
-        alone = hold_test(scene, *poses, HERE, FAST)
+        alone = hold_test(scene, grasp_of(*poses), FAST)
         assert [p.displacement for p in watched.probes] == [p.displacement for p in alone.probes]
 
 

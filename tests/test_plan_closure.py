@@ -23,6 +23,7 @@ from preshape.hiis.planes import axis_name
 from preshape.memory import Memory
 from preshape.objects.library import load_library_object
 from preshape.objects.mesh import TriangleMesh
+from preshape.physics.grasps import STAGES, HandPoses
 from preshape.physics.hand import physics_hand
 from preshape.physics.hold.six_directions import hold_test
 from preshape.physics.pieces import ConvexPieces
@@ -247,8 +248,9 @@ def test_the_first_answer_is_held_in_all_six_directions(memory: Path, thing: str
     scene = build_scene(hand, pieces, 1.0, protocol)
     assert scene.joints == p.hand.joints
     root = root_pose(grip.palm_pose, p.hand.T_root_palm)
-    stages = [np.concatenate([root, q]) for q in (grip.pregrasp, grip.grasp, grip.squeeze)]
-    result = hold_test(scene, *stages, np.array([0.0, 0, 0, 1, 0, 0, 0]), protocol)
+    stages = {stage: np.concatenate([root, getattr(grip, stage)]) for stage in STAGES}
+    poses = HandPoses(object_pose=np.array([0.0, 0, 0, 1, 0, 0, 0]), **stages)
+    result = hold_test(scene, poses, protocol)
     assert result.held, result.reason
 
 

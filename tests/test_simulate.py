@@ -24,7 +24,7 @@ from preshape.physics.scene import Scene, build_scene
 from preshape.viewer.animation import animation, chosen_frames
 from preshape.viewer.film import Film
 from preshape.viewer.filmstrip import MAX_KEY_FRAMES, filmstrip, filmstrip_image, key_frames
-from test_physics_scene import BOX, FAST, HAND, HERE, SIDE, clamp
+from test_physics_scene import BOX, FAST, HAND, HERE, SIDE, clamp, grasp_of
 
 EXAMPLE = Path(__file__).parent.parent / "docs" / "plan.example.json"
 FINGERS = ("palm", "thumb", "index")
@@ -36,7 +36,7 @@ def scene_of(protocol: HoldProtocol = FAST) -> Scene:
 
 def record(squeeze: float = 0.01, protocol: HoldProtocol = FAST, **options) -> Recording:
     return record_hold(
-        scene_of(protocol), clamp(0.0), clamp(0.0052), clamp(squeeze), HERE, protocol, **options
+        scene_of(protocol), grasp_of(clamp(0.0), clamp(0.0052), clamp(squeeze)), protocol, **options
     )
 
 
@@ -48,7 +48,7 @@ def held() -> Recording:
 @pytest.fixture(scope="module")
 def lost() -> Recording:
     """The plates stop short of the box: nothing ever touches it."""
-    return record_hold(scene_of(), clamp(0.0), clamp(0.002), clamp(0.003), HERE, FAST)
+    return record_hold(scene_of(), grasp_of(clamp(0.0), clamp(0.002), clamp(0.003)), FAST)
 
 
 @pytest.fixture(scope="module")
@@ -58,7 +58,7 @@ def film(held: Recording) -> Film:
 
 class TestRecording:
     def test_the_verdict_is_that_of_the_test_alone(self, held: Recording) -> None:
-        alone = hold_test(scene_of(), clamp(0.0), clamp(0.0052), clamp(0.01), HERE, FAST)
+        alone = hold_test(scene_of(), grasp_of(clamp(0.0), clamp(0.0052), clamp(0.01)), FAST)
         assert held.result.status is alone.status is HoldStatus.HELD
         for seen, known in zip(held.result.probes, alone.probes, strict=True):
             assert (seen.name, seen.displacement, seen.rotation) == (
@@ -76,7 +76,7 @@ class TestRecording:
         seconds = FAST.timestep * FAST.check_steps * FAST.checks
         approach = 2 * FAST.timestep * FAST.stage_steps * FAST.stages
         assert held.times[-1] == pytest.approx(approach + 6 * seconds)
-        with pytest.raises(InputError, match="no stage 'lift' in the recording; it has pregrasp, grasp"):
+        with pytest.raises(InputError, match="no stage 'lift' in the recording; known: pregrasp, grasp"):
             held.span("lift")
 
     def test_at_rest_the_fingers_balance_the_load(self, held: Recording) -> None:
@@ -92,12 +92,12 @@ class TestRecording:
         scene = scene_of(protocol)
         speed = int(scene.model.joint("object").dofadr[0])
         seen: list[np.ndarray] = []
-        postures = clamp(0.0), clamp(0.0052), clamp(0.01)
+        poses = grasp_of(clamp(0.0), clamp(0.0052), clamp(0.01))
         hold_test(
-            scene, *postures, HERE, protocol,
+            scene, poses, protocol,
             observer=lambda _, data: seen.append(data.qacc[speed : speed + 3].copy()),
         )  # fmt: skip
-        recording = record_hold(scene, *postures, HERE, protocol)
+        recording = record_hold(scene, poses, protocol)
         net = recording.forces.sum(axis=1) + recording.load[:, :3]
         assert np.abs(net).max() > 0.05  # something moves: the balance above is no accident
         assert net[1:] == pytest.approx(0.4 * np.array(seen), abs=1e-6)
@@ -165,7 +165,7 @@ class TestRecording:
             return np.concatenate([seven, posture[7:]])
 
         there = record_hold(
-            scene_of(), moved(clamp(0.0)), moved(clamp(0.0052)), moved(clamp(0.01)), moved(HERE), FAST
+            scene_of(), grasp_of(*(moved(p) for p in (clamp(0.0), clamp(0.0052), clamp(0.01), HERE))), FAST
         )
         span = held.span("squeeze")
         assert there.normal[span] == pytest.approx(held.normal[span], rel=0.05, abs=0.05)
@@ -178,7 +178,7 @@ class TestRecording:
         same = held.span("force -z")
         assert few.normal[few.span("force -z")] == pytest.approx(held.normal[same], abs=1e-9)
         assert few.slip[few.span("force -z")] == pytest.approx(held.slip[same], abs=1e-12)
-        with pytest.raises(InputError, match=r"no probe 'lift' in the test; it has force \+x"):
+        with pytest.raises(InputError, match=r"no probe 'lift' in the test; known: force \+x"):
             record(probes=["lift"])
         with pytest.raises(InputError, match="a palm and 2 fingers, got 1 names"):
             record(parts=["palm"])
@@ -188,7 +188,7 @@ class TestRecording:
         assert len(record(protocol=protocol)) == len(record(protocol=replace(protocol, ladder=False)))
 
     def test_a_pregrasp_that_cuts_in_is_one_sample(self) -> None:
-        recording = record_hold(scene_of(), clamp(0.02), clamp(0.02), clamp(0.02), HERE, FAST)
+        recording = record_hold(scene_of(), grasp_of(*[clamp(0.02)] * 3), FAST)
         assert recording.result.status is HoldStatus.PENETRATES
         assert recording.stages == ("pregrasp",)
         picture = filmstrip_image(film_of(recording, scene_of(), HoldProtocol()), width=600)

@@ -18,7 +18,7 @@ from preshape.physics.task.motion import TaskMotion, task_motion
 from preshape.physics.task.protocol import TaskProtocol, TaskResult, TaskStatus, task_test
 from preshape.spatial import inverse, pose_from_seven, seven_from_pose
 from preshape.tasks import named_task
-from test_physics_scene import BOX, CORNERS, HAND, HERE, SIDE, clamp
+from test_physics_scene import BOX, CORNERS, HAND, HERE, SIDE, clamp, grasp_of
 
 # Flat faces must touch at their corners, or the box turns about the one point that is left.
 SURE = TaskProtocol(hold=HoldProtocol(many_contacts=True))
@@ -60,13 +60,15 @@ def caged(
     scene = build_scene(cage(SIDE), pieces, 1.0, protocol.hold)
     T = pose_from_seven(where)
     root = np.array([*(T[:3, :3] @ cog + T[:3, 3]), *where[3:]])
-    return task_test(scene, root, root, root, where, way(name, cog=cog), protocol, observer=observer)
+    return task_test(
+        scene, grasp_of(root, root, root, where), way(name, cog=cog), protocol, observer=observer
+    )
 
 
 def clamped(name: str, protocol: TaskProtocol = SURE, squeeze: float = 0.012, gravity=None) -> TaskResult:
     scene = build_scene(HAND, BOX, 1.0, protocol.hold)
     poses = clamp(0.0), clamp(0.0052), clamp(squeeze)
-    return task_test(scene, *poses, HERE, way(name, gravity), protocol)
+    return task_test(scene, grasp_of(*poses), way(name, gravity), protocol)
 
 
 @pytest.mark.parametrize("name", SCREWS)
@@ -126,7 +128,7 @@ def test_the_work_done_is_against_the_load(where: np.ndarray) -> None:
 
     scene = build_scene(cage(SIDE), heavy, 1.0, protocol.hold)
     assert abs(scene.model.body_ipos[scene.object_body][0]) > 0.004
-    result = task_test(scene, *[where] * 4, way("lever", NONE), protocol, observer=look)
+    result = task_test(scene, grasp_of(*[where] * 4), way("lever", NONE), protocol, observer=look)
     assert result.passed
     arc = 0.05 / math.sin(math.pi / 8) * math.pi / 4
     expected = -9.8 * 0.1 * (arc + HALF / 2 * math.pi / 4)
@@ -143,7 +145,7 @@ class TestAlone:
         scene = build_scene(None, BOX, 1.0, protocol.hold)
         times: list[float] = []
         result = task_test(
-            scene, HERE, HERE, HERE, HERE, way(name, gravity), protocol,
+            scene, grasp_of(HERE, HERE, HERE), way(name, gravity), protocol,
             observer=lambda phase, data: times.append(data.time) if phase == "load" else None,
         )  # fmt: skip
         return times[-1] - (times[0] - 0.004), result
@@ -168,8 +170,12 @@ class TestAlone:
         last: list[np.ndarray] = []
         motion = way("push:+y", np.array(gravity))  # along +y and, less, -z
         task_test(
-            scene, *[AWAY] * 4, motion, SURE, observer=lambda _, data: last.append(np.array(data.qpos[-7:]))
-        )  # fmt: skip
+            scene,
+            grasp_of(*[AWAY] * 4),
+            motion,
+            SURE,
+            observer=lambda _, data: last.append(np.array(data.qpos[-7:])),
+        )
         fell = (inverse(pose_from_seven(AWAY)) @ pose_from_seven(last[-1]))[:3, 3]
         expected = motion.load(0.0, 1.0)[:3] / 9.8 + gravity
         assert fell / np.linalg.norm(fell) == pytest.approx(expected / np.linalg.norm(expected), abs=1e-6)
@@ -209,7 +215,7 @@ class TestClamp:
     def test_a_pregrasp_in_the_object(self) -> None:
         scene = build_scene(HAND, BOX, 1.0, SURE.hold)
         result = task_test(
-            scene, *[clamp(0.016)] * 3, HERE, way("lift"), SURE, row=3, object_name="box", task="lift:+z"
+            scene, grasp_of(*[clamp(0.016)] * 3), way("lift"), SURE, row=3, object_name="box", task="lift:+z"
         )
         assert result.status is TaskStatus.PENETRATES
         assert "11.0 mm into the object" in result.reason

@@ -70,10 +70,7 @@ def hold_run(
     progress("grasping, squeezing, and pushing from six sides", 50)
     recording = record_hold(
         scene,
-        grasps.pregrasp[0],
-        grasps.grasp[0],
-        grasps.squeeze[0],
-        grasps.object_pose[0],
+        grasps.poses(0),
         protocol,
         object_name=mesh.name,
     )

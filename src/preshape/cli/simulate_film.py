@@ -47,10 +47,7 @@ def recorded(
     scene = build_scene(physics_hand(hand), pieces, float(grasps.scale[row]), protocol)
     recording = record_hold(
         scene,
-        grasps.pregrasp[row],
-        grasps.grasp[row],
-        grasps.squeeze[row],
-        grasps.object_pose[row],
+        grasps.poses(row),
         protocol,
         parts=part_names(scene, hand),
         row=row,

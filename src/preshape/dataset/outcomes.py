@@ -14,7 +14,7 @@ from ..physics.hand import physics_hand
 from ..physics.hold.runner import run_holds
 from ..physics.hold.six_directions import HoldResult, HoldStatus
 from ..physics.protocol import HoldProtocol
-from ..physics.task.grasps import GivenAnswers, HandPoses
+from ..physics.task.grasps import GivenAnswers
 from ..physics.task.instances import TaskInstance, suitable
 from ..physics.task.protocol import TaskProtocol, TaskResult, TaskStatus
 from ..physics.task.runner import run_tasks
@@ -97,7 +97,7 @@ def tested(
         gravity=np.asarray(task.gravity),
     )
     own = grasps.for_hand(model)
-    poses = tuple(HandPoses.of(own, k) for k in range(len(own)))
+    poses = tuple(own.poses(k) for k in range(len(own)))
     taken = run_tasks(
         [instance] * len(poses),
         model,

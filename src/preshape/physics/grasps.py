@@ -35,11 +35,36 @@ from .. import spatial
 from ..exceptions import EnvironmentFailure, InputError
 from ..files import read_arrays, write_whole
 from ..objects.read_text import shown
-from ..types import Array, freeze, value
+from ..types import Array, freeze, frozen_array, value
 from .hand import PhysicsHand
 
 STAGES = ("pregrasp", "grasp", "squeeze")
 FRAMES = ("root", "palm")
+
+
+@value
+class HandPoses:
+    """One grasp: the poses of the hand, and that of the object.
+
+    Attributes:
+        pregrasp: (7 + j) root pose x y z w x y z in the world [m] and joint angles in the hand's order [rad].
+        grasp: (7 + j) the same where the hand touches.
+        squeeze: (7 + j) the same as targets that press.
+        object_pose: (7,) pose of the object in the world.
+    """
+
+    pregrasp: Array
+    grasp: Array
+    squeeze: Array
+    object_pose: Array
+
+    def __post_init__(self) -> None:
+        for name in (*STAGES, "object_pose"):
+            freeze(self, **{name: frozen_array(getattr(self, name), (None,), name)})
+
+    def rows(self) -> tuple[tuple[float, ...], ...]:
+        """Pregrasp, grasp and squeeze as plain numbers."""
+        return tuple(tuple(getattr(self, stage).tolist()) for stage in STAGES)
 
 
 @value
@@ -130,6 +155,12 @@ class GraspSet:
             faults=tuple(Fault(row=k, reason=reasons[row]) for k, row in enumerate(chosen) if row in reasons),
             origin=tuple(self.origin[row] for row in chosen) if self.origin else (),
             **{name: getattr(self, name)[chosen] for name in arrays},
+        )
+
+    def poses(self, row: int) -> HandPoses:
+        """The poses of one grasp; take them from the result of :meth:`for_hand`."""
+        return HandPoses(
+            object_pose=self.object_pose[row], **{stage: getattr(self, stage)[row] for stage in STAGES}
         )
 
     def for_hand(self, hand: PhysicsHand) -> GraspSet:

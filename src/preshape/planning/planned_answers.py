@@ -8,8 +8,8 @@ from .._version import __version__
 from ..exceptions import PreshapeError
 from ..hands.hand import Hand
 from ..hiis.decision import Settings
+from ..physics.grasps import HandPoses
 from ..physics.hand import PhysicsHand
-from ..physics.task.grasps import HandPoses
 from ..physics.task.instances import TaskInstance
 from ..types import FIELD_MASS, value
 from .grasp_sets import palm_grasps, poses_of
@@ -66,4 +66,4 @@ class PlannedAnswers:
         if result.pregrasp is None or result.grasp is None or result.squeeze is None:
             return f"the hand does not reach the grasp: {result.reason}"
         one = palm_grasps(self.model, [instance.object_name], [instance.scale], poses_of([result]))
-        return HandPoses.of(one.for_hand(self.model), 0)
+        return one.for_hand(self.model).poses(0)

@@ -93,10 +93,7 @@ def hold_until_held(
     for row, (index, _) in enumerate(reached):
         result = hold_test(
             scene,
-            grasps.pregrasp[row],
-            grasps.grasp[row],
-            grasps.squeeze[row],
-            grasps.object_pose[row],
+            grasps.poses(row),
             protocol,
             row=index,
             object_name=mesh.name,

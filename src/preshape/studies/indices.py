@@ -36,7 +36,7 @@ from ..physics.hold.runner import run_holds
 from ..physics.hold.six_directions import HoldStatus
 from ..physics.pieces import ConvexPieces, load_pieces
 from ..physics.protocol import HoldProtocol
-from ..physics.task.grasps import GivenAnswers, HandPoses
+from ..physics.task.grasps import GivenAnswers
 from ..physics.task.instances import TaskInstance, make_instances
 from ..physics.task.protocol import TaskProtocol, TaskStatus
 from ..physics.task.runner import run_tasks
@@ -282,7 +282,7 @@ def _tested(
     tasks = run_tasks(
         [by_label[row["object"]][row["task"]] for row in rows],
         model,
-        GivenAnswers(rows=tuple(HandPoses.of(grasps, k) for k in range(n))),
+        GivenAnswers(rows=tuple(grasps.poses(k) for k in range(n))),
         protocol=run.protocol,
         pieces=used,
         workers=workers,

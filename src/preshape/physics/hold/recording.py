@@ -18,6 +18,7 @@ import numpy as np
 
 from ...exceptions import InputError
 from ...types import Array, IntArray, freeze, frozen_array, value
+from ..grasps import HandPoses
 from ..measures import place
 from ..protocol import HoldProtocol
 from ..scene import OBJECT, PALM, PREFIX, Scene
@@ -119,10 +120,7 @@ class Recording:
 
 def record_hold(
     scene: Scene,
-    pregrasp: Array,
-    grasp: Array,
-    squeeze: Array,
-    object_pose: Array,
+    poses: HandPoses,
     protocol: HoldProtocol,
     *,
     probes: Sequence[str] | None = None,
@@ -135,10 +133,7 @@ def record_hold(
 
     Args:
         scene: Scene of hand and object.
-        pregrasp: (7 + joints) root pose x y z w x y z in the world [m] and joint angles [rad].
-        grasp: (7 + joints) the same where the hand touches.
-        squeeze: (7 + joints) the same as targets that press.
-        object_pose: (7,) pose of the object in the world.
+        poses: The grasp.
         protocol: Settings of the test.
         probes: Names of the probes to record; by default all. The other probes run without being recorded.
         parts: Names of palm and fingers in the order of ``scene.part_of_body``; by default ``palm``,
@@ -158,9 +153,9 @@ def record_hold(
     if len(names) != scene.fingers + 1:
         raise InputError(f"the hand has a palm and {scene.fingers} fingers, got {len(names)} names")
     recorder = _Recorder(scene, {*APPROACH, *(known if probes is None else probes)})
-    recorder.first(pregrasp, object_pose)
+    recorder.first(poses)
     result = hold_test(
-        scene, pregrasp, grasp, squeeze, object_pose, protocol,
+        scene, poses, protocol,
         row=row, object_name=object_name, scale=scale, observer=recorder,
     )  # fmt: skip
     rows = recorder.rows
@@ -189,11 +184,11 @@ class _Recorder:
         self.before: _State | None = None
         self.squeezed: _State | None = None
 
-    def first(self, pregrasp: Array, object_pose: Array) -> None:
+    def first(self, poses: HandPoses) -> None:
         import mujoco
 
         data = mujoco.MjData(self.scene.model)
-        place(self.scene, data, pregrasp, object_pose)
+        place(self.scene, data, poses.pregrasp, poses.object_pose)
         mujoco.mj_forward(self.scene.model, data)
         self("pregrasp", data)
 

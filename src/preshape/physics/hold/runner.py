@@ -19,8 +19,8 @@ from ... import spatial
 from ...exceptions import InputError
 from ...hands.compiled import no_mujoco_log
 from ...processes import process_count
-from ...types import Array, value
-from ..grasps import STAGES, GraspSet
+from ...types import value
+from ..grasps import STAGES, GraspSet, HandPoses
 from ..hand import PhysicsHand
 from ..locate import object_pieces
 from ..pieces import ConvexPieces
@@ -37,13 +37,13 @@ spread over the processes and to save results often."""
 
 @value
 class _Job:
-    """One grasp as a worker process gets it; the poses are pregrasp, grasp, squeeze and object."""
+    """One grasp as a worker process gets it."""
 
     row: int
     object_name: str
     given_scale: float
     scale: float
-    poses: tuple[Array, Array, Array, Array]
+    poses: HandPoses
 
 
 class _Tester:
@@ -58,7 +58,7 @@ class _Tester:
         try:
             return hold_test(
                 self.scenes.scene(job.object_name, job.scale),
-                *job.poses,
+                job.poses,
                 self.protocol,
                 row=job.row,
                 object_name=job.object_name,
@@ -185,8 +185,13 @@ def _chunks(given: GraspSet, actual: GraspSet, done: set[int]) -> list[list[_Job
         if row in done:
             continue
         scale = float(actual.scale[row])
-        poses = (*(getattr(actual, stage)[row] for stage in STAGES), actual.object_pose[row])
-        job = _Job(row=row, object_name=name, given_scale=float(given.scale[row]), scale=scale, poses=poses)
+        job = _Job(
+            row=row,
+            object_name=name,
+            given_scale=float(given.scale[row]),
+            scale=scale,
+            poses=actual.poses(row),
+        )
         groups.setdefault((name, scale), []).append(job)
     return [jobs[k : k + CHUNK] for jobs in groups.values() for k in range(0, len(jobs), CHUNK)]
 

@@ -24,6 +24,7 @@ from typing import Any
 import numpy as np
 
 from ...types import Array, value
+from ..grasps import HandPoses
 from ..measures import GraspGeometry, depths, geometry, place, touching
 from ..protocol import HoldProtocol, Probe
 from ..scene import Scene
@@ -121,10 +122,7 @@ class Hold:
 
 def hold_test(
     scene: Scene,
-    pregrasp: Array,
-    grasp: Array,
-    squeeze: Array,
-    object_pose: Array,
+    poses: HandPoses,
     protocol: HoldProtocol,
     *,
     row: int = 0,
@@ -136,10 +134,7 @@ def hold_test(
 
     Args:
         scene: Scene of hand and object, which has friction, mass and gains of the protocol.
-        pregrasp: (7 + joints) root pose x y z w x y z in the world [m] and joint angles [rad].
-        grasp: (7 + joints) the same where the hand touches.
-        squeeze: (7 + joints) the same as targets that press.
-        object_pose: (7,) pose of the object in the world.
+        poses: The grasp.
         protocol: Settings of the test.
         row: Row for the result.
         object_name: Name of the object for the result.
@@ -150,7 +145,7 @@ def hold_test(
 
     model, data = scene.model, mujoco.MjData(scene.model)
     label: dict[str, Any] = {"row": row, "object_name": object_name, "scale": scale}
-    hold = take_hold(scene, data, pregrasp, grasp, squeeze, object_pose, protocol, observer=observer)
+    hold = take_hold(scene, data, poses, protocol, observer=observer)
     at_grasp = hold.at_grasp
     if hold.failure is not None:
         return HoldResult(status=hold.failure, reason=hold.reason, at_grasp=at_grasp, **label)
@@ -160,7 +155,7 @@ def hold_test(
 
     def probe(load: Probe, factor: float) -> ProbeResult:
         mujoco.mj_setState(model, data, state, kind)
-        return _load(scene, data, load, factor, object_pose, protocol, observer)
+        return _load(scene, data, load, factor, poses.object_pose, protocol, observer)
 
     results: list[ProbeResult] = []
     for load in protocol.loads():
@@ -192,10 +187,7 @@ def hold_test(
 def take_hold(
     scene: Scene,
     data: Any,
-    pregrasp: Array,
-    grasp: Array,
-    squeeze: Array,
-    object_pose: Array,
+    poses: HandPoses,
     protocol: HoldProtocol,
     *,
     observer: Observer | None = None,
@@ -205,9 +197,9 @@ def take_hold(
     ``data``, a new ``mujoco.MjData`` of the scene, is left at the squeeze or where the motion failed. The
     other arguments are those of :func:`hold_test`.
     """
-    place(scene, data, grasp, object_pose)
+    place(scene, data, poses.grasp, poses.object_pose)
     at_grasp = geometry(scene, data, protocol.contact_distance)
-    place(scene, data, pregrasp, object_pose)
+    place(scene, data, poses.pregrasp, poses.object_pose)
     into_object, into_itself = depths(scene, data)
     if max(into_object, into_itself) > protocol.penetration_limit:
         body, depth = ("object", into_object) if into_object >= into_itself else ("hand", into_itself)
@@ -216,9 +208,9 @@ def take_hold(
             f"at most {protocol.penetration_limit * 1e3:g} mm are allowed"
         )
         return Hold(at_grasp=at_grasp, failure=HoldStatus.PENETRATES, reason=reason)
-    _move(scene, data, pregrasp, grasp, protocol, "grasp", observer)
+    _move(scene, data, poses.pregrasp, poses.grasp, protocol, "grasp", observer)
     touching_at_grasp = touching(scene, data)
-    _move(scene, data, grasp, squeeze, protocol, "squeeze", observer)
+    _move(scene, data, poses.grasp, poses.squeeze, protocol, "squeeze", observer)
     touching_at_squeeze = touching(scene, data)
     if unstable(data):
         reason = "the simulation became unstable in the squeeze"

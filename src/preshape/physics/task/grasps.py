@@ -19,47 +19,17 @@ import io
 import zipfile
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Protocol, Self
+from typing import Protocol
 
 import numpy as np
 
 from ...exceptions import InputError
 from ...files import read_arrays, write_whole
 from ...tasks import parse_task
-from ...types import Array, freeze, frozen_array, value
-from ..grasps import STAGES, GraspSet, read_grasps, write_grasps
+from ...types import value
+from ..grasps import GraspSet, HandPoses, read_grasps, write_grasps
 from ..hand import PhysicsHand
 from .instances import TaskInstance
-
-
-@value
-class HandPoses:
-    """One answer: the poses of the hand.
-
-    Attributes:
-        object_pose: (7,) pose of the object in the world.
-        pregrasp: (7 + j) root pose in the world [m] and joint angles in the hand's order [rad].
-        grasp: (7 + j) the same where the hand touches.
-        squeeze: (7 + j) the same as targets that press.
-    """
-
-    object_pose: Array
-    pregrasp: Array
-    grasp: Array
-    squeeze: Array
-
-    def __post_init__(self) -> None:
-        for name in ("object_pose", *STAGES):
-            freeze(self, **{name: frozen_array(getattr(self, name), (None,), name)})
-
-    @classmethod
-    def of(cls, grasps: GraspSet, row: int) -> Self:
-        """The poses in one row of a set that comes from :meth:`GraspSet.for_hand`."""
-        return cls(object_pose=grasps.object_pose[row], **{s: getattr(grasps, s)[row] for s in STAGES})
-
-    def rows(self) -> tuple[tuple[float, ...], ...]:
-        """Pregrasp, grasp and squeeze as plain numbers."""
-        return tuple(tuple(getattr(self, stage).tolist()) for stage in STAGES)
 
 
 class Answers(Protocol):
@@ -189,7 +159,7 @@ def given_answers(
         elif same[0] in faults:
             answers.append(f"row {same[0]} of the file: {faults[same[0]]}")
         else:
-            answers.append(HandPoses.of(own, same[0]))
+            answers.append(own.poses(same[0]))
     return GivenAnswers(
         rows=tuple(answers), unused=len(own) - sum(not isinstance(answer, str) for answer in answers)
     )

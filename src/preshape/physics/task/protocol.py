@@ -22,6 +22,7 @@ import numpy as np
 from ... import spatial
 from ...exceptions import InputError
 from ...types import Array, value
+from ..grasps import HandPoses
 from ..hold.six_directions import Observer, take_hold, unstable
 from ..protocol import HoldProtocol
 from ..scene import Scene
@@ -147,10 +148,7 @@ class TaskResult:
 
 def task_test(
     scene: Scene,
-    pregrasp: Array,
-    grasp: Array,
-    squeeze: Array,
-    object_pose: Array,
+    poses: HandPoses,
     motion: TaskMotion,
     protocol: TaskProtocol,
     *,
@@ -165,10 +163,7 @@ def task_test(
 
     Args:
         scene: Scene of hand and object, built with ``protocol.hold``.
-        pregrasp: (7 + joints) root pose x y z w x y z in the world [m] and joint angles [rad].
-        grasp: (7 + joints) the same where the hand touches.
-        squeeze: (7 + joints) the same as targets that press.
-        object_pose: (7,) pose of the object in the world.
+        poses: The grasp.
         motion: Path and load, in the object's frame.
         protocol: Settings of the test.
         row: Row for the result.
@@ -184,10 +179,10 @@ def task_test(
     data = mujoco.MjData(scene.model)
     label: dict[str, Any] = {"row": row, "object_name": object_name, "scale": scale, "task": task}
     label["planned"] = planned
-    hold = take_hold(scene, data, pregrasp, grasp, squeeze, object_pose, protocol.hold, observer=observer)
+    hold = take_hold(scene, data, poses, protocol.hold, observer=observer)
     if hold.failure is not None:
         return TaskResult(status=TaskStatus[hold.failure.name], reason=hold.reason, **label)
-    run = _Run(scene, data, squeeze, object_pose, motion, protocol)
+    run = _Run(scene, data, poses, motion, protocol)
     return run.result({**label, "touching": hold.touching_at_squeeze}, observer)
 
 
@@ -198,17 +193,16 @@ class _Run:
         self,
         scene: Scene,
         data: Any,
-        squeeze: Array,
-        object_pose: Array,
+        poses: HandPoses,
         motion: TaskMotion,
         protocol: TaskProtocol,
     ) -> None:
         self.scene, self.data, self.protocol = scene, data, protocol
         self.share, self.path = protocol.schedule()
-        T_world_start = spatial.pose_from_seven(object_pose)
+        T_world_start = spatial.pose_from_seven(poses.object_pose)
         self.target = T_world_start @ motion.path(self.path)  # (steps, 4, 4)
         # A root that is fixed in the object moves by W(f) = X(f) X(0)⁻¹, X being the object's pose.
-        T_root = self.target @ spatial.inverse(T_world_start) @ spatial.pose_from_seven(squeeze[:7])
+        T_root = self.target @ spatial.inverse(T_world_start) @ spatial.pose_from_seven(poses.squeeze[:7])
         self.root = spatial.seven_from_pose(T_root)  # q and -q are equal to the weld
         # From the axes of the first pose to world axes. The load is about the COG, the weight acts at the
         # centre of mass.

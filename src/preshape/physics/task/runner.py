@@ -67,10 +67,7 @@ class _Tester:
         try:
             return task_test(
                 self.scenes.scene(instance.object_name, instance.scale),
-                poses.pregrasp,
-                poses.grasp,
-                poses.squeeze,
-                poses.object_pose,
+                poses,
                 instance.motion,
                 self.protocol,
                 planned=planned,
