@@ -16,6 +16,7 @@ from preshape.objects.library import names
 from preshape.objects.load import load_object
 from preshape.objects.mesh import TriangleMesh
 from preshape.physics.grasps import HandPoses
+from preshape.physics.hold.report import result_to_json
 from preshape.physics.pieces import ConvexPieces
 from preshape.physics.protocol import HoldProtocol
 from preshape.physics.task.grasps import (
@@ -33,7 +34,7 @@ from preshape.physics.task.instances import (
     suitable,
 )
 from preshape.physics.task.protocol import TaskProtocol, TaskStatus
-from preshape.physics.task.report import TaskReport, result_from_json, result_to_json
+from preshape.physics.task.report import TaskReport, result_from_json
 from preshape.physics.task.runner import run_tasks
 from preshape.planning.request import PlanRequest
 from preshape.planning.session import Session

@@ -7,6 +7,7 @@ all contacts, whose normal forces are each at most one. Torques are divided by â
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -83,13 +84,7 @@ def volume(contacts: Contacts, *, edges: int = 8) -> Measure:
         return Measure(number=0.0, status=MetricStatus.RANK_DEFICIENT)
     upper = None
     if contacts.dimension == 3:
-        wider = Contacts(
-            positions=contacts.positions,
-            normals_in=contacts.normals_in,
-            friction=contacts.mu / math.cos(math.pi / edges),
-            reference=contacts.reference,
-            length=contacts.length,
-        )
+        wider = replace(contacts, friction=contacts.mu / math.cos(math.pi / edges))
         upper = _volume(wider, edges)
     return Measure(number=inside, status=MetricStatus.OK, lower=inside, upper=upper)
 

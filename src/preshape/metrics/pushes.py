@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from ..exceptions import InputError
@@ -49,13 +51,10 @@ def push_residual(
         raise InputError(f"the share of friction must be above 0 and at most 1, got {friction_share:g}")
     if contacts.count == 0:
         return Measure(number=None, status=MetricStatus.NO_CONTACTS)
-    weaker = Contacts(
-        positions=contacts.positions,
-        normals_in=contacts.normals_in,
+    weaker = replace(
+        contacts,
         friction=contacts.mu * friction_share,
         torsion=np.asarray(contacts.torsion) * friction_share,
-        reference=contacts.reference,
-        length=contacts.length,
     )
     space = WrenchSpace(weaker, full=True)
     residuals, forces = [], []

@@ -94,13 +94,9 @@ def dolphin() -> Solid:
     for side in (flipper, eye):
         animal += side + side.mirror([0, 1, 0])
     lips = [
-        (25, 10.6, -2.4),
-        (21, 9.4, -3.6),
-        (16, 6.3, -4.3),
-        (9, 4.0, -4.3),
-        (2.8, 3.1, -4.2),
+        (25, 10.6, -2.4), (21, 9.4, -3.6), (16, 6.3, -4.3), (9, 4.0, -4.3), (2.8, 3.1, -4.2),
         (0.5, 1.5, -4.0),
-    ]
+    ]  # fmt: skip
     side = curve(lips, 5)
     mouth = tube(np.vstack([side, (-0.3, 0, -4.0), side[::-1] * (1, -1, 1)]), 0.55, up=(0, 0, 1), segments=10)
     return (animal - mouth - ball(1.1, 20).translate([29, 0, 12.7])).warp_batch(_bent)

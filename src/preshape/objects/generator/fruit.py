@@ -21,19 +21,9 @@ def _stem(points: list[tuple[float, float, float]], low: float, high: float) -> 
 def apple() -> Solid:
     """An apple with five faint lobes and a stem."""
     half = [
-        (0, 6),
-        (3, 4.5),
-        (8, 1),
-        (15, 0.5),
-        (24, 8),
-        (33, 26),
-        (36, 44),
-        (31, 60),
-        (18, 68),
-        (8, 65),
-        (2, 58.5),
-        (0, 58),
-    ]
+        (0, 6), (3, 4.5), (8, 1), (15, 0.5), (24, 8), (33, 26), (36, 44), (31, 60), (18, 68), (8, 65),
+        (2, 58.5), (0, 58),
+    ]  # fmt: skip
 
     def lobes(points: Array) -> Array:
         x, y, z = points.T
@@ -48,19 +38,9 @@ def apple() -> Solid:
 def pear() -> Solid:
     """A pear leaning a little, with a stem."""
     half = [
-        (0, 3.5),
-        (5, 1),
-        (14, 0.5),
-        (26, 8),
-        (33, 26),
-        (30, 44),
-        (20, 62),
-        (15, 76),
-        (12, 86),
-        (6, 92),
-        (1.5, 90.5),
-        (0, 90),
-    ]
+        (0, 3.5), (5, 1), (14, 0.5), (26, 8), (33, 26), (30, 44), (20, 62), (15, 76), (12, 86), (6, 92),
+        (1.5, 90.5), (0, 90),
+    ]  # fmt: skip
 
     def lean(points: Array) -> Array:
         x, y, z = points.T

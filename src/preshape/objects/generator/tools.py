@@ -32,14 +32,9 @@ def _oval_rod(table: Sequence[tuple[float, ...]], power: float = 1.0) -> Solid:
 def hammer() -> Solid:
     """A claw hammer: handle along z, head at the top, face on +x and claw on -x."""
     grip = [
-        (0, 9, 7),
-        (1.5, 11.5, 8.5),
-        (12, 12.5, 9),
-        (40, 10.5, 7.6),
-        (72, 11, 7.8),
-        (100, 8, 6),
+        (0, 9, 7), (1.5, 11.5, 8.5), (12, 12.5, 9), (40, 10.5, 7.6), (72, 11, 7.8), (100, 8, 6),
         (150, 8, 6),
-    ]
+    ]  # fmt: skip
     handle = _oval_rod(grip, 0.85)
     profile = [(0, 8), (9, 8), (9, 20), (8, 24), (12, 28), (12, 40), (0, 40)]
     poll = revolved(profile, 1.2).rotate([0, 90, 0]).translate([0, 0, 143])
@@ -146,17 +141,9 @@ def phone() -> Solid:
 def flashlight() -> Solid:
     """A pocket torch along z, its lamp at the top."""
     half = [
-        (0, 0),
-        (11, 0),
-        (12.5, 2),
-        (12.5, 12),
-        (11.5, 14),
-        (11.5, 74),
-        (13, 80),
-        (19, 96),
-        (19, 112),
+        (0, 0), (11, 0), (12.5, 2), (12.5, 12), (11.5, 14), (11.5, 74), (13, 80), (19, 96), (19, 112),
         (15, 112),
-    ]
+    ]  # fmt: skip
     body = revolved([*half, (9, 101), (0, 99)], 0.7)
     knurl = extruded(lobed(12.6, 0.9, 24), 44, 0.4).translate([0, 0, 22])
     button = extruded(rectangle(7, 12, 3), 4, 1.2).rotate([90, 0, 0]).translate([0, -10.5, 73])

@@ -164,8 +164,8 @@ def _ranges(rows: list[int]) -> str:
     return ", ".join(str(a) if a == b else f"{a}-{b}" for a, b in spans)
 
 
-def result_to_json(result: HoldResult) -> dict[str, Any]:
-    """A result as plain JSON values; numbers keep every digit."""
+def result_to_json(result: Any) -> dict[str, Any]:
+    """A result of a holding or task test as plain JSON values; numbers keep every digit."""
     return {**asdict(result), "status": result.status.name.lower()}
 
 

@@ -12,6 +12,7 @@ from ...tasks import FAMILIES
 from ...types import value
 from ..grasps import STAGES, GraspSet
 from ..hand import PhysicsHand
+from ..hold.report import result_to_json
 from ..measures import mean, wilson
 from .instances import TaskInstance
 from .protocol import TaskResult, TaskStatus
@@ -130,13 +131,8 @@ class TaskReport:
         return grasps, tuple(result.task for result in rows)
 
 
-def result_to_json(result: TaskResult) -> dict[str, Any]:
-    """A result as plain JSON values; numbers keep every digit."""
-    return {**asdict(result), "status": result.status.name.lower()}
-
-
 def result_from_json(document: dict[str, Any]) -> TaskResult:
-    """The inverse of :func:`result_to_json`.
+    """The inverse of :func:`~preshape.physics.hold.report.result_to_json`.
 
     Raises:
         KeyError, TypeError, ValueError: The document is no result.

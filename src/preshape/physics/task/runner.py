@@ -19,12 +19,13 @@ from ...hands.compiled import no_mujoco_log
 from ...processes import process_count
 from ..hand import PhysicsHand
 from ..hold.checkpoint import Progress, ResultFile, result_taker
+from ..hold.report import result_to_json
 from ..pieces import ConvexPieces, load_pieces
 from ..pool import Scenes, run_jobs
 from .grasps import Answers
 from .instances import TaskInstance, instance_to_json
 from .protocol import TaskProtocol, TaskResult, TaskStatus, task_test
-from .report import TaskReport, result_from_json, result_to_json
+from .report import TaskReport, result_from_json
 
 CHUNK = 4
 """Instances of one object that a process answers and tests in a row."""
