@@ -1,4 +1,4 @@
-"""The pictures of the README and the documents, drawn by the product itself: `make pictures`."""
+"""Draw the pictures of the README and the documents with preshape itself: `make pictures`."""
 
 from __future__ import annotations
 
@@ -14,23 +14,21 @@ from scipy.spatial import cKDTree
 import preshape
 from preshape.cli.bench_planner import planner
 from preshape.cli.simulate import simulate
-from preshape.files import dumps
 from preshape.objects.library import load_library_object, names
-from preshape.pictures import plan_picture_of
 from preshape.planning.hand_simulation import hand_geometry
-from preshape.planning.output import ray_origins
 from preshape.viewer.gallery import contact_sheet, hand_picture
 
 OUT = Path(__file__).parent / "pictures"
 LARGEST = 200_000
-"""Bytes of a picture at most."""
+"""Largest size of a picture [bytes]."""
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
 FLAGS = ["--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--no-sandbox"]
 
 
 def main() -> None:
     OUT.mkdir(exist_ok=True)
-    plan_png(preshape.plan("mug", "pour", memory=":memory:"), OUT / "plan.png")
+    with tempfile.TemporaryDirectory() as name:
+        saved_picture(preshape.plan("mug", "pour", memory=":memory:"), Path(name), OUT / "plan.png")
     contact_sheet(
         [(load_library_object(name), name) for name in names()], OUT / "library.png", columns=11, cell=100
     )
@@ -44,33 +42,34 @@ def main() -> None:
         print(f"wrote {path.relative_to(OUT.parent.parent)} ({path.stat().st_size // 1024} KiB)")
 
 
-def plan_png(plan: preshape.Plan, path: Path) -> None:
-    plan_picture_of(preshape.plan_to_json(plan), plan.mesh, plan.hand, path, ray_origins(plan))
+def saved_picture(plan: preshape.Plan, folder: Path, path: Path) -> Path:
+    """Save a plan to a folder and copy its picture to ``path``; returns the plan's JSON file."""
+    plan.save(folder)
+    shutil.copyfile(folder / "plan.png", path)
+    return folder / "plan.json"
 
 
 def real_hand() -> None:
-    """The Shadow hand on the mug: its plan, a run in simulated physics, and the app that shows it."""
+    """The Shadow hand on the mug: the plan, a run in simulated physics, and the plan in the browser app."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         plan = preshape.plan("mug", "pour", hand="shadow", memory=folder / "memory.sqlite", count=3)
-        plan_png(plan, OUT / "shadow.png")
-        file = folder / "plan.json"
-        file.write_text(dumps(preshape.plan_to_json(plan)), encoding="utf-8")
+        file = saved_picture(plan, folder, OUT / "shadow.png")
         simulate([str(file), "--out", str(folder)], standalone_mode=False)
         shutil.copyfile(folder / "filmstrip.png", OUT / "filmstrip.png")
         app(file, folder / "memory.sqlite")
 
 
 def lost() -> None:
-    """The library's spoon as it turns in the Shadow hand: what docs/results.md says was lost."""
+    """The spoon that turns in the Shadow hand: a grip that docs/results.md counts as lost."""
     with tempfile.TemporaryDirectory() as name:
-        planner(["spoon", "--hand", "shadow", "--out", name], standalone_mode=False)
+        planner(["spoon", "--hand", "shadow", "--seed", "1", "--out", name], standalone_mode=False)
         for picture in sorted(Path(name).glob("lost-*.png"))[:1]:
             shutil.copyfile(picture, OUT / "lost.png")
 
 
 def app(file: Path, memory: Path) -> None:
-    """The browser app with a plan, as it stands in Chromium."""
+    """A screenshot of the browser app with a plan, in Chromium."""
     program = next(filter(None, map(shutil.which, BROWSERS)), None)
     if program is None:
         print("no Chromium here: docs/pictures/app.png stays as it is")
@@ -90,8 +89,8 @@ def app(file: Path, memory: Path) -> None:
             page.get_by_text("Grasp found").first.wait_for()
             page.get_by_role("tab", name="Why").click()
             notice = page.locator(".mantine-Notification-closeButton")
-            page.wait_for_timeout(6000)  # the software renderer takes its time for the labels
-            if notice.count():  # it says that it is one
+            page.wait_for_timeout(6000)  # the software renderer is slow to draw the labels
+            if notice.count():  # the notice that the browser draws in software
                 notice.first.click()
             page.wait_for_timeout(4000)
             page.screenshot(path=OUT / "app.png")
@@ -101,7 +100,7 @@ def app(file: Path, memory: Path) -> None:
 
 
 def small(path: Path) -> None:
-    """Fewer colours, then fewer pixels, until a picture is small enough for a page."""
+    """Reduce the colours, then the pixels of a picture until it is small enough for a page."""
     picture = Image.open(path).convert("RGB")
     for share in (1.0, 0.85, 0.7, 0.6, 0.5):
         if path.stat().st_size <= LARGEST:
@@ -114,9 +113,9 @@ def small(path: Path) -> None:
 
 
 def few_colours(picture: Image.Image) -> Image.Image:
-    """A picture in 256 colours: half for what is frequent, half for what is rare.
+    """A picture in 256 colours, half of them frequent, half of them rare.
 
-    The frequent ones keep smooth backgrounds smooth; the rare ones keep a thin green arrow green.
+    The frequent colours keep smooth backgrounds smooth; the rare ones keep a thin green arrow green.
     """
     frequent = picture.quantize(128, Image.Quantize.MEDIANCUT, kmeans=2)
     rare = picture.quantize(128, Image.Quantize.MAXCOVERAGE, kmeans=2)
