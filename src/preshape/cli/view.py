@@ -97,7 +97,6 @@ def start_of_plan(path: Path, task: str | None = None, **options: Any) -> Start:
         EnvironmentFailure: A file cannot be read.
     """
     from ..app.browser_session import Start
-    from ..hands.load import load_hand
     from ..planning.document import read_plan
 
     for name in options:
@@ -119,8 +118,26 @@ def start_of_plan(path: Path, task: str | None = None, **options: Any) -> Start:
             f"{path} is no plan of this program ({error!s:.80}); "
             "give a plan.json that preshape plan --out wrote"
         ) from error
-    load_hand(request.hand_name)
+    _check_shown(document, request)
     return Start(request=request, document=document)
+
+
+def _check_shown(document: dict[str, Any], request: PlanRequest) -> None:
+    """Make what the browser will draw, so that a damaged plan is refused before anything is served.
+
+    Raises:
+        InputError: A part of the plan cannot be drawn.
+    """
+    from ..hands.load import load_hand
+    from ..objects.load import load_object
+    from ..pictures import document_motion, plan_scene
+    from ..viewer.readings import answers_of
+
+    hand = load_hand(request.hand_name)
+    mesh = load_object(str(request.source), unit=request.unit, scale=request.scale, view=request.view)
+    for answer in answers_of(document) or [None]:
+        plan_scene(document, mesh, hand, answer)
+        document_motion(hand, answer)
 
 
 def _found(document: dict[str, Any], folder: Path, changes: dict[str, Any]) -> PlanRequest:
