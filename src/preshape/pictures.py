@@ -84,7 +84,7 @@ def plan_scene(
             "status": readings.result_words(document),
             "reasons": [
                 *([] if document["plane"] else [str(document["reason"])]),
-                *(f"{readings.step_words(t)}. {t['reason']}" for t in document["transitions"]),
+                *(f"{readings.step_words(t)}: {t['reason']}" for t in document["transitions"]),
             ],
             "table": float(mesh.bounds[0, 2]) if table == "auto" else table,
             "boxes": np.array(request.get("avoid") or [], dtype=np.float64).reshape(-1, 2, 3),

@@ -35,6 +35,10 @@ FIELD_MASS = 0.1
 """Mass of every object in the field's holding tests [kg]."""
 GRAVITY = 9.81
 """Acceleration of gravity [m/s²]."""
+MODES = {0: "known", 1: "searched", 2: "task does not fit", 3: "new"}
+"""The paper's execution modes in plain words."""
+STEPS = {0: "Recall", 1: "Search", 2: "Recognise", 3: "Explore"}
+"""The work of each execution mode."""
 
 _T = TypeVar("_T")
 _A = TypeVar("_A", bound=NDArray[Any])

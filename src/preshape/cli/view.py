@@ -113,12 +113,12 @@ def start_of_plan(path: Path, task: str | None = None, **options: Any) -> Start:
         if not isinstance(document.get("alternatives", []), list):
             raise TypeError("alternatives must be a list")
         request = _found(document, path.parent, changes)
+        _check_shown(document, request)
     except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
         raise InputError(
             f"{path} is no plan of this program ({error!s:.80}); "
             "give a plan.json that preshape plan --out wrote"
         ) from error
-    _check_shown(document, request)
     return Start(request=request, document=document)
 
 
@@ -128,14 +128,16 @@ def _check_shown(document: dict[str, Any], request: PlanRequest) -> None:
     Raises:
         InputError: A part of the plan cannot be drawn.
     """
-    from ..hands.load import load_hand
+    from ..hands.load import load_hand, recorded_hand
     from ..objects.load import load_object
     from ..pictures import document_motion, plan_scene
     from ..viewer.readings import answers_of
 
-    hand = load_hand(request.hand_name)
+    load_hand(request.hand_name)
+    hand = recorded_hand(document["hand"])
     mesh = load_object(str(request.source), unit=request.unit, scale=request.scale, view=request.view)
-    for answer in answers_of(document) or [None]:
+    answers: list[dict[str, Any] | None] = [*answers_of(document)]
+    for answer in answers or [None]:
         plan_scene(document, mesh, hand, answer)
         document_motion(hand, answer)
 

@@ -17,7 +17,7 @@ from ..hiis.decision import Decision, Status
 from ..hiis.fuzzy import SET_NAMES
 from ..hiis.planes import axis_name
 from ..tasks.task import COMPONENTS
-from ..viewer.readings import MODES, STEPS
+from ..types import MODES, STEPS
 from .answers import Answer, missing_motion, scan_trust, shortfalls
 
 if TYPE_CHECKING:

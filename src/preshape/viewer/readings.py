@@ -12,7 +12,7 @@ from html import escape
 from typing import Any
 
 from ..objects.mass import ObjectMass
-from ..types import FIELD_MASS, FRICTION
+from ..types import FIELD_MASS, FRICTION, MODES, STEPS
 
 Document = dict[str, Any]
 
@@ -23,15 +23,12 @@ HEADLINES = {
     "deadlock": ("✕", "bad", "Deadlock: no grasp is good enough"),
     "no_grasp": ("✕", "bad", "No grasp found"),
 }
-MODES = {0: "known", 1: "searched", 2: "task does not fit", 3: "new"}
-"""How a plan came by its answer, by the paper's execution mode."""
 _MODE_SENTENCES = {
     0: "the memory named this grasp",
     1: "the memory named the plane, which was searched",
     2: "the object is known, another task is asked for",
     3: "all planes were explored, and the result was learnt",
 }
-STEPS = {0: "Recall", 1: "Search", 2: "Recognise", 3: "Explore"}
 ASIDE = 20.0
 """Angle between way in and approach axis above which both are told [degrees]."""
 OUTCOMES = {"reward": "good", "learned": "good", "explored": "good", "known": "warn", "unknown": "warn"}
@@ -116,7 +113,7 @@ def mode_words(mode: int | None) -> str:
 def step_words(transition: Document) -> str:
     """One step of the search: what was done, the paper's mode, and its outcome."""
     mode = int(transition["mode"])
-    return f"{STEPS[mode]} (mode {mode}): {transition['outcome']}"
+    return f"{STEPS[mode]} (mode {mode}), {transition['outcome']}"
 
 
 def result_words(document: Document) -> str:
