@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ..exceptions import EnvironmentFailure, InputError
+from ..types import FRICTION
 from .options import (
     check_folder,
     check_least,
@@ -41,7 +42,7 @@ OWN = "own"
 @click.option("--count", type=int, default=1, help="Number of answers for each object.")
 @scales_option
 @pieces_option
-@click.option("--friction", type=float, default=0.6, help="Friction of the test; harder: 0.3.")
+@click.option("--friction", type=float, default=FRICTION, help="Friction of the test; harder: 0.3.")
 @click.option(
     "--mass",
     default="0.1",

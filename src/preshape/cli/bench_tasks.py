@@ -9,6 +9,7 @@ import click
 
 from ..exceptions import InputError
 from ..report.terminal import print_table, report_console
+from ..types import FIELD_MASS, FRICTION
 from .options import check_least, checkpoint_option, json_option, names_in, workers_option
 from .progress import GOES_ON, steps
 
@@ -38,8 +39,8 @@ SHOWN = 20
 @click.option(
     "--gravity", metavar="X,Y,Z|none", help="Direction in the object's frame; default: each task's."
 )
-@click.option("--friction", type=float, default=0.6, help="Friction coefficient of the test.")
-@click.option("--mass", type=float, default=0.1, help="Mass to plan for and test with [kg].")
+@click.option("--friction", type=float, default=FRICTION, help="Friction coefficient of the test.")
+@click.option("--mass", type=float, default=FIELD_MASS, help="Mass to plan for and test with [kg].")
 @click.option(
     "--grasps", metavar="FILE.npz", help="Score these answers instead of planning (docs/task-benchmark.md)."
 )

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ..exceptions import InputError
+from ..types import FIELD_MASS, FRICTION
 from .options import check_least, json_option, names_in, pieces_option, scales_option
 from .progress import GOES_ON, duration, steps
 
@@ -40,8 +41,8 @@ SHOWN = 12
     "--unranked", is_flag=True, help="Write randomly closed hands instead of the planner's answers."
 )
 @click.option("--no-physics", is_flag=True, help="Leave the holding test and the task test out.")
-@click.option("--friction", type=float, default=0.6, help="Friction coefficient of planning and tests.")
-@click.option("--mass", type=float, default=0.1, help="Mass of every object [kg].")
+@click.option("--friction", type=float, default=FRICTION, help="Friction coefficient of planning and tests.")
+@click.option("--mass", type=float, default=FIELD_MASS, help="Mass of every object [kg].")
 @click.option("--seed", type=int, default=0, help="Seed of every random draw.")
 @click.option("--per-shard", type=int, default=25, metavar="N", help="Number of grasps in a file.")
 @click.option("--candidates", type=int, default=2000, metavar="N", help="Number of candidates for a shard.")
