@@ -26,7 +26,7 @@ from preshape.objects.scans.read_points import read_npy, read_pcd, read_xyz
 from preshape.objects.scans.scan import RawCloud, Scan
 from preshape.objects.scans.sight import HIDDEN, hidden_share, sight_of
 from preshape.objects.scans.symmetry import symmetries
-from preshape.objects.scans.trust import UNSEEN, trust_of, worth
+from preshape.objects.scans.trust import UNSEEN, seen_weight, trust_of
 from preshape.physics.pieces import ConvexPieces
 from preshape.planner import plan
 from preshape.planning.answers import scan_trust, seen_first
@@ -384,7 +384,7 @@ def test_trust_is_what_was_seen():
         points=9, camera=None, seen=np.array([1, 1, 0, 0], dtype=bool), seen_share=0.5, guess="guessed"
     )
     every, half, none = (np.array(rows) for rows in ([0, 1], [0, 2], [2, 3]))
-    assert [worth(scan, rows) for rows in (every, half, none)] == [1.0, (1 + UNSEEN) / 2, UNSEEN]
+    assert [seen_weight(scan, rows) for rows in (every, half, none)] == [1.0, (1 + UNSEEN) / 2, UNSEEN]
     trusts = [trust_of(scan, rows).trust for rows in (every, half, none)]
     assert trusts == sorted(trusts, reverse=True)
     assert trusts[0] == 1.0
@@ -433,7 +433,7 @@ def test_a_plan_on_a_cloud_says_which_contacts_were_seen_and_prefers_them(on_clo
 
     def rank(answer):
         margin = -np.log2(1 - min(answer.grasp.judged, 6 - 1e-9) / 6)
-        return margin * worth(scan, answer.grasp.contacts.triangles)
+        return margin * seen_weight(scan, answer.grasp.contacts.triangles)
 
     ranks = [rank(answer) for answer in answers]
     assert ranks == sorted(ranks, reverse=True)

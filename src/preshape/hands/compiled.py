@@ -19,7 +19,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from ..exceptions import HandError
-from ..objects.read_text import shown
+from ..objects.read_text import printable
 from ..types import value
 
 _TINY = 1e-9  # [kg] given to a massless body, so that the model compiles and the body can be reported
@@ -199,7 +199,7 @@ def _name_all(spec: Any) -> None:
 
 def reason(error: Exception) -> str:
     """The message of another library's error, printable and of bounded length."""
-    return shown(str(error).removeprefix("Error: "), _LONGEST_REASON)
+    return printable(str(error).removeprefix("Error: "), _LONGEST_REASON)
 
 
 @contextmanager

@@ -9,7 +9,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from ..exceptions import HandError, InputError
-from ..objects.read_text import shown
+from ..objects.read_text import printable
 from ..spatial import pose, rotation_from_quaternion
 from ..types import Array
 from .hand import POSTURES, Finger, Hand
@@ -37,11 +37,13 @@ def hand_from(data: Table, mjcf: str) -> Hand:
     except ElementTree.ParseError as error:
         raise HandError(f"the hand's MJCF cannot be read: {error}") from error
     except KeyError as error:
-        raise HandError(shown(f"hand {name!r}: the description lacks {error}", LONGEST_MESSAGE)) from error
+        raise HandError(
+            printable(f"hand {name!r}: the description lacks {error}", LONGEST_MESSAGE)
+        ) from error
     except (TypeError, ValueError, AttributeError, OverflowError) as error:
-        raise HandError(shown(f"hand {name!r}: {error}", LONGEST_MESSAGE)) from error
+        raise HandError(printable(f"hand {name!r}: {error}", LONGEST_MESSAGE)) from error
     except InputError as error:
-        raise HandError(shown(error, LONGEST_MESSAGE)) from error
+        raise HandError(printable(error, LONGEST_MESSAGE)) from error
 
 
 def _hand(data: Table, root: ElementTree.Element, mjcf: str) -> Hand:

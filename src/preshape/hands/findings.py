@@ -8,7 +8,7 @@ from __future__ import annotations
 from typing import Any
 
 from ..exceptions import HandError, InputError
-from ..objects.read_text import shown
+from ..objects.read_text import printable
 from ..types import value
 from .compiled import CompiledModel
 from .description import (
@@ -45,7 +45,7 @@ class Finding:
 
     def __post_init__(self) -> None:
         # Names come from files; their escape codes must not reach a terminal.
-        object.__setattr__(self, "text", shown(self.text, LONGEST_MESSAGE))
+        object.__setattr__(self, "text", printable(self.text, LONGEST_MESSAGE))
 
     def __str__(self) -> str:
         return self.text
@@ -290,7 +290,7 @@ def _mass_findings(model: CompiledModel) -> list[Finding]:
 
 def _listed(names: Any, count: int = 12) -> str:
     names = list(names) or ["none"]
-    return ", ".join(shown(name, 60) for name in names[:count]) + (
+    return ", ".join(printable(name, 60) for name in names[:count]) + (
         f" and {len(names) - count} more" if len(names) > count else ""
     )
 

@@ -24,7 +24,7 @@ from pathlib import Path
 from typing import Any
 
 from ..exceptions import EnvironmentFailure, HandError, UnknownHand
-from ..objects.read_text import shown
+from ..objects.read_text import printable
 from . import menagerie
 from .compiled import read_model
 from .description import LONGEST_MESSAGE, Table, hand_from
@@ -96,7 +96,9 @@ def parse_hand(description: str, mjcf: str) -> Hand:
     try:
         data = tomllib.loads(description)
     except (ValueError, RecursionError) as error:  # ValueError: also a number of thousands of digits
-        raise HandError(f"the hand's description cannot be read: {shown(error, LONGEST_MESSAGE)}") from error
+        raise HandError(
+            f"the hand's description cannot be read: {printable(error, LONGEST_MESSAGE)}"
+        ) from error
     return hand_from(data, mjcf)
 
 
@@ -116,7 +118,7 @@ def read_description(path: Path) -> Table:
     except OSError as error:
         raise EnvironmentFailure(f"{path} cannot be read: {error.strerror or error}") from error
     except (ValueError, RecursionError) as error:  # ValueError: also a number of thousands of digits
-        raise HandError(f"{path} is not valid TOML: {shown(error, LONGEST_MESSAGE)}") from error
+        raise HandError(f"{path} is not valid TOML: {printable(error, LONGEST_MESSAGE)}") from error
 
 
 def model_file(data: Table, path: Path) -> Path:
@@ -134,7 +136,7 @@ def model_file(data: Table, path: Path) -> Path:
     except OSError:  # the text cannot be a file name
         found = False
     if not found:
-        raise HandError(f"{path}: there is no model {shown(file, 400)}")
+        raise HandError(f"{path}: there is no model {printable(file, 400)}")
     return file
 
 

@@ -15,7 +15,7 @@ from ..types import Array, frozen_array
 from . import checks, read_gltf, read_obj, read_ply, read_trimesh
 from .mesh import TriangleMesh
 from .read_raw import RawMesh, group_rows
-from .read_text import shown
+from .read_text import printable
 from .scans.read_points import read_npy, read_pcd, read_xyz
 from .scans.scan import RawCloud
 
@@ -120,7 +120,7 @@ def load_object(
     except RecursionError as error:
         raise ObjectError(f"{name}: nested too deeply to be a mesh; the file is damaged") from error
     except Exception as error:
-        reason = shown(f"{type(error).__name__}: {error}".strip().splitlines()[0], 120)
+        reason = printable(f"{type(error).__name__}: {error}".strip().splitlines()[0], 120)
         raise ObjectError(
             f"{name}: no {suffix[1:].upper()} {_noun(suffix)}, or a damaged one ({reason}); "
             f"re-export it or convert it to {'PLY' if suffix in CLOUD_SUFFIXES else 'OBJ'}"

@@ -14,7 +14,7 @@ from urllib.parse import unquote
 
 from ..exceptions import ObjectError
 from .read_raw import RawMesh
-from .read_text import shown
+from .read_text import printable
 from .read_trimesh import read_scene
 
 # Limits far above any scan: numbers of all parts, nodes, and levels of nodes, whose third power trimesh
@@ -43,7 +43,7 @@ def read_gltf(name: str, data: bytes, path: Path) -> RawMesh:
     for extension in tree.get("extensionsRequired", ()):
         if "compression" in extension:
             raise ObjectError(
-                f"{name}: the mesh is compressed ({shown(extension)}), which cannot be read; "
+                f"{name}: the mesh is compressed ({printable(extension)}), which cannot be read; "
                 "export it without compression"
             )
     files = {

@@ -18,7 +18,7 @@ import numpy as np
 from ..exceptions import ObjectError
 from ..types import Array, IntArray
 from .read_raw import RawMesh, assemble
-from .read_text import plain_text, shown
+from .read_text import plain_text, printable
 from .read_trimesh import quietly
 from .scans.read_points import check_finite
 from .scans.scan import RawCloud
@@ -180,7 +180,7 @@ def _faces(name: str, raw: dict[str, Any], rows: list[str] | None) -> tuple[IntA
         if rows is not None and len(rows) < before + element["length"]:
             found = max(0, len(rows) - before)
             raise ObjectError(
-                f"{name}: expected {element['length']} of {shown(kind.lstrip('-'), 40)}, "
+                f"{name}: expected {element['length']} of {printable(kind.lstrip('-'), 40)}, "
                 f"found {found}; {_SHORT}"
             )
         if kind == "-face":

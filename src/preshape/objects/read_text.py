@@ -17,10 +17,10 @@ _INDENT = (9, 11, 12, 32)
 _CHUNK = 1 << 21
 
 
-def shown(text: object, longest: int = 80) -> str:
+def printable(text: object, longest: int = 80) -> str:
     r"""Text from a file in a form for messages: one line, printable, not too long.
 
-    >>> shown("a\x1b[31m\nb")
+    >>> printable("a\x1b[31m\nb")
     'a?[31m b'
     """
     words = " ".join(str(text).split())[:longest]

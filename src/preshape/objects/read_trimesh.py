@@ -15,7 +15,7 @@ import numpy as np
 
 from ..exceptions import ObjectError
 from .read_raw import RawMesh, assemble, merge_equal
-from .read_text import plain_text, shown
+from .read_text import plain_text, printable
 
 
 @contextmanager
@@ -94,7 +94,8 @@ def read_scene(name: str, data: bytes, kind: str, files: dict[str, bytes], facet
         text = note.getMessage()
         if kind != "stl" and (note.levelno >= WARNING or text.startswith("skipping primitive")):
             raise ObjectError(
-                f"{name}: a part of the scene cannot be read ({shown(text)}); export it as plain triangles"
+                f"{name}: a part of the scene cannot be read ({printable(text)}); "
+                "export it as plain triangles"
             )
     vertices, triangles, count = [np.zeros((0, 3))], [np.zeros((0, 3), dtype=np.int64)], 0
     for part in parts:

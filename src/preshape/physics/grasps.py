@@ -34,7 +34,7 @@ import numpy as np
 from .. import spatial
 from ..exceptions import EnvironmentFailure, InputError
 from ..files import read_arrays, write_whole
-from ..objects.read_text import shown
+from ..objects.read_text import printable
 from ..types import Array, freeze, frozen_array, value
 from .hand import PhysicsHand
 
@@ -289,15 +289,18 @@ def _read_npz(path: Path) -> GraspSet:
             arrays = read_arrays(path)
     except (OSError, ValueError) as error:
         raise InputError(
-            f"{path}: expected an npz without pickle, this is another file or a damaged one ({shown(error)})"
+            f"{path}: expected an npz without pickle, this is another file or a damaged one "
+            f"({printable(error)})"
         ) from error
     missing = [name for name in ("object", "scale", "obj_pose", *STAGES) if name not in arrays]
     if missing:
-        raise InputError(f"{path}: missing arrays {', '.join(missing)}; it has {shown(sorted(arrays), 400)}")
+        raise InputError(
+            f"{path}: missing arrays {', '.join(missing)}; it has {printable(sorted(arrays), 400)}"
+        )
     others = [name for name, array in arrays.items() if not isinstance(array, np.ndarray)]
     if others:
         raise InputError(
-            f"{path}: {shown(', '.join(map(repr, others)))} cannot be read as arrays; use numpy.savez"
+            f"{path}: {printable(', '.join(map(repr, others)))} cannot be read as arrays; use numpy.savez"
         )
     names = arrays["object"]
     if names.ndim != 1 or names.dtype.kind not in "US":
@@ -324,7 +327,7 @@ def _words(array: Any) -> tuple[str, ...]:
     try:
         words = np.asarray(array).ravel().tolist()
     except SystemError as error:  # code points that do not exist
-        raise InputError(f"a text array is damaged ({shown(error)}); write the file again") from error
+        raise InputError(f"a text array is damaged ({printable(error)}); write the file again") from error
     return tuple(word.decode(errors="replace") if isinstance(word, bytes) else str(word) for word in words)
 
 
@@ -342,7 +345,7 @@ def _array(data: Any, name: str, shape: tuple[int, ...]) -> Array:
     try:
         array = np.array(data, dtype=np.float64)
     except (TypeError, ValueError, OverflowError, SystemError) as error:
-        got = data.dtype if isinstance(data, np.ndarray) else shown(repr(data))
+        got = data.dtype if isinstance(data, np.ndarray) else printable(repr(data))
         raise InputError(f"{name} must be numbers, got {got}") from error
     if array.shape != shape:
         wanted, got = ("×".join(map(str, s)) or "a single number" for s in (shape, array.shape))

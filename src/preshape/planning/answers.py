@@ -9,7 +9,7 @@ import numpy as np
 
 from ..closure.finish import margin_of
 from ..hiis.analyser import Grasp, Grip
-from ..objects.scans.trust import Trust, trust_of, worth
+from ..objects.scans.trust import Trust, seen_weight, trust_of
 from ..tasks.task import COMPONENTS, ROTATION_ABSENT, TRANSLATION_ABSENT
 from ..types import Array, value
 from .hand_simulation import HandResult
@@ -109,7 +109,8 @@ def seen_first(plan: Plan, *, keep: int) -> Plan:
 
     def rank(answer: Answer) -> float:
         g = answer.grasp  # a grip is ranked by the margin behind its quality, a virtual grasp by its match
-        return (margin_of(g.judged) if isinstance(g, Grip) else g.judged) * worth(scan, g.contacts.triangles)
+        judged = margin_of(g.judged) if isinstance(g, Grip) else g.judged
+        return judged * seen_weight(scan, g.contacts.triangles)
 
     best, *others = sorted(answers_of(plan), key=lambda answer: -rank(answer))
     return replace(plan, answer=best, alternatives=tuple(others[: keep - 1]))

@@ -11,7 +11,7 @@ import numpy as np
 
 from ..exceptions import EnvironmentFailure, InputError
 from ..hands.hand import Hand
-from ..objects.read_text import shown
+from ..objects.read_text import printable
 from ..physics.grasps import STAGES, Fault, GraspSet, read_grasps
 from ..physics.hand import PhysicsHand
 from ..physics.locate import object_extent, plan_object
@@ -129,12 +129,13 @@ def grasps_from_plans(
                 planned_for.append(load)
         except (KeyError, TypeError, ValueError, AttributeError, OverflowError, OSError) as error:
             raise InputError(
-                f"{name}: plan {index} is not a plan of this program ({type(error).__name__}: {shown(error)})"
+                f"{name}: plan {index} is not a plan of this program "
+                f"({type(error).__name__}: {printable(error)})"
             ) from error
     if not rows:
         raise InputError(f"{name}: no plan in it")
     if len(set(hands)) > 1:
-        names = shown(", ".join(sorted({hand for hand, _ in hands})))
+        names = printable(", ".join(sorted({hand for hand, _ in hands})))
         raise InputError(f"{name}: plans for different hands ({names}); give the plans of one hand")
     stages: dict[str, Any] = {stage: _matrix([row[stage] for row in rows], stage) for stage in STAGES}
     grasps = GraspSet(

@@ -32,7 +32,7 @@ class Trust:
     sentence: str
 
 
-def worth(scan: Scan, triangles: IntArray) -> float:
+def seen_weight(scan: Scan, triangles: IntArray) -> float:
     """Weight of a set of contacts: from ``UNSEEN`` where none is on seen surface to 1 where all are.
 
     Args:
