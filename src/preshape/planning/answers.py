@@ -3,20 +3,23 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TypeVar
 
 import numpy as np
 
 from ..closure.finish import margin_of
+from ..hands.hand import Hand
 from ..hiis.analyser import Grasp, Grip
+from ..hiis.decision import Decision, Settings
+from ..objects.mass import ObjectMass
+from ..objects.mesh import TriangleMesh
 from ..objects.scans.trust import Trust, seen_weight, trust_of
 from ..tasks.task import COMPONENTS, ROTATION_ABSENT, TRANSLATION_ABSENT
 from ..types import Array, value
 from .hand_simulation import HandResult
+from .request import PlanRequest
 
-if TYPE_CHECKING:
-    from .plan import Plan
-
+P = TypeVar("P", bound="PlanRecord")
 _ABSENT = np.array([TRANSLATION_ABSENT] * 3 + [ROTATION_ABSENT] * 3)
 
 
@@ -56,7 +59,65 @@ class Verified:
     reason: str
 
 
-def scan_trust(plan: Plan, answer: Answer | None) -> Trust | None:
+@value
+class PlanRecord:
+    """Everything about one run, as data; :class:`~preshape.planning.plan.Plan` also shows and saves it.
+
+    Attributes:
+        request: What was asked.
+        mesh: The object as it was planned with [m].
+        hand: The hand.
+        mass: The object's mass, and where it comes from.
+        decision: The controller's report.
+        answer: The answer; ``None`` without one.
+        alternatives: Further answers, best first.
+        best: Without an answer, the best grasp that was found, which is not good enough; else ``None``.
+        seconds: Time of ``load``, ``prepare``, ``search`` and ``total`` [s].
+        warnings: What the caller should know about the request: an absurd density, a box out of reach.
+        verified: What the holding test in physics said; ``None`` where it was not asked.
+    """
+
+    request: PlanRequest
+    mesh: TriangleMesh
+    hand: Hand
+    mass: ObjectMass
+    decision: Decision
+    answer: Answer | None
+    alternatives: tuple[Answer, ...]
+    best: Answer | None
+    seconds: dict[str, float]
+    warnings: tuple[str, ...] = ()
+    verified: Verified | None = None
+
+    @property
+    def source(self) -> str:
+        """The file or library name of the object."""
+        return self.request.object_name
+
+    @property
+    def settings(self) -> Settings:
+        """Meta control's settings."""
+        return self.request.settings
+
+    @property
+    def grasp(self) -> Grasp | None:
+        """The answer's grasp."""
+        return self.answer.grasp if self.answer else None
+
+    @property
+    def hand_result(self) -> HandResult | None:
+        """The answer's hand."""
+        return self.answer.hand_result if self.answer else None
+
+    def __repr__(self) -> str:
+        what = f"{self.mesh.name}, {self.decision.task.label}, {self.hand.name}"
+        if self.answer is None:
+            return f"<Plan {what}: {self.decision.status.value.replace('_', ' ')}>"
+        g = self.answer.grasp
+        return f"<Plan {what}: {g.plane.label}, {g.score_text} of 6>"
+
+
+def scan_trust(plan: PlanRecord, answer: Answer | None) -> Trust | None:
     """How much an answer on a point cloud can be trusted; ``None`` on a mesh."""
     scan = plan.mesh.scan
     if scan is None:
@@ -64,7 +125,7 @@ def scan_trust(plan: Plan, answer: Answer | None) -> Trust | None:
     return trust_of(scan, answer.grasp.contacts.triangles if answer is not None else None)
 
 
-def shortfalls(plan: Plan, answer: Answer) -> tuple[str, ...]:
+def shortfalls(plan: PlanRecord, answer: Answer) -> tuple[str, ...]:
     """What the task asks for and a virtual grasp does not give: present components with ADI 0.
 
     TFVADI sums six components, so a virtual grasp can pass without the one that matters most. A grip is
@@ -80,7 +141,7 @@ def shortfalls(plan: Plan, answer: Answer) -> tuple[str, ...]:
     )
 
 
-def missing_motion(plan: Plan, answer: Answer) -> str:
+def missing_motion(plan: PlanRecord, answer: Answer) -> str:
     """The task's largest component, where a virtual grasp gives nothing along it; else empty."""
     if isinstance(answer.grasp, Grip):
         return ""
@@ -91,12 +152,12 @@ def missing_motion(plan: Plan, answer: Answer) -> str:
     return " and ".join(COMPONENTS[k] for k in largest)
 
 
-def answers_of(plan: Plan) -> tuple[Answer, ...]:
+def answers_of(plan: PlanRecord) -> tuple[Answer, ...]:
     """The answer and its alternatives, best first."""
     return tuple(a for a in (plan.answer, *plan.alternatives) if a is not None)
 
 
-def seen_first(plan: Plan, *, keep: int) -> Plan:
+def seen_first(plan: P, *, keep: int) -> P:
     """The plan of a point cloud with its answers ordered by margin and by how much of them was seen.
 
     Args:

@@ -11,7 +11,7 @@ import json
 import sys
 from importlib import resources
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from .._version import __version__
 from ..exceptions import EnvironmentFailure, InputError
@@ -21,12 +21,9 @@ from ..hiis.decision import Settings
 from ..hiis.fuzzy import SET_NAMES
 from ..tasks import family_names
 from ..types import FIELD_MASS, FRICTION
-from .answers import Answer, missing_motion, scan_trust, shortfalls
+from .answers import Answer, PlanRecord, missing_motion, scan_trust, shortfalls
 from .hand_simulation import HandPose
 from .request import SCHEMA, PlanRequest, analyser_of
-
-if TYPE_CHECKING:
-    from .plan import Plan
 
 Document = dict[str, Any]
 
@@ -37,7 +34,7 @@ GRASP_KEYS = (
 _PLAN_KEYS = {"status", "hand", "object", "task", "plane"}
 
 
-def plan_to_json(plan: Plan) -> Document:
+def plan_to_json(plan: PlanRecord) -> Document:
     """A plan as plain JSON values; see the schema for each key."""
     document = _answer(plan, plan.answer)
     document["alternatives"] = [_answer(plan, other) for other in plan.alternatives]
@@ -190,7 +187,7 @@ def no_answer(document: Document) -> str:
     return words
 
 
-def _answer(plan: Plan, answer: Answer | None) -> Document:
+def _answer(plan: PlanRecord, answer: Answer | None) -> Document:
     decision, task, mesh = plan.decision, plan.decision.task, plan.mesh
     attributes = mesh.attributes
     return {
@@ -277,12 +274,12 @@ def _grip(grip: Grasp) -> Document | None:
     }
 
 
-def _verified(plan: Plan) -> Document | None:
+def _verified(plan: PlanRecord) -> Document | None:
     said = plan.verified
     return None if said is None else {"held": said.held, "tried": said.tried, "reason": said.reason}
 
 
-def _cloud(plan: Plan, answer: Answer | None) -> Document | None:
+def _cloud(plan: PlanRecord, answer: Answer | None) -> Document | None:
     """How much of the surface under a point cloud's answer was seen."""
     said = scan_trust(plan, answer)
     if said is None:
@@ -296,7 +293,7 @@ def _cloud(plan: Plan, answer: Answer | None) -> Document | None:
     }
 
 
-def _contacts(plan: Plan, answer: Answer) -> list[Document]:
+def _contacts(plan: PlanRecord, answer: Answer) -> list[Document]:
     grasp, contacts, names = answer.grasp, answer.grasp.contacts, answer.hand_result.fingers
     if isinstance(grasp, Grip):
         links: list[str | None] = list(grasp.links)
@@ -318,7 +315,7 @@ def _contacts(plan: Plan, answer: Answer) -> list[Document]:
     ]
 
 
-def _hand(plan: Plan, answer: Answer | None) -> Document:
+def _hand(plan: PlanRecord, answer: Answer | None) -> Document:
     result = answer.hand_result if answer else None
     return {
         "name": plan.hand.name,

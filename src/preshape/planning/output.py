@@ -6,20 +6,15 @@ import base64
 import tempfile
 from html import escape
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from ..files import make_folder, write_json, write_text, write_whole
 from ..hiis.analyser import VirtualGrasp
 from ..objects.mesh import TriangleMesh
-from ..physics.task.instances import mesh_text
-from .answers import answers_of
+from .answers import PlanRecord, answers_of
 from .document import Document, plan_to_json
 
-if TYPE_CHECKING:
-    from .plan import Plan
 
-
-def save_plan(plan: Plan, folder: Path, document: Document | None = None) -> list[Path]:
+def save_plan(plan: PlanRecord, folder: Path, document: Document | None = None) -> list[Path]:
     """Write plan.json, plan.png and plan.html, each whole or not at all.
 
     Args:
@@ -34,6 +29,7 @@ def save_plan(plan: Plan, folder: Path, document: Document | None = None) -> lis
     Raises:
         EnvironmentFailure: A file cannot be written.
     """
+    from ..physics.task.instances import mesh_text
     from ..pictures import document_html, plan_picture_of
 
     make_folder(folder)
@@ -54,7 +50,7 @@ def save_plan(plan: Plan, folder: Path, document: Document | None = None) -> lis
     return files
 
 
-def show_plan(plan: Plan) -> Path:
+def show_plan(plan: PlanRecord) -> Path:
     """Write the plan's page to a temporary folder and open it in the web browser.
 
     Raises:
@@ -70,7 +66,7 @@ def show_plan(plan: Plan) -> Path:
     return page
 
 
-def notebook_html(plan: Plan) -> str:
+def notebook_html(plan: PlanRecord) -> str:
     """The picture with the figures below it, for a notebook."""
     from ..pictures import plan_picture_of
 
@@ -84,6 +80,6 @@ def notebook_html(plan: Plan) -> str:
     )
 
 
-def ray_origins(plan: Plan) -> list[list[list[float]]]:
+def ray_origins(plan: PlanRecord) -> list[list[list[float]]]:
     """For each answer that was found by rays, where its rays start [m]."""
     return [a.grasp.ray_origins.tolist() for a in answers_of(plan) if isinstance(a.grasp, VirtualGrasp)]

@@ -33,7 +33,6 @@ from .answers import Answer, seen_first
 from .hand_simulation import execute, hand_geometry
 from .plan import Plan
 from .request import PlanRequest
-from .verify import verified_plan
 
 if TYPE_CHECKING:
     from ..closure.analyser import ClosureAnalyser
@@ -176,6 +175,8 @@ class Session:
         if ready.mesh.scan is not None:
             plan = seen_first(plan, keep=request.count if not request.verify else wanted)
         if request.verify:
+            from .verify import verified_plan
+
             self._tell("trying the answers in simulated physics", 80)
             plan, tried = verified_plan(plan, keep=request.count)
             # A lesson that was restricted to some approaches would mislead plans without the restriction.
@@ -202,6 +203,8 @@ class Session:
 
     def verify(self, plan: Plan) -> Plan:
         """The plan with the first of its answers that holds in simulated physics."""
+        from .verify import verified_plan
+
         return verified_plan(plan, keep=1 + len(plan.alternatives))[0]
 
     def hand(self, request: PlanRequest) -> Hand:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 from rich.console import Console, Group, RenderableType
@@ -18,10 +17,7 @@ from ..hiis.fuzzy import SET_NAMES
 from ..hiis.planes import axis_name
 from ..tasks.task import COMPONENTS
 from ..types import MODES, STEPS
-from .answers import Answer, missing_motion, scan_trust, shortfalls
-
-if TYPE_CHECKING:
-    from .plan import Plan
+from .answers import Answer, PlanRecord, missing_motion, scan_trust, shortfalls
 
 _COLOURS = {"reward": "green", "learned": "green", "known": "yellow", "deadlock": "red", "no grasp": "red"}
 _HEADLINES = {
@@ -32,7 +28,7 @@ _HEADLINES = {
 }
 
 
-def summary_text(plan: Plan, *, explain: bool = False, width: int = 80) -> str:
+def summary_text(plan: PlanRecord, *, explain: bool = False, width: int = 80) -> str:
     """The summary as plain text.
 
     Args:
@@ -45,7 +41,7 @@ def summary_text(plan: Plan, *, explain: bool = False, width: int = 80) -> str:
     return out.getvalue().rstrip("\n")
 
 
-def summary(plan: Plan, *, explain: bool = False) -> RenderableType:
+def summary(plan: PlanRecord, *, explain: bool = False) -> RenderableType:
     """The summary as a rich renderable; see :func:`summary_text`."""
     decision = plan.decision
     colour, headline = headline_of(plan)
@@ -74,7 +70,7 @@ def summary(plan: Plan, *, explain: bool = False) -> RenderableType:
     return Panel(Group(*parts), title=title, title_align="left", border_style=colour)
 
 
-def headline_of(plan: Plan) -> tuple[str, str]:
+def headline_of(plan: PlanRecord) -> tuple[str, str]:
     """Colour and words of the result, with what an answer of rays does not give."""
     colour, headline = _HEADLINES[plan.decision.status]
     missing = missing_motion(plan, plan.answer) if plan.answer else ""
@@ -102,7 +98,7 @@ def _grid(*rows: tuple[str, str | Text]) -> Table:
     return grid
 
 
-def _what(plan: Plan) -> Table:
+def _what(plan: PlanRecord) -> Table:
     mesh, task, request = plan.mesh, plan.decision.task, plan.request
     size = " × ".join(f"{1000 * x:.0f}" for x in mesh.extents)
     rows = [("object", f"{mesh.name}, {size} mm, {len(mesh.triangles)} triangles")]
@@ -129,7 +125,7 @@ def _what(plan: Plan) -> Table:
     return _grid(*rows)
 
 
-def _answer(plan: Plan, answer: Answer) -> Table:
+def _answer(plan: PlanRecord, answer: Answer) -> Table:
     g, hand = answer.grasp, answer.hand_result
     rows: list[tuple[str, str | Text]] = []
     fingers = f"{len(hand.fingers) or g.fingers}: {', '.join(hand.fingers)}"
@@ -170,7 +166,7 @@ def _indices(g: Grasp) -> Table:
     )
 
 
-def _match(plan: Plan, answer: Answer) -> Table:
+def _match(plan: PlanRecord, answer: Answer) -> Table:
     table = Table(box=None, pad_edge=False, header_style="bold")
     table.add_column("", no_wrap=True)
     for heading in ("task", "grasp"):
@@ -201,7 +197,7 @@ def _offers(decision: Decision) -> Table:
     return _grid(*rows)
 
 
-def _alternatives(plan: Plan) -> Table:
+def _alternatives(plan: PlanRecord) -> Table:
     rows: list[tuple[str, str | Text]] = []
     for number, other in enumerate(plan.alternatives, start=2):
         g, hand = other.grasp, other.hand_result
@@ -217,7 +213,7 @@ def _alternatives(plan: Plan) -> Table:
     return _grid(*rows)
 
 
-def after_words(plan: Plan) -> Sequence[str]:
+def after_words(plan: PlanRecord) -> Sequence[str]:
     """What to do next, one sentence each, where there is something to say."""
     if plan.answer is None:
         return (plan.decision.status.help,)
