@@ -109,13 +109,6 @@ class PlanRecord:
         """The answer's hand."""
         return self.answer.hand_result if self.answer else None
 
-    def __repr__(self) -> str:
-        what = f"{self.mesh.name}, {self.decision.task.label}, {self.hand.name}"
-        if self.answer is None:
-            return f"<Plan {what}: {self.decision.status.value.replace('_', ' ')}>"
-        g = self.answer.grasp
-        return f"<Plan {what}: {g.plane.label}, {g.score_text} of 6>"
-
 
 def scan_trust(plan: PlanRecord, answer: Answer | None) -> Trust | None:
     """How much an answer on a point cloud can be trusted; ``None`` on a mesh."""

@@ -18,6 +18,13 @@ class Plan(PlanRecord):
     figures.
     """
 
+    def __repr__(self) -> str:
+        what = f"{self.mesh.name}, {self.decision.task.label}, {self.hand.name}"
+        if self.answer is None:
+            return f"<Plan {what}: {self.decision.status.value.replace('_', ' ')}>"
+        g = self.answer.grasp
+        return f"<Plan {what}: {g.plane.label}, {g.score_text} of 6>"
+
     def __str__(self) -> str:
         return summary_text(self)
 
