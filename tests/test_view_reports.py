@@ -1,4 +1,4 @@
-"""Reports as one HTML page, and what a plan's readings say in words."""
+"""Reports as Markdown, HTML and terminal text, and the readings of a plan in words."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ A **strong**, *emphasised*, `code <b>` and <script>alert(1)</script>. It goes on
 
 
 class Reader(HTMLParser):
-    """Tags, their attributes, and the words between them; every tag that opens must close."""
+    """A parser that collects tags, attributes and words, and checks that every tag is closed."""
 
     VOID = ("meta", "link", "img", "br")
 
@@ -379,7 +379,10 @@ def test_a_plan_is_opened_with_its_own_request(document, tmp_path: Path) -> None
         start_of_plan(file, seed=3)
     # a plan of version 1 was made for 0.1 kg and friction 0.6 in free space
     old = {key: value for key, value in document.items() if key not in ("schema", "request")}
-    file.write_text(json.dumps({**old, "grip": {"forces": []}}), encoding="utf-8")
+    forces = [c["normal_in"] for c in old["contacts"]]
+    grip = {"quality": 5.09, "task_margin": 3.4, "hold_margin": 2.0, "clearance": 0.006, "forces": forces}
+    grip["approach"] = old["approach_axis"]
+    file.write_text(json.dumps({**old, "grip": grip}), encoding="utf-8")
     opened = start_of_plan(file).request
     assert (opened.analyser, opened.mass, opened.stated_friction, opened.table) == ("closure", 0.1, 0.6, None)
 
