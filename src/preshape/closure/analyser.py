@@ -1,8 +1,8 @@
 """The closure analyser: a performance element that closes the real hand instead of casting rays (ENGINE §2).
 
-It answers the controller as the ray analyser does. An aim is a set of approach planes, approach values and
-numbers of fingers. Candidates are drawn there, closed, ranked by their margin for the task and refined; the
-best that differ from each other are finished. TFVADI is computed for each of them as well.
+It has the interface of the ray analyser. An aim is a set of approach planes, approach values and numbers of
+fingers. The analyser draws candidates within the aim, closes them, ranks them by their margin for the task
+and refines the best. Those that differ from each other are finished, and TFVADI is computed for each.
 """
 
 from __future__ import annotations
@@ -42,9 +42,9 @@ from .search import ClosureSearch
 from .settings import ClosureSettings
 
 STILL_GOOD = 0.95
-"""A recalled grip with this share of the quality that it had is the answer of mode 0 [C]."""
+"""Mode 0 answers with a recalled grip that still has this share of its stored quality [C]."""
 RECALL_EXAMINED, RECALL_FINISHED = 8, 2
-"""Recalled grips that are examined, and that are finished: those that rank first on this object [C]."""
+"""Number of recalled grips that are examined, and of the best of these that are finished [C]."""
 ENOUGH_MARGIN, ENOUGH_CLOSED = 1.5, 100
 """More candidates are drawn where the best margin is under the first or fewer than the second closed; the
 best are refined again where the margin is still under the first [C]."""
@@ -52,14 +52,14 @@ _CACHED_AIMS = 24
 
 
 class Effort(NamedTuple):
-    """How much is searched for an aim.
+    """Size of the search for one aim.
 
     Attributes:
-        candidates: Number of candidates drawn at first.
+        candidates: Number of candidates in the first draw.
         elite: Size of the elite set.
-        rounds: Rounds of refinement.
+        rounds: Number of rounds of refinement.
         grips: Number of grips wanted.
-        samples: Disturbed poses of each grip.
+        samples: Number of disturbed poses tested for each grip.
     """
 
     candidates: int
@@ -79,11 +79,11 @@ class ClosureAnalyser:
         settings: Friction, load, size of the search.
         coefficients: The paper's contact model, for TFVADI.
         sets: Membership functions.
-        gravity: (3,) unit direction of gravity in the mesh frame, zeros for none.
+        gravity: (3,) unit direction of gravity in the mesh frame; zeros mean no gravity.
         seed: Seed of every random draw; the same seed gives the same grips.
-        known: Returns the experiences of this hand, whose grips may be recalled.
+        known: Function that returns the experiences of this hand; their grips may be recalled.
         scene: The scene of the request. Mode 0 recalls grips of this scene only; the wider searches start
-            from those of any scene.
+            from stored grips of any scene.
     """
 
     def __init__(
@@ -135,9 +135,9 @@ class ClosureAnalyser:
         return sum(found.tried for found in self._cache.values())
 
     def demand(self, q: Array) -> Demand:
-        """What a task asks of a grip: its wrench, the load along it, and the weight.
+        """What a task asks of a grip: a wrench, the load along that wrench, and the object's weight.
 
-        The last task's demand is cached as an object, because the search caches kernels for it.
+        The last demand is cached, because the search caches kernels for that very object.
         """
         if self._last_demand is None or self._last_demand[0] != q.tobytes():
             weight = self.gravity * self.settings.weight / self.settings.middling
@@ -161,7 +161,7 @@ class ClosureAnalyser:
         key = task.tobytes() + _key(aim)
         one_plane = len(aim.planes) == 1
         unexplored = one_plane and not self._is_explored(task)
-        if one_plane:  # the memory may have grown since, and is asked first
+        if one_plane:  # stored grips are tried first, and the memory may have grown since the last call
             key += len(self._known()).to_bytes(8, "little") + bytes([unexplored, *aim.recall])
         if key not in self._cache:
             if len(self._cache) >= _CACHED_AIMS:
@@ -172,7 +172,7 @@ class ClosureAnalyser:
         return self._cache[key]
 
     def recall(self, q: Array, lessons: Sequence[Experience]) -> list[Grip]:
-        """The stored grips of this very object and task, finished again under the present request.
+        """The stored grips of this same object and task, finished again for the current request.
 
         Args:
             q: (6,) task Q.
@@ -194,7 +194,7 @@ class ClosureAnalyser:
         return heaviest_mass(self.search, grasp, self.demand(frozen_array(q, (6,), "task Q")))
 
     def shortfall(self, q: Array, grasp: Grasp) -> str:
-        """What a grip lacks and what would help; empty for a virtual grasp."""
+        """What a grip lacks and what would help; an empty text for a virtual grasp."""
         if not isinstance(grasp, Grip):
             return ""
         return shortfall(self.search, grasp, self.demand(frozen_array(q, (6,), "task Q")))
@@ -219,15 +219,15 @@ class ClosureAnalyser:
         """Search an aim.
 
         1. At an estimate (mode 0), try the stored grips first: those of the most similar object, then the
-           others. One that is nearly as good as it was is the answer.
-        2. Draw candidates, together with the stored grips that lie in the aim, and rank them. Over all planes
-           (mode 3), draw more where too few close or the best margin is short.
-        3. Refine the best, and rank those that differ from each other again under pose errors.
+           others. If a stored grip is still nearly as good as when it was stored, it is the answer.
+        2. Draw candidates, add the stored grips that lie in the aim, and rank them all. In a search of all
+           planes (mode 3), draw more if too few close or the best margin is too small.
+        3. Refine the best. Rank those that differ from each other again under pose errors.
         4. Finish the best.
-        5. Over all planes, while the margin is short: drop candidates like those that failed, draw others in
-           their place, and repeat from 3.
-        6. Where everything has been searched and no grip is enough, allow a firm press.
-        7. Sort by quality. Without any grip, find the nearest miss and say what became of the candidates.
+        5. In a search of all planes, while the margin is too small: drop candidates similar to those that
+           failed, draw others in their place, and repeat from 3.
+        6. If everything has been searched and no grip is good enough, allow a firm press.
+        7. Sort by quality. If there is no grip, find the nearest miss and report why the candidates failed.
         """
         size = float(self.mesh.extents.max())
         if size < THINNEST:
@@ -270,13 +270,13 @@ class ClosureAnalyser:
             )
             examined = found.take(distinct(found, max(8, 4 * effort.grips)))
             examined = self.search.steady(rng, examined, demand, samples=effort.samples)
-            # 4. Finish. The ranking does not know the joints; after a first failure they decide the order.
+            # 4. Finish. The ranking ignores the joint limits; after a first failure they decide the order.
             grips = self.finisher.finish(examined, demand, replace(options, by_joints=k > 0))
             if k == 0 or _best_margin(grips) > _best_margin(finished):
                 finished, source = grips, examined
             if _best_margin(finished) >= ENOUGH_MARGIN or k == last:
                 break
-            # 5. Else a good-looking cluster that no way leads into would be refined for ever.
+            # 5. Otherwise the search could keep refining one group of candidates that the hand cannot reach.
             if len(grips) < effort.grips:
                 executable = [grip.row for grip in grips]
                 found = without_failed(found, examined, executable)
@@ -293,13 +293,13 @@ class ClosureAnalyser:
         return grip_exploration(answers[: effort.grips], tried + found.tried, self._why_none(found), miss)
 
     def _nearest_miss(self, q: Array, found: RankedCandidates, demand: Demand, aim: Aim) -> Grip | None:
-        """The best executable grip where none balances any of the load, to show what is lacking."""
+        """The best executable grip if none balances any of the load; it shows what is lacking."""
         likely = found.take(np.argsort(-found.hold, kind="stable")[:RECALL_EXAMINED])
         finished = self.finisher.finish(likely, demand, FinishOptions(planes=aim.planes, balanced=False))
         return self.grips(q, finished)[0] if finished else None
 
     def _why_none(self, found: RankedCandidates) -> str:
-        """What became of the candidates, for the case that none of them became a grip."""
+        """Why none of the candidates became a grip, in one sentence."""
         closed, s = len(found) + found.blocked, self.settings
         tried = f"{found.tried} candidates were tried"
         if not closed:
@@ -321,7 +321,7 @@ class ClosureAnalyser:
     def _finish_recalled(
         self, known: DrawnCandidates, demand: Demand, aim: Aim, unexplored: bool
     ) -> list[FinishedGrip]:
-        """The grips that recalled candidates turn into on this object."""
+        """Turn recalled candidates into grips of this object."""
         if not len(known):
             return []
         found = self.search.evaluate(known, demand)
@@ -335,7 +335,7 @@ class ClosureAnalyser:
         return self.finisher.finish(examined, demand, options)
 
     def _is_explored(self, q: Array) -> bool:
-        """Whether all planes have been searched for a task, here or when the object was taught."""
+        """Whether all planes have been searched for a task, by this analyser or at teaching."""
         task, extents = q.tobytes(), self.mesh.attributes.extents
         return task in self._explored or any(
             e.kind != ANSWER_KIND
@@ -348,7 +348,7 @@ class ClosureAnalyser:
     def _draw_more(
         self, rng: np.random.Generator, aim: Aim, found: RankedCandidates, demand: Demand, times: int
     ) -> RankedCandidates:
-        """Draw more candidates, at most ``times``, while too few close or the best margin is short."""
+        """Draw more, at most ``times`` times, while too few candidates close or the margin is too small."""
         for _ in range(times):
             best = float(found.score[0]) if len(found) else 0.0
             enough = best * self.settings.strongest >= ENOUGH_MARGIN * self.settings.weight
@@ -359,7 +359,7 @@ class ClosureAnalyser:
         return found
 
     def _effort(self, aim: Aim) -> Effort:
-        """Little where the estimator points, more on one plane, most where nothing is known."""
+        """Size of the search: small at the estimate, larger on one plane, largest over all planes."""
         s = self.settings
         if len(aim.planes) > 1:
             return Effort(s.everywhere, s.elite, s.rounds, s.finished, samples=8)
@@ -368,7 +368,7 @@ class ClosureAnalyser:
         return Effort(s.at_aim, max(1, s.elite // 4), min(1, s.rounds), 1, samples=4)
 
     def _draw(self, rng: np.random.Generator, aim: Aim, count: int) -> DrawnCandidates:
-        """Draw candidates in an aim: pinches as far as they fit, and hands in a preshape."""
+        """Draw candidates in an aim: pinches where the object fits between fingers, else preshaped hands."""
         fingers = [n for n in range(2, len(self.hand.fingers) + 1) if min(n, MAX_FINGERS) in aim.fingers]
         region = Region(
             planes=aim.planes,

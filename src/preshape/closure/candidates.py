@@ -1,4 +1,4 @@
-"""Candidates: hands in a preshape that pinch at an aim point; how they are drawn, ranked and kept apart."""
+"""Candidates are preshaped hands that pinch at an aim point: drawing, ranking, and removing similar ones."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from ..types import Array, BoolArray, IntArray, value
 from .preshapes import STATIONS, Preshapes
 
 TILT = 1.2
-"""Largest angle from the fingers (+z of the palm) to the approach axis, towards the palm's side [rad]."""
+"""Largest tilt of the fingers (+z of the palm frame) off the approach axis, towards the palm's side [rad]."""
 JITTER = 0.2
-"""Standard deviation of the random rotation off the approach plane [rad]."""
+"""Standard deviation of the random rotation that is added to the plane's orientation [rad]."""
 REACH = 0.85
-"""Aim points lie within this share of the object's half-extents."""
+"""Aim points lie within this fraction of the object's half-extents."""
 _BATCH = 64
-"""Candidates whose distances are computed together."""
+"""Number of candidates whose distances are computed in one batch."""
 _DRAWN, _RANKED = ("plane", "flip", "value", "preshape"), ("score", "task", "hold")
 
 
@@ -33,9 +33,9 @@ class Region:
 
     Attributes:
         planes: Approach planes, 1..12.
-        flips: Thumb sides: whether the thumb stands on the -o side.
-        values: Approach values to scatter around; ``None`` for any.
-        fingers: Numbers of fingers that close; ``None`` for any.
+        flips: Allowed thumb sides: True for the -o side, False for the +o side.
+        values: Approach values around which aim points are drawn; ``None`` allows any.
+        fingers: Numbers of fingers that close; ``None`` allows any.
     """
 
     planes: Sequence[int] = tuple(range(1, 13))
@@ -52,8 +52,8 @@ class DrawnCandidates:
         candidates: Wrist poses and preshapes.
         plane: (n,) approach plane, 1..12.
         flip: (n,) whether the thumb stands on the -o side.
-        value: (n,) approach value: position of the aim along the approach axis, in half-extents.
-        preshape: (n,) row in the pool of preshapes, -1 for none.
+        value: (n,) approach value: position of the aim point along the approach axis, in half-extents.
+        preshape: (n,) row in the pool of preshapes; -1 if the candidate does not come from the pool.
     """
 
     candidates: Candidates
@@ -78,9 +78,9 @@ class RankedCandidates:
     Attributes:
         drawn: (n,) the candidates.
         closings: How they closed.
-        score: (n,) margin that they are ranked by: strength over demand, per unit of grip.
-        task: (n,) strength along the task's wrench cone; plain holding's where there is no task.
-        hold: (n,) strength of plain holding, computed only as far as it can lower the score.
+        score: (n,) margin for the ranking: strength divided by expected load, per unit of normal force.
+        task: (n,) strength along the task's wrench cone, or of plain holding if there is no task.
+        hold: (n,) strength of plain holding, exact only where it can lower the score.
         tried: Number of candidates that were closed.
         blocked: Number of them that touched the object but collided with the table or a box.
     """
@@ -110,15 +110,16 @@ def draw_candidates(
     1. Draw a preshape, an approach plane and a thumb side.
     2. Draw an aim point in the object's bounding box, near the middle along the opposition axis.
     3. Choose the station of the closing path whose aperture suits the object's width.
-    4. Turn the hand to the plane, tilted and jittered, and put the pinch of that station on the aim point.
+    4. Orient the hand for the plane, add a random tilt and rotation, and move the station's pinch point onto
+       the aim point.
 
     Args:
         rng: Random generator.
         pool: Preshapes of the hand.
         centre: (3,) middle of the object's bounding box [m].
-        half: (3,) half its extents [m].
+        half: (3,) half the extents of that box [m].
         count: Number of candidates.
-        region: Where to draw; without approach values, aims lie anywhere in ±``REACH``.
+        region: Where to draw; without approach values, aim points lie anywhere in ±``REACH``.
     """
     rows = np.arange(len(pool.start))
     if region.fingers is not None:
@@ -153,13 +154,13 @@ def draw_candidates(
 
 
 def _station(rng: np.random.Generator, aperture: Array, width: Array) -> IntArray:
-    """(n,) the station of the closing path whose aperture is a random part of the object's width."""
+    """(n,) station of the closing path whose aperture fits a random fraction of the object's width."""
     wanted = width * rng.uniform(0.35, 1.15, len(width)) + 0.015
     return np.abs(aperture[:, : STATIONS - 2] - wanted[:, None]).argmin(axis=1)
 
 
 def _rotations(rng: np.random.Generator, opposition: Array, approach: Array, thumb_side: Array) -> Array:
-    """(n, 3, 3) R_mesh_palm: a tilted +z along the approach axis, the thumb on its side, plus jitter."""
+    """(n, 3, 3) R_mesh_palm: +z near the approach axis, the thumb on its side, plus a random rotation."""
     n = len(opposition)
     tilt = rng.uniform(0.0, TILT, n)
     d = np.stack([np.zeros(n), -np.sin(tilt), np.cos(tilt)], axis=1)
@@ -172,7 +173,7 @@ def _rotations(rng: np.random.Generator, opposition: Array, approach: Array, thu
 
 
 def quaternions(R: Array) -> Array:
-    """(n, 4) unit quaternions wxyz of rotations (n, 3, 3), which are not checked."""
+    """(n, 4) unit quaternions wxyz of rotation matrices (n, 3, 3); the matrices are not checked."""
     from scipy.spatial.transform import Rotation
 
     return np.asarray(Rotation.from_matrix(R, assume_valid=True).as_quat(scalar_first=True))
@@ -210,9 +211,9 @@ def distinct(found: RankedCandidates, count: int, least: float = 1.0) -> IntArra
     """Indices of at most ``count`` candidates, best first, whose wrists differ from each other.
 
     Args:
-        found: Best first.
-        count: Largest number of candidates.
-        least: Least :func:`~preshape.hiis.analyser.wrist_distance` between any two.
+        found: Candidates, best first.
+        count: Largest number of indices returned.
+        least: Least :func:`~preshape.hiis.analyser.wrist_distance` between any two of them.
     """
     place, turn = found.drawn.candidates.place, found.drawn.candidates.turn
     chosen: list[int] = []
@@ -236,12 +237,12 @@ def distinct(found: RankedCandidates, count: int, least: float = 1.0) -> IntArra
 def without_failed(
     found: RankedCandidates, examined: RankedCandidates, executable: Sequence[int]
 ) -> RankedCandidates:
-    """Candidates without those whose nearest examined neighbour is close and cannot be executed.
+    """Drop the candidates whose nearest examined neighbour is close and cannot be executed.
 
     Args:
-        found: Candidates.
-        examined: Candidates that were worked out in full.
-        executable: Indices of those of them that can be executed.
+        found: Candidates to select from.
+        examined: Candidates that were checked in full.
+        executable: Indices of the examined candidates that the hand can execute.
     """
     if not len(examined) or not len(found):
         return found

@@ -1,4 +1,4 @@
-"""What a task and plain holding ask of a grip: wrenches, their levers, and the reference point."""
+"""The wrenches that a task and plain holding ask of a grip, their levers, and the reference point."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from ..tasks.task import ROTATION_ABSENT, TRANSLATION_ABSENT
 from ..types import Array, freeze, frozen_array, value
 
 TASK_LEVER = 0.5
-"""Torque of a turning task's load over its force, in ℓ (ENGINE §4)."""
+"""Torque of a turning task's load divided by the load's force, in units of ℓ (ENGINE §4)."""
 HOLD = np.concatenate([np.eye(6), -np.eye(6)])
-"""Wrenches of plain holding: forces along and torques about the axes, torques over :data:`LEVER`."""
+"""Wrenches of plain holding: forces along the axes, torques about them; torques divided by :data:`LEVER`."""
 LEVER = 0.05
-"""Torque over force of plain holding [m], as in the field's harder test; less on small objects."""
+"""Torque divided by force in plain holding [m], as in the field's harder test; less on small objects."""
 FEWEST_NODES = 50
-"""Grid nodes inside the object that the centre of mass needs; with fewer the box's centre stands for it."""
+"""Least number of grid nodes inside the object for a centre of mass; with fewer, the COG is used."""
 
 
 @value
@@ -24,10 +24,10 @@ class Demand:
     """What a grip must produce, in units of the sum of its normal forces.
 
     Attributes:
-        direction: (6,) wrench of the task (force; torque over ℓ), or ``None`` for plain holding.
-        half_angle: Half-angle of the cone around it [rad].
-        base: (6,) wrench that must be produced at all times: minus the weight.
-        load: Load of the task that a unit of strength is compared with; that of plain holding is one weight.
+        direction: (6,) wrench of the task (force; torque divided by ℓ), or ``None`` for plain holding.
+        half_angle: Half-angle of the cone around that wrench [rad].
+        base: (6,) wrench that the grip must always produce to carry the object: minus the weight.
+        load: Expected load of the task, in weights of the object; for plain holding it is one weight.
     """
 
     direction: Array | None = None
@@ -46,7 +46,7 @@ def task_demand(q: Array, weight: Array) -> Demand:
 
     Args:
         q: (6,) task Q; components at their value for "absent" ask nothing.
-        weight: (3,) force of gravity on the object over the press that is planned with.
+        weight: (3,) force of gravity on the object, divided by the planned press.
     """
     move = np.where(np.abs(q[:3]) > TRANSLATION_ABSENT + 1e-9, q[:3], 0.0)
     turn = np.where(np.abs(q[3:]) > ROTATION_ABSENT + 1e-9, q[3:], 0.0)
@@ -67,7 +67,7 @@ def turn_levers(mesh: TriangleMesh, cog: Array, length: float) -> list[tuple[flo
 
     Args:
         mesh: The object.
-        cog: (3,) point that torques are about [m].
+        cog: (3,) reference point of torques [m].
         length: ℓ, half the object's largest extent [m].
 
     Returns:

@@ -1,4 +1,4 @@
-"""From a candidate to a grip: exact contacts, squeeze, pregrasp, and a free way in (ENGINE §2)."""
+"""From a candidate to a grip: exact contacts, squeeze, pregrasp and a collision-free approach (ENGINE §2)."""
 
 from __future__ import annotations
 
@@ -26,20 +26,20 @@ from .pressing import Squeezer, UnitSqueeze, finger_order, turn_from_contact_err
 from .search import MIN_CONTACTS, ClosureSearch
 
 GAP = 0.0001
-"""Distance from the surface at which a finger stops in an answer [m] [C]."""
+"""Distance between finger and surface at which a finger stops closing in a finished grip [m] [C]."""
 DEEPEST = 0.0007
-"""Largest depth of any link in the object [m] [C]."""
+"""Largest accepted penetration of any link into the object [m] [C]."""
 MAX_IMBALANCE = 0.03
-"""Largest share of the press that the forces of a squeeze may leave unbalanced; torques over ℓ."""
+"""Largest net wrench of a squeeze's forces, divided by the press; torques are divided by ℓ."""
 SPARE = 2
-"""Candidates that are finished side by side beyond the number of grips wanted, because some fail."""
+"""Number of extra candidates that are finished in a batch, because some fail."""
 FIRM = 3.0
 """A firm grip presses up to this many times as hard as the settings' strongest press [C]."""
 ENOUGH = 3.0
 """Quality of a grip that balances just the expected load."""
 SOFT, TOO_SOFT = float(np.radians(1.0)), float(np.radians(10.0))
-"""Turns of the object under a contact error. At the first, half of a grip's surplus quality counts; at the
-second, where stiffer grips may still be found elsewhere, half of its margin [C]."""
+"""Rotations of the object under a contact error [rad] [C]. At the first, half of a grip's quality above 3
+counts. At the second, half of its margin counts, if stiffer grips may still be found on other planes."""
 
 
 @value
@@ -47,13 +47,13 @@ class FinishOptions:
     """How candidates are turned into grips.
 
     Attributes:
-        count: Number of grips wanted; candidates after that are not finished.
-        planes: Approach planes that the way in may belong to.
-        unexplored: Whether other planes have not been searched for this task; a soft grip is then worth less.
-        by_joints: Whether to start with the candidates that the joints can press hardest, which the ranking
-            does not know.
-        firm: Whether grips may press harder, until just enough, where none is enough with the usual press.
-        balanced: Whether a grip must balance some of the load; without it the closest miss is found.
+        count: Number of grips wanted; finishing stops there.
+        planes: Approach planes that the approach direction may belong to.
+        unexplored: Whether other planes have not been searched for this task; soft grips then rank lower.
+        by_joints: Whether to start with the candidates whose joints can press hardest; the ranking ignores
+            joint torques.
+        firm: Whether grips may press harder, just hard enough, if none is good enough with the usual press.
+        balanced: Whether a grip must balance some of the load; if False, the nearest miss is found.
     """
 
     count: int = 1
@@ -72,7 +72,7 @@ class FinishedGrip:
 
     Attributes:
         row: Index of the candidate.
-        plane: Approach plane that the way in belongs to, 1..12.
+        plane: Approach plane that the approach direction belongs to, 1..12.
         flip: Whether the thumb stands on that plane's -o side.
         points: (n, 3) contacts, the thumb's first [m].
         normals_in: (n, 3) inward unit normals.
@@ -103,16 +103,16 @@ class FinishedGrip:
 
 
 class _Executable(NamedTuple):
-    """A candidate whose squeeze, pregrasp and way in are known.
+    """A candidate whose squeeze, pregrasp and straight approach are known.
 
     Attributes:
         row: Index of the candidate.
-        squeeze: Its squeeze per newton of press.
+        squeeze: The squeeze per newton of press.
         grasp: (j,) joint angles at which the fingers touch [rad].
-        pregrasp: (j,) joint angles, opened [rad].
-        approach: (3,) unit vector of the way in.
-        clearance: Least distance to the object, opened and on the way in [m].
-        strengths: Strength for the task and for plain holding, over their loads, per newton of press.
+        pregrasp: (j,) joint angles of the opened hand [rad].
+        approach: (3,) unit vector along which the hand approaches, mesh frame.
+        clearance: Least distance of the opened hand to the object, at the pregrasp and on the approach [m].
+        strengths: Strength for the task and for plain holding, divided by the load, per newton of press.
     """
 
     row: int
@@ -148,7 +148,7 @@ class Finisher:
         self._links = joint_links(search.hand)
 
     def close(self, found: RankedCandidates) -> Closings:
-        """The candidates closed again with the fine spheres, a little off the surface."""
+        """Close the candidates again with the fine spheres; fingers stop a little off the surface."""
         return self.kernel.close(
             found.drawn.candidates,
             wanted=MIN_CONTACTS,
@@ -172,7 +172,7 @@ class Finisher:
             local = np.einsum("nij,nj->ni", turns[rows, joints], self.tables.sphere[spheres, :3])
             centres = candidates.place[rows] + np.einsum("nij,nj->ni", R[rows], places[rows, joints] + local)
             points[rows, fingers] = near = self.query.closest(centres).point
-            # The normal runs from the sphere's centre to the surface: on an edge, no face has the normal.
+            # The normal points from the sphere's centre to the surface, because an edge has no face normal.
             inward = near - centres
             normals[rows, fingers] = inward / np.maximum(np.linalg.norm(inward, axis=1, keepdims=True), 1e-9)
         return points, normals
@@ -180,13 +180,13 @@ class Finisher:
     def finish(
         self, found: RankedCandidates, demand: Demand, options: FinishOptions | None = None
     ) -> list[FinishedGrip]:
-        """The grips that candidates turn into, in order; candidates that cannot be executed drop out.
+        """Turn candidates into grips, in order; candidates that the hand cannot execute are dropped.
 
         1. Close the candidates again with fine spheres, and find their exact contacts.
-        2. Drop those that do not close, penetrate the object, meet an obstacle, or balance none of the load.
-        3. In batches: drop hands whose links overlap, then find a pregrasp and a free way in.
+        2. Drop those that do not close, penetrate the object, hit an obstacle, or balance none of the load.
+        3. In batches: drop hands whose links overlap, then find a pregrasp and a collision-free approach.
         4. For each with both, compute the thorough strength and the squeeze, until there are enough grips.
-        5. Where a firm press is allowed and no grip is enough, press harder.
+        5. If a firm press is allowed and no grip is good enough, press harder.
 
         Args:
             found: A few dozen candidates at most.
@@ -220,15 +220,15 @@ class Finisher:
         for part in (rows[first : first + batch] for first in range(0, len(rows), batch)):
             if len(grips) == options.count:
                 break
-            # 3. Pregrasps and ways in of a batch.
+            # 3. Pregrasps and approaches of a batch.
             free = part[[self.opener.links_apart(grasp[row]) for row in part]]
             ways = self.opener.find(candidates, closings.closing, free, found.drawn.plane, options.planes)
             strengths = np.zeros(0)
             for k, row in enumerate(ways.row.tolist()):
                 if len(grips) == options.count:
                     break
-                # 4. Thorough strengths, for as many as are still wanted at once. The weight is carried by a
-                # middling press, or by as much as the joints allow.
+                # 4. Thorough strengths, computed together for as many as are still wanted. The press that
+                # carries the weight is the middling press, or less if the joints limit it.
                 if k == len(strengths):
                     more = ways.row[k : k + options.count - len(grips)]
                     press = [min(self.settings.middling, squeeze(int(one)).max_press) for one in more]
@@ -256,7 +256,7 @@ class Finisher:
         return grips
 
     def _with_contacts(self, closings: Closings, points: Array, normals: Array) -> Closings:
-        """The closings with exact contacts (n, f, 3) in place of the kernel's, the thumb's first."""
+        """Replace the kernel's contacts in the closings by exact ones (n, f, 3), the thumb's first."""
         order = finger_order(self.tables)
         used = closings.sphere[:, order] >= 0
         place = np.argsort(~used, axis=1, kind="stable")
@@ -271,10 +271,10 @@ class Finisher:
     def _grip(
         self, found: RankedCandidates, candidate: _Executable, options: FinishOptions, *, firm: bool
     ) -> FinishedGrip | None:
-        """The grip of one candidate; ``None`` where its forces do not balance.
+        """The grip of one candidate; ``None`` if its forces do not balance.
 
         The press is ``safety`` times what the load needs, between the settings' least and strongest press and
-        within the joint torques. A firm grip presses just enough where that is beyond the strongest press.
+        within the joint torques. A firm grip presses just hard enough, even beyond the strongest press.
         """
         squeeze, settings, row = candidate.squeeze, self.settings, candidate.row
         if squeeze.imbalance > self.max_imbalance:
@@ -284,7 +284,7 @@ class Finisher:
         needed = settings.weight / max(weakest, 1e-9)
         firm = firm and usual < needed <= min(FIRM * settings.strongest, squeeze.max_press)
         press = needed if firm else min(max(settings.press_least, settings.safety * needed), usual)
-        # A target may lie beyond a joint's limit: a servo that is told the limit itself would not press.
+        # A target may lie beyond a joint's limit: a servo whose target is the limit itself would not press.
         compliance = 1.0 / (self.hand.gains * self.squeezer.sharing)
         turn = turn_from_contact_error(
             points - self.search.cog,
@@ -324,12 +324,12 @@ class Finisher:
 def plane_of(approach: Array, points: Array, own: int, planes: Sequence[int]) -> tuple[int, bool]:
     """The approach plane that a grip belongs to, and whether its thumb stands on the -o side.
 
-    It is the plane that the candidate was drawn for where the way in follows that plane's approach axis.
-    Otherwise it is the allowed plane whose approach axis the way in follows and along whose opposition axis
-    the thumb stands.
+    If the approach direction follows the approach axis of the candidate's own plane, the grip belongs to that
+    plane. Otherwise it belongs to an allowed plane whose approach axis the direction follows. If there are
+    several, the one whose opposition axis is nearest to the thumb's side counts.
 
     Args:
-        approach: (3,) unit vector of the way in.
+        approach: (3,) unit vector along which the hand approaches.
         points: (n, 3) contacts, the thumb's first.
         own: Plane that the candidate was drawn for.
         planes: Allowed planes.
@@ -346,15 +346,15 @@ def plane_of(approach: Array, points: Array, own: int, planes: Sequence[int]) ->
 
 
 def quality(margin: float, turn: float = 0.0, *, unexplored: bool = False) -> float:
-    """What the critic judges, 0..6: 3 where the hand balances just the expected load, 4.5 for twice that.
+    """Quality for the critic, 0..6: 3 if the hand just balances the expected load, 4.5 for twice that load.
 
-    A soft grip is worth less, because the squeeze itself turns the object in it.
+    A soft grip has a lower quality, because the squeeze itself turns the object.
 
     Args:
-        margin: Largest load that can be balanced, over the expected load.
-        turn: Turn of the object under a contact error [rad].
+        margin: Largest load that can be balanced, divided by the expected load.
+        turn: Rotation of the object under a contact error [rad].
         unexplored: Whether a stiffer grip may be found on planes not searched yet. Softness then lowers the
-            whole margin instead of the surplus over 3.
+            whole margin instead of the quality above 3.
 
     >>> quality(0.0), quality(1.0), quality(2.0)
     (0.0, 3.0, 4.5)
@@ -372,7 +372,7 @@ def quality(margin: float, turn: float = 0.0, *, unexplored: bool = False) -> fl
 
 
 def margin_of(judged: float) -> float:
-    """The margin of a stiff grip of that :func:`quality`.
+    """The margin of a stiff grip with the given :func:`quality`; the inverse of that function.
 
     >>> round(margin_of(quality(1.5)), 12)
     1.5

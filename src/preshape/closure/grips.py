@@ -1,4 +1,4 @@
-"""Finished grips as the controller reads them: with the paper's figures, and gathered for an aim."""
+"""Finished grips in the controller's form: with the paper's figures, collected for one aim."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class GripExploration(Exploration):
 
     @property
     def nearest_miss(self) -> Grip | None:
-        """Where no grip balances any of the load, the best one that the hand can execute; else ``None``."""
+        """The best executable grip if none balances any of the load; otherwise ``None``."""
         return self.miss
 
     def where(self, keep: BoolArray | IntArray) -> GripExploration:
@@ -56,10 +56,10 @@ def grip_exploration(
     """The exploration of these grips.
 
     Args:
-        grips: Best first.
-        tried: Number of candidates closed for them.
-        reason: What became of the candidates.
-        miss: The best grip that balances nothing.
+        grips: The grips, best first.
+        tried: Number of candidates that were closed to find them.
+        reason: Why no grip was found; empty otherwise.
+        miss: The best executable grip if none balances any of the load.
     """
     return GripExploration(
         plane=np.array([g.plane.index for g in grips], dtype=np.int64),
