@@ -1,8 +1,7 @@
 """Whether a hand is fit for use: every fault, each in one sentence.
 
-First come the faults of description and model (:mod:`preshape.hands.findings`). If there are none, the hand
-is
- moved: open, along its closing path, thumb against fingers.
+The description and the model are checked first (:mod:`preshape.hands.findings`). If they have no fault, the
+hand is moved and checked when open, along its closing path, and for thumb and fingers that oppose each other.
 """
 
 from __future__ import annotations
@@ -22,7 +21,7 @@ from .load import built_in_text, hand_names, load_hand, model_file, read_descrip
 from .rewrite import rebuilt
 
 DEPTH = 4e-3
-"""Largest overlap of two links on the closing path [m]; the closure analyser refuses more."""
+"""Largest allowed overlap of two links on the closing path [m]; the closure analyser refuses more."""
 
 STEPS = 25
 """Steps along a closing path."""
@@ -46,7 +45,7 @@ def check_hand(source: str | Path) -> list[Finding]:
 
 
 def inspect_hand(source: str | Path) -> tuple[list[Finding], Hand | None]:
-    """As :func:`check_hand`, and the hand itself, if it can be built."""
+    """The faults as in :func:`check_hand`, and the hand, or ``None`` if it cannot be built."""
     text = str(source)
     if not text.lower().endswith(".toml"):
         hand = load_hand(text)
@@ -81,7 +80,7 @@ def _built_in_findings(name: str) -> list[Finding]:
 
 
 def shape_findings(hand: Hand) -> list[Finding]:
-    """Palm or fingers without a shape that collides."""
+    """Faults of a palm or finger that has no shape that collides."""
     kinematics = HandKinematics(hand)
     model, found = kinematics.model, []
     solid = {shape.body for shape in kinematics.shapes()}
@@ -164,11 +163,10 @@ def half_closed(hand: Hand, kinematics: HandKinematics) -> tuple[Array, Array]:
 
 
 def opposition(hand: Hand, kinematics: HandKinematics) -> Array:
-    """(k - 1,) how well the thumb opposes each of the other fingers at half closed, -1 … 1.
+    """(k - 1,) how well the thumb opposes each of the other fingers at half closed, from -1 to 1 (best).
 
-    It is the lesser of two cosines: between the motion of the thumb's tip and the direction to the finger's
-        tip,
-    and between the motion of the finger's tip and the opposite direction.
+    It is the smaller of two cosines: between the motion of the thumb's tip and the direction to the finger's
+    tip, and between the motion of the finger's tip and the direction to the thumb's tip.
     """
     tips, moves = half_closed(hand, kinematics)
     across = tips[1:] - tips[0]
@@ -221,9 +219,9 @@ def _preshape_findings(hand: Hand) -> list[Finding]:
 
 
 def close_empty(hand: Hand) -> Array:
-    """(fingers,) closing, 0 … 1, at which each finger of an empty hand meets another part of the hand.
+    """(fingers,) closing, 0 to 1, at which each finger of an empty hand meets another part of the hand.
 
-    For pictures.
+    Only pictures use it.
     """
     kinematics = HandKinematics(hand)
     reached = np.zeros(len(hand.fingers))

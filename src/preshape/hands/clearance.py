@@ -1,9 +1,9 @@
-"""The exact checks of a placed hand against the object and against itself, which decide whether it fits.
+"""Exact collision checks that decide whether a placed hand fits.
 
 1. The fingertips in use must touch their contacts.
-2. Their last phalanges may be in the object by no more than the tolerance of the touch; every other link must
-   be clear.
-3. No two links may overlap.
+2. The last phalanges of these fingers may enter the object by ``TOUCH_TOLERANCE`` at most; all other links
+   must be clear of it.
+3. No two links of the hand may overlap.
 4. Each finger that is not in use takes the first posture of a list that is clear.
 """
 
@@ -103,8 +103,8 @@ class Clearance:
     def seat(self, reach: Reach) -> Reach | Flaw:
         """The reach with its fingertips pushed out of surface detail that is finer than they are.
 
-        On a thread or in a fillet a round tip cannot touch exactly where the ray does; it rests on the rims,
-        at most ``SEAT_SHIFT`` away [C]. A tip without such a rest does not fit.
+        On a thread or in a fillet, a round tip cannot touch the contact point itself. It rests on the rims
+        around it, at most ``SEAT_SHIFT`` away [C]; if it cannot, the hand does not fit.
         """
         targets = reach.targets.copy()
         for k, finger in enumerate(reach.fingers):
@@ -200,7 +200,7 @@ class Clearance:
     def _put_aside(
         self, finger: Finger, used: tuple[Finger, ...], placement: Placement, ignore: tuple[str, ...]
     ) -> tuple[Flaw | None, Placement]:
-        """The placement with the first posture that keeps the finger clear of object and hand, or a flaw."""
+        """The placement with the finger in its first posture clear of object and hand, or a flaw."""
         columns = self.hand.columns(finger.name)
         first: Flaw | None = None
         for posture in self._aside(finger, placement.q[self.hand.columns(used[1].name)]):
@@ -219,7 +219,7 @@ class Clearance:
         return Flaw(status=first.status, reason=reason), placement
 
     def _aside(self, finger: Finger, neighbour: Array) -> list[Array]:
-        """Postures to try: open, half as bent as a finger in use, closed, half closed; also turned aside."""
+        """Postures to try: open, half as bent as a finger in use, closed, half closed; each also spread."""
         low, high = self.hand.limits[self.hand.columns(finger.name)].T
         alike = 0.5 * neighbour if len(neighbour) == len(low) else finger.at(0.25)
         bent = [finger.open, alike, finger.closed, 0.5 * (finger.open + finger.closed)]

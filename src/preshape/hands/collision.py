@@ -1,8 +1,7 @@
 """Exact collision of a hand's shapes with an object's triangles by FCL, and distances to the object.
 
-The mesh counts as a surface, not as a hull or a solid: a link that crosses no triangle is clear. No link can
-be wholly inside the object unnoticed, because the links of a hand are connected: another one would cross the
-surface.
+The mesh counts as a surface, not as a hull or a solid: a link that crosses no triangle is clear. A link
+wholly inside the object is noticed too, because links are connected and another one would cross the surface.
 """
 
 from __future__ import annotations
@@ -57,7 +56,7 @@ class ObjectCollision:
         tree.addSubModel(mesh.vertices, mesh.triangles)
         tree.endModel()
         self._object = fcl.CollisionObject(tree, fcl.Transform())
-        # A fixed seed, and weights by triangle: the samples move with the object.
+        # With a fixed seed and weights by triangle, the samples move with the object.
         rng = np.random.default_rng(0)
         share = mesh.areas / mesh.areas.sum()
         chosen = rng.choice(len(share), size=SAMPLES, p=share)
@@ -100,7 +99,7 @@ class ObjectCollision:
     def soft_distance(self, points: Array) -> tuple[Array, Array]:
         """Signed distance (n,) [m] of points (n, 3) from sampled surface points, and its gradient (n, 3).
 
-        It is smooth enough to guide a solver, and wrong by up to the spacing of the samples.
+        It is smooth enough to guide a solver; its error is up to the spacing of the samples.
         """
         found, index = self._tree.query(points, k=_NEAREST)
         distance = np.asarray(found)

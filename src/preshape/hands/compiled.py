@@ -1,7 +1,7 @@
 """A hand's model, an MJCF or a URDF, as MuJoCo compiles it.
 
-Reversed limits and massless bodies, which MuJoCo refuses or repairs silently, are let through and recorded
-here, so that :mod:`preshape.hands.findings` can report all faults of a model at once.
+MuJoCo refuses or silently repairs reversed limits and massless bodies. Here they are accepted and recorded,
+so that :mod:`preshape.hands.findings` can report all faults of a model at once.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ class CompiledModel:
         roots: Names of the bodies whose parent is the world.
         joints: Names of its joints in the model's order, without free joints.
         hinges: Names of those joints that are hinges.
-        ranges: Lower and upper limit of every joint as written in the file [rad]; equal without limits.
+        ranges: Lower and upper limit of every joint as written in the file [rad]; equal if it has no limits.
         massless: Names of moving bodies without mass.
     """
 
@@ -52,7 +52,7 @@ class CompiledModel:
     massless: tuple[str, ...]
 
     def joints_under(self, root: str | None) -> tuple[str, ...]:
-        """Names of the joints that move a body of the root's subtree against the root; all without a root."""
+        """Names of the joints that move bodies relative to the body ``root``; all if it does not exist."""
         if root is None or root not in self.bodies:
             return self.joints
         top = self.model.body(root).id
@@ -155,7 +155,7 @@ def _repetitions(source: Path | str) -> float:
         try:
             root = ElementTree.fromstring(text)
         except (ElementTree.ParseError, ValueError, LookupError):
-            # MuJoCo's parser accepts some text that is not well formed. The worst case is taken: every count
+            # MuJoCo's parser accepts some text that is not well formed. Then assume the worst: every count
             # is nested in all counts before it.
             for counts in re.findall(
                 r"""count\s*=\s*["']([^"']*)""", unescape(text.decode("utf-8", "replace"))
@@ -188,7 +188,7 @@ def _number(text: str) -> float:
 
 
 def _name_all(spec: Any) -> None:
-    """Give bodies and joints without a name one such as ``body_3``, because parts are looked up by name."""
+    """Give unnamed bodies and joints a name such as ``body_3``, because parts are looked up by name."""
     for noun, elements in (("body", spec.bodies), ("joint", spec.joints)):
         taken = {element.name for element in elements}
         free = (name for k in count() if (name := f"{noun}_{k}") not in taken)
@@ -217,7 +217,7 @@ def no_mujoco_log() -> Iterator[None]:
 
 @contextmanager
 def quiet_mujoco() -> Iterator[None]:
-    """As :func:`no_mujoco_log`, and without Python warnings."""
+    """Like :func:`no_mujoco_log`, but also suppress Python warnings."""
     with no_mujoco_log(), warnings.catch_warnings(action="ignore", category=UserWarning):
         yield
 

@@ -17,11 +17,11 @@ from .hand import POSTURES, Finger, Hand
 Table = dict[str, Any]
 
 LONGEST_MESSAGE = 1200
-"""Characters of a message; names in a file can be of any length."""
+"""Largest number of characters of a message, because names in a file can be of any length."""
 
 
 def hand_from(data: Table, mjcf: str) -> Hand:
-    """The hand that a description and an MJCF agree on.
+    """Make a hand from its description and its MJCF.
 
     Args:
         data: The description, as read from TOML.
@@ -107,8 +107,8 @@ def _hand(data: Table, root: ElementTree.Element, mjcf: str) -> Hand:
 def finger_from(entry: Table) -> Finger:
     """A finger from its table.
 
-    The closing path defaults to the straight line between the postures ``open`` and ``closed``, and these
-    default to the ends of the path.
+    Without ``closing``, the path is the straight line from the posture ``open`` to ``closed``. Without these
+    postures, they are the ends of the path.
 
     Raises:
         HandError: Neither a closing path nor both postures are given, or a value is out of range.
@@ -169,7 +169,7 @@ def side_of(data: Table, name: str) -> str:
 
 
 def per_joint(drives: Table, key: str, table: str, joints: tuple[str, ...], name: str) -> Array:
-    """(n,) a number for every joint: the common one of ``key``, and the exceptions in ``table``."""
+    """(n,) a number for every joint: its entry in ``table``, else the common number of ``key``."""
     values = np.full(len(joints), positive(drives, key))
     for joint in dict(drives.get(table, {})):
         if joint not in joints:
@@ -228,7 +228,7 @@ def _middle(path: Array) -> Array:
 
 
 def _path_postures(hand: Hand) -> Iterable[tuple[str, Array]]:
-    """Every point of every closing path, the other fingers open; each with a label."""
+    """Every point of every closing path, with the other fingers open, and a label for each."""
     for finger in hand.fingers:
         for k, knot in enumerate(finger.closing):
             q = hand.posture("open")

@@ -1,6 +1,7 @@
-"""Faults of a hand's description and model that show without moving the hand; each is one sentence.
+"""Faults of a hand's description and model that can be found without moving the hand.
 
-:mod:`preshape.hands.check` adds the faults that show only in motion. Loading a hand raises the first finding.
+:mod:`preshape.hands.check` adds the faults that appear only in motion. Loading a hand raises the
+first finding.
 """
 
 from __future__ import annotations
@@ -36,8 +37,8 @@ class Finding:
     """One fault.
 
     Attributes:
-        code: Its kind, one word for programs.
-        text: One sentence for people, with the remedy where it is not obvious; always one printable line.
+        code: Kind of fault, one word for programs.
+        text: One sentence for people, with the remedy if it is not obvious; always one printable line.
     """
 
     code: str

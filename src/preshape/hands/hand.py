@@ -22,9 +22,9 @@ class Finger:
         tip_site: Site at the centre of the spherical fingertip; its +z points along the last phalanx,
             outwards.
         tip_radius: Radius of the fingertip [m].
-        open: (n,) joint angles [rad], as far from the opposite finger as possible.
-        rest: (n,) joint angles [rad] in the middle of the working space.
-        closed: (n,) joint angles [rad], bent into the palm.
+        open: (n,) joint angles [rad] with the fingertip as far from the opposite finger as possible.
+        rest: (n,) joint angles [rad] with the fingertip in the middle of its working space.
+        closed: (n,) joint angles [rad] with the finger bent into the palm.
         closing: (k, n) joint angles [rad] at k ≥ 2 evenly spaced points of the closing path, from open (0) to
             closed (1); linear in between.
         preshape: (n, 2) range [rad] in which a preshape may set a joint before the finger closes. For a joint
@@ -58,8 +58,8 @@ class Finger:
 
         Args:
             c: Place on the path, 0 open to 1 closed; clipped to this range.
-            preshape: (n,) joint angles [rad] at which the path begins; the whole path is shifted by their
-                difference from its first point. Default: the path as it is.
+            preshape: (n,) joint angles [rad] at which the path begins; the whole path is shifted by the
+                difference from its first point. By default the path is not shifted.
         """
         share = np.clip(np.asarray(c, dtype=np.float64), 0.0, 1.0) * (len(self.closing) - 1)
         low = np.minimum(share.astype(np.int64), len(self.closing) - 2)
@@ -88,7 +88,7 @@ class Hand:
         u: Length of the middle finger's proximal phalanx, U [m]; the unit of length in wrenches.
         finger_pitch: Distance between the abduction axes of neighbouring fingers [m].
         fingertip_width: Least distance between the centres of two neighbouring fingertips [m].
-        palm_body: Body of the palm in the MJCF; no joint moves it against the root body.
+        palm_body: Body of the palm in the MJCF; no joint moves it relative to the root body.
         palm_site: Site of the palm frame.
         T_root_palm: (4, 4) the palm frame in the frame of the MJCF's root body, the hand's mount.
         fingers: The thumb, then the other fingers from the index side.
@@ -103,7 +103,7 @@ class Hand:
         actuators: Joints of each actuator in the MJCF's order: one, or the two of a coupling.
         mjcf: Text of the MJCF. It has primitive shapes only and needs no other file.
         source: What :func:`~preshape.hands.load.load_hand` takes to load this hand again: a name, or the
-            absolute path of its TOML file, with ``:left`` or ``:right`` for a mirror image. Default the name.
+            absolute path of its TOML file, with ``:left`` or ``:right`` for a mirror image. Default ``name``.
     """
 
     name: str
@@ -167,12 +167,12 @@ class Hand:
         return self._whole({finger.name: getattr(finger, kind) for finger in self.fingers})
 
     def at(self, c: float | ArrayLike) -> Array:
-        """(n,) joint angles [rad] at ``c`` of the closing path, one number or (fingers,) numbers."""
+        """(n,) joint angles [rad] at ``c`` (0 open, 1 closed) of the closing path; a number or (fingers,)."""
         shares = np.broadcast_to(np.asarray(c, dtype=np.float64), (len(self.fingers),))
         return self._whole({f.name: f.at(share) for f, share in zip(self.fingers, shares, strict=True)})
 
     def controls(self, q: ArrayLike) -> Array:
-        """(..., actuators) controls of the MJCF's actuators that drive the joints to ``q`` (..., n) [rad]."""
+        """(..., actuators) controls [rad] that drive the joints to ``q`` (..., n) [rad], in MJCF order."""
         angles = frozen_array(np.atleast_2d(q), (None, len(self.joints)), "joint angles")
         at = {joint: k for k, joint in enumerate(self.joints)}
         drives = np.stack([sum(angles[:, at[j]] for j in group) for group in self.actuators], axis=-1)

@@ -1,13 +1,13 @@
 """Inverse kinematics of a whole hand: palm pose and joint angles that bring fingertips to given points.
 
-It is one bounded nonlinear least-squares problem, solved by ``scipy.optimize.least_squares`` with an analytic
+This is a bounded nonlinear least-squares problem, solved by ``scipy.optimize.least_squares`` with an analytic
 Jacobian.
 
 - Unknowns: the palm's position (free), its tilt from the nominal orientation (bounded), and the joints of the
   fingers in use (within their limits).
-- Residuals: the errors of the fingertips; with little weight, the posture's distance from a reference, and
-  the tilt; and one-sided penalties that keep links out of the object and turn the last phalanges so that only
-  their caps touch.
+- Residuals: the errors of the fingertips; with low weights, the tilt and the posture's distance from a
+  reference; and one-sided penalties that keep links out of the object and turn the last phalanges so that
+  only their caps touch.
 
 The penalties only guide the solver; the exact collision check afterwards decides
 (:mod:`preshape.hands.clearance`).
@@ -24,10 +24,10 @@ from .hand import Finger
 from .kinematics import HandKinematics, cross
 
 TILT_LIMITS = np.radians([25.0, 11.5, 11.5])
-"""Bounds of the tilt's rotation vector about the palm's x (transverse), y and z [rad]; in all < 30° [C]."""
+"""Bounds of the tilt's rotation vector about the palm's x (transverse), y and z [rad]; total < 30° [C]."""
 
 _LENGTH = 0.1  # unit of the position unknowns [m], which makes them about as large as the angles
-_TIP, _LINK = 1e-3, 2e-3  # errors of fingertips and of links that give a residual of 1 [m]
+_TIP, _LINK = 1e-3, 2e-3  # errors [m] of a fingertip and of a link that give a residual of 1
 _POSTURE, _TILT, _LEAN_WEIGHT = 0.06, 0.4, 6.0  # weights of the other residuals
 _LEAN = 0.10  # desired least cosine between last phalanx and inward normal
 _MARGIN = 2e-3  # desired clearance of the links [m]
@@ -35,7 +35,7 @@ _MARGIN = 2e-3  # desired clearance of the links [m]
 
 @value
 class Reach:
-    """Where the fingertips are to go, in the mesh frame.
+    """Targets of the fingertips, in the mesh frame.
 
     Attributes:
         fingers: The fingers in use, in the order of the contacts.
@@ -89,8 +89,8 @@ class InverseKinematics:
     """Solver for one hand and, where given, one object to stay clear of.
 
     Args:
-        kinematics: Of the hand.
-        obstacle: The object; ``None`` leaves out the penalties on links.
+        kinematics: Kinematics of the hand.
+        obstacle: The object; with ``None``, links have no penalties.
     """
 
     def __init__(self, kinematics: HandKinematics, obstacle: ObjectCollision | None) -> None:
@@ -115,11 +115,11 @@ class InverseKinematics:
         Args:
             reach: Fingers and targets.
             start: Where the solver begins; joints of fingers that are not in use stay there.
-            reference: (n,) posture [rad] to which the joints are drawn with little weight.
+            reference: (n,) posture [rad] that attracts the joints with a low weight.
             move_base: Whether the palm may move and tilt; otherwise it stays at ``start``.
-            limits: (n, 2) joint limits [rad]; default the hand's.
+            limits: (n, 2) joint limits [rad]; by default those of the hand.
             avoid: Whether the penalties on links act.
-            effort: Largest number of evaluations; 0 only takes Newton steps to targets that are near.
+            effort: Largest number of evaluations; with 0, only Newton steps are taken, for near targets.
 
         Returns:
             The best placement that was found; its ``errors`` say whether the targets are reached.
@@ -148,8 +148,8 @@ class InverseKinematics:
     def links(self, fingers: tuple[Finger, ...]) -> tuple[IntArray, Array, IntArray, Array]:
         """Points of the palm and of the fingers in use that the penalties keep out of the object.
 
-        They are on the axes of the links. The fingertips and the outer half of the last phalanges are left
-        out, because they are to be near the object.
+        They lie on the axes of the links. The fingertips and the outer half of the last phalanges are left
+        out, because they should be near the object.
 
         Returns:
             (k,) index of the shape, fraction along its axis, index of the body, and radius [m] of each point.
@@ -180,9 +180,9 @@ class InverseKinematics:
 class _Problem:
     """Residuals and Jacobian of one solve.
 
-    The last evaluation is stored, because the solver asks for both at the same point. Coordinates are those
-    of the nominal palm frame about the mean of the targets, so that a rigid motion of the whole scene changes
-    rounding only.
+    The last evaluation is stored, because the solver asks for both at the same point. The coordinate frame
+    has the axes of the nominal palm and its origin at the mean of the targets, so that a rigid motion of the
+    whole scene changes only rounding errors.
     """
 
     def __init__(

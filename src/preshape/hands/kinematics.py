@@ -25,7 +25,7 @@ class LinkShape:
 
     Attributes:
         kind: ``capsule``, ``sphere`` or ``box``.
-        link: Name of the shape in the MJCF, as ``index_distal``.
+        link: Name of the shape in the MJCF, such as ``index_distal``.
         body: Name of its body.
         p0: (3,) one end of a capsule's axis, or the centre [m].
         p1: (3,) the other end of the axis, or the centre [m].
@@ -78,7 +78,7 @@ def joint_links(hand: Hand) -> tuple[str, ...]:
 
 
 def cross(a: Array, b: Array) -> Array:
-    """Vector product along the last axis; several times faster than ``numpy.cross`` on small arrays."""
+    """Cross product along the last axis; several times faster than ``numpy.cross`` on small arrays."""
     return np.asarray(a[..., _NEXT] * b[..., _LAST] - a[..., _LAST] * b[..., _NEXT])
 
 
@@ -92,7 +92,7 @@ def _moves(model: Any) -> Array:
 
 
 def finger_of(hand: Hand, shape: LinkShape) -> str:
-    """Name of the finger whose joints move a shape; ``palm`` where none does."""
+    """Name of the finger whose joints move a shape; ``palm`` if no joint moves it."""
     model = compile_hand(hand)
     carried = _moves(model)[model.body(shape.body).id]
     return next((f.name for f in hand.fingers if carried[hand.columns(f.name)].any()), "palm")
@@ -133,7 +133,7 @@ class HandKinematics:
         return np.array(self._data.site_xpos[sites]), np.array(axes)
 
     def tip_jacobians(self, fingers: tuple[Finger, ...]) -> tuple[Array, Array]:
-        """(k, 3, n) derivatives of the centres [m/rad] and directions of :meth:`tips` by the joint angles."""
+        """(k, 3, n) Jacobians of the tips' centres [m/rad] and directions [1/rad] in the joint angles."""
         bodies = np.array([self._tip_bodies[finger.name] for finger in fingers])
         centres, axes = self.tips(fingers)
         return self.point_jacobians(bodies, centres), cross(self._turns(bodies), axes[:, None]).transpose(
@@ -141,7 +141,7 @@ class HandKinematics:
         )
 
     def point_jacobians(self, bodies: IntArray, points: Array) -> Array:
-        """(k, 3, n) derivatives of points (k, 3) [m] fixed to bodies (k,), by the joint angles [m/rad]."""
+        """(k, 3, n) Jacobians [m/rad] in the joint angles of points (k, 3) [m] fixed to bodies (k,)."""
         # A hinge that moves the body turns the point about its anchor: dp/dq = axis × (p - anchor).
         arms = points[:, None] - self._data.xanchor
         return cross(self._turns(bodies), arms).transpose(0, 2, 1)
@@ -208,7 +208,7 @@ class HandKinematics:
 
 
 def pose_matrix(pose: Array) -> tuple[Array, Array]:
-    """Rotation (3, 3) and translation (3,) [m] of a pose x y z w x y z."""
+    """Rotation (3, 3) and translation (3,) [m] of a pose (7,): x y z [m], quaternion w x y z."""
     return rotation_from_quaternion(pose[3:]), np.array(pose[:3], dtype=np.float64)
 
 

@@ -1,4 +1,4 @@
-"""Hands by name or file: :func:`load_hand` is the one way to get a hand.
+"""Hands by name or file, loaded with :func:`load_hand`.
 
 A built-in hand is two files in ``preshape/hands/data``: ``NAME.toml`` (fingers, U, pitch, postures) and the
 MJCF that it names. Reading them imports neither MuJoCo nor any other heavy library:
@@ -42,18 +42,18 @@ def hand_names() -> tuple[str, ...]:
 
 
 def load_hand(name: str | Path, *, side: str | None = None) -> Hand:
-    """The hand of a name or a file. Its ``source`` loads the same hand again.
+    """Load a hand by name or from a file; its ``source`` loads the same hand again.
 
-    A name gives the same value at every call; a file is read at every call.
+    Named hands are cached; a file is read at every call.
 
     Args:
         name: A built-in hand (:func:`hand_names`), the path of a description that ends in ``.toml``, or
             ``menagerie:NAME``. ``:left`` or ``:right`` at the end selects a side.
-        side: ``right`` or ``left``; default the hand's own side. The other side is the mirror image.
+        side: ``right`` or ``left``; by default the side of the model. The other side is its mirror image.
 
     Raises:
         UnknownHand: There is no hand of that name.
-        HandError: A file is missing or has a fault, or the side is none.
+        HandError: A file is missing or has a fault, or the side is neither ``right`` nor ``left``.
         EnvironmentFailure: A file cannot be read, or a model cannot be fetched.
     """
     text, wanted = _split_side(str(name), side)
@@ -81,8 +81,8 @@ def recorded_hand(record: Mapping[str, Any]) -> Hand:
     """The hand of the ``hand`` object of a plan.json, by its ``source`` or, in older files, its ``name``.
 
     Raises:
-        KeyError: It has neither.
-        InputError: As :func:`load_hand`.
+        KeyError: The record has neither.
+        InputError: The hand cannot be loaded; see :func:`load_hand`.
     """
     return load_hand(str(record.get("source") or record["name"]))
 
@@ -107,7 +107,7 @@ def read_description(path: Path) -> Table:
 
     Raises:
         HandError: There is no such file, or it is not TOML.
-        EnvironmentFailure: It cannot be read.
+        EnvironmentFailure: The file cannot be read.
     """
     try:
         return tomllib.loads(path.read_bytes().decode("utf-8"))
@@ -189,7 +189,7 @@ def _description(name: str) -> tuple[Table, str]:
 
 
 def _on_side(hand: Hand, side: str | None, data: Table) -> Hand:
-    """The hand or its mirror image, whose joints are renamed as ``left_names`` of the description says."""
+    """The hand, or its mirror image with joints renamed as ``left_names`` of the description says."""
     if side in (None, hand.side):
         return hand
     pair = data.get("left_names")

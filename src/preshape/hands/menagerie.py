@@ -1,8 +1,8 @@
 """Hands of MuJoCo Menagerie, for which the package ``mujoco-menagerie`` must be installed.
 
-That package is an index: it downloads a model when it is first used and caches it. A Menagerie model has
-    neither
-fingers nor closing paths; they come from the description of the built-in hand of the same kind.
+That package is an index: it downloads a model when it is first used and caches it. A Menagerie model does not
+say which joints form a finger, nor its closing path. Both come from the description of the built-in hand of
+the same kind.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ _MODELS: dict[str, tuple[str, Table]] = {
     ),
     "leap_hand": ("leap", {"licence": "MIT", "palm": {"body": "palm", "points": "+x", "faces": "-z"}}),
 }
-"""For each model the built-in hand whose description fits, and the entries that are replaced."""
+"""For each model, the built-in hand whose description fits, and the entries of it that are replaced."""
 
 
 def built_in_of(model: str) -> str:

@@ -32,14 +32,14 @@ _NAMES = ("name", "joint", "tendon", "body1", "body2", "site", "body", "geom1", 
 
 
 def mirrored(hand: Hand, *, rename: tuple[str, str] | None = None) -> Hand:
-    """The hand of the other side; equal joint angles give mirrored postures.
+    """Make the hand of the other side; equal joint angles give mirrored postures.
 
     Args:
         hand: The hand.
-        rename: A prefix of names and its replacement, as ``("rh_", "lh_")``.
+        rename: A prefix of names and its replacement, such as ``("rh_", "lh_")``.
 
     Raises:
-        HandError: The MJCF gives an orientation by other means than a quaternion.
+        HandError: The MJCF gives an orientation in another form than a quaternion.
     """
     side = "left" if hand.side == "right" else "right"
     flip = np.diag([*_POINT, 1.0])
@@ -98,7 +98,7 @@ def _mirror(element: ElementTree.Element, hand: str) -> None:
 
 
 def _explicit_axes(root: ElementTree.Element) -> None:
-    """Write the axis of joints that use the default, +z: its mirror image is -z."""
+    """Write the axis of joints that rely on the default +z, because its mirror image is -z."""
     with_axis = {
         default.get("class")
         for default in root.iter("default")

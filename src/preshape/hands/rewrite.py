@@ -1,8 +1,8 @@
-"""A compiled model rewritten as a self-contained MJCF of one form, and the hand that it gives.
+"""Rewrites a compiled model as a self-contained MJCF in one standard form, and makes a hand of it.
 
 The MJCF has one root body and fingers as chains of hinges. Static bodies are merged into the body that
 carries them; every colliding shape becomes a capsule, a sphere or a box; the palm and every fingertip get a
-site. All code that reads a hand then meets one form, and the text needs no other file.
+site. Code that reads a hand then needs to know this form only, and the text needs no other file.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ class _Primitive:
 
 
 def rebuilt(data: Table, model: CompiledModel, label: str) -> Hand:
-    """The hand of a description and a compiled model.
+    """Make the hand of a description and a compiled model.
 
     Args:
         data: The description, as read from TOML.
@@ -63,7 +63,7 @@ def rebuilt(data: Table, model: CompiledModel, label: str) -> Hand:
 
 
 def _mjcf(data: Table, model: CompiledModel) -> str:
-    """The hand as MJCF text; description and model have no findings.
+    """The hand as MJCF text; description and model must have no findings.
 
     The text is written twice: the first version shows which pairs of bodies overlap by design, and the second
     one excludes these pairs from collision.
@@ -73,7 +73,7 @@ def _mjcf(data: Table, model: CompiledModel) -> str:
 
 
 def _written_bodies(data: Table, model: CompiledModel) -> dict[str, str]:
-    """For every body of the hand, the body that it is written as: itself, or the one that carries it."""
+    """For every body of the hand, the body that it is merged into: itself, or the one that carries it."""
     listed = {str(joint) for entry in data["finger"] for joint in entry["joints"]}
     m = model.model
     root = m.body(data.get("root") or model.roots[0]).id
@@ -315,7 +315,7 @@ def _primitive(m: Any, g: int, T: Array) -> _Primitive | None:
 
 
 def _capsule_or_box(half: Array, T: Array) -> _Primitive:
-    """A capsule for a long and about round shape, a box for any other [C]; ``half`` (3,) half sizes [m]."""
+    """A capsule for a long, roughly round shape, else a box [C]; ``half`` is (3,) half sizes [m]."""
     half = np.maximum(half, 5e-4)
     long = int(half.argmax())
     others = np.delete(half, long)
@@ -334,8 +334,8 @@ def _overlapping_pairs(
 ) -> tuple[tuple[str, str], ...]:
     """Pairs of bodies that are excluded from collision.
 
-    These are neighbours in a chain, bodies that collide in nearly all random postures, and the pairs that the
-    model itself excludes.
+    These are neighbours in a chain, bodies that collide in nearly all random postures, and pairs that the
+    source model excludes.
     """
     import mujoco
 

@@ -89,7 +89,7 @@ def solid_triangles(name: str, vertices: Array, triangles: IntArray) -> IntArray
     """The triangles that have area.
 
     Args:
-        name: the file, for messages.
+        name: Name of the file, for messages.
         vertices: (n, 3) finite positions [m].
         triangles: (m, 3) valid indices, at least one.
 

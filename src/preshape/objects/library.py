@@ -1,8 +1,8 @@
 """The built-in objects: everyday objects in the size of a small robot hand, made by a generator of our own.
 
-Each one is a single watertight surface, outward by the right-hand rule and centred on its bounding box, with
-no extent over 0.172 m = 4U of the ``utah_mit`` hand (§2.1). The up direction of upright objects is +z. An
-object is built when it is first needed.
+Each object is one watertight surface whose triangles face outward (right-hand rule). The centre of its
+bounding box is the origin, and no extent exceeds 0.172 m = 4U of the ``utah_mit`` hand (§2.1). Upright
+objects have +z up. An object is built when it is first needed.
 
 >>> entry("mug").tasks[:2]
 ('lift', 'pour')
@@ -40,7 +40,7 @@ class LibraryObject:
         description: One line for display.
         mass: Mass of a real object of this kind and size [kg].
         tasks: Task families that suit it, the most natural one first.
-        build: Makes the (n, 3) vertices [m] and (m, 3) outward triangles, always the same.
+        build: Function that returns the (n, 3) vertices [m] and (m, 3) outward triangles; deterministic.
     """
 
     name: str
@@ -51,7 +51,7 @@ class LibraryObject:
 
 
 def _object(shape: Callable[[], Solid], mass: float, tasks: str, description: str) -> LibraryObject:
-    """An entry with the name of the function that makes its shape."""
+    """An entry whose name is that of the function that makes its shape."""
     return LibraryObject(
         name=shape.__name__,
         description=description,

@@ -65,12 +65,11 @@ def load_object(
 ) -> TriangleMesh:
     """Read an object from a file, or build one of the library.
 
-    Parts, groups and scene nodes of a file become one mesh in the axes of the file. Polygons, also concave
-    ones, are cut into triangles. Holes, seams and disconnected parts of scans are accepted. Triangles without
-    area, triangles that occur twice and vertices without triangles are dropped. ``counts`` (table 2) holds
-    the numbers **of the file**: for OBJ, PLY and OFF as the file states them, for STL and glTF with equal
-    positions counted once. Where a file has no normals, or does not state their number (PLY, OFF, STL, glTF),
-    there are as many as vertices [C].
+    All parts, groups and scene nodes of a file become one mesh in the axes of the file. Polygons, also
+    concave ones, are cut into triangles. Holes, seams and disconnected parts are accepted. Triangles without
+    area, duplicate triangles and unused vertices are dropped. ``counts`` (table 2) holds the numbers **of
+    the file**: OBJ, PLY and OFF state them; in STL and glTF equal positions count once. If a file has no
+    normals or does not state their number (PLY, OFF, STL, glTF), one normal is counted per vertex [C].
 
     A point cloud (.pcd, .xyz, .npy, or a .ply without faces) becomes a closed surface whose unseen side is
     guessed; ``scan`` says which side (:mod:`preshape.objects.scans.complete`).
@@ -80,18 +79,19 @@ def load_object(
         unit: Unit of the file: m, cm, mm, in or inch; library objects are in metres.
         scale: Further factor on all lengths.
         view: For a point cloud, the position of the camera in the frame and unit of the file, or ``all`` for
-            points from all sides; by default that of the file, or the origin where it is possible.
+            points from all sides. By default the camera of the file is used, or else the origin if a camera
+            there could have seen all points; otherwise the points count as seen from all sides.
 
     Returns:
-        The mesh [m]; a library object with its mass [kg].
+        The mesh [m]; the mesh of a library object includes its mass [kg].
 
     Raises:
-        InputError: The unit is unknown, the scale is not a positive, finite number, or the view is no
-            possible camera or is given for a mesh.
+        InputError: The unit is unknown, the scale is not a positive, finite number, or the view is
+            not a possible camera position or is given for a mesh.
         UnknownObject: There is neither a file nor a library object of that name.
-        ObjectError: The file is missing, a folder, empty, no mesh or of an unknown suffix; a position is not
-            finite; there are no faces or no area; the object is flat; an index is out of range; the size is
-            not plausible; or points do not make one body (too few, on a plane, or two objects).
+        ObjectError: The file is missing, empty, a folder, not a mesh, or has an unknown suffix; a position is
+            not finite; there are no faces or no area; the object is flat; an index is out of range; the size
+            is not plausible; or the points do not form one body (too few, on a plane, or two objects).
         EnvironmentFailure: The file cannot be read.
     """
     factor = checks.metres(unit, scale)

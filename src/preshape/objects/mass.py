@@ -1,7 +1,8 @@
-"""The mass that an object is planned with: given, known, or estimated from its volume.
+"""The mass used in planning: given by the caller, known of the object, or estimated from its volume.
 
-The mass that the caller gives comes first, then that of the mesh (library objects have one). Otherwise it is
-the larger of 0.1 kg and the volume times the density of water, and the answer states this assumption.
+A mass given by the caller takes precedence over the mass of the mesh (library objects have one). Without
+either, the mass is the larger of 0.1 kg and the volume times the density of water, and the answer states this
+assumption.
 """
 
 from __future__ import annotations
@@ -54,7 +55,7 @@ _SOURCES = {
 
 
 def object_mass(mesh: TriangleMesh, given: float | None = None) -> ObjectMass:
-    """The mass that a mesh is planned with.
+    """The mass used in planning with a mesh.
 
     Args:
         mesh: The object [m].

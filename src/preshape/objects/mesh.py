@@ -23,11 +23,11 @@ class TriangleMesh:
         name: Name of the object for display.
         vertices: (n, 3) positions [m].
         triangles: (m, 3) vertex indices, outward by the right-hand rule where the file is consistent.
-        counts: Numbers of vertices, vertex normals, faces and triangles **of the file** (table 2); ``None``
-            counts those of the arrays.
-        mass: Mass [kg] where it is known.
-        scale: Factor on the size of the file, which the vertices include; for messages.
-        scan: How the object was seen, where it was made from a point cloud.
+        counts: Numbers of vertices, vertex normals, faces and triangles **of the file** (table 2); if
+            ``None``, they are counted in the arrays.
+        mass: Mass [kg]; ``None`` if unknown.
+        scale: Factor from the size of the file, already applied to the vertices; for messages only.
+        scan: How the object was seen, for a mesh made from a point cloud; otherwise ``None``.
 
     Raises:
         ObjectError: An array has the wrong shape, no triangle, a position that is not finite, or an index
@@ -73,7 +73,7 @@ class TriangleMesh:
 
     @cached_property
     def bounds(self) -> Array:
-        """(2, 3) lower and upper corner of the bounding box of all vertices in triangles [m]."""
+        """(2, 3) lower and upper corner of the bounding box [m]; vertices without a triangle do not count."""
         flat = self.corners.reshape(-1, 3)
         return read_only(np.array([flat.min(axis=0), flat.max(axis=0)]))
 
@@ -111,13 +111,13 @@ class TriangleMesh:
 
     @cached_property
     def volume(self) -> float:
-        """Signed volume [m³]; cones to the COG close the holes of the mesh."""
+        """Signed volume [m³], positive if the triangles face outward; cones to the COG close any holes."""
         a = self.corners[:, 0] - self.cog
         return float(np.einsum("ij,ij->i", a, self._crosses).sum() / 6)
 
     @cached_property
     def attributes(self) -> Attributes:
-        """The attributes of the paper's table 2, and area and volume."""
+        """The attributes of the paper's table 2, with area and volume."""
         counts = self.counts
         if counts is None:
             n, m = len(np.unique(self.triangles)), len(self.triangles)

@@ -1,7 +1,7 @@
-"""glTF, text and binary, read by trimesh; files that it would read wrongly or too slowly are refused first.
+"""glTF, text and binary, read by trimesh; files that trimesh would read wrongly or slowly are refused first.
 
-trimesh reads neither triangle fans nor line strips, nor positions that are normalised, sparse or compressed.
-Skins and morphs are read in their rest state.
+trimesh cannot read triangle fans, line strips, or positions that are normalised, sparse or compressed. Skins
+and morphs are read in their rest state.
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ from .read_raw import RawMesh
 from .read_text import printable
 from .read_trimesh import read_scene
 
-# Limits far above any scan: numbers of all parts, nodes, and levels of nodes, whose third power trimesh
-# needs.
+# Limits far above any scan: numbers of all parts, of nodes, and of levels of nodes. The time that trimesh
+# needs grows with the third power of the levels.
 _MOST, _NODES, _LEVELS = 60_000_000, 2000, 32
 
 

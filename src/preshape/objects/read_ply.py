@@ -78,7 +78,7 @@ def read_ply(name: str, data: bytes) -> RawMesh | RawCloud:
             case ["format", form, *_]:
                 pass
             case ["element", kind, count] if count.isdecimal():
-                # With their own names trimesh would cut faces into fans and turn edges into paths.
+                # Under their own names, trimesh would cut faces into fans and turn edges into paths.
                 elements.append(f"element {kind if kind == 'vertex' else '-' + kind} {count}")
             case ["property", *_]:
                 elements.append(line)

@@ -49,7 +49,7 @@ def assemble(
         corners: Vertex indices counted from 0, one polygon after another.
         sizes: (faces,) number of corners of each polygon.
         normals: Number of vertex normals in the file; 0 counts one for each vertex.
-        first: Number of the first vertex in the format, for messages.
+        first: Number that the format gives to the first vertex, for messages.
         written: Indices as the file writes them, for messages.
 
     Raises:

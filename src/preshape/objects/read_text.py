@@ -18,7 +18,7 @@ _CHUNK = 1 << 21
 
 
 def printable(text: object, longest: int = 80) -> str:
-    r"""Text from a file in a form for messages: one line, printable, not too long.
+    r"""Make text from a file fit for messages: one printable line of limited length.
 
     >>> printable("a\x1b[31m\nb")
     'a?[31m b'

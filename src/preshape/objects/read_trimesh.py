@@ -20,7 +20,7 @@ from .read_text import plain_text, printable
 
 @contextmanager
 def quietly() -> Iterator[list[LogRecord]]:
-    """Collect trimesh's log instead of showing it; NumPy's warning of words among numbers is an error."""
+    """Collect trimesh's log instead of showing it; raise NumPy's warning about words among numbers."""
     log, notes = getLogger("trimesh"), BufferingHandler(1_000_000)
     level, propagate = log.level, log.propagate
     log.addHandler(notes)
@@ -42,7 +42,7 @@ def _stl_size(data: bytes) -> int:
 
 
 def is_binary_stl(data: bytes) -> bool:
-    """Whether the file is exactly as long as a binary STL of its number of triangles."""
+    """Whether the file's length is that of a binary STL with the stated number of triangles."""
     return len(data) == _stl_size(data)
 
 
@@ -71,7 +71,7 @@ def read_stl(name: str, data: bytes) -> RawMesh:
 
 
 def read_scene(name: str, data: bytes, kind: str, files: dict[str, bytes], facets: int = -1) -> RawMesh:
-    """All meshes of a scene at the places of their nodes, checked, with equal positions merged.
+    """Read all meshes of a scene, place each by its node, check them and merge equal positions.
 
     Args:
         name: Name of the file, for messages.
@@ -99,9 +99,9 @@ def read_scene(name: str, data: bytes, kind: str, files: dict[str, bytes], facet
             )
     vertices, triangles, count = [np.zeros((0, 3))], [np.zeros((0, 3), dtype=np.int64)], 0
     for part in parts:
-        own = np.asarray(getattr(part, "faces", np.zeros((0, 3))), dtype=np.int64)  # none of lines and points
+        own = np.asarray(getattr(part, "faces", np.zeros((0, 3))), dtype=np.int64)  # none: lines, points
         outside = (own < 0) | (own >= len(part.vertices))
-        triangles.append(np.where(outside, -1, own + count))  # -1, or it would refer to another part
+        triangles.append(np.where(outside, -1, own + count))  # otherwise it would refer to another part
         vertices.append(np.asarray(part.vertices, dtype=np.float64))
         count += len(part.vertices)
     corners = np.concatenate(triangles)

@@ -56,10 +56,10 @@ _BLOCK = 500  # triangles in a block, so that its arrays stay in the processor's
 
 
 def shape_descriptor(mesh: TriangleMesh) -> Array:
-    """The shape in the object's own frame, without its size: 28 numbers from -1 to 1 [C], the last above 0.
+    """Describe the shape in the object's own frame, without its size, by 28 numbers [C].
 
-    Positions are scaled to -1..1 across the bounding box along each axis (0 along an axis without extent);
-    normals are those of the unscaled object; means are weighted by area:
+    Positions are scaled so that the bounding box spans -1 to 1 along each axis (0 along an axis without
+    extent). Normals are those of the unscaled object. All means are weighted by area:
 
     ======= =======================================================================================
     numbers content
@@ -68,10 +68,11 @@ def shape_descriptor(mesh: TriangleMesh) -> Array:
             (first degree), how far it spreads and along which diagonals (second), which end is
             thicker (third), whether it is wide in the middle or at the ends (fourth)
     21..26  means of nx², ny², nz², ny nz, nx nz, nx ny: the directions that the surface faces
-    27      area over the area of the bounding box; above 1 for a body with inner walls
+    27      area divided by the area of the bounding box; above 1 for a body with inner walls
     ======= =======================================================================================
 
-    A rotation by 90° or a mirror image permutes the numbers and changes signs; the size changes nothing.
+    All numbers are from -1 to 1, except the last, which is above 0. A rotation by 90° or a mirror image
+    permutes the numbers and changes signs. The size has no effect.
 
     Returns:
         (28,) descriptor.
@@ -106,7 +107,7 @@ def _products(axes: Array, triangles: IntArray, shares: Array) -> Array:
     Args:
         axes: (3, n) scaled positions of the vertices, one row for each axis.
         triangles: (m, 3) vertex indices.
-        shares: (m,) areas of the triangles over the whole area.
+        shares: (m,) areas of the triangles divided by the whole area.
     """
     first, second, third = np.ascontiguousarray(triangles.T)
     monomials = np.ones((len(_QUADRATIC), len(_WEIGHTS) * len(shares)))
@@ -143,8 +144,8 @@ def shape_distance(a: Array, b: Array) -> float:
 def attribute_distance(a: Attributes, b: Attributes) -> float:
     """Distance of two objects' attributes: the largest logarithmic ratio of W, H, D, area and volume [C].
 
-    The counts of table 2 are left out, because they change with every new export of the same object. A volume
-    below a thousandth of the bounding box (an open sheet) means nothing and is left out as well.
+    The counts of table 2 are left out, because they change with every new export of the same object. The
+    volume is also left out if both are below a thousandth of the bounding box (open sheets).
     """
     ratios = [np.abs(np.log(a.extents / b.extents)).max(), abs(np.log(a.area / b.area))]
     box_a, box_b = float(np.prod(a.extents)), float(np.prod(b.extents))

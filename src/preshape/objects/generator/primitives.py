@@ -1,4 +1,4 @@
-"""Plain solids, with which a hand begins to learn. Lengths in millimetres."""
+"""Plain solids, the first objects in training. Lengths in millimetres."""
 
 from __future__ import annotations
 

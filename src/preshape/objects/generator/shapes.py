@@ -42,7 +42,7 @@ def section(points: ArrayLike, rounding: float = 0.0) -> Section:
 
 
 def rounded(region: Section, radius: float) -> Section:
-    """``region`` with its convex (shrink, grow) and concave corners (grow, shrink) rounded [mm]."""
+    """``region`` with rounded corners [mm]: shrink and grow for convex, grow and shrink for concave ones."""
     if radius == 0.0:
         return region
     return grown(grown(grown(region, -radius), 2 * radius), -radius).simplify(_CHORD)

@@ -1,9 +1,9 @@
 """A closed surface from points on all sides of an object: outward normals, and Poisson's equation on a grid.
 
-Normals are those of planes through neighbours, oriented consistently along a tree of nearest neighbours
+Normals are those of planes fitted to neighbours, oriented consistently along a tree of nearest neighbours
 (Hoppe et al. 1992, Surface reconstruction from unorganized points). A Fourier transform gives the function
-whose gradient they are (Kazhdan 2005, Reconstruction of solid models from oriented point sets). The smoothest
-surface closes gaps.
+whose gradient matches the normals (Kazhdan 2005, Reconstruction of solid models from oriented point sets).
+Gaps are closed smoothly.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ def outward_normals(points: Array) -> Array:
 
 
 def _consistent_signs(points: Array, normals: Array, near: IntArray) -> Array:
-    """(n,) signs with which the normals of neighbours agree, along a tree from the farthest point."""
+    """(n,) factors ±1 that make the normals of neighbours agree, along a tree from the farthest point."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import breadth_first_order, connected_components, minimum_spanning_tree
 
@@ -96,7 +96,7 @@ def poisson(points: Array, normals: Array, grid: Grid) -> Array:
 
 
 def _areas(points: Array) -> Array:
-    """(n,) area of each point [m²]: that of the disc up to its sixth neighbour, over the points in it."""
+    """(n,) area of each point [m²]: the disc up to its sixth neighbour, shared among its points."""
     distance, _ = nearest(points, 7)
     found: Array = np.pi * distance[:, 6] ** 2 / 6.5
     return found

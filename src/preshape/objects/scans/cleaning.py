@@ -18,17 +18,17 @@ NEIGHBOURS = 8
 SMOOTHED = 24
 """Neighbours that give the plane to which a point is moved [C]."""
 STRAY = 4.0
-"""A point is stray when its neighbours are this many times farther away than the median [C]."""
+"""A point is stray if the mean distance of its neighbours exceeds the median by this factor [C]."""
 GAP, GAP_SPACINGS = 0.15, 8.0
-"""Parts are two objects when they are farther apart than this share of the cloud's extent, and than this
+"""Two parts are separate objects if the gap between them exceeds this share of the cloud's extent and this
 number of spacings [C]."""
 SHALLOW = 0.25
 """Factor on gaps along the line of sight [C]."""
 CRUMB = 0.05
 """Parts with a smaller share of the points are dropped [C]."""
 FLAT, FLAT_NOISE = 0.005, 2.5
-"""Points lie on a plane when their rms distance from it is below this share of the extent, or below this
-multiple of the local roughness [C]."""
+"""Points lie on a plane if their rms distance from the plane is below the first number times the extent, or
+below the second number times the local roughness [C]."""
 
 
 def cleaned(name: str, points: Array, camera: Array | None = None) -> Array:
@@ -42,8 +42,8 @@ def cleaned(name: str, points: Array, camera: Array | None = None) -> Array:
     Args:
         name: Name of the file, for messages.
         points: (n, 3) finite positions [m].
-        camera: (3,) position of the camera [m], or ``None``. A part in front hides the connection to the
-            parts behind it, so gaps along the line of sight count less.
+        camera: (3,) position of the camera [m], or ``None``. With a camera, gaps along the line of sight
+            count less, because a part in front hides its connection to the parts behind it.
 
     Returns:
         (m, 3) positions [m].
@@ -147,7 +147,7 @@ def _one_object(name: str, points: Array, camera: Array | None) -> Array:
 
 
 def _shallow(points: Array, camera: Array) -> Array:
-    """The points with distances from the camera that are compressed towards their median."""
+    """The points with their distances from the camera compressed towards the median."""
     away = np.linalg.norm(points - camera, axis=1, keepdims=True)
     middle = float(np.median(away))
     return camera + (points - camera) / away * (middle + (away - middle) * SHALLOW)

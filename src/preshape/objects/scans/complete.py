@@ -20,7 +20,7 @@ NEAR = 8.0
 PER_SPACING, MARGIN = 0.7, 8
 """For points from all sides: edge of a cell in spacings, and cells of the margin on every side [C]."""
 ALL_ROUND = "all"
-"""Value of a view for points from all sides."""
+"""Value of a camera or view argument that stands for points from all sides."""
 
 
 @value
@@ -48,8 +48,9 @@ def complete(name: str, cloud: RawCloud, camera: Sequence[float] | Array | str |
         name: Name of the file, for messages.
         cloud: Points [m], and the camera that the file names.
         camera: (3,) position of the camera in the frame of the cloud [m], or ``all`` for points from all
-            sides. ``None`` takes the camera of the file; without one, the origin where it lies outside the
-            bounding box and no point hides another from there; otherwise all sides.
+            sides. ``None`` takes the camera of the file. If the file has none, it takes the origin, provided
+            that the origin lies outside the bounding box and few points are hidden from there; otherwise the
+            points count as seen from all sides.
 
     Raises:
         ObjectError: The points do not make one body: too few points, two objects, or all points on a plane.
@@ -104,7 +105,7 @@ def _from_one_side(name: str, count: int, points: Array, camera: Array) -> Compl
 def solid(sight: Sight, found: Sequence[Symmetry], points: Array) -> Array:
     """(n,) distance from the guessed solid, negative inside [m].
 
-    A point is inside where neither it nor any of its mirror images is in space that was seen to be free.
+    A point is inside if neither the point nor any of its symmetric images lies in space seen to be free.
 
     Args:
         sight: The view of the camera.
@@ -113,7 +114,7 @@ def solid(sight: Sight, found: Sequence[Symmetry], points: Array) -> Array:
     """
     free = sight.free(points)
     for one in found:
-        # Points far in free space are outside, whatever their images.
+        # Points far inside free space are outside the solid, wherever their images are.
         near = np.flatnonzero(free < NEAR * sight.spacing)
         free[near] = np.maximum(free[near], sight.free(one.apply(points[near])))
     return free

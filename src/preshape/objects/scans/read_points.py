@@ -23,7 +23,7 @@ _COMMENT = re.compile(r"(?:#|//).*")
 
 
 def read_xyz(name: str, data: bytes) -> RawCloud:
-    """Read lines of three or more numbers between blanks, commas or semicolons; the first three are x, y, z.
+    """Read an XYZ file: lines of numbers between blanks, commas or semicolons; the first three are x, y, z.
 
     Lines before the first numbers (a header, or the number of points) are skipped.
 

@@ -1,4 +1,4 @@
-"""How an object was seen: the points of a file, and what a surface was made from."""
+"""How an object was seen: the points of a file, and which part of a surface they show."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class RawCloud:
 
 @value
 class Scan:
-    """How the object of a surface was seen.
+    """How an object was seen whose surface was made from points.
 
     Attributes:
         points: Number of points in the file.

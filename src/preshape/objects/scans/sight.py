@@ -1,10 +1,9 @@
-"""The view of a camera as a function of space: free in front of the surface and beside the outline, else
-unknown.
+"""Which space a camera saw to be free: that in front of the surface and beside the outline.
 
 The points are projected into an image of the camera, which holds the depth along each ray and the signed
-distance to the object's outline. A point in space was seen to be free where it is nearer than the depth, or
-outside the outline (visual hull and depth carving: Curless and Levoy 1996, A volumetric method for building
-complex models from range images).
+distance to the object's outline. A point in space was seen to be free if it is nearer than the depth or
+outside the outline; all other space is unknown (visual hull and depth carving: Curless and Levoy 1996, A
+volumetric method for building complex models from range images).
 """
 
 from __future__ import annotations
@@ -155,8 +154,9 @@ def hidden_share(points: Array, camera: Array) -> float:
 
 
 def level_axes(forward: Array) -> Array:
-    """(3, 3) rows right, down, forward of a camera that is level with respect to z, or to y where it looks
-    along z.
+    """(3, 3) rows right, down, forward of a level camera.
+
+    The camera is level with respect to z, or to y if it looks along z.
 
     Args:
         forward: (3,) direction of the view, of any length.

@@ -14,7 +14,7 @@ CELLS = 72
 SMOOTH = 0.7
 """Standard deviation of the smoothing of the function, in cells [C]."""
 SEEN_SPACINGS = 1.5
-"""A triangle was seen when its centre is within this many spacings (of points or grid) of a point [C]."""
+"""A triangle counts as seen if its centre is within this many spacings (of points or grid) of a point [C]."""
 
 
 @value
@@ -60,7 +60,7 @@ def grid_round(points: Array, *, cells: int = CELLS, margin: int = 3) -> Grid:
 
 
 def zero_surface(function: Callable[[Array], Array], grid: Grid) -> tuple[Array, IntArray]:
-    """The zero surface of a function as triangles, outward by the right-hand rule; its largest part only.
+    """The largest part of the zero surface of a function, as triangles that face outward (right-hand rule).
 
     Args:
         function: Maps (n, 3) points to (n,) values, negative inside.
@@ -79,7 +79,7 @@ def zero_of_values(values: Array, grid: Grid) -> tuple[Array, IntArray]:
 
     near = 4 * grid.spacing
     smooth = gaussian_filter(np.clip(values, -near, near), SMOOTH)
-    # The rim of the grid is outside, so that a body that reaches it is closed there.
+    # The rim of the grid is set to outside, so that a body that reaches the rim is closed there.
     for axis in range(3):
         for side in (0, -1):
             rim = np.moveaxis(smooth, axis, 0)[side]

@@ -3,13 +3,13 @@
 Most objects that a hand holds are symmetric about a plane, an axis or a point. A candidate symmetry maps the
 seen points to the far side. A valid one never maps a point into space that the camera saw to be free (Thrun
 and Wegbreit 2005, Shape from symmetry; Bohg et al. 2011, Mind the gap - robotic grasping under incomplete
-observation). Among the valid ones a candidate is better when it maps seen points on seen points, and when the
-object does not become much deeper than it is wide. The search has these steps:
+observation). A valid candidate is better if it maps seen points onto seen points, and if the completed object
+is about as deep as it is wide. The search has these steps:
 
-1. draw reflections, half turns and the point reflection as linear parts (:func:`_linear_parts`);
-2. for each, try positions of its centre along the line of sight, and take the cheapest (:func:`_best_along`);
-3. of each kind keep the cheapest ones with different directions, and refine them (:func:`_refined`);
-4. keep all candidates that contradict the view hardly more than the least contradicting one.
+1. Make the linear parts: reflections, half turns and the point reflection (:func:`_linear_parts`).
+2. For each, try positions of its centre along the line of sight and take the cheapest (:func:`_best_along`).
+3. Of each kind, keep the cheapest candidates with different directions and refine them (:func:`_refined`).
+4. Keep the candidates whose contradiction is at most ``ALLOWED`` above the least one.
 """
 
 from __future__ import annotations
@@ -25,18 +25,18 @@ SAMPLES = 500
 DEPTHS = 28
 """Number of positions of the centre that are tried along the line of sight [C]."""
 DEEPEST = 0.9
-"""Farthest centre behind the nearest point, in widths [C]."""
+"""Largest distance of a centre behind the nearest point, in widths of the outline [C]."""
 TOLERANCE = 0.015
 """A mapped point within this share of the extent from the surface is on it, and not in free space [C]."""
 CONTRADICTION, EVIDENCE, DEPTH = 30.0, 1.0, 0.3
-"""Weights of the three parts of the cost, measured by ``preshape bench clouds`` [C]."""
+"""Weights of the three parts of the cost, tuned with ``preshape bench clouds`` [C]."""
 CAP = 0.06
 """Depth in free space at which a point contradicts fully, as a share of the extent [C]."""
 FEWEST_FACING = 0.35
 """Least cosine of the angle between a mirror's normal and the line of sight; a mirror seen edge-on would not
 show the far side [C]."""
 EACH = {"mirror": 2, "turn": 1, "point": 1}
-"""Largest number of symmetries of each kind; several together cut off more of the far side than one [C]."""
+"""Largest number of symmetries of each kind; several together remove more of the far side than one [C]."""
 APART = 0.6
 """Symmetries of one kind are different when the angle between their axes exceeds this [rad] [C]."""
 ALLOWED = 0.03
@@ -46,15 +46,15 @@ KINDS = ("mirror", "turn", "point")
 
 @value
 class Symmetry:
-    """An isometry that maps the object on itself.
+    """An isometry that maps the object onto itself.
 
     Attributes:
         kind: ``mirror`` (about a plane), ``turn`` (half a turn about an axis) or ``point``.
         linear: (3, 3) orthogonal matrix.
         middle: (3,) fixed point [m].
         cost: Cost that the search minimises.
-        evidence: Share of the seen points that are mapped on seen points.
-        contradiction: Mean depth of the mapped points in free space, from 0 to 1.
+        evidence: Share of the seen points that are mapped onto the seen surface.
+        contradiction: Mean depth of the mapped points in free space, divided by ``CAP``, from 0 to 1.
     """
 
     kind: str

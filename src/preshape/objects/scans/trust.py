@@ -1,4 +1,4 @@
-"""How far an answer on a partly guessed surface can be trusted: by the surface under its contacts."""
+"""How far a grasp on a partly guessed surface can be trusted, judged by the surface under its contacts."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from ...types import IntArray, value
 from .scan import Scan
 
 UNSEEN = 0.5
-"""Weight of a contact on guessed surface, where one on seen surface has 1 [C]."""
+"""Weight of a contact on guessed surface; a contact on seen surface has weight 1 [C]."""
 HALF = 0.45
 """Share of the surface that one good view shows; a larger share adds no trust [C]."""
 
@@ -21,8 +21,8 @@ class Trust:
         points: Number of points of the cloud.
         seen_share: Share of the surface that was seen, by area.
         contacts_seen: Whether each contact is on seen surface; empty without an answer.
-        trust: From 0 (guessed) to 1 (seen).
-        sentence: The same as a sentence.
+        trust: From 0 (all contacts on guessed surface) to 1 (all on seen surface, most of it seen).
+        sentence: The same in one sentence.
     """
 
     points: int
