@@ -1,7 +1,7 @@
-"""From a plan's document (the JSON of a plan) to what is drawn: the scene, the moving hand, PNG and page.
+"""Pictures of a plan from its document (its JSON): the scene, the moving hand, PNG and page.
 
-This is the only way from a plan to a picture: plan.png, plan.html and the browser app use it alike. It takes
-documents, meshes and hands, so that a plan that was read from a file is drawn as one that was just made.
+Every picture of a plan is made here: plan.png, plan.html and the browser app use the same functions. They
+take documents, meshes and hands, so a plan read from a file is drawn like one that was just made.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from .viewer.plan_scene import PlaneCard, PlanScene
 from .viewer.reduce import reduced
 
 AWAY = 0.10
-"""Distance along the way in from which the hand comes [m]."""
+"""Distance from the pregrasp at which the hand's motion starts, against the way in [m]."""
 RAY_FRICTION = 1.0
 """Friction coefficient of the paper's contact model, whose cones are drawn for a virtual grasp."""
 _STAGES = (("open", "pregrasp"), ("closed", "grasp"), ("squeeze", "squeeze"))
@@ -35,7 +35,7 @@ Document = dict[str, Any]
 
 
 def light_mesh(mesh: TriangleMesh) -> TriangleMesh:
-    """The mesh reduced to at most 20 000 triangles, as it is sent to a browser."""
+    """The mesh reduced to at most 20 000 triangles, for display in a browser."""
     vertices, triangles = reduced(mesh.vertices, mesh.triangles)
     if vertices is mesh.vertices:
         return mesh
@@ -55,9 +55,9 @@ def plan_scene(
     Args:
         document: The plan; ``None`` before there is one.
         mesh: The object, reduced or not [m].
-        hand: The plan's hand, where its posture is drawn too.
-        answer: One of the plan's answers (``readings.answers_of``); ``None`` where it has none.
-        rays: (n, 3) origins of this answer's aiming rays [m], where they are known.
+        hand: The plan's hand, to draw its posture too; ``None`` to leave it out.
+        answer: One of the plan's answers (``readings.answers_of``); ``None`` if the plan has none.
+        rays: (n, 3) Origins of this answer's aiming rays [m]; ``None`` if unknown.
 
     Raises:
         InputError: The document is no plan of preshape.
@@ -100,9 +100,9 @@ def plan_scene(
 
 
 def document_motion(hand: Hand, answer: Document | None) -> HandMotion | None:
-    """The hand's motion in an answer: away, open before the object, closed, squeezing.
+    """The hand's motion in an answer: away, open in front of the object, closed, squeezing.
 
-    A hand that retracted has one pose; ``None`` where there is none.
+    The motion of a retracted hand is a single pose. The result is ``None`` if the answer has no hand pose.
 
     Raises:
         InputError: The hand's poses are missing, or are those of another hand.
@@ -134,7 +134,7 @@ def plan_picture_of(
     path: Path,
     rays: Sequence[Sequence[Sequence[float]]] = (),
 ) -> None:
-    """Write a plan's picture as PNG: its answer, else the best that was found, else the object alone.
+    """Write a plan's picture as PNG: its first answer, else the best grasp found, else the object alone.
 
     Args:
         document: The plan.
@@ -157,7 +157,7 @@ def plan_picture_of(
 def document_html(
     mesh: TriangleMesh, hand: Hand, document: Document, rays: Sequence[Sequence[Sequence[float]]] = ()
 ) -> str:
-    """One self-contained page about a plan: 3D, readings and the JSON; it opens from disk, offline.
+    """One self-contained page about a plan: 3D scene, readings and JSON; it opens from disk, offline.
 
     Args:
         mesh: The object [m].
@@ -182,7 +182,7 @@ def document_html(
 
 
 def drawn_friction(document: Document, answer: Document) -> float:
-    """Friction coefficient of an answer's cones: planned for a grip, the paper's for a virtual grasp."""
+    """Friction coefficient of an answer's cones: the plan's for a grip, the paper's for a virtual grasp."""
     if not answer.get("grip"):
         return RAY_FRICTION
     return float((document.get("request") or {"friction": FRICTION})["friction"])
@@ -213,7 +213,7 @@ def _answer(
     if not grip:
         forces = np.array([c["wrench"][:3] for c in contacts]).reshape(-1, 3)
         return drawn | {"forces": forces, "net_wrench": answer["net_wrench"], "adi": answer["adi"]}
-    # A grip is drawn as it presses: its arrows are shares of the strongest contact force.
+    # The arrows of a grip show its contact forces divided by the strongest one.
     newtons = np.array(grip["forces"], dtype=np.float64).reshape(-1, 3)
     strengths = np.linalg.norm(newtons, axis=1)
     return drawn | {

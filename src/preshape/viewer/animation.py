@@ -1,4 +1,4 @@
-"""A run in simulated physics as a GIF, with stage and forces beneath the picture."""
+"""A run in simulated physics as a GIF; beneath the picture are the current stage and the contact forces."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ RATE = 12.5
 MAX_FRAMES = 96
 """Most frames of an animation."""
 LINGER = 1.2
-"""Time for which the last frame stays [s]."""
+"""Time for which the last frame is shown [s]."""
 STRIP_HEIGHT = 92
 """Height of the strip beneath the picture [pixels]."""
 VIVID = 32
@@ -57,7 +57,7 @@ def animation(film: Film, *, side: int = 340, progress: Progress | None = None) 
 
 
 def chosen_frames(film: Film) -> IntArray:
-    """(k,) Frames of the GIF, k ≤ ``MAX_FRAMES``: some from before the probes, then a few of each probe."""
+    """(k,) Frames of the GIF, k ≤ ``MAX_FRAMES``: some before the probes, then a few of each probe (load)."""
     before = [f for stage in film.stages if stage.passed is None for f in range(stage.start, stage.stop)]
     probes = [stage for stage in film.stages if stage.passed is not None]
     step = max(2, -(-len(before) // (MAX_FRAMES // 2)))
@@ -72,7 +72,7 @@ def chosen_frames(film: Film) -> IntArray:
 
 
 def _strip(film: Film, frame: int, width: int) -> Image:
-    """The strip beneath the picture: the stage, and a bar of normal force for each part."""
+    """The strip beneath the picture: name of the stage, and a bar of normal force for each hand part."""
     from matplotlib.font_manager import FontProperties, findfont
     from PIL import Image as Pillow
     from PIL import ImageDraw, ImageFont
@@ -104,7 +104,7 @@ def _strip(film: Film, frame: int, width: int) -> Image:
 
 
 def _gif(images: list[Image]) -> bytes:
-    """All frames with one palette from the whole run, and without dithering, which would flicker."""
+    """Encode all frames with one palette of the whole run, without dithering, which would flicker."""
     from PIL import Image as Pillow
 
     pixels = np.concatenate([image.reshape(-1, 3) for image in images[:: max(1, len(images) // 6)]])

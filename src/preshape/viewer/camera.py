@@ -99,7 +99,7 @@ def project(camera: Camera, points: Array, size: tuple[int, int]) -> Array:
 
 
 def directions(camera: Camera, pixels: Array, size: tuple[int, int]) -> Array:
-    """(n, 3) Unit directions from the eye through ``pixels`` (n, 2); the inverse of :func:`project`."""
+    """(n, 3) Unit directions from the eye through ``pixels`` (n, 2), which :func:`project` maps back."""
     slope = np.tan(np.radians(camera.fov) / 2) / (size[1] / 2)
     flat = (np.asarray(pixels, dtype=np.float64) - np.array(size) / 2) * [slope, -slope]
     rays = np.column_stack([flat, np.ones(len(flat))]) @ camera.frame

@@ -1,4 +1,4 @@
-"""The protocol that drawing goes through, with an implementation that draws nothing and one that records.
+"""The protocol for drawing a plan, with one implementation that draws nothing and one that records.
 
 The browser's scene (:mod:`preshape.app`) implements it too, and the page and the picture of a plan replay a
 recording. A plan is therefore drawn by the same code everywhere, and tests need no display.
@@ -16,7 +16,7 @@ class Canvas(Protocol):
     """A scene of named solids and labels. Names are paths, for example ``contacts/thumb/cone``."""
 
     def solid(self, name: str, shape: Shape) -> None:
-        """Draw triangles; they replace an earlier solid of that name."""
+        """Draw triangles; an earlier solid of the same name is replaced."""
 
     def label(self, name: str, text: str, at: Array) -> None:
         """Write a short text at a point (3,) [m]."""
@@ -25,7 +25,7 @@ class Canvas(Protocol):
         """Move a solid: ``pose`` (4, 4) takes its vertices to the scene."""
 
     def remove(self, prefix: str) -> None:
-        """Remove whatever has that name or lies under it, if anything."""
+        """Remove all solids and labels whose name is ``prefix`` or lies under it; none is no error."""
 
 
 class NullCanvas:
@@ -71,7 +71,7 @@ class RecordingCanvas:
         self.poses[name] = pose
 
     def remove(self, prefix: str) -> None:
-        """Forget whatever has that name or lies under it."""
+        """Forget all solids and labels whose name is ``prefix`` or lies under it."""
         for recorded in (self.solids, self.labels, self.poses):
             for name in [n for n in recorded if within(n, prefix)]:
                 del recorded[name]

@@ -69,7 +69,7 @@ FINGERS: Final[dict[str, Colour]] = {
 
 
 def finger_colour(name: str, order: int) -> Colour:
-    """The colour of a finger: by its name where that is in ``FINGERS``, otherwise by its place in the hand.
+    """The colour of a finger: by its name if ``FINGERS`` has it, otherwise by its place in the hand.
 
     Args:
         name: Name of the finger.

@@ -17,8 +17,8 @@ Side = Literal["front", "back", "double"]
 def indexed(shape: Shape) -> tuple[Array, Array, IntArray]:
     """Split the vertices of a shape where its normals differ.
 
-    Triangles that touch stand near each other in the result, so that the vertices which they share are still
-    in the graphics card's cache.
+    Neighbouring triangles are near each other in the order of the result. The graphics card then still has
+    their shared vertices in its cache.
 
     Args:
         shape: The shape.
@@ -50,9 +50,9 @@ def _spatial_order(points: NDArray[np.float32]) -> IntArray:
 
 
 def visible_side(shape: Shape) -> Side:
-    """The side of the triangles that can be seen: one side where they enclose a volume, else both.
+    """The visible side of the triangles: one side if they enclose a volume, otherwise both.
 
-    Vertices at the same place count as one, because files often give each triangle vertices of its own.
+    Vertices at the same position count as one, because in many files every triangle has its own vertices.
     """
     vertices, triangles = shape.vertices, shape.triangles
     _, merged = np.unique(np.round(vertices, 9), axis=0, return_inverse=True)

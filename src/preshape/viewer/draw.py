@@ -1,4 +1,4 @@
-"""Drawing of a plan in 3D on any canvas: page, browser and picture show the same solids."""
+"""Drawing of a plan in 3D on any canvas, so that page, browser and picture show the same solids."""
 
 from __future__ import annotations
 
@@ -40,23 +40,23 @@ GROUPS = {
     "scene": "Table and boxes to avoid",
     "hand": "Hand",
 }
-"""Groups of solids, by the first part of their names, and the groups' names to display."""
+"""Display name of each group of solids; the key is the first part of the solids' names."""
 HIDDEN = ("rays", "frame")
-"""Groups that are hidden at first."""
+"""Groups that are hidden until the user shows them."""
 FULL_TRANSLATION, FULL_ROTATION = 0.1, np.pi / 4
-"""Motion of the task's largest components, as in the task test [m, rad]."""
+"""Motion of the object for the task's largest components, as in the task test [m, rad]."""
 _ABSENT = np.array([0.1, 0.1, 0.1, 0.05, 0.05, 0.05])
-"""Components of a task that stand for "none" (table 1)."""
+"""Absolute value of a task component that means "none" in the paper's table 1."""
 _LETTERS = "xyz"
 
 
 def draw_plan(scene: PlanScene, canvas: Canvas, *, selected: int | None = None) -> None:
-    """Draw everything except object and hand, in place of what was drawn before.
+    """Draw everything except object and hand; an earlier drawing is replaced.
 
     Args:
         scene: The plan.
         canvas: The canvas.
-        selected: Index of a plane to highlight beside the chosen one.
+        selected: Index of a plane to highlight in addition to the chosen one.
     """
     for group in GROUPS:
         if group not in ("hand", "object"):
@@ -72,12 +72,12 @@ def draw_plan(scene: PlanScene, canvas: Canvas, *, selected: int | None = None) 
 
 
 def draw_object(scene: PlanScene, canvas: Canvas) -> None:
-    """Draw the object, in place of the one drawn before."""
+    """Draw the object; an earlier drawing is replaced."""
     canvas.solid("object", object_shape(scene.mesh))
 
 
 def draw_hand(motion: HandMotion | None, canvas: Canvas, fraction: float = 1.0) -> None:
-    """Draw a hand at a fraction 0..1 of its motion, in place of the one drawn before; ``None`` removes it."""
+    """Draw a hand at a fraction 0..1 of its motion and replace the earlier one; ``None`` only removes it."""
     canvas.remove("hand")
     if motion is None:
         return
@@ -93,7 +93,7 @@ def move_hand(motion: HandMotion, canvas: Canvas, fraction: float) -> None:
 
 
 def draw_card(scene: PlanScene, canvas: Canvas, entry: PlaneCard, *, selected: bool) -> None:
-    """Draw one approach plane as a card before the object, its long side along the opposition axis."""
+    """Draw one approach plane as a card in front of the object, its long side along the opposition axis."""
     a, o, size = entry.approach_axis, entry.opposition_axis, scene.size
     chosen = scene.plane is not None and entry.index == scene.plane.index
     centre = scene.cog - (scene.half(a) + 0.95 * size) * a
@@ -108,10 +108,10 @@ def draw_card(scene: PlanScene, canvas: Canvas, entry: PlaneCard, *, selected: b
 
 
 def draw_scenery(table: float | None, boxes: Array, scene: PlanScene, canvas: Canvas) -> None:
-    """Draw table and boxes to avoid, in place of the ones drawn before.
+    """Draw the table and the boxes to avoid; an earlier drawing is replaced.
 
     Args:
-        table: Height of the table along z [m]; ``None`` without one.
+        table: Height of the table along z [m]; ``None`` without a table.
         boxes: (k, 2, 3) Lower and upper corners [m].
         scene: The plan, whose object gives the size of the table that is drawn.
         canvas: The canvas.
@@ -222,7 +222,7 @@ def _task(scene: PlanScene, canvas: Canvas) -> None:
 
 
 def turning(centre: Array, axis: Array, radius: float, thick: float, colour: Colour) -> Shape:
-    """Three quarters of a circle with an arrow head: a torque or a rotation about an axis.
+    """The arrow of a torque or of a rotation: three quarters of a circle about an axis, with an arrow head.
 
     Args:
         centre: (3,) Centre of the circle [m].
@@ -252,6 +252,6 @@ def turning(centre: Array, axis: Array, radius: float, thick: float, colour: Col
 
 
 def _bounded(vector: Array) -> Array:
-    """A vector shortened to 1.4, because a longer arrow would make everything else small."""
+    """A vector, shortened to length 1.4 if longer; a long arrow would make everything else small."""
     length = float(np.linalg.norm(vector))
     return vector if length <= 1.4 else vector * (1.4 / length)

@@ -14,15 +14,15 @@ from .raycast import Image, Shape, render, visible
 from .shapes import arrow
 
 VIEWS = 6
-"""Directions around the object that are compared; the camera stands where most of the fingers are visible."""
+"""Number of camera directions around the object; the one that sees most of the fingers is used."""
 RISE = 0.46
 """Height of the eye above the object, divided by its horizontal distance."""
 LOAD: Colour = (0.78, 0.16, 0.16)
 """Colour of the arrow that shows the load."""
 ARROW = 0.85
-"""Length of that arrow, in half diagonals of the object."""
+"""Length of the load's arrow, in half diagonals of the object's bounding box."""
 SHOW_THROUGH = 0.3
-"""Opacity of that arrow where something hides it."""
+"""Opacity of the load's arrow where something hides it."""
 
 
 @value
@@ -34,7 +34,7 @@ class Stage:
         start: First frame.
         stop: Last frame plus one.
         note: Result to display, for example ``held · 0.4 mm``; may be empty.
-        passed: Whether the hand held the object; ``None`` for a stage before the probes.
+        passed: Whether the hand held the object; ``None`` for a stage before the probes (the applied loads).
     """
 
     name: str
@@ -110,12 +110,12 @@ class Film:
         return float(np.linalg.norm(np.ptp(self._points(0, of_object=True), axis=0))) / 2
 
     def colours(self) -> tuple[Colour, ...]:
-        """One colour for each part; the palm's is that of text."""
+        """One colour for each part; the palm has the colour of text."""
         fingers = [name for name in self.parts if name != "palm"]
         return tuple(INK if n == "palm" else finger_colour(n, fingers.index(n)) for n in self.parts)
 
     def shapes(self, frame: int) -> list[Shape]:
-        """The shapes of a frame: solids where they are, and the arrow of the load."""
+        """The shapes of a frame: the solids at their poses, and the arrow of the load."""
         result = [
             replace(solid, vertices=solid.vertices @ T[:3, :3].T + T[:3, 3])
             for solid, T in zip(self.solids, self.poses[frame], strict=True)
@@ -126,7 +126,7 @@ class Film:
         return result
 
     def load_arrow(self, frame: int, load: Array) -> tuple[Array, Array] | None:
-        """Start and tip (3,) of a load's arrow, which begins outside the object and points away from it [m].
+        """Start and tip (3,) of a load's arrow [m]; it begins outside the object and points away from it.
 
         Args:
             frame: Frame that gives the object's pose.
@@ -145,10 +145,10 @@ class Film:
     def camera(self, frames: IntArray, aspect: float) -> Camera:
         """One camera for all pictures of a run.
 
-        1. The picture contains the object in the first frame, the arrows of all loads, and the hand in
-           ``frames``.
-        2. Of ``VIEWS`` directions around the object, the one that sees most of the fingers in the last frame
-           before the probes is taken.
+        1. Collect what the picture must contain: the object in the first frame, the arrows of all loads, and
+           the hand in ``frames``.
+        2. Of ``VIEWS`` directions around the object, take the one that sees most of the fingers in the last
+           frame before the probes.
 
         Args:
             frames: Frames in which the hand must be in the picture.
@@ -162,7 +162,7 @@ class Film:
         around += [np.array(ends) for ends in arrows if ends is not None]
         alone = all(self.is_object)
         hand = [] if alone else [self._points(int(f), of_object=False) for f in frames]
-        # Only what is near counts: a long forearm would make the grasp small.
+        # Only points near the object must be in the picture: a long forearm would make the grasp small.
         near = around + [p[np.linalg.norm(p - middle, axis=1) < 3 * size] for p in hand]
         points = np.concatenate([_outermost(p) for p in near if len(p)])
         angles = np.radians(-49.0) + 2 * np.pi * np.arange(1 if alone else VIEWS) / VIEWS
@@ -173,7 +173,7 @@ class Film:
         shapes = [shape for shape in self.shapes(squeezed) if shape.colour != LOAD]
         fingers = self._points(squeezed, of_object=False)[::11]
         fingers = fingers[np.linalg.norm(fingers - middle, axis=1) < 1.5 * size]
-        # Whole per cents: of equally good views every machine takes the first.
+        # Scores are rounded to whole per cent, so that every machine takes the first of equally good views.
         scores = [
             round(100 * float(visible(shapes, c, fingers).mean())) if len(fingers) else 0 for c in cameras
         ]
@@ -199,14 +199,14 @@ class Film:
     def _reach(self, frame: int, direction: Array) -> float:
         """Distance from the load's point, along a unit direction, to just outside the object [m]."""
         points = self._points(frame, of_object=True) - self.load_point[frame]
-        # Only the surface near the arrow's line counts: a mug's handle beside it does not matter.
+        # Only the surface near the arrow's line counts; a mug's handle beside the line does not.
         beside = np.linalg.norm(points - np.outer(points @ direction, direction), axis=1)
         near = points[beside <= max(0.35 * self.size, float(beside.min()))]
         return max(0.0, float((near @ direction).max())) + 0.12 * self.size
 
 
 def _outermost(points: Array) -> Array:
-    """The points that lie farthest in 80 directions, which suffice to frame the picture."""
+    """For each of 80 directions, the farthest point; these points suffice to frame the picture."""
     points = points[:: max(1, len(points) // 4000)]
     k = np.arange(80)  # a spiral that covers the sphere evenly
     height, turn = 1 - (2 * k + 1) / len(k), np.pi * (1 + np.sqrt(5.0)) * k
@@ -216,7 +216,7 @@ def _outermost(points: Array) -> Array:
 
 
 def _with_faint_arrow(image: Image, camera: Camera, start: Array, tip: Array) -> Image:
-    """The image with the arrow drawn once more, faintly, over whatever hides it."""
+    """The image with the arrow drawn again, faintly, over the parts that hide it."""
     from PIL import Image as Pillow
     from PIL import ImageDraw
 

@@ -13,16 +13,16 @@ from .raycast import Image
 from .sheet import Sheet, new_sheet
 
 MAX_KEY_FRAMES = 8
-"""Most key frames on a sheet."""
+"""Largest number of key frames on a sheet."""
 COLUMNS = 4
 WIDTH, MARGIN, GAP = 1400.0, 30.0, 14.0
 HEAD, CAPTION, CHART, BETWEEN = 104.0, 50.0, 150.0, 44.0
 TICKS = 46.0
-"""Width of the numbers left of the charts; this and the sizes above in layout units."""
+"""Width of the numbers left of the charts. All sizes up to here are in layout units."""
 
 
 def filmstrip(film: Film, target: Target, *, width: int = 1400) -> None:
-    """Draw a run and write it as PNG, whole or not at all.
+    """Draw a run and write it as PNG; after a failure, no incomplete file is left.
 
     Args:
         film: The run.
@@ -38,14 +38,15 @@ def filmstrip(film: Film, target: Target, *, width: int = 1400) -> None:
 
 
 def key_frames(film: Film) -> list[int]:
-    """At most ``MAX_KEY_FRAMES`` frames that tell the run: one for each stage.
+    """At most ``MAX_KEY_FRAMES`` frames that summarise the run, one for each stage.
 
-    If there are too many probes, those that the hand lost come first, then those that moved the object most.
+    If there are too many probes, those in which the hand lost the object are kept first, then those that
+    moved the object most.
     """
     before = [stage for stage in film.stages if stage.passed is None]
     probes = [stage for stage in film.stages if stage.passed is not None]
     free = MAX_KEY_FRAMES - min(len(before), 3)
-    if len(probes) > free and len(before) > 2:  # without the grasp, which looks like the squeeze
+    if len(probes) > free and len(before) > 2:  # leave out the stage "grasp", which looks like the squeeze
         before, free = [before[0], before[-1]], free + 1
     if len(probes) > free:
         squeezed = film.load_point[before[-1].stop - 1] if before else film.load_point[0]
@@ -56,7 +57,7 @@ def key_frames(film: Film) -> list[int]:
 
 
 def _key_frame(film: Film, stage: Stage) -> int:
-    """The last frame of a stage; where the object was lost, the last in which it is still near the hand."""
+    """The last frame of a stage; if the object was lost, the last frame with the object near the hand."""
     if stage.passed is not False or stage.start == 0:
         return stage.stop - 1
     start = film.load_point[_start_frame(film, stage)]
@@ -143,9 +144,9 @@ def _chart(
         film: The run.
         heading: Title and unit.
         series: (n, k) Values of each part.
-        frames: The key frames, whose numbers stand beneath their stages.
+        frames: The key frames; their numbers are written beneath their stages.
         top: Top of the chart [layout units].
-        last: Whether this is the lowest chart, which carries the time axis; the upper one carries the legend.
+        last: Whether this is the lowest chart, which has the time axis; the upper one has the legend.
     """
     left, width = MARGIN + TICKS, WIDTH - 2 * MARGIN - TICKS
     title, unit = heading

@@ -1,4 +1,4 @@
-"""The first camera of an interactive scene, which has everything in its picture."""
+"""The initial camera of an interactive scene, whose picture contains everything."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ FOV = 32.0
 REACH = 3.2
 """Distance from the object up to which points must be in the picture, in units of the scene's size."""
 PHONE, NARROW = 500, 0.65
-"""A picture at most this wide [pixels], and at most this wide relative to its height, is a phone's."""
+"""Largest width [pixels] and largest ratio of width to height of a phone's picture."""
 COVERED = 0.45
 """Fraction of a phone's height that the panel covers, from below."""
 
 
 def fitting(scene: PlanScene, motion: HandMotion | None, size: tuple[int, int]) -> Camera:
-    """The camera for a browser's picture of ``size`` [pixels]; on a phone nothing lies under the panel."""
+    """The camera for a browser's picture of ``size`` [pixels]; on a phone, the panel covers nothing of it."""
     width, height = size
     aspect = float(np.clip(width / height, 0.4, 3.0))
     covered = COVERED if width <= PHONE and aspect <= NARROW else 0.0
@@ -33,7 +33,7 @@ def framing(scene: PlanScene, motion: HandMotion | None, aspect: float) -> Camer
 
     Args:
         scene: The plan.
-        motion: Motion of the hand, whose last frame counts; ``None`` without a hand.
+        motion: Motion of the hand; only its last frame counts. ``None`` without a hand.
         aspect: Width of the picture divided by its height.
     """
     canvas = RecordingCanvas()
@@ -48,11 +48,11 @@ def framing(scene: PlanScene, motion: HandMotion | None, aspect: float) -> Camer
 
 
 def above(camera: Camera, covered: float) -> Camera:
-    """A camera whose picture shows, in its upper part, what ``camera`` shows in all of its picture.
+    """Move a camera so that the uncovered upper part of the new picture shows the whole old picture.
 
     Args:
-        camera: Camera of the part that is not covered.
-        covered: Fraction 0..1 of the whole height that is covered from below.
+        camera: Camera whose whole picture must remain visible.
+        covered: Fraction 0..1 of the new picture's height that is covered, counted from the bottom.
     """
     if covered <= 0:
         return camera

@@ -36,7 +36,7 @@ def hand_picture(
     """Draw a hand.
 
     Args:
-        parts: Links of the hand, placed.
+        parts: Links of the hand at their poses.
         target: A path that ends in ``.png``, or a binary file.
         size: Width and height [pixels].
         direction: (3,) Direction from the hand towards the eye.
@@ -52,12 +52,12 @@ def hand_picture(
 def contact_sheet(
     objects: Sequence[tuple[TriangleMesh, str]], target: Target, columns: int = 4, *, cell: int = 300
 ) -> None:
-    """Draw many objects in rows, each with its label beneath.
+    """Draw a grid of objects, each with its label beneath.
 
     Args:
         objects: Objects and their labels.
         target: A path that ends in ``.png``, or a binary file.
-        columns: Pictures in a row.
+        columns: Number of pictures in a row.
         cell: Width of one picture [pixels].
 
     Raises:

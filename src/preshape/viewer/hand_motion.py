@@ -55,7 +55,7 @@ class HandMotion:
 
 
 def hand_motion(hand: Hand, stages: Sequence[tuple[str, Array, Array]]) -> HandMotion:
-    """Move a hand through stages; it starts and stops smoothly at each.
+    """The motion of a hand through stages, with a smooth start and stop at each.
 
     Args:
         hand: The hand.
@@ -100,7 +100,7 @@ def hand_motion(hand: Hand, stages: Sequence[tuple[str, Array, Array]]) -> HandM
 
 
 def _link_pose(part: LinkShape, rotation: Array, shift: Array) -> Array:
-    """(4, 4) Pose of a link in the scene; ``rotation`` and ``shift`` are those of the palm."""
+    """(4, 4) Pose of a link in the scene, for a palm with this ``rotation`` and ``shift``."""
     pose = np.eye(4)
     pose[:3, :3] = rotation @ part.rotation
     pose[:3, 3] = rotation @ ((part.p0 + part.p1) / 2) + shift
@@ -108,7 +108,7 @@ def _link_pose(part: LinkShape, rotation: Array, shift: Array) -> Array:
 
 
 def _interpolated(start: Array, end: Array, fractions: Array) -> Array:
-    """(n, 7) Poses between two: positions on a line, rotations on the shorter arc."""
+    """(n, 7) Poses between two poses: positions on a line, rotations along the shorter arc."""
     from scipy.spatial.transform import Rotation, Slerp
 
     turn = Slerp([0.0, 1.0], Rotation.from_quat([start[3:], end[3:]], scalar_first=True))

@@ -1,4 +1,4 @@
-"""Text in pictures: measured, wrapped, without missing characters, and placed clear of everything else."""
+"""Text in pictures: width, line breaks, missing characters, and places where a label covers nothing."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _GAP = 5.0
 LETTER_WIDTH, LINE_HEIGHT = 6.6, 17.0
 """Mean width of a letter and height of a label in the browser's scene [pixels]."""
 _PADDING = 8.0
-"""Width of a label in the browser beyond that of its letters [pixels]."""
+"""Width that a label in the browser has in addition to its letters [pixels]."""
 _PRIORITY = ("contacts", "axes", "task", "net", "planes", "frame")
 """Groups of labels, the most important first."""
 
@@ -116,9 +116,9 @@ def place(
 ) -> Array:
     """Place each label near its anchor, clear of the other labels, of all anchors and of the border.
 
-    Labels are placed one after the other. For each, candidates at 24 angles and growing distances are
-    compared: a candidate that covers less is better, then one that is nearer and points away from the middle
-    of the picture.
+    Labels are placed one after the other. For each, candidate places at 24 angles and growing distances are
+    compared. The one that covers least is taken; between equal ones, the nearer one that points away from the
+    middle of the picture.
 
     Args:
         anchors: (n, 2) Anchors [pixels from the left and from the top].
@@ -127,7 +127,7 @@ def place(
         keep_clear: (k, 4) Further rectangles to keep clear: left, top, right, bottom [pixels].
 
     Returns:
-        (n, 2) Left and top of each label [pixels]. A label that fits nowhere is put where it covers least.
+        (n, 2) Left and top of each label [pixels]. If a label fits nowhere, it is put where it covers least.
     """
     radius = 9.0
     taken = np.concatenate([anchors - radius, anchors + radius], axis=1)
@@ -205,7 +205,7 @@ def draw_labels(
 def overlapping_labels(
     labels: Mapping[str, tuple[str, Array]], camera: Camera, size: tuple[int, int]
 ) -> set[str]:
-    """Names of the labels to hide in a browser's scene, because more important ones need their place.
+    """Names of the labels to hide in a browser's scene because they overlap more important ones.
 
     Args:
         labels: Text and point (3,) [m] of each label by name, for example ``axes/a-name``.

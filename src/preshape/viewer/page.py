@@ -30,9 +30,9 @@ from .plan_scene import PlanScene
 from .raycast import Shape
 
 ASPECT = 1.2
-"""Width of the scene divided by its height, for which the camera is placed."""
+"""Width divided by height of the scene's picture; the camera is placed for this ratio."""
 MAX_BYTES = 5_000_000
-"""Most bytes of a page; answers that do not fit are left out."""
+"""Largest size of a page [bytes]; answers that do not fit are left out."""
 
 Document = dict[str, Any]
 
@@ -54,7 +54,7 @@ def plan_page(views: Sequence[PageView], document: Document) -> str:
     """The HTML of a plan's page.
 
     Args:
-        views: The answers of the plan, best first; without an answer, one view of the object alone.
+        views: The answers of the plan, best first; if it has none, one view of the object alone.
         document: The plan as JSON.
 
     Raises:
@@ -164,7 +164,7 @@ def _solid(name: str, shape: Shape, geometries: dict[str, Document]) -> Document
 
 
 def _geometry(shape: Shape, geometries: dict[str, Document]) -> str:
-    """The key of a shape's geometry, which is added to ``geometries`` if it is new."""
+    """The key of a shape's geometry in ``geometries``; a new geometry is added."""
     content = (shape.vertices.tobytes(), shape.triangles.tobytes(), b"smooth" if shape.smooth else b"flat")
     key = hashlib.blake2b(b"|".join(content), digest_size=8).hexdigest()
     if key in geometries:
@@ -190,6 +190,6 @@ def _text(array: Any, kind: str) -> str:
 
 
 def _json(document: Any, indent: int | None = None) -> str:
-    """JSON for a script element: it contains no ``<``, which could end the element."""
+    """JSON for a script element, without ``<``, which could end the element."""
     text = json.dumps(document, allow_nan=False, indent=indent, separators=None if indent else (",", ":"))
     return text.replace("<", "\\u003c")

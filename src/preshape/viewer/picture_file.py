@@ -1,4 +1,4 @@
-"""Pictures as PNG files, written whole or not at all."""
+"""Pictures as PNG files; a failure never leaves an incomplete file."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Target: TypeAlias = str | os.PathLike[str] | BinaryIO
 
 
 def check_target(target: Target) -> None:
-    """Refuse a target before the work for its picture is done.
+    """Check a target before its picture is computed.
 
     Raises:
         InputError: The path does not end in ``.png``.
@@ -34,7 +34,7 @@ def check_target(target: Target) -> None:
 
 
 def write_png(image: Image, target: Target) -> None:
-    """Write an image as PNG. An existing file is replaced at once, or kept if writing fails.
+    """Write an image as PNG; an existing file is replaced only once the new one is complete.
 
     Args:
         image: (h, w, 3) Red, green and blue.
@@ -50,7 +50,7 @@ def write_png(image: Image, target: Target) -> None:
     buffer = io.BytesIO()
     PIL.Image.fromarray(image).save(buffer, format="PNG")
     if isinstance(target, (str, os.PathLike)):
-        write_bytes(Path(os.path.realpath(target)), buffer.getvalue())  # a link keeps pointing to its file
+        write_bytes(Path(os.path.realpath(target)), buffer.getvalue())  # a symbolic link stays a link
         return
     try:
         target.write(buffer.getvalue())

@@ -1,4 +1,4 @@
-"""The picture of a plan: the grasp in space, the task beside the net wrench, and the reasons."""
+"""The picture of a plan: the grasp in 3D, task and net wrench side by side, and the reasons."""
 
 from __future__ import annotations
 
@@ -45,22 +45,22 @@ from .sheet import Sheet, new_sheet
 __all__ = ["PlanScene", "PlaneCard", "plan_image", "plan_picture"]
 
 WIDTH, HEIGHT = 1400.0, 900.0
-"""Size of the sheet [layout units]; the picture is scaled to the wanted size."""
+"""Size of the sheet [layout units]; the drawn picture is scaled to the requested size."""
 SPACE_WIDTH = 870.0
 """Width of the large picture."""
 COLUMN = (905.0, 1365.0)
-"""Left and right of the text beside the large picture."""
+"""Left and right edge of the text beside the large picture."""
 DIMENSIONS = ("Tx", "Ty", "Tz", "Rx", "Ry", "Rz"), ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
 SHOWN = ("object", "axes", "rays", "contacts", "forces", "scene")
 """Groups of the scene's solids that the picture shows."""
 FIGURES = ("quality", "task margin", "hold margin", "press")
-"""Facts of a grip that are shown large."""
+"""Facts of a grip that are shown in large figures."""
 
 
 def plan_picture(
     scene: PlanScene, target: Target, *, title: str | None = None, size: tuple[int, int] = (1400, 900)
 ) -> None:
-    """Draw a plan and write it as PNG, whole or not at all.
+    """Draw a plan and write it as PNG; after a failure, no incomplete file is left.
 
     Args:
         scene: The plan.
@@ -98,7 +98,7 @@ def plan_image(scene: PlanScene, *, title: str | None = None, size: tuple[int, i
 
 
 def _space(sheet: Sheet, scene: PlanScene) -> None:
-    """The large picture: the grasp in space, with labels."""
+    """Draw the large picture: the grasp in 3D, with labels."""
     size = sheet.pixels(SPACE_WIDTH, HEIGHT)
     grasp, scenery = _shapes(scene)
     shapes = [*grasp, *scenery]
@@ -120,7 +120,7 @@ def _space(sheet: Sheet, scene: PlanScene) -> None:
         for (text, point, colour), clear in zip(pins, seen, strict=True)
     ]
     for (_, point, colour), clear in zip(pins[:3] if scene.plane else [], seen, strict=False):
-        if not clear:  # the end of the axis is hidden: the axis shows through as a dashed line
+        if not clear:  # the end of the axis is hidden, so draw the axis as a dashed line over the picture
             line = np.array([at(scene.cog), at(point)]).T
             axes.plot(*line, color=colour, lw=1.6, ls=(0, (3, 2)), alpha=0.8, zorder=3)
     if scene.aim is not None:
@@ -201,7 +201,7 @@ def _heading(sheet: Sheet, scene: PlanScene, title: str) -> None:
 
 
 def _figures(scene: PlanScene) -> list[tuple[str, str]]:
-    """Names and values of the numbers that decided the plan, to be shown large."""
+    """Names and values of the numbers that decided the plan, which are shown large."""
     if scene.quality is None:
         rows: list[tuple[str, float | None, str]] = [
             ("TFVADI of 6", scene.match, ".2f"),
@@ -216,7 +216,7 @@ def _figures(scene: PlanScene) -> list[tuple[str, str]]:
 
 
 def _decided(sheet: Sheet, scene: PlanScene) -> None:
-    """What decided a grip, and what was assumed for it, as rows of text."""
+    """Write the facts that decided a grip and the assumptions behind it, as rows of text."""
     (left, right), y = COLUMN, 410.0
     _rule(sheet, y - 8)
     sheet.text(left, y + 12, "What decided it", 11.5, weight="bold")
@@ -234,7 +234,7 @@ def _decided(sheet: Sheet, scene: PlanScene) -> None:
 
 
 def _comparison(sheet: Sheet, scene: PlanScene) -> None:
-    """Bars of task and net wrench in each dimension, with their agreement beneath."""
+    """Draw bars of task and net wrench in each dimension, with their agreement beneath."""
     (left, right), top = COLUMN, 410.0
     _rule(sheet, top - 8)
     sheet.text(left, top + 12, "Task and net wrench", 11.5, weight="bold")
@@ -274,7 +274,7 @@ def _comparison(sheet: Sheet, scene: PlanScene) -> None:
 
 
 def _agreement(sheet: Sheet, scene: PlanScene, top: float) -> None:
-    """Agreement of task and net wrench in each dimension."""
+    """Write the agreement of task and net wrench in each dimension."""
     left, right = COLUMN
     unit = (right - left) / 6.25
     for i, (t, f) in enumerate(zip(*DIMENSIONS, strict=True)):
@@ -298,7 +298,7 @@ def _rectangle(left: float, top: float, width: float, height: float, colour: Col
 
 
 def _planes(sheet: Sheet, scene: PlanScene) -> None:
-    """The overview of all planes, with a key beside it."""
+    """Draw the overview of all planes, with a key beside it."""
     left, right = COLUMN
     top, side = 672.0, 215.0
     _rule(sheet, top - 8)
@@ -348,7 +348,7 @@ def _planes(sheet: Sheet, scene: PlanScene) -> None:
 
 
 def _rule(sheet: Sheet, y: float) -> None:
-    """A horizontal line across the column."""
+    """Draw a horizontal line across the column."""
     sheet.base.plot(COLUMN, (y, y), color=FAINT, lw=0.8, solid_capstyle="butt")
 
 

@@ -1,4 +1,4 @@
-"""The content of a plan's picture as plain arrays, and the proportions and cameras of its drawings."""
+"""The content of a plan's picture as plain arrays, with the proportions and cameras for drawing it."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class PlaneCard:
     Attributes:
         index: Number of the plane, 1..12.
         approach_axis: (3,) Approach axis a, a signed unit vector.
-        opposition_axis: (3,) Opposition axis o of the plane, on whichever side the thumb is.
+        opposition_axis: (3,) Opposition axis o of the plane; it does not depend on the side of the thumb.
     """
 
     index: int
@@ -44,7 +44,7 @@ class PlaneCard:
 
 @value
 class PlanScene:
-    """One answer of a plan as plain arrays in the object's frame. What is unknown is ``None`` or empty.
+    """One answer of a plan as plain arrays in the object's frame; unknown values are ``None`` or empty.
 
     Attributes:
         mesh: The object [m].
@@ -56,7 +56,8 @@ class PlanScene:
         status: Status of the plan in a few words.
         reasons: Reasons, one sentence each.
         plane: The answer's approach plane.
-        way_in: (3,) Unit vector along which the hand comes in; ``None`` stands for the plane's approach axis.
+        way_in: (3,) Unit vector along which the hand moves to the object; ``None`` stands for the plane's
+            approach axis.
         approach_value: Approach value v, -1..1.
         approach_set: Name of the fuzzy set of v.
         aim: (3,) Point that the grasp aims at [m].
@@ -72,14 +73,15 @@ class PlanScene:
         adi: (6,) Agreement of task and net wrench in each dimension (ADI).
         match: TFVADI, 0..6.
         quality: Grip quality, 0..6, for a real hand; ``None`` where TFVADI is the criterion.
-        margins: (2,) Margins of a grip for the task's load and for pushes from any side; 1 is just enough.
+        margins: (2,) Margins of a grip for the task's load and for pushes from any side; at 1, the grip just
+            balances the load.
         press: Sum of the normal forces of a grip [N].
         stability: Stability index, 0..6.
         manipulability: Manipulability index, 0..6.
-        facts: Names and values of what decided the answer.
+        facts: Names and values of the facts that decided the answer.
         table: Height of the table along z [m]; ``None`` in free space.
-        boxes: (k, 2, 3) Lower and upper corners of the boxes that the hand stays out of [m].
-        hand: Links of the hand, placed.
+        boxes: (k, 2, 3) Lower and upper corners of the boxes that the hand must avoid [m].
+        hand: Links of the hand at their poses.
         planes: All approach planes, for the overview.
 
     Raises:
@@ -154,7 +156,7 @@ def axis_tips(scene: PlanScene) -> dict[str, Array]:
 
 
 def approach_arrow(scene: PlanScene) -> tuple[Array, Array]:
-    """Start and tip (3,) of the arrow along the way in, before the object [m]; needs a plane."""
+    """Start and tip (3,) of the arrow along the way in, in front of the object [m]; needs a plane."""
     assert scene.plane is not None
     a = scene.plane.approach_axis if scene.way_in is None else scene.way_in
     tip = scene.cog - (scene.half(a) + 0.12 * scene.size) * a
@@ -173,7 +175,7 @@ def arrow_segments(scene: PlanScene) -> list[tuple[Array, Array]]:
 
 
 def view_direction(scene: PlanScene) -> Array:
-    """(3,) Direction from the object to the eye: across the approach plane, 16° to 42° above the horizon."""
+    """(3,) Direction from the object to the eye, across the approach plane, 16° to 42° above horizontal."""
     direction = np.array([0.62, -0.72, 0.42])
     if scene.plane is not None:
         a, o, t = scene.plane.approach_axis, scene.plane.opposition_axis, scene.plane.transverse_axis
@@ -212,7 +214,7 @@ def plane_cards(scene: PlanScene, size: tuple[int, int]) -> tuple[list[Shape], C
     camera = Camera.framing(everything, np.array([0.55, -0.75, 0.45]), aspect=size[0] / size[1])
     taken = project(camera, np.concatenate(covered), size)
     places: dict[int, Array] = {}
-    for index, candidates in corners.items():  # a number goes to the corner with most free space around it
+    for index, candidates in corners.items():  # put the number at the corner with most free space around it
         pixels = project(camera, candidates, size)
         space = np.linalg.norm(pixels[:, None] - taken[None], axis=2).min(axis=1)
         places[index] = pixels[np.argmax(space)]

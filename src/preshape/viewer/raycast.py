@@ -1,7 +1,7 @@
 """Pictures of triangles by ray casting on the CPU; neither a display nor a GPU is needed.
 
-Lighting consists of a soft key light from behind the viewer's left shoulder, a sky with ambient occlusion,
-and a floor that shows shadows but is otherwise the background. Colours are mixed as linear light and encoded
+The light comes from a soft key light behind the viewer's left shoulder and from a sky with ambient occlusion.
+The floor shows shadows; elsewhere it looks like the background. Colours are mixed as linear light and encoded
 as sRGB at the end. The same arguments always give the same image.
 """
 
@@ -25,21 +25,20 @@ Image: TypeAlias = NDArray[np.uint8]
 Rays: TypeAlias = NDArray[np.float32]
 
 LIGHT_RAYS = 4
-"""Rays to the sky, and as many to the key light, from each shaded point."""
+"""Number of rays to the sky, and of rays to the key light, from each shaded point."""
 DIRECTIONS = 256
-"""Directions in the table from which neighbouring points take different ones."""
+"""Number of directions in the table; neighbouring points use different ones."""
 EDGE = 0.03
 """Difference between neighbouring pixels [display value, 0..1] above which a pixel is supersampled."""
 MAX_LAYERS = 40
-"""Most surfaces that a ray passes through before an opaque one."""
+"""Largest number of translucent surfaces that a ray passes before an opaque one."""
 
 
 @value
 class Shape:
     """Triangles of one material.
 
-    A ray meets a translucent shape (alpha < 1) only once, at its first surface. Translucent shapes cast no
-    shadow.
+    Of a translucent shape (alpha < 1), a ray sees only the first surface. Translucent shapes cast no shadow.
 
     Attributes:
         vertices: (n, 3) Positions [m].
@@ -90,7 +89,7 @@ class _Scene:
         self.has_opaque = any(s.alpha == 1 and s.lit for s in shapes)
         normals = []
         for shape in shapes:
-            # Embree computes in float32: coordinates start at the scene's corner, in units of its diagonal.
+            # Embree computes in float32, so coordinates are relative to the scene's corner and diagonal.
             points = ((shape.vertices - self.origin) / self.scale).astype(np.float32)
             indices = shape.triangles.astype(np.int32)
             normals.append(corner_normals(points, indices, smooth=shape.smooth))
@@ -173,7 +172,7 @@ class _Scene:
         return {"front": front, "through": through, "shape": shape, "point": point, "normal": normal}
 
     def light(self, hit: dict[str, Any], phase: IntArray) -> Rays:
-        """(n, 2) Fractions of sky and key light that reach each hit, given the shadows of opaque shapes."""
+        """(n, 2) Fractions of sky and key light that opaque shapes let through to each hit."""
         shares = np.ones((len(phase), 2), np.float32)
         shape = hit["shape"]
         at = np.flatnonzero((shape == -2) | ((shape >= 0) & self.lit[np.maximum(shape, 0)]))
@@ -207,7 +206,7 @@ class _Scene:
 
 
 def visible(shapes: Sequence[Shape], camera: Camera, points: Array) -> BoolArray:
-    """(n,) Whether no opaque lit shape hides each point (n, 3); points on a surface are visible."""
+    """(n,) Whether no opaque lit shape hides each point (n, 3); the surface it lies on does not count."""
     scene = _Scene(shapes, camera, None)
     if not scene.has_opaque:
         return np.ones(len(points), dtype=np.bool_)
@@ -231,8 +230,8 @@ def render(
     """Draw shapes.
 
     1. Every pixel gets one ray, and its light is averaged over neighbours that show the same surface.
-    2. A pixel that differs from a neighbour without shadows gets ``samples`` × ``samples`` rays instead, so
-       that edges are smooth at little cost.
+    2. Pixels at edges get ``samples`` × ``samples`` rays instead. An edge is where a pixel differs from a
+       neighbour in a picture without shadows.
 
     Args:
         shapes: Shapes to draw; at least one.
@@ -262,7 +261,7 @@ def render(
         return scene.trace(rays), rays, ends[0] * (1 - share) + ends[1] * share
 
     hit, rays, behind = cast(centres)
-    # Of 4 × 4 neighbouring pixels each takes other directions, which together cover the hemisphere evenly;
+    # Each of 4 × 4 neighbouring pixels uses other directions; together they cover the hemisphere evenly.
     # 8 × 8 pixels use the whole table.
     light = scene.light(hit, x % 4 + 4 * (y % 4) + 16 * (x // 4 % 2 + 2 * (y // 4 % 2)))
     for stride in (1, 2):

@@ -1,6 +1,6 @@
 """A plan's results in words and as small pieces of HTML, for the browser's panel, the page and the picture.
 
-A grip of a real hand is told by what decided it: quality, margins, press, load and way in. The paper's
+A grip of a real hand is described by what decided it: quality, margins, press, load and way in. The paper's
 indices come first for a virtual grasp only. Every text of a plan is escaped, because names come from files.
 """
 
@@ -30,7 +30,7 @@ _MODE_SENTENCES = {
     3: "all planes were explored, and the result was learnt",
 }
 ASIDE = 20.0
-"""Angle between way in and approach axis above which both are told [degrees]."""
+"""Angle between way in and approach axis above which both are stated [degrees]."""
 OUTCOMES = {"reward": "good", "learned": "good", "explored": "good", "known": "warn", "unknown": "warn"}
 
 WORDS = (
@@ -77,11 +77,11 @@ border-radius:4px;margin:4px 0 8px}
 .ps details{margin:12px 0 4px}.ps summary{cursor:pointer;font-weight:650}
 .ps .chip{display:inline-block;width:9px;height:9px;border-radius:2px;margin-right:4px}
 """
-"""Style sheet; everything stands in an element of class ``ps``."""
+"""Style sheet; its rules apply inside an element of class ``ps``."""
 
 
 def answers_of(document: Document) -> list[Document]:
-    """Every answer of a plan, best first; without one, the best grasp that was found, if any."""
+    """Every answer of a plan, best first; if it has none, the best grasp that was found, if any."""
     first = [document] if document.get("plane") else []
     found = [*first, *document.get("alternatives", [])]
     best = document.get("best")
@@ -89,7 +89,7 @@ def answers_of(document: Document) -> list[Document]:
 
 
 def way_in(answer: Document) -> list[float]:
-    """(3,) Unit vector along which the hand comes in; plans of version 1 state it in the grip only."""
+    """(3,) Unit vector along which the hand comes in; plans of version 1 state it only for grips."""
     grip = answer.get("grip")
     way = answer.get("way_in") or (grip["approach"] if grip else answer["approach_axis"])
     return [float(x) for x in way]
@@ -117,7 +117,7 @@ def step_words(transition: Document) -> str:
 
 
 def result_words(document: Document) -> str:
-    """The result in a few words, with what an answer of rays does not give."""
+    """The result in a few words; for the ray analyser, also what its answer does not contain."""
     title = HEADLINES.get(str(document["status"]), ("", "", str(document["status"])))[2]
     missing = document.get("missing_motion")
     if missing:
@@ -133,7 +133,7 @@ def wrapped(*parts: str) -> str:
 
 
 def headline(document: Document) -> str:
-    """Result, request, what decided the answer, mode and time: the panel may show another choice by now."""
+    """Result, request, deciding numbers, mode and time; the request because the panel may have changed."""
     status = str(document["status"])
     sign, kind, _ = HEADLINES.get(status, ("", "warn", ""))
     if document.get("missing_motion"):
@@ -182,7 +182,7 @@ def transitions(document: Document) -> str:
 
 
 def why(document: Document, answers: Sequence[Document], shown: int) -> str:
-    """Two sentences: where this grasp comes from, and how good the best on another plane is."""
+    """Two sentences: where this grasp comes from, and how good the best grasp on another plane is."""
     answer = answers[shown]
     name, need = _score_name(answer), document["thresholds"]["estimation"]
     score = f"{name} {_score(answer):.2f} of 6, where {need:g} is enough"
@@ -226,14 +226,14 @@ def _score(answer: Document) -> float:
 
 
 def glossary() -> str:
-    """Meanings of the words, folded."""
+    """Meanings of the words, collapsed at first."""
     return f"<details><summary>What the words mean</summary>{_table(WORDS)}</details>"
 
 
 def answer_parts(document: Document, answers: Sequence[Document], shown: int) -> list[str]:
-    """Everything about one answer, in the order in which a person needs it.
+    """Everything about one answer, the most important first.
 
-    A grip's paper indices come last and are folded; they decide a virtual grasp, where they are open.
+    For a grip, the paper's indices come last, collapsed. For a virtual grasp they decide and are shown open.
     """
     answer = answers[shown]
     first = [why(document, answers, shown), facts(document, answer)]
@@ -245,7 +245,7 @@ def answer_parts(document: Document, answers: Sequence[Document], shown: int) ->
 
 
 def fact_rows(document: Document, answer: Document) -> list[tuple[str, str]]:
-    """Names and values of what decided an answer and of what was assumed for it."""
+    """Names and values of the facts that decided an answer and of the assumptions behind it."""
     grip = answer.get("grip")
     enough = f"of 6, {document['thresholds']['estimation']:g} is enough"
     fingers = ", ".join(c["finger"] for c in answer["contacts"]) or str(answer["fingers"])
@@ -284,7 +284,7 @@ def _index_rows(answer: Document) -> list[tuple[str, str]]:
 
 
 def mass_words(answer: Document) -> str:
-    """Mass that was planned with, where it comes from, and the heaviest that the grip holds."""
+    """Mass used in planning, where it comes from, and the largest mass that the grip holds."""
     if "mass_source" not in answer:
         return f"{FIELD_MASS:g} kg (assumed by plans of version 1)"
     words = ObjectMass(kg=float(answer["mass"]), source=str(answer["mass_source"])).words
@@ -293,7 +293,7 @@ def mass_words(answer: Document) -> str:
 
 
 def scene_words(document: Document) -> str:
-    """Friction, table and boxes that were planned with."""
+    """Friction, table and boxes used in planning."""
     request = document.get("request") or {"friction": FRICTION}
     table, boxes = request.get("table"), len(request.get("avoid") or ())
     words = [f"friction {request['friction']:g}"]
@@ -307,7 +307,7 @@ def scene_words(document: Document) -> str:
 
 
 def facts(document: Document, answer: Document) -> str:
-    """What decided an answer, what the hand made of it, and its warnings."""
+    """What decided an answer, whether the hand can execute it, and its warnings."""
     hand = answer["hand"]
     status = hand["status"] or "not tried yet"
     kind = "good" if status == "reached" else "bad" if hand["status"] else "warn"
@@ -360,7 +360,7 @@ def ranking(answers: Sequence[Document], shown: int) -> str:
 
 
 def offers(document: Document) -> str:
-    """Tasks that do fit the object, where the one asked for does not (mode 2)."""
+    """Tasks that fit the object, if the requested one does not (mode 2)."""
     rows = "".join(
         f"<tr><td><b>{escape(str(o['task']))}</b></td>"
         f"<td>{o['tfvadi']:.2f} of 6, {escape(mode_words(o['mode']))}</td></tr>"
@@ -383,7 +383,7 @@ def plane_words(answer: Document) -> str:
 
 
 def way_in_words(answer: Document) -> str:
-    """The way in: the nearest axis, the angle to it, and the plane's axis where that is another one.
+    """The way in: the nearest coordinate axis, the angle to it, and the plane's axis if it is another one.
 
     >>> way_in_words({"way_in": [0.0, 0.2, -0.98], "approach_axis": [0.0, 0.0, -1.0]})
     'comes in along -Z, 12° off'
@@ -426,7 +426,7 @@ def _axis(axis: Sequence[float]) -> str:
 
 
 def _number(x: float) -> str:
-    """Two digits with a sign; zero has a plus."""
+    """A number with two decimals and a sign; zero has a plus."""
     return f"{round(float(x), 2) + 0.0:+.2f}"
 
 

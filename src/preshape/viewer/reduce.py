@@ -8,9 +8,9 @@ from ..exceptions import InputError
 from ..types import Array, IntArray
 
 MAX_TRIANGLES = 20_000
-"""Most triangles that are sent to a browser."""
+"""Largest number of triangles that are sent to a browser."""
 _FINEST = 512
-"""Most cells along the longest side of the grid."""
+"""Largest number of cells along the longest side of the grid."""
 
 
 def reduced(vertices: Array, triangles: IntArray, most: int = MAX_TRIANGLES) -> tuple[Array, IntArray]:
@@ -19,7 +19,7 @@ def reduced(vertices: Array, triangles: IntArray, most: int = MAX_TRIANGLES) -> 
     Args:
         vertices: (n, 3) Vertices [m].
         triangles: (m, 3) Indices of vertices.
-        most: Most triangles of the result.
+        most: Largest number of triangles of the result.
 
     Returns:
         Vertices and triangles; the given arrays if they have few enough triangles.
@@ -31,7 +31,7 @@ def reduced(vertices: Array, triangles: IntArray, most: int = MAX_TRIANGLES) -> 
         raise InputError(f"a mesh can be reduced to 100 triangles or more, got {most}")
     if len(triangles) <= most:
         return vertices, triangles
-    # Bisection on the grid's resolution: the number of triangles grows with it.
+    # Bisection on the grid's resolution, because a finer grid leaves more triangles.
     low, high = 2, _FINEST
     best = _clustered(vertices, triangles, low)
     while high - low > 1:
@@ -60,10 +60,10 @@ def _clustered(vertices: Array, triangles: IntArray, cells: int) -> tuple[Array,
 
 
 def _without_duplicates(triangles: IntArray) -> IntArray:
-    """Rows to keep so that a closed surface stays closed although thin walls collapse onto themselves.
+    """Rows to keep so that a closed surface stays closed although its thin walls have collapsed.
 
-    Triangles with the same three corners form a group. Of a group, the rows that face the majority's side are
-    kept as often as they exceed the others; one row of each side is kept where both are equally many.
+    Triangles with the same three corners form a group, and each faces one of two sides. If a of them face one
+    side and b < a the other, a - b rows of the first side are kept; if a = b, one row of each side.
     """
     corners = np.sort(triangles, axis=1)
     _, group = np.unique(corners, axis=0, return_inverse=True)

@@ -12,7 +12,7 @@ from ..types import Array
 Floats = NDArray[np.float32]
 
 CREASE = np.cos(np.radians(40.0))
-"""Cosine of the angle above which an edge between two faces stays sharp."""
+"""Cosine of the angle between two faces above which their common edge stays sharp."""
 
 
 def to_linear(display: NDArray[Any]) -> Floats:
@@ -28,9 +28,9 @@ def to_display(linear: NDArray[Any]) -> Floats:
 
 
 def hemisphere(count: int) -> Array:
-    """(count, 3) Unit directions about +z whose density is proportional to their cosine to z.
+    """(count, 3) Unit directions about +z; their density is proportional to the cosine of the angle to z.
 
-    They are a Hammersley set in van der Corput order: every aligned block of 4, 16 or 64 directions covers
+    They are a Hammersley set in van der Corput order, so every aligned block of 4, 16 or 64 directions covers
     the hemisphere evenly.
     """
     index = np.arange(count)
@@ -59,8 +59,8 @@ def corner_normals(vertices: Floats, triangles: NDArray[np.int32], *, smooth: bo
     Args:
         vertices: (n, 3) Vertices.
         triangles: (m, 3) Indices of vertices.
-        smooth: Whether a corner gets the area-weighted mean normal of the faces that meet there at less than
-            the crease angle, instead of its face's own normal.
+        smooth: If true, the normal of a corner is the area-weighted mean over the faces that meet there at
+            less than the crease angle; otherwise it is its own face's normal.
 
     Returns:
         (m, 3, 3) Normals by triangle, corner and axis. A triangle without area has the normal +z.

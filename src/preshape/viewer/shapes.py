@@ -1,4 +1,4 @@
-"""Triangles of everything that is drawn: object, hand, arrows, cards, cones, tubes. Lengths are in metres."""
+"""Triangles of all solids in a picture: object, hand, arrows, cards, cones and tubes; lengths in metres."""
 
 from __future__ import annotations
 
@@ -89,7 +89,7 @@ def arrow(start: ArrayLike, end: ArrayLike, radius: float, colour: Colour) -> Sh
 
 
 def tube(points: Sequence[ArrayLike], radius: float, colour: Colour, *, alpha: float = 1) -> Shape:
-    """A polyline through ``points`` (n, 3), n ≥ 2, as rods of ``radius``."""
+    """A polyline through ``points`` (n, 3), n ≥ 2, drawn as rods of ``radius``."""
     rods = (capsule(p, q, radius, colour, alpha=alpha) for p, q in pairwise(points))
     return join(rods)
 
@@ -115,7 +115,7 @@ def cone(
 
 
 def card(centre: ArrayLike, u: ArrayLike, v: ArrayLike, colour: Colour, *, alpha: float = 0.3) -> Shape:
-    """A rectangle in plain colour; ``u`` and ``v`` (3,) reach from its centre to the middle of two sides."""
+    """An unshaded rectangle; ``u`` and ``v`` (3,) reach from its centre to the middle of two sides."""
     centre, u, v = (np.asarray(a, dtype=np.float64) for a in (centre, u, v))
     vertices = np.array([centre - u - v, centre + u - v, centre + u + v, centre - u + v])
     triangles = np.array([[0, 1, 2], [0, 2, 3]])
@@ -153,8 +153,8 @@ def link_shape(part: LinkShape, colour: Colour = HAND, *, own_frame: bool = Fals
     Args:
         part: The link.
         colour: Colour.
-        own_frame: Whether the shape is given in the link's own frame, where its middle is the origin and a
-            capsule lies along z; otherwise where ``part`` places it.
+        own_frame: If true, the shape is in the link's own frame, with origin in the link's middle and z along
+            the axis of a capsule; otherwise it is at the pose of ``part``.
 
     Raises:
         InputError: The link is neither a capsule nor a sphere nor a box.

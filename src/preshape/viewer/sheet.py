@@ -14,7 +14,7 @@ from .raycast import Image
 
 
 class Sheet:
-    """A white sheet; places are given in layout units from its left and from its top.
+    """A white sheet; positions are in layout units from its left and from its top.
 
     Attributes:
         base: Matplotlib axes that cover the sheet.
@@ -38,11 +38,11 @@ class Sheet:
         return axes
 
     def pixels(self, width: float, height: float) -> tuple[int, int]:
-        """Width and height in pixels of the drawn sheet."""
+        """Width and height of an area, in pixels of the drawn sheet."""
         return round(width * self.scale), round(height * self.scale)
 
     def picture(self, left: float, top: float, width: float, height: float, image: Image) -> Any:
-        """Axes as from :meth:`axes` that show an image of :meth:`pixels`."""
+        """Axes as from :meth:`axes` that show an image of the size given by :meth:`pixels`."""
         axes = self.axes(left, top, width, height)
         axes.imshow(image, extent=(0, width, height, 0), interpolation="nearest", aspect="auto")
         return axes
@@ -60,7 +60,7 @@ class Sheet:
 
 @contextmanager
 def new_sheet(width: float, height: float, scale: float) -> Iterator[Sheet]:
-    """A sheet under Matplotlib's own defaults, whatever the user's settings are.
+    """A sheet drawn with Matplotlib's own defaults instead of the user's settings.
 
     Args:
         width: Width [layout units].
