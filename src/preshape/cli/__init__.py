@@ -1,1 +1,1 @@
-"""The command line: ``preshape plan mug --task pour`` and its neighbours."""
+"""The command line: ``preshape plan mug --task pour`` and the other commands."""

@@ -1,4 +1,4 @@
-"""``preshape bench clouds``: plan on partial views, test on the whole objects."""
+"""``preshape bench clouds``: plan on partial views of objects, test the answers on the whole objects."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``preshape bench holds``: grasps from files in the holding test."""
+"""``preshape bench holds``: put grasps from files to the holding test."""
 
 from __future__ import annotations
 
@@ -33,14 +33,14 @@ if TYPE_CHECKING:
 
 MODELS = (".xml", ".mjcf")
 UNFINISHED = "unfinished.jsonl"
-"""File in the folder of ``--out`` that holds the results of a run that is not finished."""
+"""File in the folder of ``--out`` with the results of an unfinished run."""
 
 
 class Group(NamedTuple):
-    """Grasps of one hand that are tested with one load.
+    """Grasps of one hand that are tested under the same load.
 
     Attributes:
-        title: Name of the hand, with the load where the hand is tested with several.
+        title: Name of the hand, and the load if the hand is tested under several.
         model: The hand.
         grasps: The grasps.
         protocol: Settings of the test.
@@ -165,7 +165,7 @@ def holds(
     seconds = time.perf_counter() - start
     document = _document(reports)
     written = _write(document, reports, out)
-    if out is not None and checkpoint is None:  # the report holds everything now
+    if out is not None and checkpoint is None:  # the report now contains all results
         for file in kept:
             if file is not None:
                 file.unlink(missing_ok=True)
@@ -189,16 +189,16 @@ def _groups(
     root: str | None,
     fixed: tuple[str, ...],
 ) -> list[Group]:
-    """The grasps of all files by hand and load, in the order in which these first occur.
+    """The grasps of all files grouped by hand and load; groups are in the order of their first grasp.
 
     Args:
         files: Name and content of each file.
-        protocol: Settings of the test; the load of the plans replaces its own.
+        protocol: Settings of the test; the mass and friction of the plans replace its own.
         mass: Mass of every object [kg]; ``None`` takes the plan's.
         friction: Friction coefficient; ``None`` takes the plan's.
-        hand: Hand of all files; ``None`` takes the one that a file names.
-        root: Body whose poses the grasps give, for a hand that is an MJCF.
-        fixed: Joints to leave out, for a hand that is an MJCF.
+        hand: Hand of all files; ``None`` takes the one that each file names.
+        root: For a hand given as MJCF, the body whose poses the grasps give.
+        fixed: For a hand given as MJCF, the joints to leave out.
 
     Raises:
         InputError: A file has no grasp, or does not name its hand.
@@ -243,7 +243,7 @@ def _hand(name: str, root: str | None, fixed: tuple[str, ...]) -> PhysicsHand:
 
 
 def _kept(titles: list[str], checkpoint: str | None, out: str | None) -> list[Path | None]:
-    """File for the results of each group while the run goes on."""
+    """File for the intermediate results of each group."""
     if checkpoint is not None:
         base = Path(checkpoint)
     elif out is not None:
@@ -257,7 +257,7 @@ def _kept(titles: list[str], checkpoint: str | None, out: str | None) -> list[Pa
 
 
 def _document(reports: list[tuple[Group, HoldReport]]) -> dict[str, Any]:
-    """Everything but the time it took, so that the same input gives the same document."""
+    """All results except the duration, so that the same input gives the same document."""
     import mujoco
 
     from .._version import __version__

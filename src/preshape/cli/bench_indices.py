@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from ..studies.indices import IndexRows
 
 PARTS = "parts"
-"""Folder in that of ``--out`` that holds the intermediate results."""
+"""Folder for the intermediate results, inside the folder of ``--out``."""
 
 
 @click.command(
@@ -52,10 +52,10 @@ def indices(
 ) -> int:
     """Measure how well each metric of a grasp predicts success in simulated physics.
 
-    The grasps are hands closed at random, unranked and of mixed quality. Every metric is computed from their
-    contacts, and each grasp goes through the holding test and the task test of a random named task. The
-    figures are areas under the ROC curve with 95 % intervals, over all grasps and within objects, and rates
-    of success by tenths of each metric. 2000 grasps take about half an hour on two cores.
+    The grasps are random closures of the hand, unranked and of mixed quality. Every metric is computed from
+    their contacts. Each grasp then goes through the holding test and the task test of a random named task.
+    The report has areas under the ROC curve with 95 % intervals, over all grasps and within objects, and
+    success rates by tenths of each metric. 2000 grasps take about half an hour on two cores.
 
     Exit code 0: all were tested, held or not.
     """

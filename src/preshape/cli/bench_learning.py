@@ -27,8 +27,8 @@ from .progress import steps
 def learning(hand: str, length: int, held_out: int, seed: int, out: str | None, as_json: bool) -> int:
     """Learn pairs of library objects and tasks one after the other, then ask for them again.
 
-    The figures are the share of pairs that mode 0 answers along the way, whether anything learnt was lost,
-    and the number of candidates that new objects need for the margin that a full search reaches.
+    The report has the share of pairs that mode 0 answers during learning, the learnt pairs that were lost,
+    and the number of candidates that new objects need for the margin of a full search.
 
     Exit code 0: the study ran.
     """

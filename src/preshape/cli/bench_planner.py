@@ -1,4 +1,4 @@
-"""``preshape bench planner``: plan objects, then put the answers to the holding test."""
+"""``preshape bench planner``: plan grasps of objects, then put the answers to the holding test."""
 
 from __future__ import annotations
 
@@ -29,9 +29,9 @@ if TYPE_CHECKING:
     from ..planning.planner_bench import Case, PlannerReport
 
 PICTURES = 12
-"""Number of lost answers that are drawn at most."""
+"""Largest number of answers that did not hold and are drawn."""
 OWN = "own"
-"""Value of ``--mass`` that takes each object's own mass."""
+"""Value of ``--mass`` that selects each object's own mass."""
 
 
 @click.command(epilog="Example: preshape bench planner mug box bottle --hand shadow --count 5")
@@ -141,12 +141,12 @@ def _mass(text: str) -> float | None:
 def cases_of(objects: tuple[str, ...], scales: str, pieces: str | None) -> list[Case]:
     """Every object at every scale.
 
-    A name of the library means the built-in object, even where a folder has the same name; ``bottle/`` means
-    the folder.
+    A library name means the built-in object even if a folder has the same name; write ``bottle/`` for the
+    folder.
 
     Args:
         objects: Library names, files and folders of files; ``ALL`` alone stands for the library.
-        scales: Numbers with commas between.
+        scales: Numbers separated by commas.
         pieces: Folder with ``NAME/mesh.obj`` and ``NAME/convex`` of each object, or ``None``.
 
     Raises:
@@ -201,7 +201,7 @@ def _failures(report: PlannerReport) -> list[dict[str, Any]]:
 
 
 def _pictures(report: PlannerReport, grasps: GraspSet, protocol: HoldProtocol, folder: Path) -> list[str]:
-    """Draw filmstrips of the first ``PICTURES`` answers that were lost; returns the files."""
+    """Draw filmstrips of the first ``PICTURES`` answers that did not hold; returns the files."""
     from ..files import write_whole
     from ..objects.load import load_object
     from ..physics.hand import physics_hand

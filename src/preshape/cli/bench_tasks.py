@@ -22,9 +22,9 @@ if TYPE_CHECKING:
     from ..types import Array
 
 UNFINISHED = "unfinished.jsonl"
-"""File in the folder of ``--out`` that holds the results of a run that is not finished."""
+"""File in the folder of ``--out`` with the results of an unfinished run."""
 SHOWN = 20
-"""Number of failures shown in the terminal; the report has all."""
+"""Largest number of failures shown in the terminal; the report lists all."""
 
 
 @click.command(
@@ -116,7 +116,7 @@ def tasks(
         )
     document = _document(report, protocol, who, notes)
     written = _write(report, protocol, who, document, out)
-    if out is not None and checkpoint is None and kept is not None:  # the report holds everything now
+    if out is not None and checkpoint is None and kept is not None:  # the report now contains all results
         kept.unlink(missing_ok=True)
     if as_json:
         from .main import emit
@@ -128,12 +128,12 @@ def tasks(
 
 
 def _names(text: str, option: str) -> list[str] | None:
-    """The names of a list with commas between; ``None`` for ``ALL``."""
+    """The names in a comma-separated list; ``None`` for ``ALL``."""
     return None if text.strip().upper() == "ALL" else list(names_in(text, option))
 
 
 def _direction(text: str | None) -> Array | None:
-    """(3,) unit direction of gravity, zeros for ``none``; ``None`` where the option is not given."""
+    """(3,) Unit direction of gravity, zeros for ``none``; ``None`` if the option is not given."""
     import numpy as np
 
     if text is None:
@@ -183,7 +183,7 @@ def _answers(
 
 
 def _document(report: TaskReport, protocol: TaskProtocol, who: str, notes: list[str]) -> dict[str, Any]:
-    """Everything but the time it took, so that the same input gives the same document."""
+    """All results except the duration, so that the same input gives the same document."""
     import mujoco
 
     from .._version import __version__
@@ -223,7 +223,7 @@ def _write(
 def _write_instances(
     file: Path, instances: tuple[TaskInstance, ...], protocol: TaskProtocol, as_json: bool
 ) -> int:
-    """Write the list of instances and, in a folder beside it, the mesh of each object at its size."""
+    """Write the list of instances and, in a folder beside it, the mesh of each object at its scale."""
     from ..files import write_json, write_text
     from ..objects.load import load_object
     from ..physics.task.instances import instance_to_json, mesh_text

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 ENGINES = ("local", "ray")
 SHOWN = 12
-"""Number of incomplete shards shown in the terminal; ``--json`` lists all."""
+"""Largest number of incomplete shards shown in the terminal; ``--json`` lists all."""
 
 
 @click.command(
@@ -142,7 +142,7 @@ def _engine(name: str, workers: int | None, address: str | None) -> Engine:
 
 @contextmanager
 def _interrupts() -> Iterator[list[int]]:
-    """Record every Ctrl-C beside its usual effect: Python loses one in a destructor or a callback."""
+    """Record every Ctrl-C in addition to its usual effect; Python loses one in a destructor or a callback."""
     seen: list[int] = []
     usual = signal.getsignal(signal.SIGINT)
     if threading.current_thread() is not threading.main_thread() or not callable(usual):

@@ -160,7 +160,7 @@ def _paths(kind: str, out: tuple[str, ...]) -> list[Path]:
     """The files to write.
 
     Raises:
-        InputError: The format has no such ending, or cannot be written without a file.
+        InputError: A file's ending is not one of the format's, or the format needs a file and none is given.
     """
     endings = {"moveit": (".yaml", ".yml", ".mcap", ""), "mjcf": (".xml", ".mjcf"), "npz": (".npz",)}[kind]
     paths = [Path(name) for name in out]
@@ -228,7 +228,7 @@ def _other(
 
 
 def _tell(report: dict[str, Any], left_out: tuple[LeftOut, ...], paths: list[Path], as_json: bool) -> None:
-    """Say what was written and, on standard error, what was left out."""
+    """Report what was written and, on standard error, what was left out."""
     for each in left_out:
         click.echo(f"answer {each.number} is left out, its hand has no posture: {each.reason}", err=True)
     if report["obstacles_left_out"]:
@@ -250,7 +250,7 @@ def _count(number: int) -> str:
 
 
 def _seven(text: str | None) -> Any:
-    """The seven numbers of ``--mount``; ``None`` where it is not given.
+    """The seven numbers of ``--mount``; ``None`` if the option is not given.
 
     Raises:
         InputError: The text is not seven numbers.

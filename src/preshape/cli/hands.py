@@ -84,11 +84,11 @@ def check(file: str, out: str | None, as_json: bool) -> int:
 
 
 def draw_hand(hand: Hand, folder: Path) -> Path:
-    """Draw a hand open, half closed and closed; each finger stops where it meets another part of the hand.
+    """Draw a hand open, half closed and closed; each finger stops when it touches another part of the hand.
 
     Args:
         hand: The hand.
-        folder: Folder of the picture; it is made where it is missing.
+        folder: Folder of the picture; created if it is missing.
 
     Returns:
         Path of the PNG file, which is named after the hand.
@@ -112,7 +112,7 @@ def draw_hand(hand: Hand, folder: Path) -> Path:
     except OSError as error:
         raise EnvironmentFailure(f"the folder {folder} cannot be made: {error.strerror or error}") from error
     reached = close_empty(hand)
-    # The thumb of a left hand stands on the other side: look from there.
+    # The thumb of a left hand is on the other side, so the camera is there too.
     eye = (0.6 if hand.side == "right" else -0.6, -0.75, 0.35)
     images = []
     for shares in (0.0 * reached, np.minimum(reached, 0.5), reached):

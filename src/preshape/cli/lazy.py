@@ -1,4 +1,4 @@
-"""Groups whose commands are imported when they are used, so that ``--help`` is fast."""
+"""Command groups that import a command only when it is used, so that ``--help`` is fast."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ import click
 
 
 class LazyGroup(click.Group):
-    """A group that knows its commands by name only.
+    """A group that stores only the names of its commands and imports them on use.
 
     Args:
-        commands_of: For the name of each command, the module of ``preshape.cli`` that defines it under that
-            name, and its line in the list.
+        commands_of: For each command name, the module of ``preshape.cli`` that defines the command under this
+            name, and the command's line in the list.
         heading: Heading of the list.
     """
 

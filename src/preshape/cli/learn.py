@@ -1,4 +1,4 @@
-"""``preshape learn``: meta control teaches objects one by one (§3.5)."""
+"""``preshape learn``: teach objects to the memory one by one (meta control, §3.5)."""
 
 from __future__ import annotations
 
@@ -35,11 +35,11 @@ if TYPE_CHECKING:
 @memory_option
 @json_option
 def learn(things: tuple[str, ...], tasks: tuple[str, ...], as_json: bool, **options: Any) -> int:
-    """Teach objects to the memory, each with its tasks, whether or not they are known.
+    """Teach objects to the memory, each with its tasks, even if they are already known.
 
-    A real hand is taught grips, the paper's hand virtual grasps; `preshape plan` with the same hand recalls
-    them. Every object and task is on disk as soon as its line appears; the command can be interrupted at any
-    time. The object ALL stands for the whole library.
+    A real hand learns grips, the paper's hand learns virtual grasps; `preshape plan` with the same hand
+    recalls them. Every object and task is saved before its line appears, so the command can be interrupted at
+    any time. The object ALL stands for the whole library.
 
     Exit code 0: all were learnt and recalled. 1: some are not good enough; the table says which.
     """
@@ -60,7 +60,7 @@ def learn(things: tuple[str, ...], tasks: tuple[str, ...], as_json: bool, **opti
     ]
     for name in dict.fromkeys(lesson.object_name for _, lesson in lessons):
         if name not in names() and not Path(name).is_file():
-            load_object(name)  # a wrong name is refused before anything is learnt
+            load_object(name)  # refuse a wrong name before anything is learnt
     console = Console(stderr=as_json)
     rows: list[dict[str, Any]] = []
     with Session(options["memory"]) as session:

@@ -1,6 +1,7 @@
-"""Entry point: commands, exit codes, and errors as one sentence.
+"""Entry point: the commands, the exit codes, and errors printed as one sentence.
 
-Exit codes: 0 an answer · 1 no answer · 2 bad input · 3 files, disk, environment · 130 interrupted.
+Exit codes: 0 an answer · 1 no answer · 2 bad input · 3 an error of files, disk or environment · 130
+interrupted.
 """
 
 from __future__ import annotations
@@ -92,7 +93,7 @@ def _run(arguments: list[str]) -> int:
     except click.exceptions.Exit as stop:
         return int(stop.exit_code)
     except (SystemExit, BrokenPipeError):
-        # The reader of standard output has closed it, as `| head` does; click turns that into SystemExit.
+        # The reader has closed the pipe, as `| head` does; click turns the error into SystemExit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
 
@@ -109,7 +110,7 @@ def _report(reason: str, code: int, as_json: bool) -> int:
             click.echo(json.dumps({"status": "error", "reason": reason}))
             sys.stdout.flush()
             return code
-        except OSError:  # standard output itself has failed: the error goes to standard error
+        except OSError:  # standard output has failed, so the error goes to standard error
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     click.echo(click.style("error: ", fg="red", bold=True) + reason, err=True)
     return code

@@ -41,12 +41,12 @@ workers_option = click.option(
 class TableCommand(click.Command):
     """A command whose ``--table`` takes an optional height, which may be negative.
 
-    Click takes ``-0.05`` after an option with an optional value for another option, and refuses
-    ``--table=-0.05`` for the same reason; a number is therefore marked as the value before Click sees it.
+    After an option with an optional value, Click reads ``-0.05`` as another option; it refuses
+    ``--table=-0.05`` for the same reason. The number is therefore marked as a value before Click parses it.
     """
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """Mark the height behind ``--table``, then parse as usual."""
+        """Mark the height after ``--table``, then parse as usual."""
         marked: list[str] = []
         for word in args:
             if word.startswith("--table="):
@@ -81,7 +81,7 @@ def check_least(least: int, **numbers: int | None) -> None:
 
     Args:
         least: The smallest number that is allowed.
-        numbers: Values by the names of their options, such as ``per_shard`` for ``--per-shard``.
+        numbers: Value of each option; the key ``per_shard`` stands for ``--per-shard``.
 
     Raises:
         InputError: One of them is below ``least``.
@@ -92,7 +92,7 @@ def check_least(least: int, **numbers: int | None) -> None:
 
 
 def names_in(text: str, option: str) -> tuple[str, ...]:
-    """The names of a list with commas between, each once.
+    """The names in a comma-separated list, without duplicates.
 
     Raises:
         InputError: A name is missing.
@@ -210,7 +210,7 @@ def request_from(thing: str, task: str, *, hand: Any, options: dict[str, Any], *
         more: Further fields of the request.
 
     Raises:
-        InputError: An option that cannot be used.
+        InputError: An option has an unusable value.
     """
     from ..hiis.critic import Thresholds
     from ..hiis.decision import Settings

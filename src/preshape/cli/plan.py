@@ -1,4 +1,4 @@
-"""``preshape plan``: the main job."""
+"""``preshape plan``: plan a preshape for an object and a task."""
 
 from __future__ import annotations
 
@@ -70,8 +70,8 @@ def plan(
 ) -> int:
     """Plan a preshape for OBJECT: a mesh file, a point cloud, or a name from `preshape objects`.
 
-    Exit code 0: an answer. 1: none (task correction asked for, deadlock, no grasp, or none that holds with
-    --verify); the JSON then carries the best grasp found and why it is not enough. 2: bad input.
+    Exit code 0: an answer. 1: no answer (task correction requested, deadlock, no grasp, or with --verify no
+    grasp that holds); the JSON then has the best grasp found and why it is not enough. 2: bad input.
     """
     check_folder(out)
     request = request_from(
@@ -131,7 +131,7 @@ def _view(text: str | None) -> list[float] | str | None:
     """A camera's position from the text of ``--view``.
 
     Raises:
-        InputError: neither three numbers nor ``all``.
+        InputError: The text is neither three numbers nor ``all``.
     """
     if text is None or text.strip() == "all":
         return None if text is None else "all"

@@ -1,4 +1,4 @@
-"""Progress of long work on standard error: a bar in a terminal, lines in a log, and a sentence at Ctrl-C."""
+"""Progress of a command on standard error: a bar in a terminal, lines in a log, a sentence at Ctrl-C."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ if TYPE_CHECKING:
     from rich.progress import Progress
 
 LINES = 20
-"""Lines in a log for each kind of work."""
+"""Number of lines in a log for each kind of work."""
 PAUSE = 5.0
-"""Least time between two lines in a log about preparations [s]."""
+"""Shortest time between two log lines about preparations [s]."""
 WINDOW, LEAST = 120.0, 10
-"""The time left is estimated from the steps of the last ``WINDOW`` seconds, at least ``LEAST`` of them."""
+"""The remaining time is estimated from the last ``WINDOW`` seconds, and from at least ``LEAST`` steps."""
 
 GOES_ON = "the same command goes on from there"
 
@@ -38,7 +38,7 @@ class Steps:
     """Shows the progress of a command.
 
     Attributes:
-        reached: How far the work has come, in words.
+        reached: The progress so far, in words.
     """
 
     def __init__(self, bar: Progress) -> None:
@@ -55,16 +55,16 @@ class Steps:
             click.echo(words, err=True)
 
     def step(self, what: str, done: float, of: float, last: str = "") -> None:
-        """Show how much is done.
+        """Show the number of finished units of work.
 
         Args:
-            what: Name of the units that are counted, such as ``grasps``; ``%`` for a share.
-            done: Number of units done.
+            what: Name of the units, such as ``grasps``; ``%`` for percent.
+            done: Number of finished units.
             of: Number of all units.
-            last: What was done last, or is being done.
+            last: The unit that was finished last or is being worked on.
         """
         now = time.perf_counter()
-        if what != self._what:  # the first count may come from an earlier run: no speed follows from it
+        if what != self._what:  # the first count may include an earlier run: no speed follows from it
             self._what, self._lines = what, -1
             self._recent.clear()
             self._bar.reset(self._task, total=of, completed=int(done))
@@ -86,10 +86,10 @@ class Steps:
 
 @contextmanager
 def steps(kept: str) -> Iterator[Steps]:
-    """Progress of one command.
+    """Show the progress of one command.
 
     Args:
-        kept: What becomes of the finished work at Ctrl-C, as the end of a sentence.
+        kept: End of the sentence at Ctrl-C, which says what happens to the finished work.
     """
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn

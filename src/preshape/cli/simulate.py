@@ -1,4 +1,4 @@
-"""``preshape simulate``: one planned grasp in simulated physics, as a table and as pictures."""
+"""``preshape simulate``: test one planned grasp in simulated physics, with a table and pictures."""
 
 from __future__ import annotations
 

@@ -25,7 +25,7 @@ from ..viewer.raycast import Shape
 from ..viewer.shapes import box, capsule, join, sphere
 
 TINT = 0.25
-"""Share of a finger's own colour in the colour of its links; three times as much in its last link."""
+"""Share 0..1 of the finger's own colour in the colour of its links; the last link has three times as much."""
 
 
 def recorded(
@@ -34,15 +34,15 @@ def recorded(
     """Record the holding test of one grasp.
 
     Args:
-        grasps: The grasps as the hand in physics takes them, see :meth:`GraspSet.for_hand`.
+        grasps: The grasps in the form for simulation, see :meth:`GraspSet.for_hand`.
         row: Row of the grasp.
         hand: The hand.
         pieces: Convex pieces of the object at scale 1.
         protocol: Settings of the test.
-        name: Name of the object; by default that in the grasps.
+        name: Name of the object; by default the one in ``grasps``.
 
     Returns:
-        The recording, and the scene that the test was made in.
+        The recording, and the scene of the test.
     """
     scene = build_scene(physics_hand(hand), pieces, float(grasps.scale[row]), protocol)
     recording = record_hold(
@@ -75,9 +75,9 @@ def film_of(
 
     Args:
         recording: The recording.
-        scene: Scene that the test was made in.
+        scene: Scene of the test.
         protocol: Settings of the test.
-        mesh: Surface of the object in its body's frame at its size [m]; by default the convex pieces.
+        mesh: Surface of the object in its body's frame, scaled [m]; by default the convex pieces are drawn.
     """
     load = protocol.acceleration * protocol.mass
     found = solids(scene, recording.parts, mesh)
@@ -125,7 +125,7 @@ def stages_of(recording: Recording) -> tuple[Stage, ...]:
 
 
 def solids(scene: Scene, parts: Sequence[str], mesh: TriangleMesh | None) -> list[tuple[int, Shape]]:
-    """Each visible body with its solid in the body's frame."""
+    """Number of each visible body, with its solid in the body's frame."""
     model, result = scene.model, []
     for body in range(model.nbody):
         part = int(scene.part_of_body[body])

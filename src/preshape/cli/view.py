@@ -1,4 +1,4 @@
-"""``preshape view``: see a plan and steer it in the browser."""
+"""``preshape view``: show plans and make new ones in the browser."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from ..planning.request import PlanRequest
 
 FOR_PLANS = ("mass", "friction", "table", "avoid", "memory")
-"""Options that may change the request of a plan."""
+"""Options that may be given with a plan; they change its request."""
 
 
 @click.command(
@@ -38,8 +38,9 @@ FOR_PLANS = ("mass", "friction", "table", "avoid", "memory")
 def view(thing: str, task: str | None, host: str, port: int, **options: Any) -> int:
     """Choose objects and tasks, see why a grasp was chosen, and teach, in the browser.
 
-    A plan is shown as it is; what the browser plans next starts from the plan's own request. Works offline
-    and is local only, unless --host says otherwise. Ctrl-C ends it; what was learnt is kept.
+    A given plan is shown unchanged; the next plan in the browser starts from its request. The app works
+    offline; only this machine can reach it, unless --host says otherwise. Ctrl-C ends it and keeps what was
+    learnt.
     """
     if options["memory"] == ":memory:":
         raise InputError("the browser app needs a memory file, which it may open again; give --memory FILE")
@@ -66,7 +67,7 @@ def view(thing: str, task: str | None, host: str, port: int, **options: Any) -> 
 
 
 def start_of(request: PlanRequest) -> Start:
-    """The app's start with a request, which is checked before anything is served.
+    """What the app shows first for a request, which is checked before anything is served.
 
     Raises:
         InputError: The object or the hand cannot be used.
@@ -85,12 +86,12 @@ def start_of(request: PlanRequest) -> Start:
 
 
 def start_of_plan(path: Path, task: str | None = None, **options: Any) -> Start:
-    """The app's start with a plan and the request that it answered.
+    """What the app shows first for a plan: the plan and its request.
 
     Args:
         path: The plan.
-        task: Another task for the next plan.
-        options: Options of the command line, of which ``FOR_PLANS`` change the request.
+        task: Task of the next plan, if it differs from the plan's.
+        options: Options of the command line; those in ``FOR_PLANS`` change the request.
 
     Raises:
         InputError: The file is no plan, its object or hand is not found, or an option cannot be used.
@@ -123,7 +124,7 @@ def start_of_plan(path: Path, task: str | None = None, **options: Any) -> Start:
 
 
 def _check_shown(document: dict[str, Any], request: PlanRequest) -> None:
-    """Make what the browser will draw, so that a damaged plan is refused before anything is served.
+    """Compute the drawing of a plan, so that a damaged plan is refused before anything is served.
 
     Raises:
         InputError: A part of the plan cannot be drawn.
@@ -143,7 +144,7 @@ def _check_shown(document: dict[str, Any], request: PlanRequest) -> None:
 
 
 def _found(document: dict[str, Any], folder: Path, changes: dict[str, Any]) -> PlanRequest:
-    """A plan's request, with its object where it is found now and at the size of the plan.
+    """A plan's request, with the place where its object is now, at the plan's scale.
 
     Args:
         document: The plan.
@@ -166,7 +167,7 @@ def _found(document: dict[str, Any], folder: Path, changes: dict[str, Any]) -> P
             if abs(float(mesh.extents.max()) / extent - 1.0) < 0.01:
                 return replace(request, source=source)
         except PreshapeError:
-            pass  # a plan on a mesh made in Python names a file beside it that holds the mesh
+            pass  # the mesh was made in Python; the plan names a file beside it with the mesh
     source = plan_object(str(document["object"]["source"]), None, folder)
     size = object_extent(source, None)
     if size is None:
