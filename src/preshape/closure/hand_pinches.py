@@ -1,9 +1,9 @@
 """Pinches of a hand: postures in which the thumb and some fingers face each other at a known distance.
 
-In most preshapes all fingers close together and miss each other by more than the thickness of a thin object.
-But every finger closes on its own until it touches. Therefore thumb and fingers are paired at any two points
-of their closing paths, the fingers are brought level so that they meet a flat face together, and those that
-then face the thumb are stored by the width of the object that they can hold.
+In most preshapes all fingers close together, and thumb and fingers pass each other at a distance larger than
+a thin object. In use, however, each finger closes on its own until it touches. Therefore this module pairs
+thumb and fingers at any two points of their closing paths, levels the fingers so that they meet a flat face
+together, and stores the pairs that then face each other by the width of the object that they can hold.
 """
 
 from __future__ import annotations
@@ -29,13 +29,13 @@ PER_WIDTH = 64
 FACING = 0.5
 """Least cosine between the motion of a closing pad and the direction in which it presses [C]."""
 LEVEL = 0.0003
-"""Largest distance by which fingers that press together stand before or behind their mean [m] [C]."""
+"""Largest distance of a pressing finger from the mean of its group, in the pressing direction [m] [C]."""
 PALM_SPHERES = 10
-"""Spheres of the palm that the quick test of a pose uses [C]."""
+"""Number of palm spheres in the quick test of a pose [C]."""
 LONG_LINK = 0.01
-"""A joint's body counts as a link where the next joint is further away than this [m] [C]."""
+"""A joint's body counts as a link if the next joint is further away than this [m] [C]."""
 _POSTURES, _STATIONS = 1024, 15  # random postures, and points of the closing path
-_LEVELLED, _CHECKED = 16, 3  # pairs that are levelled, and of those checked for collisions, per pinch stored
+_LEVELLED, _CHECKED = 16, 3  # pairs levelled, and pairs checked for collisions, for each pinch stored
 _ROUNDS = 4  # rounds of levelling
 _STEP = 0.01  # step of the closing for finite differences
 _ROWS = (
@@ -55,8 +55,8 @@ class Pinches:
         width: (n,) thickness of the object between the pads [m].
         thumb: (n, 3) contact point of the thumb [m].
         others: (n, 3) mean of the other fingers' contact points [m].
-        thumb_rate: (n, 3) derivative of ``thumb`` by the width, half of which is on the thumb's side.
-        others_rate: (n, 3) derivative of ``others`` by the width.
+        thumb_rate: (n, 3) derivative of ``thumb`` by the width, if the thumb takes half of the change.
+        others_rate: (n, 3) derivative of ``others`` by the width, likewise.
         opposition: (n, 3) unit vector from the fingers towards the thumb.
         pads: (n, f, 3) contact point of each finger [m], NaN where it does not close.
         open: (n, k, 3) fingertips and middles of the links before closing [m].
@@ -109,7 +109,7 @@ class Pinches:
 
 @lru_cache(maxsize=16)
 def hand_pinches(hand: Hand, seed: int = 0) -> Pinches:
-    """The pinches of a hand; none where thumb and fingers never face each other.
+    """The pinches of a hand; empty if thumb and fingers never face each other.
 
     Args:
         hand: The hand.
@@ -138,9 +138,9 @@ def _find_pinches(hand: Hand, seed: int) -> Pinches:
 
     1. Draw random postures and compute every fingertip at stations along its closing path.
     2. For each set of fingers and each width class, pair a station of the thumb with a station of the others
-       whose distance is about right.
-    3. Level the fingers of each pair and compute what the pads do there (:func:`_levelled`).
-    4. Accept pairs whose width is in the class and whose links do not collide, open and closed.
+       at about that distance.
+    3. Level the fingers of each pair and compute the motion of the pads there (:func:`_levelled`).
+    4. Accept pairs whose width is in the class and whose links do not collide, neither open nor closed.
     """
     from scipy.stats import qmc
 
@@ -190,21 +190,21 @@ def _find_pinches(hand: Hand, seed: int) -> Pinches:
 
 
 def _levelled(tables: HandTables, start: Array, closing: Array, mask: int) -> tuple[Pinches, Array]:
-    """The pinches near given closings at which the fingers are level.
+    """Adjust given closings until the fingers are level, and return the pinches there.
 
     1. Find each finger's pad: the sphere of its last link that protrudes furthest towards the other side.
     2. Measure how far each finger stands behind the mean, and how fast closing moves it forward.
-    3. Move the closing of each finger by the quotient, and repeat from 1.
+    3. Change each finger's closing by the distance divided by that rate, and repeat from 1.
     4. Accept where all pads move towards the other side and the fingers are level.
 
     Args:
         tables: The hand's tables.
         start: (n, j) postures at the beginning of the closing [rad].
         closing: (n, f) closing of each finger, 0..1.
-        mask: Bits of the fingers that take part.
+        mask: Bit f is set where finger f takes part.
 
     Returns:
-        m ≤ n pinches, and their closings (m, f).
+        The m ≤ n pinches that were accepted, and their closings (m, f).
     """
     t, others, closing = tables.thumb, _others(tables, mask), closing.copy()
     tips = fingertips(tables, posture_at(tables, start, closing))

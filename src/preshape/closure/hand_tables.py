@@ -3,10 +3,10 @@
 Everything is in the palm frame. The spheres come from :mod:`preshape.kernels.hand_spheres` and lie inside the
 true shapes. The shapes protrude from them by at most 3 mm (``COARSE``; capsules by 1 mm) or 0.5 mm (``FINE``;
 capsules by 0.15 mm), edges and corners of boxes included. Neighbouring spheres share a bounding sphere, so
-that most distance queries stop at the bound.
+that most distance queries end at the bounding sphere.
 
-What takes a second to compute for a hand is cached on disk, keyed by the hand's content. A file that cannot
-be read is computed again; a folder that cannot be written is not used.
+Results that take a second or more to compute are cached on disk, keyed by the hand's content. If a cache file
+cannot be read, its result is computed again; if the cache folder cannot be written, nothing is cached.
 """
 
 from __future__ import annotations
@@ -34,18 +34,18 @@ CACHE_VERSION = 4
 _GROUP = {COARSE: 12, FINE: 16}
 """Largest number of spheres under one bounding sphere [C]."""
 _STILL = 1e-6
-"""Speed bound of a sphere that no closing moves [m]; positive, because it is a divisor."""
+"""Path bound of a sphere that the closing does not move [m]; positive, because it is used as a divisor."""
 _T = TypeVar("_T")
 
 
 def cached(kind: type[_T], hand: Hand, label: str, compute: Callable[[], _T]) -> _T:
-    """A value that depends on a hand, from the disk cache where it was computed before.
+    """A value that depends on a hand, read from the disk cache if it was computed before.
 
     Args:
         kind: Class of the value: a dataclass of arrays, numbers and tuples of text.
         hand: The hand.
-        label: What the value is, with every setting that it depends on.
-        compute: Computes it.
+        label: Name of the value, with every setting that it depends on.
+        compute: Function that computes the value.
     """
     file = cache_folder() / "hands" / f"{digest(hand, label)}.npz"
     with contextlib.suppress(OSError, ValueError, KeyError, TypeError):
@@ -74,7 +74,7 @@ def digest(hand: Hand, label: str) -> str:
             for finger in hand.fingers:
                 for part in fields(finger):
                     add(part.name, getattr(finger, part.name))
-        elif field.name != "source":  # the same hand in another folder is the same hand
+        elif field.name != "source":  # a copy of the hand in another folder has the same hash
             add(field.name, getattr(hand, field.name))
     return state.hexdigest()
 
@@ -85,7 +85,7 @@ def hand_tables(hand: Hand, detail: float = COARSE) -> HandTables:
 
     Args:
         hand: The hand.
-        detail: ``COARSE`` or ``FINE``: how far the links may protrude from their spheres [m].
+        detail: ``COARSE`` or ``FINE``: distance by which links may protrude from their spheres [m].
 
     Raises:
         HandError: MuJoCo refuses the model.
@@ -96,9 +96,9 @@ def hand_tables(hand: Hand, detail: float = COARSE) -> HandTables:
 def _tables(hand: Hand, detail: float) -> HandTables:
     """Compute the tables.
 
-    1. Each joint's frame relative to the joint before it in its chain, all joints at zero.
-    2. Spheres that fill the shapes of each link and of the palm, in groups.
-    3. The closing path at evenly spaced points, and a bound on each sphere's speed along it.
+    1. Compute each joint's frame relative to the joint before it in its chain, all joints at zero.
+    2. Fill the shapes of each link and of the palm with spheres, in groups.
+    3. Compute the closing path at evenly spaced points, and an upper bound on each sphere's speed along it.
     """
     model = compile_hand(hand)
     # 1. Joint chains.
@@ -161,7 +161,7 @@ def _tip(model: Any, site: str, frames: list[Any], anchors: list[Any], carrier: 
 
 
 def _path_points(hand: Hand) -> int:
-    """Number of evenly spaced path points that contains every point of every finger's path."""
+    """Number of evenly spaced path points that include every point of every finger's path."""
     return int(np.lcm.reduce([len(finger.closing) - 1 for finger in hand.fingers])) + 1
 
 
@@ -248,7 +248,7 @@ def _joint_frames(model: Any, frames: list[tuple[Array, Array]]) -> list[tuple[A
 
 
 def _speeds(hand: Hand, offset: Array, links: list[Array], path: Array) -> list[Array]:
-    """For each joint (s,) upper bounds on the path of its spheres' centres over the whole closing [m]."""
+    """(s,) upper bound on the path length of each sphere's centre over the whole closing [m], by joint."""
     rate = np.abs(np.diff(path, axis=0)).max(axis=0) * (len(path) - 1)
     out = []
     for joint, spheres in enumerate(links):

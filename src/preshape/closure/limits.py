@@ -1,4 +1,4 @@
-"""What a finished grip can bear: its heaviest mass, and what it lacks where it is not good enough."""
+"""Limits of a finished grip: the heaviest mass that it can hold, and what a weak grip lacks."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ def strongest_press(grip: Grip, torque_limits: np.ndarray) -> float:
 def heaviest_mass(search: ClosureSearch, grip: Grip, demand: Demand) -> float:
     """Heaviest mass for which the grip would still be good enough for the task [kg].
 
-    The grip is good enough while the strongest press that the settings and the joint torques allow balances
-    the load: strength · press / weight ≥ 1. The strength itself falls as the weight takes a larger share of
-    a press that the joints limit, so the mass is found by bisection.
+    The grip is good enough if the strongest press that the settings and the joint torques allow balances the
+    load: strength · press / weight ≥ 1. The joints limit the press, so a heavier object takes a larger share
+    of it and the strength falls. Therefore the mass is found by bisection.
 
     Args:
         search: The search that found the grip.
@@ -54,12 +54,12 @@ def heaviest_mass(search: ClosureSearch, grip: Grip, demand: Demand) -> float:
 
 
 def _middling(settings: ClosureSettings) -> float:
-    """The press by which the ranking counts the weight of a 0.1 kg object [N]."""
+    """Press that carries the weight of a 0.1 kg object in the ranking [N]."""
     return 0.5 * (settings.press_least + settings.press_most)
 
 
 def shortfall(search: ClosureSearch, grip: Grip, demand: Demand) -> str:
-    """What a grip lacks and what would help, in one sentence; empty where it is good enough.
+    """What a grip lacks and what would help, in one sentence; empty if the grip is good enough.
 
     Args:
         search: The search that found the grip.

@@ -1,4 +1,4 @@
-"""How a hand comes to its grip: opened until it is clear of the object, then straight in from outside."""
+"""Pregrasp and approach: the hand opens until it clears the object, and comes in on a straight line."""
 
 from __future__ import annotations
 
@@ -18,26 +18,26 @@ from .preshapes import posture_at
 SELF_DEPTH = 0.001
 """Largest overlap of two links [m] [C]."""
 OPENING = 0.006
-"""Clearance from the object that a pregrasp aims at [m] [C]."""
+"""Wanted clearance between an opened finger and the object [m] [C]."""
 NEAREST = 0.0008
-"""Least clearance of a pregrasp, the palm included [m] [C]."""
+"""Least clearance between the opened hand, palm included, and the object [m] [C]."""
 ALONG = 0.7
-"""Least cosine between the way in and the approach axis of the plane that a grip belongs to."""
+"""Least cosine between the approach direction and the approach axis of the plane that a grip belongs to."""
 STATIONS = np.linspace(0.0, 1.0, 21)
-"""Shares of the way back to the open posture at which a pregrasp is looked for."""
+"""Fractions of the path back to the open posture at which a pregrasp is tested; 1 is fully open."""
 WAY_IN, STRIDE = 0.12, 0.006
-"""Length of the straight way in that is checked, and its step [m] [C]."""
+"""Length of the straight approach that is checked, and the step of that check [m] [C]."""
 
 
 @value
 class Openings:
-    """Pregrasps and ways in of k candidates.
+    """Pregrasps and approach directions of k candidates.
 
     Attributes:
         row: (k,) indices of the candidates.
         pregrasp: (k, j) joint angles of the opened hand [rad].
-        approach: (k, 3) unit vector along which the opened hand comes in.
-        clearance: (k,) least distance from the object at the pregrasp and on the way in [m].
+        approach: (k, 3) unit vector along which the opened hand approaches.
+        clearance: (k,) least distance from the object at the pregrasp and on the approach [m].
     """
 
     row: IntArray
@@ -50,7 +50,7 @@ class Openings:
 
 
 class Opener:
-    """Finds pregrasps and ways in.
+    """Finds pregrasps and collision-free approaches.
 
     Args:
         tables: Tables of the hand.
@@ -72,18 +72,18 @@ class Opener:
     def find(
         self, candidates: Candidates, closing: Array, rows: IntArray, own: IntArray, planes: Sequence[int]
     ) -> Openings:
-        """Pregrasps and ways in of the candidates that have both.
+        """Pregrasps and approach directions of the candidates that have both.
 
         1. Open each finger along its closing path until it clears the object.
-        2. Test the straight way in along the candidate's approach axis.
-        3. Where that is blocked, test the directions of fingers and palm, if they follow an allowed plane.
+        2. Test the straight approach along the candidate's approach axis.
+        3. If that is blocked, test the directions of fingers and palm that follow an allowed plane.
 
         Args:
             candidates: n candidates.
             closing: (n, f) how far each finger is closed, 0..1.
             rows: (k,) indices of the candidates to open.
             own: (n,) approach plane that each was drawn for.
-            planes: Approach planes that the way in may belong to.
+            planes: Approach planes that the approach direction may belong to.
         """
         rows, pregrasp, least = self._opened(candidates, closing, rows)  # 1.
         approach = APPROACH_AXES[own[rows] - 1]
@@ -114,7 +114,7 @@ class Opener:
         to_object, to_obstacles = self.kernel.clearances(
             candidates.place[of], candidates.turn[of], postures, self.obstacles, enough=OPENING
         )
-        # Each finger opens on its own: to the first station that clears, or to the clearest one.
+        # Each finger opens on its own: to the first station that clears the object, else to the clearest.
         fingers = to_object[:, :-1].reshape(k, n, closing.shape[1])
         clear = fingers >= OPENING
         station = np.where(clear.any(axis=1), clear.argmax(axis=1), fingers.argmax(axis=1))
@@ -129,7 +129,7 @@ class Opener:
     def _way_in(
         self, candidates: Candidates, rows: IntArray, opened: Array, approach: Array
     ) -> tuple[Array, BoolArray]:
-        """(k,) least clearance of opened hands on the way along ``approach`` [m]; (k,) whether it is free."""
+        """(k,) least clearance of opened hands along ``approach`` [m]; (k,) whether the approach is free."""
         steps = np.arange(1, int(WAY_IN / STRIDE) + 1) * STRIDE
         k, n = len(rows), len(steps)
         place = candidates.place[rows, None] - steps[:, None] * approach[:, None]

@@ -1,8 +1,8 @@
 """Pinches of the hand placed on antipodal patches: places where two faces of the object oppose each other.
 
-Almost every hand that only aims at the bounding box loses a thin object: fingertips that stand beside each
-other by more than its thickness times the friction turn it instead of holding it. Here pads and faces are
-aligned first, and the pose of the hand follows from that.
+A hand that only aims at the bounding box usually loses a thin object: if the offset between opposing
+fingertips exceeds thickness times friction, they turn the object instead of holding it. Here pads are first
+aligned with faces of the object, and the pose of the hand follows from that.
 """
 
 from __future__ import annotations
@@ -24,35 +24,35 @@ from .candidates import TILT, DrawnCandidates, Region
 from .hand_pinches import Pinches
 
 SURFACE_POINTS = 1500
-"""Points of the surface, evenly spread by area, that are tested for an opposite face [C]."""
+"""Number of surface points, evenly spread by area, that are tested for an opposite face [C]."""
 OPPOSITE = 0.9
 """Least cosine between the normal of a face and the reversed normal of the face behind it [C]."""
 THINNEST = 0.001
-"""Thinner parts are not looked for: the distance grid does not resolve them [m] [C]."""
+"""Least width of a patch: the distance grid does not resolve thinner parts [m] [C]."""
 TIP_DEPTH = 0.002
-"""Apparent depth of a fingertip in the object that is accepted: the grid blurs the surface [m] [C]."""
+"""Accepted apparent depth of a fingertip in the object, because the grid blurs the surface [m] [C]."""
 PINCHED = 0.5
-"""Share of the candidates that are pinches, as far as enough of them fit [C]."""
+"""Share of pinches among the candidates, if enough of them fit the object [C]."""
 ALIGNED = 0.55
-"""Least cosine between a patch's normal and an opposition axis; some axis is always nearer than that [C]."""
+"""Least cosine between a patch's normal and an opposition axis; every normal meets it for some axis [C]."""
 VALUE_RANGE = 0.2
-"""Largest distance of a patch from an approach value that is aimed at, in half-extents [C]."""
+"""Largest distance between a patch and the wanted approach value, in half-extents [C]."""
 CENTRAL = 0.01
-"""A patch this far from the object's middle is drawn half as often as one in it, because weight and pushes
-turn the object less about a central grip [m] [C]."""
+"""A patch at this distance from the object's middle is drawn half as often as one at the middle, because
+weight and pushes turn the object less in a central grip [m] [C]."""
 SURPLUS, TRIES = 4, 2
-"""Pinches tested per candidate wanted, and number of attempts where too few of them fit [C]."""
+"""Number of pinches tested for each candidate wanted, and number of attempts if too few of them fit [C]."""
 NEAR = 0.005
-"""Largest distance of every pad from the object's surface where the fingers should meet it [m] [C]."""
+"""Largest distance of any pad from the object's surface in the closed pinch [m] [C]."""
 ROOM = 0.006
-"""Least distance of the middles of the opened fingers' links from the object [m] [C]."""
+"""Least distance from the object to the middle of each link of the opened fingers [m] [C]."""
 ALIKE = 24
 """Number of pinches nearest to the patch's width, one of which is drawn [C]."""
 AROUND = 0.4
 """Standard deviation of the rotation about the patch's normal [rad] [C]."""
 SLANT, MOST_SLANT = 0.1, 0.02
-"""Standard deviation of the rotation off the normal: per ratio of the object's thickness to thickness plus
-fingertips, and its upper bound [rad] [C]."""
+"""Standard deviation of the tilt off the patch's normal [rad] [C]: the first number times the ratio
+thickness / (thickness + fingertips), and at most the second number."""
 
 
 @value
@@ -76,7 +76,7 @@ class AntipodalPatches:
 def antipodal_patches(
     mesh: TriangleMesh, field: DistanceField, tip: float, widest: float, seed: int = 0
 ) -> AntipodalPatches:
-    """The places where two fingertips can stand opposite each other with the object between them.
+    """Pairs of surface points at which two fingertips can hold the object between them.
 
     1. Draw points evenly over the surface.
     2. Cast a ray inward from each and find the face behind it.
@@ -145,15 +145,15 @@ class Pincher:
         """Draw candidates that pinch.
 
         1. Weight every pair of patch and approach plane: the normal must lie along the opposition axis, and
-           central patches count more.
-        2. Draw pairs by weight, a thumb side and a pinch of about the patch's width for each.
+           central patches weigh more.
+        2. Draw pairs by weight, and for each pair a thumb side and a pinch of about the patch's width.
         3. Let the kernel place the hand and test whether palm, pads and links fit.
-        4. Repeat from 2. where too few fit, and alternate between the numbers of fingers.
+        4. Repeat from 2 if too few fit. Order the results so that the numbers of fingers alternate.
 
         Args:
             rng: Random generator.
             count: Largest number of candidates; fewer where few fit.
-            region: Where to draw; patches within ``VALUE_RANGE`` of its approach values.
+            region: Where to draw; patches lie within ``VALUE_RANGE`` of its approach values.
         """
         pinches, patches = self.pinches, self.patches
         # 1. Weights.
@@ -202,7 +202,7 @@ class Pincher:
     def _placements(
         self, rng: np.random.Generator, allowed: IntArray, patch: IntArray, approach: Array, side: Array
     ) -> PinchPlacements:
-        """A pinch for each patch, and how it is turned there.
+        """Draw a pinch for each patch, and its orientation there.
 
         Args:
             rng: Random generator.

@@ -1,4 +1,4 @@
-"""Preshapes of a hand: postures from which it starts to close, and where each of them pinches."""
+"""Preshapes of a hand: postures from which the hand starts to close, and the pinch point of each."""
 
 from __future__ import annotations
 
@@ -159,8 +159,8 @@ def _finger_sets(tables: HandTables, kind: Array, shift: Array) -> IntArray:
 def _collision_free(hand: Hand, tables: HandTables, start: Array, count: int) -> IntArray:
     """Indices of the first ``count`` preshapes whose links do not overlap, open and a quarter closed.
 
-    Where all of them overlap, the first ``count`` are returned: the hand's description is at fault, and later
-    checks decide.
+    If all of them overlap, the hand's description is at fault. Then the first ``count`` are returned, and
+    later checks decide.
     """
     kinematics = HandKinematics(hand)
     ways = [posture_at(tables, start, np.full((len(start), len(tables.fingers)), c)) for c in (0.0, 0.25)]

@@ -1,9 +1,9 @@
-"""How a closed hand squeezes: contact forces that balance, their joint torques, and how soft the grip is.
+"""The squeeze of a closed hand: balanced contact forces, their joint torques, and the grip's stiffness.
 
-Every finger is a spring: a servo yields by its torque over its gain. At a contact that sticks, the joints
-behind it act as a spring for three forces and the torque about the normal; all contacts together give the
-stiffness matrix of the grasp (Cutkosky & Kao 1989). The forces of the squeeze reduce the stiffness, most of
-all for small objects between two fingers: once the object turns a little, the two contacts no longer face
+Every finger acts as a spring: a servo yields by its torque divided by its gain. At a contact that sticks, the
+joints behind it act as a spring for three forces and the torque about the normal. All contacts together give
+the stiffness matrix of the grasp (Cutkosky & Kao 1989). The forces of the squeeze reduce this stiffness, most
+strongly for small objects between two fingers: if the object turns a little, the two contacts no longer face
 each other.
 """
 
@@ -23,28 +23,28 @@ from ..spatial import skew
 from ..types import Array
 
 EVENNESS = 0.1
-"""Weight of an even distribution of the forces; their balance has weight ten [C]."""
+"""Weight of an even distribution of the forces; the balance of the forces has weight ten [C]."""
 EDGES = 8
-"""Edges of the friction cone within which forces are chosen."""
+"""Number of edges of the pyramid that stands for a friction cone when forces are chosen."""
 CONTACT_ERROR = 0.002
-"""Assumed distance of a force from its planned contact: links are not spheres, and a scan is not the object
-[m] [C]."""
+"""Assumed distance between a force and its planned contact [m] [C]: spheres only approximate the links, and a
+scan only approximates the object."""
 CONTACT_COMPLIANCE = np.diag([1e-5, 1e-5, 1e-5, 1e-2])
 """Compliance of skin and surface: forces [m/N], torque about the normal [rad/(N m)] [C]."""
 
 
 class UnitSqueeze(NamedTuple):
-    """How a hand squeezes, per newton of normal forces in all.
+    """The squeeze of a hand, for normal forces that sum to one newton.
 
     Attributes:
         fingers: Indices of the fingers that press, the thumb first.
-        points: (n, 3) their contacts [m].
+        points: (n, 3) contacts of these fingers [m].
         normals_in: (n, 3) inward unit normals.
-        forces: (n, 3) on the object.
-        imbalance: Norm of the wrench that the forces leave: force, and torque over ℓ.
-        jacobians: For each contact (6, k) its linear and angular velocity by the joints behind it.
-        chains: For each contact which of the hand's joints these are.
-        torques: (j,) joint torques [m].
+        forces: (n, 3) forces on the object, per newton.
+        imbalance: Norm of the net wrench of the forces (force; torque divided by ℓ).
+        jacobians: For each contact, (6, k) linear and angular velocity per speed of the k joints behind it.
+        chains: For each contact, the slice of the hand's joints that these are.
+        torques: (j,) joint torques per newton [m].
         max_press: Largest sum of normal forces that the joint torques allow [N].
     """
 
@@ -70,8 +70,8 @@ class Squeezer:
         mu: Friction that the forces may use.
 
     Attributes:
-        sharing: (j,) number of joints that share each joint's drive: one drive sets the sum of the two angles
-            of a coupled pair, so each joint follows half of the command.
+        sharing: (j,) number of joints that share each joint's drive. One drive sets the sum of the two angles
+            of a coupled pair, so each joint of the pair follows half of the command.
     """
 
     def __init__(self, hand: Hand, tables: HandTables, cog: Array, length: float, mu: float) -> None:
@@ -141,13 +141,13 @@ def finger_order(tables: HandTables) -> list[int]:
 
 
 def grip_forces(arms: Array, normals_in: Array, mu: float) -> Array:
-    """(n, 3) forces of a squeeze: balanced, within the friction cones, normal parts that sum to one.
+    """(n, 3) forces of a squeeze: balanced, within the friction cones, with normal parts that sum to one.
 
-    Of all balanced forces in the cones (of ``EDGES`` edges), the result is nearly the one spread most evenly
-    over contacts and cone edges: nonnegative least squares with a small penalty on uneven weights.
+    Of all balanced forces in pyramids of ``EDGES`` edges, the result is close to the one spread most evenly
+    over contacts and edges. It comes from nonnegative least squares with a small penalty on uneven weights.
 
     Args:
-        arms: (n, 3) contact points from the reference, over ℓ.
+        arms: (n, 3) contact points relative to the reference point, divided by ℓ.
         normals_in: (n, 3) inward unit normals.
         mu: Friction that the forces may use.
     """
@@ -180,21 +180,21 @@ def turn_from_contact_error(
     jacobians: Sequence[Array],
     compliances: Sequence[Array],
 ) -> float:
-    """The object's turn where each force of the squeeze acts ``CONTACT_ERROR`` beside its contact [rad].
+    """Rotation of the object if each force of the squeeze acts ``CONTACT_ERROR`` beside its contact [rad].
 
-    1. The compliance of each contact: that of the joints behind it and of skin and surface.
-    2. The stiffness of the grasp: the sum of the contacts' stiffness about the reference.
-    3. Minus what the squeeze takes away as the contacts move with the object.
-    4. The turn by the torques of the displaced forces: root of the sum of squares over contacts and
-       directions. It is infinite where the squeeze turns the object out of its equilibrium, as two fingers do
-       that are softer than they press.
+    1. Compute the compliance of each contact: that of the joints behind it plus that of skin and surface.
+    2. Compute the stiffness of the grasp: the sum of the contacts' stiffness about the reference point.
+    3. Subtract the stiffness that the squeeze removes, because the contacts move with the object.
+    4. Compute the rotation by the torques of the displaced forces: the root of the sum of squares over
+       contacts and directions. It is infinite if the grasp is unstable, which happens if the fingers press
+       too hard for their stiffness.
 
     Args:
-        arms: (n, 3) contact points from the reference [m].
+        arms: (n, 3) contact points relative to the reference point [m].
         normals_in: (n, 3) inward unit normals.
         forces: (n, 3) forces of the squeeze on the object [N].
-        jacobians: For each contact (6, k) its linear and angular velocity by the joints behind it.
-        compliances: For each contact (k,) compliance of these joints [rad/(N m)].
+        jacobians: For each contact, (6, k) linear and angular velocity per speed of the k joints behind it.
+        compliances: For each contact, (k,) compliance of these joints [rad/(N m)].
 
     >>> arms, inward = np.array([[0.02, 0, 0], [-0.02, 0, 0]]), np.array([[-1.0, 0, 0], [1.0, 0, 0]])
     >>> joints = [np.concatenate([0.1 * np.eye(3), np.eye(3)])] * 2  # three joints, each 0.1 m away
@@ -203,7 +203,7 @@ def turn_from_contact_error(
     [0.006, inf]
     """
     n, most = len(arms), max(J.shape[1] for J in jacobians)
-    # A contact transmits forces and a torque about its normal: at the contact, and about the reference.
+    # A contact transmits forces and a torque about its normal; here at the contact and about the reference.
     transmitted = np.zeros((n, 6, 4))
     transmitted[:, :3, :3], transmitted[:, 3:, 3] = np.eye(3), normals_in
     grasp = transmitted.copy()

@@ -1,4 +1,4 @@
-"""Stored grips as candidates on the present object: its own, and those of objects about as large."""
+"""Turn stored grips, of the same object or of others of about its size, into candidates for this object."""
 
 from __future__ import annotations
 
@@ -15,22 +15,22 @@ from ..types import Array, BoolArray, Experience, value
 from .candidates import DrawnCandidates
 
 FEW_VALUES = 7
-"""An aim with at most this many approach values means these values; with more, everything between them."""
+"""With at most this many approach values, an aim means just these values; with more, the whole range."""
 SIZE_RATIO = 0.25
-"""Largest logarithm of the ratio of extents at which another object's grips are recalled [C]."""
+"""Grips of another object are recalled if the logarithm of the ratio of extents is at most this [C]."""
 MOST_RECALLED, MOST_OF_ONE = 48, 16
-"""Largest number of recalled grips, those of the most similar objects first; and of one object [C]."""
+"""Largest number of recalled grips in all, and from any one object [C]."""
 
 
 @value
 class Recalled:
-    """n stored grips on the present object, those of the most similar objects first.
+    """n stored grips placed on the current object, those of the most similar objects first.
 
     Attributes:
         drawn: (n,) the grips as candidates.
-        aimed: (n,) whether each lies where the aim is; the others are on other planes.
-        first: Number of grips from the most similar object, for this task where that object was asked for it.
-        best_quality: Quality that the best of these had on its object.
+        aimed: (n,) True if the grip lies within the aim; False if it lies on one of the planes to recall.
+        first: Number of leading grips from the most similar object; only those for this task, if it has any.
+        best_quality: Best stored quality of these leading grips.
     """
 
     drawn: DrawnCandidates
@@ -42,18 +42,18 @@ class Recalled:
 def recalled(
     known: Sequence[Experience], mesh: TriangleMesh, q: Array, aim: Aim, *, joints: int, sets: FuzzySets
 ) -> Recalled | None:
-    """The stored grips that fit an object, a task and an aim; ``None`` where there are none.
+    """The stored grips that fit an object, a task and an aim; ``None`` if there are none.
 
-    1. Select grips of this hand from objects of about this size, on the aim's planes, or on those of
-       ``aim.recall``; grips that physics has refused are left out.
-    2. Sort by similarity of the object, then this task before others, then quality, then the latest.
+    1. Select grips of this hand from objects of about this size, on the aim's planes or on those of
+       ``aim.recall``. Leave out grips that lost the object in the physics test.
+    2. Sort by similarity of the object, then this task before others, then quality, then latest first.
     3. Take each grip once, at most ``MOST_OF_ONE`` of one object and ``MOST_RECALLED`` in all.
 
     Args:
         known: Experiences of the hand, in the order in which they were stored.
-        mesh: The present object.
+        mesh: The current object.
         q: (6,) task Q.
-        aim: Where to look.
+        aim: Where to search.
         joints: Number of the hand's joints.
         sets: Membership functions.
     """
@@ -103,7 +103,7 @@ def recalled(
 
 
 def on_object(experiences: Sequence[Experience], mesh: TriangleMesh) -> DrawnCandidates:
-    """The grips of experiences as candidates on the present object."""
+    """Turn the grips of stored lessons into candidates for the current object."""
     grips = np.array([e.grip for e in experiences])
     return DrawnCandidates(
         candidates=Candidates(

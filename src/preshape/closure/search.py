@@ -28,13 +28,13 @@ from .preshapes import Preshapes, joint_ranges, posture_at, preshapes
 from .settings import ClosureSettings
 
 MIN_CONTACTS = 2
-"""Contacts that a candidate needs, the thumb's included; its margin decides whether they are enough."""
+"""Least number of contacts of a candidate, thumb included; its margin decides whether they are enough."""
 STEP, TURN, BEND = 0.006, 0.12, 0.10
 """Standard deviations of the first refinement: wrist position [m], wrist rotation [rad], joints of the
 preshape [rad] [C]."""
 OPENED, ROOM = 0.8, 0.002
-"""The hand keeps the second distance from table and boxes [m], closed and with this share of the closing
-[C]."""
+"""The hand must be clear of table and boxes when closed, and when closed by only the first share. The second
+number is the least distance from them [m] [C]."""
 
 
 class ClosureSearch:
@@ -46,8 +46,8 @@ class ClosureSearch:
         cog: (3,) point that torques are about [m].
         length: ℓ, half the object's largest extent [m].
         settings: Friction, device, size of the search.
-        turns: Torques of plain holding with their levers (:func:`~preshape.closure.demand.turn_levers`); they
-            replace those about the frame's axes.
+        turns: Torques of plain holding with their levers (:func:`~preshape.closure.demand.turn_levers`),
+            instead of torques about the axes of the frame.
     """
 
     def __init__(
@@ -71,16 +71,16 @@ class ClosureSearch:
         self._task_kernels: dict[bool, tuple[Demand, MarginKernel]] = {}
 
     def evaluate(self, drawn: DrawnCandidates, demand: Demand, *, least: float = 0.0) -> RankedCandidates:
-        """Close candidates and rank those that hold on to the object.
+        """Close candidates and rank those that close on the object.
 
-        1. Close every candidate; the others are dropped.
+        1. Close every candidate, and drop those that do not close on the object.
         2. Drop those that collide with table or boxes.
         3. Compute the strengths of their contacts and sort by score.
 
         Args:
             drawn: Candidates.
             demand: What the grip must produce.
-            least: Scores up to this need not be exact: they come out as this at most.
+            least: A score up to this need not be exact; it is then reported as this or less.
         """
         rows, closings = self.kernel.closed(drawn.candidates, wanted=MIN_CONTACTS)
         closed = len(rows)
@@ -117,7 +117,7 @@ class ClosureSearch:
         Args:
             closings: Contacts of candidates that closed.
             demand: What the grip must produce.
-            ranking: Whether plain holding is computed only as far as it can lower the score.
+            ranking: Whether the strength of plain holding need be exact only where it can lower the score.
             least: Scores up to this need not be exact.
         """
         if not len(closings.counts):
@@ -161,7 +161,7 @@ class ClosureSearch:
         Args:
             grip: The grip; only its contacts count.
             demand: What the task asks.
-            weight: Weight of the object over the press that carries it.
+            weight: Weight of the object divided by the press that carries it.
         """
         kernel = self._task_kernel(demand, thorough=True)
         if kernel is None:
@@ -191,7 +191,7 @@ class ClosureSearch:
         return kernel
 
     def score(self, task: Array, hold: Array, demand: Demand) -> Array:
-        """(n,) strength over expected load: the smaller of the task's and of plain holding's."""
+        """(n,) strength divided by expected load; the smaller of the task's and plain holding's ratio."""
         return np.minimum(task / demand.load, hold / self.settings.hold)
 
     def perturbed(
@@ -204,15 +204,15 @@ class ClosureSearch:
         shift: float | None = None,
         turn: float | None = None,
     ) -> DrawnCandidates:
-        """Candidates near others: wrist and preshape moved a little at random.
+        """Candidates near given ones: wrist and preshape change a little at random.
 
         Args:
             rng: Random generator.
             parents: Candidates to start from.
             children: Number of candidates near each parent.
             spread: Factor on the standard deviations of the first refinement.
-            shift: Standard deviation of the wrist's position in place of the spread's [m].
-            turn: Standard deviation of the wrist's rotation in place of the spread's [rad].
+            shift: Standard deviation of the wrist's position [m]; replaces that of the first refinement.
+            turn: Standard deviation of the wrist's rotation [rad]; replaces that of the first refinement.
         """
         from scipy.spatial.transform import Rotation
 
@@ -222,7 +222,7 @@ class ClosureSearch:
         counts = parents.closings.counts[rows]
         points = parents.closings.points[rows]
         valid = np.arange(points.shape[1]) < counts[:, None]
-        # The hand turns about its contacts: about the wrist, a small turn would already miss the object.
+        # The hand turns about its contacts: a small turn about the wrist would already miss the object.
         middle = np.where(valid[:, :, None], points, 0.0).sum(axis=1) / counts[:, None]
         rotation = Rotation.from_rotvec(rng.normal(0.0, TURN * spread if turn is None else turn, (n, 3)))
         place = rotation.apply(copies.candidates.place - middle) + middle
@@ -251,15 +251,16 @@ class ClosureSearch:
     ) -> RankedCandidates:
         """Search near the best candidates.
 
-        In each round the elite set is the best candidates that differ from each other. Their children are
-        evaluated, and the best of parents and children go on. Distance and spread shrink from round to round.
+        In each round, the elite set is the best candidates that differ from each other. Random variations of
+        them, the children, are evaluated, and the best of parents and children enter the next round. The
+        least difference and the spread of the children shrink from round to round.
 
         Args:
             rng: Random generator.
             found: Candidates, best first.
             demand: What the grip must produce.
-            elite: Size of the elite set; four times as many candidates go on to the next round.
-            children: Number of children of each.
+            elite: Size of the elite set; four times as many candidates enter the next round.
+            children: Number of children of each candidate in the elite set.
             rounds: Number of rounds.
         """
         best, most = found, 4 * elite
@@ -267,7 +268,7 @@ class ClosureSearch:
             if not len(best):
                 break
             parents = best.take(distinct(best, elite, 1.0 / (k + 1)))
-            # A child that cannot be among those that go on needs no exact score.
+            # A child that cannot enter the next round needs no exact score.
             least = float(best.score[most - 1]) if len(best) >= most else 0.0
             nearby = self.perturbed(rng, parents, children, 0.6**k)
             best = merged(best, self.evaluate(nearby, demand, least=least), most=most)
@@ -283,14 +284,14 @@ class ClosureSearch:
         shift: float = 0.003,
         turn: float = 0.05,
     ) -> RankedCandidates:
-        """Rank again with pose errors: a grip whose margin drops under small pose errors ranks lower.
+        """Rank again under pose errors: a grip whose margin drops under small pose errors ranks lower.
 
         The new score is half the nominal score and half the mean over the worse half of the samples.
 
         Args:
             rng: Random generator.
             found: A few dozen candidates.
-            demand: As for the ranking.
+            demand: What the grip must produce.
             samples: Number of disturbed poses of each candidate.
             shift: Standard deviation of the wrist's position [m].
             turn: Standard deviation of the wrist's rotation [rad].

@@ -32,21 +32,21 @@ class ClosureSettings:
         friction: Friction coefficient between fingers and object.
         torsion: Torsional friction [m]; a quarter of that of the field's test, because an object creeps
             about the axis of a pinch [C].
-        friction_share: Share of both frictions that is planned with, as a reserve for errors [C].
+        friction_share: Share of both frictions that planning uses; the rest is a reserve for errors [C].
         mass: Mass of the object [kg]; a grip must carry its weight and resist a push of the same size. With
-            ``None``, a plan uses the object's own mass, and the analyser alone the field's 0.1 kg.
+            ``None``, a plan uses the object's own mass, and the analyser without a plan the field's 0.1 kg.
         press_least: Least sum of the normal forces of a squeeze [N].
-        press_most: Largest sum for an object of up to 0.1 kg, in proportion for a heavier one; the hand's
-            joint torques may allow less [N].
-        safety: Press of the squeeze over the press that the load needs.
+        press_most: Largest sum of the normal forces for an object of up to 0.1 kg [N]. It grows in proportion
+            to a larger mass; the hand's joint torques may allow less.
+        safety: Press of the squeeze divided by the press that the load needs.
         hold: Load of plain holding, in all directions, as a share of the task's load.
         at_aim: Number of candidates for one plane and approach value (mode 0).
         on_plane: Number of candidates for one plane (mode 1).
         everywhere: Number of candidates for all planes (mode 3).
-        persistence: Number of times that more candidates are drawn, and that the best are refined again,
-            where the margin is short.
+        persistence: Number of times that more candidates are drawn, and that the best are refined again, if
+            the margin is too small.
         elite: Size of the elite set of a round of refinement.
-        children: Number of children of each candidate in it.
+        children: Number of children of each candidate in the elite set.
         rounds: Rounds of refinement.
         finished: Largest number of finished grips.
         obstacles: Table and boxes that the hand must avoid.
@@ -105,12 +105,12 @@ class ClosureSettings:
 
     @property
     def mu(self) -> float:
-        """Friction coefficient that is planned with."""
+        """Friction coefficient that planning uses."""
         return self.friction * self.friction_share
 
     @property
     def gamma(self) -> float:
-        """Torsional friction that is planned with [m]."""
+        """Torsional friction that planning uses [m]."""
         return self.torsion * self.friction_share
 
     @property
@@ -120,7 +120,7 @@ class ClosureSettings:
 
     @property
     def planned_mass(self) -> float:
-        """Mass that is planned with [kg]."""
+        """Mass that planning uses [kg]."""
         return FIELD_MASS if self.mass is None else self.mass
 
     @property
@@ -130,7 +130,7 @@ class ClosureSettings:
 
     @property
     def middling(self) -> float:
-        """Press between the least and the strongest, which carries the weight in the ranking [N]."""
+        """Mean of the least and the strongest press; it carries the weight in the ranking [N]."""
         return 0.5 * (self.press_least + self.press_most) * self._heavier
 
     @property
