@@ -11,11 +11,11 @@ from .planned import PlannedGrasp
 
 
 def contact_forces(grasp: PlannedGrasp) -> Array:
-    """(n, 3) force of each contact on the object under the torques of the squeeze [N], mesh frame.
+    """(n, 3) Force of each contact on the object under the torques of the squeeze [N], mesh frame.
 
-    A contact force f loads the joints between palm and touching link with the torques Jᵀ f; two joints with
-    one drive each take the mean of both. The result is the force of least norm among those that fit the
-    torques best. Friction in the joints is neglected.
+    A contact force f loads the joints between palm and touching link with the torques Jᵀ f. Two joints with a
+    common drive each take the mean of their torques. The result is the least-squares fit to the torques of
+    the squeeze, and the one of least norm if there are several. Friction in the joints is neglected.
     """
     kinematics = HandKinematics(grasp.hand)
     kinematics.set_posture(grasp.grasp)

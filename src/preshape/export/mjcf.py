@@ -1,8 +1,8 @@
 """A planned grasp as one MuJoCo scene: the hand at the plan's pose, the object, and a keyframe per posture.
 
-The text needs no other file. The world frame is the mesh frame. The hand's root is fixed, the object is free,
-and there is no gravity, as in the holding test (``docs/grasp-file.md``). The table and boxes of a plan are
-left out.
+The MJCF text needs no other file. The world frame is the mesh frame. The hand's root is fixed, the object is
+free, and there is no gravity, as in the holding test (``docs/grasp-file.md``). The table and boxes of a plan
+are left out.
 """
 
 from __future__ import annotations
@@ -30,8 +30,8 @@ def scene_mjcf(grasp: PlannedGrasp, mesh: TriangleMesh, pieces: ConvexPieces) ->
 
     Args:
         grasp: Hand, postures, mass and friction.
-        mesh: The object as it was planned with [m]; drawn only.
-        pieces: The same object as convex pieces, which collide.
+        mesh: The object as planned [m]; it is only drawn.
+        pieces: The same object as convex pieces, which are used for collisions.
 
     Raises:
         InputError: Mass or friction is out of range.
@@ -55,7 +55,7 @@ def scene_mjcf(grasp: PlannedGrasp, mesh: TriangleMesh, pieces: ConvexPieces) ->
         ("jacobian", "dense"),  # MuJoCo 4.0.0 factorises sparse ones wrongly
     ):
         option.set(name, setting)
-    # The target of a squeeze may lie beyond a joint's limit; the torque, which presses, stays limited.
+    # The servo targets of the squeeze may lie beyond the joint limits; the torques stay limited.
     _child(option, "flag").set("clampctrl", "disable")
     seven = seven_from_pose(pose_from_seven(grasp.palm_pose) @ inverse(hand.T_root_palm))
     for name in ("euler", "axisangle", "xyaxes", "zaxis"):
@@ -139,7 +139,7 @@ def _text(numbers: Array) -> str:
 
 
 def _check(text: str, grasp: PlannedGrasp, mesh: TriangleMesh) -> None:
-    """Compile the scene once, so that MuJoCo is known to read the text."""
+    """Compile the scene once, to make sure that MuJoCo can read the text."""
     import mujoco
 
     try:

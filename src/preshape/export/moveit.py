@@ -1,8 +1,8 @@
 """Planned grasps as ``moveit_msgs/msg/Grasp``: plain dictionaries that mirror the message field by field.
 
-Frames and signs (drawn in ``docs/ros.md``): ``grasp_pose`` is the pose of the end effector's parent link in
-the object's frame; approach and retreat are unit vectors in the frame that their header names. The message
-has no place for the table and boxes of a plan.
+Frames and signs (see the drawing in ``docs/ros.md``): ``grasp_pose`` is the pose of the end effector's parent
+link in the object's frame; approach and retreat are unit vectors in the frame named in their header. The
+message has no fields for the table and boxes of a plan.
 """
 
 from __future__ import annotations
@@ -22,25 +22,25 @@ from .planned import PlannedGrasp
 Message = dict[str, Any]
 
 REACH_SECONDS, SQUEEZE_SECONDS = 1.0, 0.5
-"""Time for the fingers to reach a posture, and time from touching to the squeeze [s] [C]."""
+"""Time for the fingers to reach a posture, and time from first touch to the squeeze [s] [C]."""
 LEAST = 0.5
-"""Least share of an approach or retreat that must be free [C]."""
+"""Smallest share of the approach or retreat distance that must be free [C]."""
 
 
 @value
 class MoveItOptions:
-    """Names of frames and links on the receiving robot, and distances.
+    """Names of frames and links on the receiving robot, and the approach and retreat distances.
 
     Attributes:
         frame: Name of the object's frame, which is that of the mesh file.
         parent_link: The end effector's parent link; empty for the root body of the hand's model.
-        mount: (7,) pose of the hand's root in a parent link that belongs to the robot, xyz [m] and quaternion
-            wxyz; ``None`` where the parent link is a body of the hand.
+        mount: (7,) Pose of the hand's root in a parent link that belongs to the robot, xyz [m] and quaternion
+            wxyz; ``None`` if the parent link is a body of the hand.
         touch_objects: Names of the objects that may be touched; empty for the object's own name.
         approach_distance: Length of the straight way in, and of the way out after placing [m].
         retreat_distance: Length of the lift after the grasp [m].
-        up_frame: Frame whose +z is up, for the lift; empty for the direction against the gravity that was
-            planned with, in ``frame``.
+        up_frame: Frame along whose +z the object is lifted; empty to lift it against the plan's gravity, in
+            ``frame``.
 
     Raises:
         InputError: A name or a distance cannot be used.
@@ -78,7 +78,7 @@ class MoveItOptions:
 
 
 def moveit_grasps(grasps: tuple[PlannedGrasp, ...], options: MoveItOptions) -> list[Message]:
-    """One ``moveit_msgs/msg/Grasp`` for each grasp, in their order.
+    """One ``moveit_msgs/msg/Grasp`` for each grasp, in the same order.
 
     Raises:
         InputError: There is no such parent link; the message lists the possible ones.
@@ -87,10 +87,10 @@ def moveit_grasps(grasps: tuple[PlannedGrasp, ...], options: MoveItOptions) -> l
 
 
 def parent_link(grasp: PlannedGrasp, options: MoveItOptions) -> tuple[str, Array]:
-    """Name of the end effector's parent link, and (4, 4) its pose in the palm frame.
+    """Name of the end effector's parent link, and its pose (4, 4) in the palm frame.
 
     Raises:
-        InputError: The link moves with the fingers, or is neither in the hand nor on the robot by ``mount``.
+        InputError: The link moves with the fingers, or it is not in the hand and ``mount`` is not given.
     """
     import mujoco
 
@@ -121,11 +121,11 @@ def parent_link(grasp: PlannedGrasp, options: MoveItOptions) -> tuple[str, Array
 
 
 def messages_yaml(messages: list[Message], heading: str = "") -> str:
-    """Messages as a YAML stream of one document each, as ``ros2 topic pub --yaml-file`` reads it.
+    """Messages as a YAML stream, one document each, in the form that ``ros2 topic pub --yaml-file`` reads.
 
     Args:
         messages: Messages as nested dictionaries and lists.
-        heading: Lines of comment at the beginning.
+        heading: Comment lines at the beginning.
 
     >>> print(messages_yaml([{"id": "a", "p": {"x": 1e-7, "y": 2.0}, "points": [{"t": [1]}]}]), end="")
     id: a
@@ -136,7 +136,7 @@ def messages_yaml(messages: list[Message], heading: str = "") -> str:
     import yaml
 
     class Dumper(yaml.SafeDumper):  # type: ignore[misc]
-        """PyYAML's dumper, but it also quotes text that other YAML 1.1 readers read as bool or float."""
+        """PyYAML's dumper that also quotes text which other YAML 1.1 readers take for a bool or float."""
 
     for kind, pattern, first in (
         ("bool", "[yYnN]", "yYnN"),
@@ -155,7 +155,7 @@ def _message(grasp: PlannedGrasp, options: MoveItOptions) -> Message:
     up = np.array([0.0, 0, 1]) if options.up_frame else grasp.up
     approach = grasp.approach / np.linalg.norm(grasp.approach)
     names = grasp.hand.joints
-    # Motion planners refuse targets beyond the limits; the efforts state the torques of the uncut target.
+    # Motion planners refuse targets beyond the limits; the efforts are the torques of the unclipped target.
     inside = np.clip(grasp.squeeze, *grasp.hand.limits.T)
     reach, press = REACH_SECONDS, REACH_SECONDS + SQUEEZE_SECONDS
     return {

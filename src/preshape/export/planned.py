@@ -22,29 +22,29 @@ class PlannedGrasp:
     """One grasp of a plan that the hand can execute; everything in the mesh frame.
 
     Attributes:
-        number: 0 for the plan's answer, 1 … for its alternatives.
+        number: 0 for the plan's answer, from 1 for its alternatives.
         hand: The hand.
         object_name: Name of the object.
         task: Label of the task, such as ``lift:+z``.
-        mass: Mass of the object that was planned for [kg].
-        friction: Friction coefficient that was planned for.
-        up: (3,) unit vector against gravity.
-        approach: (3,) unit vector along which the open hand comes straight in.
-        palm_pose: (7,) palm frame at the grasp, xyz [m] and quaternion wxyz.
-        pregrasp: (j,) joint angles of the open hand, clear of the object [rad].
-        grasp: (j,) joint angles at which the fingers touch [rad].
-        squeeze: (j,) targets of the servos that press [rad]; they may lie beyond a joint's limit.
-        efforts: (j,) torques of the squeeze within the hand's limits [N m].
-        points: (n, 3) contact points [m].
-        normals_in: (n, 3) inward unit normals at the contact points.
-        fingers: (n,) name of the finger at each contact.
-        forces: (n, 3) force of each contact on the object in the squeeze [N]; ``None`` where the plan does
-            not state it.
-        quality: 0..1; 0.5 is just enough (see ``docs/ros.md``).
+        mass: Mass of the object in the plan [kg].
+        friction: Friction coefficient in the plan.
+        up: (3,) Unit vector against gravity.
+        approach: (3,) Unit vector along which the open hand moves straight to the object.
+        palm_pose: (7,) Pose of the palm frame at the grasp, xyz [m] and quaternion wxyz.
+        pregrasp: (j,) Joint angles of the open hand, clear of the object [rad].
+        grasp: (j,) Joint angles at which the fingers touch the object [rad].
+        squeeze: (j,) Servo targets of the squeeze [rad]; they may lie beyond a joint's limit.
+        efforts: (j,) Torques of the squeeze within the hand's limits [N m].
+        points: (n, 3) Contact points [m].
+        normals_in: (n, 3) Inward unit normals at the contact points.
+        fingers: (n,) Name of the finger at each contact.
+        forces: (n, 3) Force of each contact on the object in the squeeze [N]; ``None`` if the plan does not
+            state it.
+        quality: Quality 0..1; at 0.5, the grasp just balances the load (see ``docs/ros.md``).
 
     Raises:
-        InputError: An array of the wrong shape, a direction that is no unit vector, or a finger that the hand
-            does not have.
+        InputError: An array has the wrong shape, a direction is no unit vector, or the hand does not have a
+            named finger.
     """
 
     number: int
@@ -99,8 +99,8 @@ class LeftOut:
     """An answer that cannot be exported.
 
     Attributes:
-        number: 0 for the plan's answer, 1 … for its alternatives.
-        reason: Why the hand has no posture for it.
+        number: 0 for the plan's answer, from 1 for its alternatives.
+        reason: Why the hand has no posture for this answer.
     """
 
     number: int
@@ -121,13 +121,13 @@ def planned_grasps(
         document: The plan (``preshape/schema/plan.schema.json``).
         name: File of the plan, for messages.
         hand: Name or TOML file of a hand to use instead of the plan's own.
-        answer: Number of the only answer to take, 0 for the answer, 1 … for the alternatives; ``None`` takes
-            all of them.
-        best: Whether a plan without an answer gives the best grasp that was found.
+        answer: Number of the single answer to take, 0 for the plan's answer, from 1 for the alternatives;
+            ``None`` takes all.
+        best: Whether to take the best grasp that was found if the plan has no answer.
 
     Raises:
-        InputError: The document is no plan, has no such answer or none that the hand can execute, or was made
-            for another hand.
+        InputError: The document is no plan, has no such answer or no executable one, or was made for another
+            hand.
     """
     try:
         answers = answers_in(document, best=best)
@@ -176,14 +176,14 @@ def _planned(
             hand=hand,
             object_name=str(answer["object"]["name"]),
             task=str(answer["task"]["name"]),
-            # A grip has its own way in, which may differ from the axis of its plane.
+            # The way in of a grip may differ from the approach axis of its plane.
             approach=grip.get("approach", answer["approach_axis"]),
             palm_pose=tried["grasp"]["palm_pose"],
             efforts=_efforts(hand, q["squeeze"] - q["grasp"]),
             points=np.array([c["point"] for c in answer["contacts"]], dtype=np.float64).reshape(-1, 3),
             normals_in=np.array([c["normal_in"] for c in answer["contacts"]]).reshape(-1, 3),
             fingers=tuple(str(c["finger"]) for c in answer["contacts"]),
-            # The critic's own figure: quality of a grip, TFVADI of a virtual grasp.
+            # The number that the critic judges: quality of a grip, TFVADI of a virtual grasp.
             quality=float(np.clip(float(grip.get("quality", answer["tfvadi"])) / FULL, 0.0, 1.0)),
             forces=grip.get("forces"),
             **q,
@@ -194,12 +194,12 @@ def _planned(
 
 
 def _efforts(hand: Hand, ahead: Array) -> Array:
-    """(j,) torques of the servos of a hand that is held fast [N m].
+    """(j,) Servo torques of a hand whose joints do not move [N m].
 
     Args:
         hand: The hand.
-        ahead: (j,) target less angle of each joint [rad]. The drive of two coupled joints follows the sum of
-            their angles and turns both with the same torque.
+        ahead: (j,) Target minus angle of each joint [rad]. The drive of two coupled joints controls the sum
+            of their angles and applies the same torque to both.
     """
     lead = ahead.copy()
     for couple in hand.couplings:
@@ -209,7 +209,7 @@ def _efforts(hand: Hand, ahead: Array) -> Array:
 
 
 def _up(document: Document) -> Array:
-    """(3,) unit vector against the gravity that was planned with; +z where there was none."""
+    """(3,) Unit vector against the plan's gravity; +z if it has none."""
     if version_of(document) >= 2:
         gravity = frozen_array(document["request"]["gravity"], (3,), "gravity")
     else:
@@ -218,7 +218,7 @@ def _up(document: Document) -> Array:
 
 
 def _gravity(label: str) -> Array:
-    """(3,) unit direction of gravity of a task by its label; that of a custom task where it is not known."""
+    """(3,) Unit direction of gravity of the task with a label; an unknown label counts as a custom task."""
     try:
         task = parse_task(label)
     except InputError:

@@ -1,8 +1,8 @@
-"""Messages in the serialisation of ROS 2: a bag folder that ``ros2 bag`` plays, or one MCAP file.
+"""Messages in ROS 2 serialisation: a bag folder that ``ros2 bag`` plays, or one MCAP file.
 
-This needs the package ``rosbags`` (extra ``ros``), not ROS. The field lists of the two MoveIt messages are
-those of moveit_msgs (BSD 3-Clause, copyright 2008-2013 Willow Garage, Inc.); the messages inside them come
-with ``rosbags``. The same grasps give the same messages, whatever the time.
+This module needs the package ``rosbags`` (extra ``ros``), but not ROS. The field lists of the two MoveIt
+messages are those of moveit_msgs (BSD 3-Clause, copyright 2008-2013 Willow Garage, Inc.); ``rosbags`` has the
+messages inside them. The same grasps give the same messages at any time.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ from ..exceptions import EnvironmentFailure, InputError
 GRASP = "moveit_msgs/msg/Grasp"
 TOPIC = "/preshape/grasps"
 VERSION: Final = 8
-"""Version of the bag's metadata: the newest that ROS 2 Humble reads; its successors read it too."""
+"""Version of the bag's metadata: the newest that ROS 2 Humble reads; later ROS versions read it too."""
 START, STEP = 1_000_000_000, 1_000_000
-"""Time of the first message, and time between two messages [ns]."""
+"""Time stamp of the first message, and time between two messages [ns]."""
 
 FIELDS = {
     "moveit_msgs/msg/GripperTranslation": (
@@ -47,7 +47,7 @@ FIELDS = {
 
 @cache
 def typestore() -> Any:
-    """Type store of ``rosbags`` with the messages of ROS 2 Humble and MoveIt's grasp, shared by all callers.
+    """Type store of ``rosbags`` with ROS 2 Humble's messages and MoveIt's ``Grasp``, shared by all callers.
 
     Raises:
         EnvironmentFailure: ``rosbags`` is not installed.
@@ -68,15 +68,15 @@ def serialised(message: dict[str, Any], kind: str = GRASP) -> bytes:
     """A message in CDR, little-endian.
 
     Args:
-        message: Nested dictionaries with every field of the type.
-        kind: Type of the message.
+        message: Nested dictionaries with every field of the message type.
+        kind: Message type.
     """
     store = typestore()
     return bytes(store.serialize_cdr(_filled(store, kind, message), kind, little_endian=True))
 
 
 def write_mcap(path: Path, messages: list[dict[str, Any]]) -> None:
-    """Write grasps as one MCAP file, whole or not at all. A file of that name is replaced.
+    """Write grasps as one MCAP file, completely or not at all; an existing file is replaced.
 
     Raises:
         EnvironmentFailure: ``rosbags`` is not installed, or the file cannot be written.
@@ -85,10 +85,10 @@ def write_mcap(path: Path, messages: list[dict[str, Any]]) -> None:
 
 
 def write_bag(path: Path, messages: list[dict[str, Any]]) -> None:
-    """Write grasps as a ROS 2 bag, a folder with ``metadata.yaml`` and SQLite storage, whole or not at all.
+    """Write grasps as a ROS 2 bag: a folder with ``metadata.yaml`` and SQLite files, all of it or nothing.
 
     Raises:
-        InputError: A file or folder of that name exists.
+        InputError: A file or folder of that name already exists.
         EnvironmentFailure: ``rosbags`` is not installed, or the folder cannot be written.
     """
     if path.exists():
@@ -105,7 +105,7 @@ def _write(path: Path, messages: list[dict[str, Any]], *, alone: bool) -> None:
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         beside = Path(tempfile.mkdtemp(dir=path.parent, prefix=f".{path.stem}-"))
-        # The writer names the files inside after the folder.
+        # The writer names the files in the folder after the folder.
         folder = beside / (path.stem if alone else path.name)
         plugin = StoragePlugin.MCAP if alone else StoragePlugin.SQLITE3
         with Writer(folder, version=VERSION, storage_plugin=plugin) as writer:
@@ -124,7 +124,7 @@ def _write(path: Path, messages: list[dict[str, Any]], *, alone: bool) -> None:
 
 
 def _latched(depth: int) -> Any:
-    """Reliable and transient local: a node that subscribes late still gets every grasp."""
+    """The QoS profile "reliable, transient local": a node that subscribes late still gets every grasp."""
     from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
 
     never = QosTime(0, 0)

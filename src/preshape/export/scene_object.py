@@ -1,4 +1,4 @@
-"""The object of a plan, found again and brought to the plan's size."""
+"""Finds the object of a plan again and scales it to the plan's size."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ from .planned import PlannedGrasp
 
 @value
 class FoundObject:
-    """Where the object of a plan is found.
+    """The place where the object of a plan is found.
 
     Attributes:
         name: Name in the library or in the folder of objects, or a path.
-        scale: Factor on the numbers of its file.
-        folder: Folder of objects, where one was given.
+        scale: Factor on the coordinates in the object's file.
+        folder: Folder of objects; ``None`` if none was given.
     """
 
     name: str
@@ -34,7 +34,7 @@ class FoundObject:
 
 
 def find_object(document: Document, *, folder: str | None = None, beside: Path | None = None) -> FoundObject:
-    """The object that a plan is about, and its size.
+    """Find the object of a plan, with its scale.
 
     Args:
         document: The plan.
@@ -61,7 +61,7 @@ def find_object(document: Document, *, folder: str | None = None, beside: Path |
 def object_parts(found: FoundObject) -> tuple[TriangleMesh, ConvexPieces]:
     """The surface of an object and its convex pieces, both at the plan's size.
 
-    The pieces come from the cache where the object was cut before.
+    The pieces come from the cache if the object was cut before.
 
     Raises:
         ObjectError: The mesh cannot be used.
@@ -77,20 +77,20 @@ def object_parts(found: FoundObject) -> tuple[TriangleMesh, ConvexPieces]:
     except PreshapeError:
         return _surface(scaled), scaled
     factor = float(np.ptp(scaled.bounds, axis=0).max() / mesh.extents.max())
-    # A file in millimetres was read as metres; pieces and surface then agree in shape, not in size.
+    # If a file in millimetres was read as metres, surface and pieces differ in size, but not in shape.
     factor = found.scale if abs(factor / found.scale - 1) < 0.2 else factor
     return TriangleMesh(name=mesh.name, vertices=factor * mesh.vertices, triangles=mesh.triangles), scaled
 
 
 def grasp_set(grasps: tuple[PlannedGrasp, ...], found: FoundObject) -> GraspSet:
-    """The grasps as arrays (``docs/grasp-file.md``), poses of the hand's root, object at the origin."""
+    """The grasps as arrays (``docs/grasp-file.md``): poses of the hand's root, object at the origin."""
     hand, n = physics_hand(grasps[0].hand), len(grasps)
     poses = {stage: np.array([[*g.palm_pose, *getattr(g, stage)] for g in grasps]) for stage in STAGES}
     return palm_grasps(hand, [found.name] * n, [found.scale] * n, poses).for_hand(hand)
 
 
 def _surface(pieces: ConvexPieces) -> TriangleMesh:
-    """The surfaces of the pieces, for an object whose own surface cannot be read."""
+    """The surfaces of the pieces; used if the object's own surface cannot be read."""
     from scipy.spatial import ConvexHull
 
     vertices, triangles, start = [], [], 0

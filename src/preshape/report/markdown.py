@@ -8,7 +8,7 @@ from .values import Block, Bullets, Cell, Figure, Heading, Report, Table, cell_t
 
 
 def markdown(report: Report) -> str:
-    """The whole report; figures are linked."""
+    """The whole report as Markdown, with links to the figures."""
     return "\n\n".join(_paragraphs(report)) + "\n"
 
 

@@ -1,4 +1,4 @@
-"""Reports as files: Markdown with figures beside it, and one HTML page that opens from disk, offline."""
+"""Reports as files: Markdown with separate figures, and one HTML page that opens from disk, offline."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from .markdown import markdown
 from .values import Block, Bullets, Cell, Figure, Heading, Report, Table, cell_text
 
 POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:"
-"""Content security policy of a report: it has no scripts and loads nothing."""
+"""Content security policy of a report: no scripts, and nothing is loaded."""
 
 
 def write_report(folder: Path, report: Report) -> list[Path]:
-    """Draw the figures and write ``report.md`` and ``report.html``, each whole or not at all.
+    """Draw the figures and write ``report.md`` and ``report.html``, each completely or not at all.
 
     Returns:
         The two files.
@@ -45,11 +45,11 @@ def _style(name: str) -> str:
 
 
 def html_page(report: Report, folder: Path) -> str:
-    """The whole report as one HTML page that carries its figures.
+    """The whole report as one HTML page that contains its figures.
 
     Args:
         report: The report.
-        folder: Folder that the figures were drawn in.
+        folder: Folder with the figures.
 
     Raises:
         EnvironmentFailure: A figure cannot be read.
@@ -125,7 +125,7 @@ def _table(table: Table) -> str:
 
 
 def _is_number(cell: Cell) -> bool:
-    """Whether a cell holds numbers only, so that its column stands on the right."""
+    """Whether a cell holds numbers only; a column of numbers is aligned right."""
     return re.fullmatch(r"[-+–]?[\d.,%() ~to-]*", cell_text(cell)) is not None
 
 
@@ -136,7 +136,7 @@ def _cell(cell: Cell, tag: str, number: bool) -> str:
 
 
 def _inline(text: str) -> str:
-    """HTML of a line with strong, emphasised and code words; all else is escaped."""
+    """A line as HTML with strong, emphasised and code words; everything else is escaped."""
     parts = re.split(r"(`[^`]+`)", text)
     out = []
     for part in parts:

@@ -15,7 +15,7 @@ def report_console(width: int) -> Console:
     """Console on standard output.
 
     Args:
-        width: Width in characters where standard output is no terminal: logs look the same everywhere.
+        width: Width in characters if standard output is no terminal, so that logs look the same everywhere.
     """
     from rich.console import Console
 
@@ -40,7 +40,7 @@ def print_table(
         table: The table.
         left: Whether all columns are aligned left; otherwise only the first one is.
         unbroken: Headings of the columns whose text is not wrapped.
-        bold: Says which rows are printed bold.
+        bold: Returns whether a row is printed bold.
     """
     from rich.box import SIMPLE_HEAD
     from rich.table import Table as Grid

@@ -1,6 +1,6 @@
 """The values that a report consists of.
 
-Text may hold ``**strong**``, ``*emphasised*`` and `` `code` `` words, as in Markdown; all else is plain.
+Text may contain ``**strong**``, ``*emphasised*`` and `` `code` `` words, as in Markdown; the rest is plain.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ class Table:
     Attributes:
         caption: One line above the table; empty for none.
         columns: Headings, which may have two lines.
-        rows: One cell for each column. :func:`cell_text` says how a cell is written.
+        rows: Rows with one cell for each column, written by :func:`cell_text`.
     """
 
     caption: str
@@ -37,7 +37,7 @@ class Figure:
     Attributes:
         file: Path of the PNG file, relative to the report.
         caption: What the picture shows, also for readers who cannot see it.
-        draw: Writes the PNG file to a path.
+        draw: Function that writes the PNG file to a path.
     """
 
     file: str
@@ -69,7 +69,7 @@ class Chapter:
 
     Attributes:
         title: Heading.
-        blocks: Content, in its order.
+        blocks: Content of the chapter, in order.
         name: Anchor that the list of chapters links to; empty for none.
         headline: Outcome in one sentence for the list of chapters; empty leaves the chapter out of the list.
     """
@@ -87,7 +87,7 @@ class Report:
     Attributes:
         title: Title of the page.
         preface: Blocks before the list of chapters.
-        chapters: Chapters, in their order.
+        chapters: Chapters, in order.
     """
 
     title: str
@@ -102,7 +102,7 @@ class Report:
 
 
 def cell_text(cell: Cell) -> str:
-    """Text of a table cell: a float with two decimals, a dash for nothing.
+    """Text of a table cell: a float has two decimals, an empty cell is a dash.
 
     >>> cell_text(3), cell_text(3.14159), cell_text(None)
     ('3', '3.14', '–')
