@@ -6,18 +6,18 @@ An ``.npz`` without pickle holds one grasp in each row:
 array        shape        content
 ===========  ===========  ==================================================================
 object       (n,) text    name of the object
-scale        (n,)         factor on its size
+scale        (n,)         factor on the object's size
 obj_pose     (n, 7)       object in the world: x y z [m], quaternion w x y z
 pregrasp     (n, 7 + j)   hand's root in the world, as obj_pose, then j joint angles [rad]
-grasp        (n, 7 + j)
-squeeze      (n, 7 + j)
+grasp        (n, 7 + j)   the same, with the fingers in contact
+squeeze      (n, 7 + j)   the same, as targets at which the fingers press
 joints       (j,) text    optional: joint names; default the hand's order
 frame        text         optional: ``root`` (default) or ``palm``, the frame of the hand poses
 hand         text         optional: name of the hand
 ===========  ===========  ==================================================================
 
-A grasp that cannot be tested (numbers that are not finite, a quaternion that is not of unit length, a bad
-scale) is a *fault* of its row; the other rows are tested. Plans are read by
+A row that cannot be tested (its numbers are not finite, a quaternion is not of unit length, or the scale is
+bad) is recorded as a *fault*; the other rows are tested. Plans are read by
 :func:`preshape.planning.grasp_sets.read_grasp_file`.
 """
 
@@ -48,8 +48,8 @@ class HandPoses:
 
     Attributes:
         pregrasp: (7 + j) root pose x y z w x y z in the world [m] and joint angles in the hand's order [rad].
-        grasp: (7 + j) the same where the hand touches.
-        squeeze: (7 + j) the same as targets that press.
+        grasp: (7 + j) the same, with the fingers in contact.
+        squeeze: (7 + j) the same, as targets at which the fingers press.
         object_pose: (7,) pose of the object in the world.
     """
 
@@ -85,17 +85,17 @@ class GraspSet:
     """Grasps of one hand on any objects.
 
     Attributes:
-        hand: Name or file that the hand is loaded from; empty where it is not known.
+        hand: Name or file that the hand is loaded from; empty if unknown.
         joints: Joint names in the order of the angles; empty for the hand's own order.
         objects: (n,) names of the objects.
         scale: (n,) factor on each object's size.
         object_pose: (n, 7) pose of the object in the world [m], with unit quaternions wxyz.
         pregrasp: (n, 7 + j) pose of the hand in the world [m] and joint angles [rad].
-        grasp: (n, 7 + j) the same where the hand touches.
-        squeeze: (n, 7 + j) the same as targets that press.
-        frame: Frame of the hand that the poses are given for, ``root`` or ``palm``.
-        faults: Rows that cannot be tested; their numbers are zero.
-        origin: File and row of each grasp where they come from several files; otherwise empty.
+        grasp: (n, 7 + j) the same, with the fingers in contact.
+        squeeze: (n, 7 + j) the same, as targets at which the fingers press.
+        frame: Frame of the hand whose poses are given, ``root`` or ``palm``.
+        faults: Rows that cannot be tested; their numbers are set to zero.
+        origin: File and row of each grasp if the grasps come from several files; otherwise empty.
 
     Raises:
         InputError: An array has the wrong shape; the message names it.
@@ -206,7 +206,7 @@ class GraspSet:
 
 
 def joined(sets: Sequence[tuple[str, GraspSet]], hand: PhysicsHand) -> GraspSet:
-    """The grasps of several files as one set, each with its file and row.
+    """Join the grasps of several files into one set that records the file and row of each.
 
     Args:
         sets: Name and grasps of each file.
@@ -354,7 +354,7 @@ def _array(data: Any, name: str, shape: tuple[int, ...]) -> Array:
 
 
 def _fault(row: dict[str, Array]) -> str:
-    """Why a row cannot be tested; empty where it can."""
+    """Why a row cannot be tested; empty if it can."""
     for name, numbers in row.items():
         key = "obj_pose" if name == "object_pose" else name
         if not np.isfinite(numbers).all():

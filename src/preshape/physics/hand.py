@@ -1,4 +1,4 @@
-"""A hand as physics needs it: an MJCF, the body that poses are given for, and the joints in order."""
+"""A hand for the physics tests: its MJCF, the body whose pose is given, and the joints in order."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from ..types import Array, freeze, frozen_array, value
 class PhysicsHand:
     """A hand model with all that a scene needs.
 
-    An actuator on a fixed tendon drives all joints of the tendon. Its target is the sum of their angles times
-    the tendon's coefficients.
+    An actuator on a fixed tendon drives all joints of the tendon. Its target is the sum of the joint angles,
+    each times its coefficient in the tendon.
 
     Attributes:
         name: Name of the hand.
         mjcf: Text of the MJCF.
-        assets: File name without folder, and content, of each mesh that the MJCF names.
+        assets: Content of each mesh that the MJCF names, by file name without folder.
         root: Name of the body whose pose is given. Its subtree is the hand; bodies above it are left out.
         joints: Joint names in the order of the angles; other joints below ``root`` are fixed at zero.
         T_root_palm: (4, 4) palm frame in the frame of ``root``, for poses that are given as palm poses.
@@ -45,7 +45,7 @@ class PhysicsHand:
 
     @property
     def digest(self) -> str:
-        """Hash of the content; hands with equal digests behave alike."""
+        """Hash of the content; hands with equal digests behave identically."""
         state = hashlib.sha256(repr((self.mjcf, self.root, self.joints)).encode())
         for name, content in self.assets:
             state.update(name.encode() + b"\0" + hashlib.sha256(content).digest())
@@ -83,7 +83,7 @@ class PhysicsHand:
 
 
 def physics_hand(hand: Hand) -> PhysicsHand:
-    """A hand of :mod:`preshape.hands`; its poses are given for the first body of its MJCF.
+    """Convert a hand of :mod:`preshape.hands`; its poses are those of the first body of its MJCF.
 
     Raises:
         HandError: The MJCF cannot be read, or its first body has no name.
@@ -108,7 +108,7 @@ def physics_hand(hand: Hand) -> PhysicsHand:
 def hand_from_mjcf(
     path: str | Path, *, root: str, fixed: tuple[str, ...] = (), name: str = ""
 ) -> PhysicsHand:
-    """A hand from an MJCF file and the meshes beside it, for checks against published models.
+    """Make a hand from an MJCF file and the meshes beside it, for comparison with published models.
 
     Args:
         path: The MJCF file.

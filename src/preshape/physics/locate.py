@@ -1,9 +1,9 @@
-"""Where the objects of grasps are found, and how large they are at scale 1.
+"""Finds the objects of grasps, and their size at scale 1.
 
-An object's name is looked for in the folder of objects first, where there is one (``NAME/convex/``,
-``NAME/mesh.*``, ``NAME.*``); otherwise it is a library object or a file. A plan names the file of its object
-as it was called when the plan was made. That name, and the file name alone, are looked for in the folder of
-objects, in the library, as a file, and in the folder of the plan.
+An object's name is searched in the folder of objects first, if one is given (``NAME/convex/``,
+``NAME/mesh.*``, ``NAME.*``). Otherwise it is a library object or a file. A plan stores the path of its object
+at the time of planning. This path, and then its file name alone, are searched in the folder of objects, in
+the library, as a file, and in the folder of the plan.
 """
 
 from __future__ import annotations
@@ -17,12 +17,12 @@ from ..objects.mesh import TriangleMesh
 from .pieces import SUFFIXES, ConvexPieces, decompose, load_pieces, pieces_from_folder
 
 MILLI = 1000.0
-"""Millimetres in a metre. A mesh in millimetres is too large to be read as metres; it is read as millimetres
-and then multiplied by this, which gives the numbers of its file."""
+"""Millimetres in a metre. A mesh that is too large in metres is read in millimetres and then multiplied by
+this factor, which restores the numbers of its file."""
 
 
 def object_pieces(name: str, folder: str | Path | None) -> ConvexPieces:
-    """Convex pieces of an object, in the numbers of its file, whether metres or millimetres.
+    """Convex pieces of an object, with the numbers of its file, whether these are metres or millimetres.
 
     Args:
         name: Name of the object in a grasp array.
@@ -70,7 +70,7 @@ def plan_object(source: str, folder: str | Path | None, beside: Path | None) -> 
 
 
 def object_extent(name: str, folder: str | Path | None) -> float | None:
-    """Largest extent of an object in the numbers of its file; ``None`` where it cannot be read."""
+    """Largest extent of an object, with the numbers of its file; ``None`` if the file cannot be read."""
     from ..objects.load import load_object
 
     file = mesh_in(folder, name) if folder is not None else None
@@ -87,7 +87,7 @@ def object_extent(name: str, folder: str | Path | None) -> float | None:
 
 
 def mesh_in(folder: str | Path, name: str) -> Path | None:
-    """The mesh of an object in a folder of objects; ``None`` where there is none."""
+    """The mesh of an object in a folder of objects; ``None`` if it has none."""
     base = Path(folder)
     candidates = [base / name / f"mesh{s}" for s in SUFFIXES] + [base / f"{name}{s}" for s in SUFFIXES]
     return next((file for file in candidates if file.is_file()), None)

@@ -1,15 +1,16 @@
-"""Measures of a grasp before anything moves, and of a set of grasps.
+"""Measures of one grasp at rest, and of a set of grasps.
 
-Definitions, after the field's benches (DexGraspBench, BODex, Dexonomy):
+Definitions, after the field's benchmarks (DexGraspBench, BODex, Dexonomy):
 
-- penetration: deepest cut of the hand into the object [m]; self-penetration: into itself;
+- penetration: largest depth of the hand in the object [m]; self-penetration: largest depth in itself;
 - links in contact: number of bodies of the hand that are nearer to the object than 2 mm;
-- contact distance: mean distance of the fingers to the object, 0 for one inside, at most 10 mm each [C];
-- consistency: largest minus smallest *signed* distance of the fingers, at most 10 mm each; it says how evenly
-  they touch;
-- diversity of a set: share of the variance that lies on the first principal axis of the grasps, each written
-  as the wrist's pose in the object's frame (position [m], quaternion with w ≥ 0) and joint angles [rad]; a
-  lower share is more diverse.
+- contact distance: mean distance of the fingers from the object [m]; a finger inside counts as 0, one farther
+  away than 10 mm as 10 mm [C];
+- consistency: largest minus smallest *signed* distance of the fingers [m], each at most 10 mm; a small value
+  means that they touch evenly;
+- diversity of a set: share of the variance on the first principal axis; a lower share is more diverse. Each
+  grasp is a vector of the wrist's pose in the object's frame (position [m], quaternion with w ≥ 0) and the
+  joint angles [rad].
 """
 
 from __future__ import annotations
@@ -24,12 +25,12 @@ from ..types import Array, IntArray, value
 from .scene import OBJECT, PALM, Scene
 
 REACH = 0.01
-"""Largest distance that is measured [m]; larger ones count as this."""
+"""Largest distance that is measured [m]; larger distances count as this one."""
 
 
 @value
 class GraspGeometry:
-    """Distances between hand and object at one pose; the module defines them.
+    """Distances between hand and object at one pose, as defined in the module's docstring.
 
     Attributes:
         penetration: Depth of the hand in the object [m].
@@ -70,7 +71,7 @@ def place(scene: Scene, data: Any, hand: Array, object_pose: Array) -> None:
 
 
 def depths(scene: Scene, data: Any) -> tuple[float, float]:
-    """Present penetration of the hand into the object and into itself [m]."""
+    """Penetration of the hand into the object and into itself [m], in the state ``data``."""
     import mujoco
 
     mujoco.mj_fwdPosition(scene.model, data)
@@ -80,9 +81,10 @@ def depths(scene: Scene, data: Any) -> tuple[float, float]:
 
 
 def geometry(scene: Scene, data: Any, contact_distance: float) -> GraspGeometry:
-    """Present distances between hand and object.
+    """Distances between hand and object in the state ``data``.
 
-    The object's margin is widened meanwhile, so that MuJoCo reports contacts up to ``REACH`` apart.
+    The object's contact margin is widened during the call, so that MuJoCo also reports geoms up to ``REACH``
+    apart.
     """
     import mujoco
 
@@ -148,7 +150,7 @@ def diversity(hand_poses: Array, object_poses: Array) -> float | None:
 
 
 def mean(numbers: Iterable[float]) -> float | None:
-    """The mean; ``None`` without numbers."""
+    """The mean; ``None`` if there are no numbers."""
     found = list(numbers)
     return float(np.mean(found)) if found else None
 
@@ -168,7 +170,7 @@ def wilson(part: int, whole: int) -> tuple[float, float] | None:
 
 
 def rate_text(rate: float | None, interval: tuple[float, float] | None) -> str:
-    """A rate and its 95 % interval in words; empty where nothing was tested.
+    """A rate and its 95 % interval as text; empty if nothing was tested.
 
     >>> rate_text(0.25, (0.1119, 0.4687))
     '25.0 % (95 %: 11.2 to 46.9 %)'

@@ -1,7 +1,7 @@
 """Objects for physics: convex pieces, cut by coacd or read from a folder, and cached.
 
-A cached decomposition is one npz file named by a hash of the mesh and the settings. It is written whole or
-not at all, so several processes may work on the same object at once.
+A cached decomposition is one npz file, named by a hash of the mesh and the settings. It is written
+atomically, so several processes may work on the same object at once.
 """
 
 from __future__ import annotations
@@ -19,16 +19,16 @@ from ..objects.mesh import TriangleMesh
 from ..types import Array, IntArray, freeze, frozen_array, value
 
 COARSE, FINER, FINE = 0.1, 0.05, 0.03
-"""Concavity that coacd accepts. ``FINER`` is its default; it takes four times as long as ``COARSE`` for three
-times the pieces, ``FINE`` ten times as long for five times the pieces."""
+"""Concavity that coacd accepts. ``FINER``, its default, takes four times as long as ``COARSE`` and gives
+three times as many pieces; ``FINE`` takes ten times as long and gives five times as many."""
 FILLED, OUTSIDE = 0.15, 0.005
-"""Coarse pieces are replaced by fine ones when more than the first share of their volume lies outside the
-object, by more than the second share of its largest extent."""
+"""Coarse pieces are replaced by fine ones if more than the share ``FILLED`` of their volume lies farther
+outside the object than the share ``OUTSIDE`` of its largest extent."""
 STANDS_OUT, BUT_FOR = 0.01, 0.01
-"""Coarse pieces are replaced by finer ones when they stand out of the object by more than the first share of
-its largest extent, with more than the second share of their volume."""
+"""Coarse pieces are replaced by finer ones if more than the share ``BUT_FOR`` of their volume lies farther
+outside the object than the share ``STANDS_OUT`` of its largest extent."""
 SAMPLES = 4000
-"""Number of points in the pieces at which this is measured."""
+"""Number of points in the pieces at which these shares are measured."""
 MOST_TRIANGLES = 10_000
 """Number of triangles that a mesh is simplified to before it is cut."""
 SEED = 0
@@ -95,7 +95,7 @@ def load_pieces(name: str, folder: str | Path | None = None) -> ConvexPieces:
     """The convex pieces of an object.
 
     Args:
-        name: Name of the object in a grasp array; looked for in ``folder``, then as a library object or file.
+        name: Name of the object in a grasp array; searched in ``folder``, then as a library object or file.
         folder: Folder that may hold ``NAME/convex/*.obj`` (pieces, used as they are), ``NAME/mesh.obj`` or
             ``NAME.obj`` (or another mesh format; cut into pieces).
 
@@ -127,7 +127,7 @@ def load_pieces(name: str, folder: str | Path | None = None) -> ConvexPieces:
 
 
 def pieces_from_folder(folder: str | Path, name: str) -> ConvexPieces:
-    """Pieces that were cut before: each mesh in a folder is one piece, taken as its convex hull.
+    """Read pieces that were cut before: the convex hull of each mesh in a folder is one piece.
 
     Raises:
         ObjectError: The folder holds no mesh, or none with a volume.
@@ -145,14 +145,14 @@ def decompose(
 ) -> ConvexPieces:
     """Cut a mesh into convex pieces, or read them from the cache.
 
-    By default the mesh is cut coarsely first. It is cut again, finer, where the pieces differ from the shape
-    that was planned for: where they stand out of it, as over the waist of a bottle, or fill much that is
-    outside, as the bowl of a spoon or the jaws of a wrench.
+    By default the mesh is cut coarsely first. It is cut again, more finely, if the pieces differ from the
+    mesh that was used in planning: if they protrude from it, as over the waist of a bottle, or fill much
+    space outside it, as the bowl of a spoon or the jaws of a wrench.
 
     Args:
         mesh: The mesh; it need not be watertight.
-        threshold: Concavity that is accepted, 0.01 (fine) to 1 (one hull); ``None`` chooses as described.
-        cache: Folder of the cache; by default :func:`preshape.files.cache_folder`. Without a usable folder
+        threshold: Accepted concavity, 0.01 (fine) to 1 (one hull); with ``None``, chosen as described above.
+        cache: Folder of the cache; by default :func:`preshape.files.cache_folder`. If it is not usable,
             nothing is cached.
 
     Raises:
@@ -171,7 +171,7 @@ def decompose(
 
 
 def _cut_to_fit(mesh: TriangleMesh, cache: Path | None) -> tuple[Array, ...]:
-    """Coarse pieces, or finer ones where the coarse ones differ from the mesh."""
+    """Coarse pieces, or finer ones if the coarse ones differ from the mesh."""
     coarse = decompose(mesh, threshold=COARSE, cache=cache)
     distance, volume = _distances(mesh, coarse)
     if volume[distance > OUTSIDE].sum() > FILLED:

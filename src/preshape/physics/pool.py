@@ -1,4 +1,4 @@
-"""Tests on several cores: worker processes that keep compiled scenes and return every finished result."""
+"""Runs tests on several cores: worker processes cache compiled scenes and return each finished result."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class Scenes:
     """
 
     def __init__(self, hand: PhysicsHand, pieces: Mapping[str, ConvexPieces], protocol: HoldProtocol) -> None:
-        # Worker processes get this by pickling, which not every mapping survives.
+        # Worker processes receive this object by pickling, which not every mapping supports.
         self._hand, self._pieces, self._protocol = hand, dict(pieces), protocol
         self._cache: dict[tuple[str, float], Scene] = {}
 
@@ -59,7 +59,7 @@ class Scenes:
         return scene
 
     def clear(self) -> None:
-        """Empty the cache, because a fatal error of MuJoCo leaves its scene in an unknown state."""
+        """Empty the cache; a fatal error of MuJoCo leaves its scene in an unknown state."""
         self._cache.clear()
 
 
@@ -68,10 +68,10 @@ def run_jobs(
 ) -> None:
     """Run all jobs, in any order.
 
-    At Ctrl-C each worker finishes its present job. Those results are taken; the other jobs are dropped.
+    At Ctrl-C each worker finishes its current job. These results are kept; the remaining jobs are dropped.
 
     Args:
-        chunks: Jobs that one process runs in a row.
+        chunks: Lists of jobs; one process runs a list from its first job to its last.
         tester: Runs the jobs.
         workers: Largest number of processes; with 1 the jobs run in the calling process.
         take: Called with each list of results when it is ready.
@@ -112,7 +112,7 @@ _stop: Event | None = None  # set when the run is interrupted
 
 
 def _prepare(tester: Tester[Any, Any], stop: Event) -> None:
-    global _tester, _stop  # a worker process has no other place for what all its chunks share
+    global _tester, _stop  # a worker process has no other place for data that all its chunks share
     _tester, _stop = tester, stop
 
 

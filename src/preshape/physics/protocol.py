@@ -1,7 +1,7 @@
 """Settings of the holding test, and the probes: loads that push and twist the object.
 
-The default is the field's six-direction test, as DexGraspBench runs it. The harder variants are ours [C]:
-friction 0.3, 28 probes, the strength ladder, and errors of pose and size.
+The default is the field's six-direction test, as in DexGraspBench. The harder variants are our own [C]:
+friction 0.3, 28 probes, the strength ladder, and pose and size errors.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from ..exceptions import InputError
 from ..types import FIELD_MASS, FRICTION, Array, freeze, frozen_array, value
 
 PROBE_SETS = ("six", "all")
-"""``six``: forces along ±x ±y ±z. ``all``: 14 forces and 14 torques, along the ± axes and 8 diagonals [C]."""
+"""``six``: forces along ±x, ±y, ±z. ``all``: 14 forces and 14 torques, along these and 8 diagonals [C]."""
 
 
 @value
@@ -45,29 +45,29 @@ class HoldProtocol:
         torque_limits: Whether the actuators keep the torque limits of the hand's model; the field's test
             lifts them.
         many_contacts: Whether two flat faces touch at several points (MuJoCo's multiccd, on by default since
-            version 4). The field's test has one; with several a grasp takes twice the time.
+            version 4). The field's test uses one point; several points double the time of a test.
         timestep: Simulation step [s].
         stages: Interpolation steps from pregrasp to grasp, and again from grasp to squeeze.
         stage_steps: Simulation steps for each interpolation step.
-        checks: How often the object is checked while a load acts.
+        checks: Number of checks of the object while a load acts.
         check_steps: Simulation steps between two checks.
-        acceleration: Force of a probe over the mass of the object [m/s²].
-        lever: Torque of a torque probe over the force of a force probe [m].
-        displacement_limit: A grasp fails when the object's frame has moved this far [m].
-        rotation_limit: A grasp fails when the object has turned this far [rad].
-        penetration_limit: Deepest cut of the pregrasp into the object or the hand that is allowed [m].
-        contact_distance: A link counts as touching when it is nearer than this [m].
-        clean_penetration: A grasp counts as clean when it cuts into the object less than this [m].
+        acceleration: Force of a probe divided by the mass of the object [m/s²].
+        lever: Torque of a torque probe divided by the force of a force probe [m].
+        displacement_limit: A grasp fails if the object's frame moves this far from its first position [m].
+        rotation_limit: A grasp fails if the object turns this far from its first orientation [rad].
+        penetration_limit: Largest allowed penetration of the pregrasp into the object or the hand itself [m].
+        contact_distance: A link counts as touching if it is nearer to the object than this [m].
+        clean_penetration: A clean grasp penetrates the object less than this [m].
         probes: One of ``PROBE_SETS``.
-        ladder: Whether to climb the strength ladder: all probes again, ``ladder_factor`` times as strong,
-            until one fails.
-        ladder_factor: Ratio of the strengths of two rungs.
+        ladder: Whether to climb the strength ladder: repeat all probes, each time ``ladder_factor`` times as
+            strong, until one fails.
+        ladder_factor: Ratio of the strengths of two successive rungs.
         ladder_rungs: Number of rungs.
         position_error: Distance by which the object is displaced in a random direction [m].
         turn_error: Angle by which the object is turned about a random axis [rad].
-        size_error: Share by which the object is larger or smaller.
-        seed: Seed of these errors.
-        stop_early: Whether the first probe that fails ends the test; the verdict is the same.
+        size_error: Share by which the object is enlarged or shrunk.
+        seed: Seed of these three errors.
+        stop_early: Whether the first probe that fails ends the test; whether the grasp holds is unaffected.
     """
 
     mass: float = FIELD_MASS
@@ -127,7 +127,7 @@ def probes(kind: str, force: float, lever: float) -> tuple[Probe, ...]:
     Args:
         kind: One of ``PROBE_SETS``.
         force: Force of a probe [N].
-        lever: Torque of a torque probe over ``force`` [m].
+        lever: Torque of a torque probe divided by ``force`` [m].
 
     >>> [probe.name for probe in probes("six", 1.0, 0.05)][:2], len(probes("all", 1.0, 0.05))
     (['force +x', 'force +y'], 28)

@@ -24,7 +24,7 @@ WORLD, OBJECT, PALM = -2, -1, 0
 
 @value
 class Scene:
-    """A compiled scene and the addresses in it. It is read-only, so one scene serves many grasps.
+    """A compiled scene and the addresses in it; read-only, so that one scene serves many grasps.
 
     Attributes:
         model: The ``mujoco.MjModel``.
@@ -34,10 +34,10 @@ class Scene:
         root_address: First index of the pose of the hand's root in ``qpos``; -1 without a hand.
         object_address: First index of the object's pose in ``qpos``.
         object_body: Body id of the object.
-        controls: (actuators, j) matrix; times the angles it gives the actuators' targets.
-        part_of_body: (bodies,) ``WORLD``, ``OBJECT``, ``PALM`` for all that moves with the root, or the
+        controls: (actuators, j) matrix that maps joint angles to the actuators' targets.
+        part_of_body: (bodies,) ``WORLD``, ``OBJECT``, ``PALM`` (for every body fixed to the root), or the
             number of the finger.
-        body_names: Name of each body, without the prefix.
+        body_names: Name of each body, without the prefix ``PREFIX``.
         mass: Mass of the object [kg].
         friction: Sliding friction of the object.
     """
@@ -109,7 +109,7 @@ def _set_options(option: Any, protocol: HoldProtocol) -> None:
     option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_GRAVITY)
     if not protocol.many_contacts:
         option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_MULTICCD)
-    # MuJoCo 4.0.0 factorises sparse constraint Jacobians wrongly; dense ones are right in every version.
+    # MuJoCo 4.0.0 factorises sparse constraint Jacobians wrongly; dense ones are correct in every version.
     option.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
 
 
@@ -187,7 +187,7 @@ def _describe(model: Any, hand: PhysicsHand | None, protocol: HoldProtocol) -> S
 
 
 def _control_matrix(model: Any) -> Array:
-    """(actuators, degrees of freedom) derivative of each actuator's length by each joint."""
+    """(actuators, degrees of freedom) derivative of each actuator's length with respect to each joint."""
     import mujoco
 
     data = mujoco.MjData(model)

@@ -1,7 +1,7 @@
-"""Files of results as JSON lines, from which a run that was stopped continues.
+"""Files of results as JSON lines, from which a stopped run continues.
 
-The first line holds a hash of hand, grasps, objects and protocol; each other line is one result. A line that
-a crash has cut short is dropped.
+The first line holds a hash of hand, grasps, objects and protocol. Every other line is one result. A last line
+that a crash has left incomplete is dropped.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from .report import result_from_json, result_to_json
 from .six_directions import HoldResult
 
 Progress = Callable[[int, int], None]
-"""Called with the number of grasps or instances that are done, and the number of all."""
+"""Called with the number of finished grasps or instances, and the total number."""
 
 
 class _Row(Protocol):
@@ -42,8 +42,8 @@ class ResultFile(Generic[R]):
         done: Results by row.
 
     Args:
-        path: The file; created where it is missing.
-        key: Hash of all that the results depend on.
+        path: The file; created if it does not exist.
+        key: Hash of everything that the results depend on.
 
     Raises:
         InputError: The file has another format, belongs to another test, or is in use.
@@ -136,12 +136,12 @@ class ResultFile(Generic[R]):
 def result_taker(
     done: dict[int, R], total: int, file: ResultFile[R] | None, progress: Progress | None
 ) -> Callable[[list[R]], None]:
-    """A function that adds finished results to ``done`` and to the file, and reports progress.
+    """Make a function that adds finished results to ``done`` and to the file, and reports progress.
 
     Args:
-        done: Results so far; progress is reported for them at once.
-        total: Number of all results.
-        file: File that results are saved in; ``None`` for none.
+        done: Results so far; their progress is reported immediately.
+        total: Total number of results.
+        file: File in which results are saved; ``None`` for none.
         progress: Called after each call; ``None`` for none.
     """
 

@@ -1,12 +1,12 @@
-"""A holding test recorded while it runs: poses, contact forces, slip, torques and the gap, over time.
+"""Records a holding test while it runs: poses, contact forces, slip, torques and the gap, over time.
 
-Every probe starts from the squeezed grasp; a recording puts the probes one after another. After a simulation
-step MuJoCo's data hold the poses and the contact forces of the beginning of that step, so the values of one
-sample belong to the same moment.
+Every probe starts from the squeezed grasp; a recording lists the probes one after another. After a simulation
+step, MuJoCo's data hold both the poses and the contact forces of the beginning of that step, so all values of
+a sample belong to the same moment.
 
 Slip is the net displacement of a part's surface along the object's surface, in the object's frame, since the
-part began to press; within a probe it counts from the end of the squeeze. It follows the material points of
-both bodies at the contact, so rolling is no slip and vibration does not accumulate.
+part began to press; within a probe, since the end of the squeeze. Slip follows the material points of both
+bodies at the contact, so rolling does not count and vibration does not accumulate.
 """
 
 from __future__ import annotations
@@ -25,11 +25,11 @@ from ..scene import OBJECT, PALM, PREFIX, Scene
 from .six_directions import HoldResult, hold_test
 
 APPROACH = ("pregrasp", "grasp", "squeeze")
-"""The stages before the probes; the first one is a single sample at the beginning."""
+"""The stages before the probes; ``pregrasp`` is a single sample at the beginning."""
 PRESSES = 1e-6
 """A part presses on the object when its normal force exceeds this [N]."""
 FAR = 0.2
-"""Largest gap that is measured [m]; larger ones count as this."""
+"""Largest gap that is measured [m]; larger gaps count as this one."""
 
 
 @value
@@ -48,10 +48,10 @@ class Recording:
         load: (n, 6) load on the object about its centre of mass, force [N] and torque [N m].
         forces: (n, p, 3) contact force of each part on the object [N].
         points: (n, p, 3) point at which the force acts [m]: mean of the contacts weighted by normal force, or
-            the object's position where the part does not press.
+            the object's position if the part does not press.
         normal: (n, p) sum of the normal forces [N].
         tangential: (n, p) length of the sum of the friction forces [N].
-        slip: (n, p) slip of each part, as the module defines it [m].
+        slip: (n, p) slip of each part, as defined in the module's docstring [m].
         torques: (n, j) actuator torques at the joints [N m].
         gap: (n,) least distance between hand and object, negative where they overlap [m].
     """
@@ -175,7 +175,7 @@ class _Recorder:
         joints = [scene.model.joint(PREFIX + joint) for joint in scene.joints]
         self.speeds = np.array([int(joint.dofadr[0]) for joint in joints], dtype=np.int64)
         bodies = scene.model.geom_bodyid
-        # Visual geoms do not collide; they have no gap either.
+        # Visual geoms do not collide, so they are left out of the gap.
         solid = (scene.model.geom_contype | scene.model.geom_conaffinity) != 0
         own = scene.part_of_body[bodies]
         self.geoms = np.flatnonzero((own >= PALM) & solid), np.flatnonzero(own == OBJECT)
@@ -194,7 +194,7 @@ class _Recorder:
 
     def __call__(self, name: str, data: Any) -> None:
         scene, begins = self.scene, self.running != name
-        # The ladder runs the probes once more; these are not recorded.
+        # The ladder repeats the probes; the repetitions are not recorded.
         repeated = name in self.recorded if begins else self.repeated
         self.running, self.repeated = name, repeated
         if name not in self.wanted or repeated:

@@ -14,7 +14,7 @@ from .six_directions import HoldResult, HoldStatus, ProbeResult
 
 @value
 class HoldFigures:
-    """Figures over a set of grasps; figures that do not exist are ``None``.
+    """Figures over a set of grasps; a figure that cannot be computed is ``None``.
 
     Attributes:
         grasps: Number of grasps in the set.
@@ -22,18 +22,18 @@ class HoldFigures:
         held: Number of grasps that held.
         rate: Share of the tested grasps that held.
         interval: 95 % interval of the rate (Wilson).
-        penetrating: Number of grasps whose pregrasp cuts too deep into object or hand; they count as lost.
+        penetrating: Number of grasps whose pregrasp penetrates object or hand too deeply; they count as lost.
         unstable: Number of grasps whose simulation became unstable; they count as lost.
-        touching: Number of tested grasps with two parts (fingers, palm) in contact at the grasp pose.
+        touching: Number of tested grasps with two or more parts (fingers, palm) in contact at the grasp pose.
         clean: Number of clean grasps (see :class:`~preshape.physics.hold.six_directions.HoldResult`).
-        only_by_squeeze: Number of grasps that held only by the squeeze.
+        only_by_squeeze: Number of grasps that held only because of the squeeze.
         penetration: Mean penetration at the grasp pose [m].
         self_penetration: Mean self-penetration at the grasp pose [m].
         links: Mean number of links in contact at the grasp pose.
         contact_distance: Mean contact distance at the grasp pose [m].
         consistency: Mean consistency at the grasp pose [m].
         diversity: Diversity of the tested grasps; lower is more diverse.
-        strength: Mean strength, where the ladder was climbed.
+        strength: Mean strength of the grasps for which the ladder was climbed.
     """
 
     grasps: int
@@ -62,7 +62,7 @@ class HoldReport:
     Attributes:
         grasps: The grasps as tested: with root poses and the protocol's errors.
         results: Result of each grasp.
-        seconds: Time of this run [s], without results that an earlier run had saved.
+        seconds: Time of this run [s]; results that an earlier run saved do not count.
     """
 
     grasps: GraspSet
@@ -133,7 +133,7 @@ class HoldReport:
         )
 
     def raise_for_faults(self) -> None:
-        """Raise an error where grasps could not be tested.
+        """Raise an error if any grasp could not be tested.
 
         Raises:
             InputError: The message names all of them.
@@ -150,7 +150,7 @@ class HoldReport:
 
 
 def _ranges(rows: list[int]) -> str:
-    """Row numbers as text, with ranges of neighbours.
+    """Row numbers as text; neighbouring rows become a range.
 
     >>> _ranges([1, 2, 3, 7])
     '1-3, 7'
@@ -173,7 +173,7 @@ def result_from_json(document: dict[str, Any]) -> HoldResult:
     """The inverse of :func:`result_to_json`.
 
     Raises:
-        KeyError, TypeError, ValueError: The document is no result.
+        KeyError, TypeError, ValueError: The document is not a result.
     """
     if set(document) != {field.name for field in fields(HoldResult)}:
         raise ValueError("the keys are not those of a result")

@@ -1,6 +1,6 @@
-"""The holding test of many grasps: on all cores, with progress and a file from which a stopped run continues.
+"""Runs the holding test of many grasps on all cores, and resumes a stopped run from a file.
 
-Each grasp is tested alone and from rest. Neither the number of processes nor the order nor an interruption
+Each grasp is tested on its own, from rest. Neither the number of processes nor the order nor an interruption
 changes a result.
 """
 
@@ -31,13 +31,13 @@ from .report import HoldReport
 from .six_directions import HoldResult, HoldStatus, hold_test
 
 CHUNK = 8
-"""Grasps of one object that a process tests in a row: enough to share a compiled scene, and few enough to
-spread over the processes and to save results often."""
+"""Number of grasps of one object that a process tests in succession: enough to share a compiled scene, and
+few enough to spread over the processes and to save results often."""
 
 
 @value
 class _Job:
-    """One grasp as a worker process gets it."""
+    """One grasp, as sent to a worker process."""
 
     row: int
     object_name: str
@@ -85,14 +85,14 @@ def run_holds(
     """Run the holding test of all grasps.
 
     A grasp that cannot be tested does not stop the others; see ``HoldReport.raise_for_faults``. With more
-    than one process the calling script needs the usual ``if __name__ == "__main__":``.
+    than one process, the calling script needs the guard ``if __name__ == "__main__":``.
 
     Args:
         grasps: The grasps.
         hand: Their hand.
         protocol: Settings of the test; by default the field's six directions.
         objects: Folder of the objects (see :func:`preshape.physics.pieces.load_pieces`).
-        pieces: Objects that are cut already, by name; the others are looked for.
+        pieces: Convex pieces by object name; objects that are missing are searched and cut.
         workers: Number of processes; by default one for each core.
         progress: Called after every few grasps.
         checkpoint: File of results, from which a stopped run continues.
@@ -128,16 +128,16 @@ def run_holds(
 
 
 def perturbed(grasps: GraspSet, pieces: Mapping[str, ConvexPieces], protocol: HoldProtocol) -> GraspSet:
-    """The grasps with the object displaced, turned and resized by the protocol's errors, unknown to the hand.
+    """Displace, turn and resize the objects by the protocol's errors; the hand poses stay the same.
 
-    The error of a grasp depends on the seed and its row only, so each part of a set gets the same errors.
-    The size changes by exactly the given share, up or down with equal chance, about the centre of the
-    object's bounding box. That centre moves by exactly the given distance in a uniformly drawn direction, and
-    the object turns about it by exactly the given angle about a uniformly drawn axis [C].
+    The error of a grasp depends only on the seed and its row, so part of a set gets the same errors as the
+    whole set. The centre c of the object's bounding box moves by exactly the given distance in a random
+    direction. The object turns about c by exactly the given angle about a random axis, and grows or shrinks
+    about c, with equal probability, by exactly the given share. Directions and axes are uniform [C].
 
     Args:
         grasps: The grasps as planned.
-        pieces: The objects by name; a row whose object is missing stays as it is.
+        pieces: The objects by name; a row whose object is missing stays unchanged.
         protocol: Errors and seed.
     """
     if not any((protocol.position_error, protocol.turn_error, protocol.size_error)):
@@ -164,7 +164,7 @@ def perturbed(grasps: GraspSet, pieces: Mapping[str, ConvexPieces], protocol: Ho
 def _objects(
     grasps: GraspSet, folder: str | Path | None, pieces: Mapping[str, ConvexPieces]
 ) -> tuple[dict[str, ConvexPieces], dict[int, str]]:
-    """The convex pieces of the objects, by name, and why other rows cannot be tested."""
+    """The convex pieces of the objects, by name, and why the rows of other objects cannot be tested."""
     found: dict[str, ConvexPieces] = {}
     reasons: dict[str, str] = {}
     bad = {fault.row for fault in grasps.faults}

@@ -3,15 +3,15 @@
 The steps of the test are
 
 1. measure distances at the grasp pose;
-2. reset to the pregrasp, and fail where it cuts too deep into the object or the hand;
+2. reset to the pregrasp, and fail if it penetrates the object or the hand too deeply;
 3. move to the grasp, then to the squeeze, each in ``stages`` interpolation steps of ``stage_steps``
    simulation steps;
 4. for each probe: restore the state of the squeeze, apply the load at the object's centre of mass, and check
    every ``check_steps`` simulation steps how far the object has moved and turned;
-5. with the ladder, repeat step 4 with stronger loads until one is lost.
+5. with the ladder, repeat step 4 with stronger loads until the hand loses the object.
 
-The field's test simulates steps 2 and 3 again for each probe. MuJoCo is deterministic, so they are simulated
-once here; the saved state includes the solver's warm start, and the results are equal to the last bit.
+The field's test repeats steps 2 and 3 for each probe. Because MuJoCo is deterministic, they are simulated
+only once here. The saved state includes the solver's warm start, so the results are equal to the last bit.
 """
 
 from __future__ import annotations
@@ -67,19 +67,19 @@ class HoldResult:
     Attributes:
         row: Row of the grasp in its set.
         object_name: Name of the object.
-        scale: Factor on the object's size, as given.
+        scale: Factor on the object's size, as given by the grasp.
         status: Outcome.
         reason: One sentence on the outcome.
         probes: Results of the probes, in their order.
-        strength: Largest factor of the ladder at which every probe was held, 0 where not even 1 was; ``None``
-            without a ladder.
+        strength: Largest load factor of the ladder at which every probe was held; 0 if a probe was lost at
+            factor 1; ``None`` without a ladder.
         at_grasp: Distances at the grasp pose; ``None`` for a grasp that could not be tested.
         touching_at_grasp: Number of parts (fingers and palm) that press on the object at the grasp.
         touching_at_squeeze: Number of parts that press on the object after the squeeze.
-        only_by_squeeze: Whether the grasp held with fewer than two parts in contact at the grasp pose,
-            so that the squeeze and not the grasp reached the object [C].
-        clean: Whether the grasp held, has two parts in contact, and cuts into the object less than the limit
-            (one millimetre).
+        only_by_squeeze: Whether the grasp held although fewer than two parts touch at the grasp pose, so that
+            the squeeze rather than the grasp reached the object [C].
+        clean: Whether the grasp held, and at the grasp pose has two or more parts in contact and penetrates
+            the object less than ``HoldProtocol.clean_penetration``.
     """
 
     row: int
@@ -107,7 +107,7 @@ class Hold:
 
     Attributes:
         at_grasp: Distances at the grasp pose.
-        failure: Why the test ends here; ``None`` where the hand squeezes.
+        failure: Status with which the test ends here; ``None`` if the hand reached the squeeze.
         reason: One sentence on the failure.
         touching_at_grasp: Number of parts (fingers and palm) that press on the object at the grasp.
         touching_at_squeeze: Number of parts that press on the object after the squeeze.
@@ -133,7 +133,7 @@ def hold_test(
     """Test one grasp.
 
     Args:
-        scene: Scene of hand and object, which has friction, mass and gains of the protocol.
+        scene: Scene of hand and object, built with the same protocol.
         poses: The grasp.
         protocol: Settings of the test.
         row: Row for the result.
@@ -194,8 +194,8 @@ def take_hold(
 ) -> Hold:
     """Move the hand from the pregrasp to the grasp and on to the squeeze, as every test begins.
 
-    ``data``, a new ``mujoco.MjData`` of the scene, is left at the squeeze or where the motion failed. The
-    other arguments are those of :func:`hold_test`.
+    On return, ``data``, a new ``mujoco.MjData`` of the scene, is in the state of the squeeze, or in that of
+    the failure. The other arguments are those of :func:`hold_test`.
     """
     place(scene, data, poses.grasp, poses.object_pose)
     at_grasp = geometry(scene, data, protocol.contact_distance)
@@ -221,7 +221,7 @@ def take_hold(
 
 
 def slerp(first: Array, second: Array, share: float) -> Array:
-    """(4,) quaternion wxyz a fraction ``share`` of the short way from one rotation to another."""
+    """(4,) quaternion wxyz at a fraction ``share`` of the shortest rotation from ``first`` to ``second``."""
     from scipy.spatial.transform import Rotation, Slerp
 
     ends = Rotation.from_quat(np.array([first, second]), scalar_first=True)
@@ -249,7 +249,7 @@ def _move(
     name: str,
     observer: Observer | None,
 ) -> None:
-    """Move the hand's targets from ``start``, which is not applied itself, to ``end`` in equal steps."""
+    """Move the hand's targets from ``start`` (not applied itself) to ``end`` in equal steps."""
     import mujoco
 
     for stage in range(1, protocol.stages + 1):
@@ -290,7 +290,7 @@ def _load(
         displacement = max(displacement, float(np.linalg.norm(pose[:3] - object_pose[:3])))
         rotation = max(rotation, 2.0 * math.acos(min(1.0, abs(float(pose[3:] @ object_pose[3:])))))
         moved = displacement >= protocol.displacement_limit or rotation >= protocol.rotation_limit
-        # MuJoCo resets a scene that has become unstable, and the object would seem not to have moved.
+        # MuJoCo resets an unstable scene, so the object would seem not to have moved.
         if moved or unstable(data):
             return ProbeResult(name=load.name, held=False, displacement=displacement, rotation=rotation)
     return ProbeResult(name=load.name, held=True, displacement=displacement, rotation=rotation)

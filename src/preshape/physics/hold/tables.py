@@ -1,4 +1,4 @@
-"""A run of holding tests as tables, warnings and a report."""
+"""Presents a run of holding tests as tables, warnings and a report."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ LONGEST_NAME = 24
 
 
 def tables(report: HoldReport, *, full_names: bool = False) -> tuple[Table, Table]:
-    """Score and measures at the grasp pose, with a row for each object and one for all.
+    """Two tables, score and measures at the grasp pose, with a row for each object and one for all.
 
     Args:
         report: Results of one hand.
-        full_names: Whether objects keep their names, however long.
+        full_names: Whether long names of objects are kept; otherwise they are shortened.
     """
     names = report.object_names
     rows = [(name if full_names else short_name(name), report.figures(name)) for name in names]
@@ -51,7 +51,7 @@ def tables(report: HoldReport, *, full_names: bool = False) -> tuple[Table, Tabl
 
 
 def warnings(report: HoldReport, protocol: HoldProtocol) -> tuple[str, ...]:
-    """One sentence for each problem that the score alone would hide."""
+    """One sentence for each problem that the score alone does not show."""
     f = report.figures()
     deep = sum(
         r.held and r.at_grasp is not None and r.at_grasp.penetration >= protocol.clean_penetration

@@ -1,1 +1,1 @@
-"""The task test: the hand moves the object through a task, against a load (ENGINE §4)."""
+"""The task test: the hand moves the object along a task's motion, against a load (ENGINE §4)."""

@@ -8,8 +8,8 @@ array        shape        content
 task         (n,) text    the task of each grasp, such as ``push`` or ``push:+x``
 ===========  ===========  ==================================================================
 
-An answer belongs to the instance with its object, task and scale (to a millionth); the first of several
-counts.
+An answer belongs to the instance with the same object, task and scale (to a millionth). If several answers
+belong to an instance, the first one counts.
 """
 
 from __future__ import annotations
@@ -33,18 +33,18 @@ from .instances import TaskInstance
 
 
 class Answers(Protocol):
-    """A source of answers. It is sent to worker processes, so it holds values only."""
+    """A source of answers; it is sent to worker processes, so it must be picklable."""
 
     @property
     def planned(self) -> bool:
-        """Whether the poses are computed in the run, so that the results include them."""
+        """Whether the poses are computed during the run; the results then include them."""
 
     @property
     def digest(self) -> str:
-        """Hash of all that the answers depend on, beside the instances."""
+        """Hash of everything that the answers depend on, except the instances."""
 
     def answer(self, row: int, instance: TaskInstance) -> HandPoses | str:
-        """The poses for an instance, or a sentence why there are none."""
+        """The poses for an instance, or a sentence that says why there are none."""
 
 
 @value
@@ -52,8 +52,8 @@ class GivenAnswers:
     """Answers from a file.
 
     Attributes:
-        rows: Poses for each instance in their order, or why there are none.
-        unused: Number of grasps that belong to no instance, or to one that has another grasp.
+        rows: For each instance in order, its poses or the reason why there are none.
+        unused: Number of grasps that belong to no instance, or to one that already has a grasp.
     """
 
     rows: tuple[HandPoses | str, ...]
@@ -79,10 +79,10 @@ class GivenAnswers:
 
 
 def write_task_grasps(path: str | Path, grasps: GraspSet, tasks: Sequence[str]) -> None:
-    """Write grasps with their tasks as npz, whole or not at all.
+    """Write grasps with their tasks as npz, atomically.
 
     Raises:
-        InputError: The number of tasks is not that of the grasps.
+        InputError: The numbers of tasks and grasps differ.
         EnvironmentFailure: The file cannot be written.
     """
     if len(tasks) != len(grasps):
@@ -132,7 +132,7 @@ def read_task_grasps(path: str | Path) -> tuple[GraspSet, tuple[str, ...]]:
 def given_answers(
     instances: Sequence[TaskInstance], grasps: GraspSet, tasks: Sequence[str], hand: PhysicsHand
 ) -> GivenAnswers:
-    """The answer to each instance among grasps in any order.
+    """Find the answer to each instance among grasps in any order.
 
     Args:
         instances: Instances of the benchmark.

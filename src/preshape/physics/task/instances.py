@@ -1,16 +1,16 @@
 """The instances of the task benchmark: pairs of an object at some size and a task.
 
-Size [C]: one factor for each object brings its middle extent, across which a hand mostly closes, into the
-range 40 to 80 mm, and its largest extent to at most 160 mm. An object within these limits keeps its size.
+Size [C]: each object is scaled by one factor, so that its middle extent, across which a hand mostly closes,
+is 40 to 80 mm and its largest extent at most 160 mm. An object within these limits keeps its size.
 
-Tasks [C]: a family takes part with its default axis a; s and u are those of :mod:`preshape.tasks.families`.
-An object suits a family by its shape, which is judged from its bounding box and its upper surface:
+Tasks [C]: each family is used with its default axis a; :mod:`preshape.tasks.families` defines the axes s and
+u. An object suits a family if its bounding box and upper surface meet a condition:
 
 ==================  =======================================================================
 families            condition
 ==================  =======================================================================
 screw unscrew roll  round about a: the two extents across a differ by 15 % at most
-insert              an end leads: no extent is larger than the one along a
+insert              long along a: no extent is larger than the one along a
 strike              long along s, the end that swings: 1.5 times the other extents or more
 lever               long along u, towards the fulcrum: 1.5 times the other extents or more
 pour                a vessel: with s up it holds liquid, 5 % of its bounding box or more
@@ -41,7 +41,7 @@ MIDDLE = (0.04, 0.08)
 LARGEST = 0.16
 """Limit of the largest extent [m]."""
 ROUND, LONG, VESSEL = 0.85, 1.5, 0.05
-"""The numbers of the table in the module."""
+"""The limits in the table of the module's docstring, as ratios."""
 _CELLS = 40  # cells along the longer side of the grid of columns that are filled
 
 
@@ -55,7 +55,7 @@ class TaskInstance:
         task: The task.
         cog: (3,) centre of its scaled bounding box [m].
         half_extent: Half its largest scaled extent [m].
-        gravity: (3,) unit direction of gravity in its first frame; zeros for none.
+        gravity: (3,) unit direction of gravity in the object's frame at the start; zeros for none.
         seed: Seed for the planner.
     """
 
@@ -78,10 +78,10 @@ class TaskInstance:
 
 
 def holdable_scale(extents: Array) -> float:
-    """The factor that brings an object to a size that a hand can hold (see the module), to two decimals.
+    """The factor that scales an object to the size limits of the module's docstring, to two decimals.
 
     Args:
-        extents: (3,) extents of its bounding box [m].
+        extents: (3,) extents of the object's bounding box [m].
 
     >>> holdable_scale(np.array([0.05, 0.06, 0.07])), holdable_scale(np.array([0.02, 0.019, 0.138]))
     (1.0, 1.16)
@@ -93,7 +93,7 @@ def holdable_scale(extents: Array) -> float:
 
 
 def suitable(task: Task, mesh: TriangleMesh) -> bool:
-    """Whether the shape of an object suits a named task, by the table in the module."""
+    """Whether the shape of an object suits a named task, by the table in the module's docstring."""
     if task.name not in FAMILIES or not task.axis:
         return True
     a, s, u = directions(task.axis)
@@ -165,15 +165,15 @@ def make_instances(
     count: int | None = None,
     gravity: Array | None = None,
 ) -> tuple[TaskInstance, ...]:
-    """The instances of the benchmark: the objects in their order, and the tasks of each in theirs.
+    """Make the instances of the benchmark, ordered by object and then by task.
 
     Args:
         objects: Library names or files; by default all library objects.
         families: Named tasks, with an axis after a colon where it is not the default; by default all
             families. A task that does not suit an object is left out.
-        seed: Seed for the planner, and of the choice of ``count`` instances.
-        count: Number of instances, as evenly spread over the tasks as possible; by default all.
-        gravity: (3,) direction of gravity for all instances instead of each task's own; zeros for none.
+        seed: Seed for the planner, and for the choice of ``count`` instances.
+        count: Number of instances, spread over the tasks as evenly as possible; by default all.
+        gravity: (3,) direction of gravity that replaces each task's own; zeros for none.
 
     Raises:
         InputError: An object or task is unknown, no instance is left, or ``count`` or ``seed`` is out of
@@ -206,7 +206,7 @@ def make_instances(
 
 
 def _chosen(found: list[TaskInstance], count: int, seed: int) -> tuple[TaskInstance, ...]:
-    """``count`` instances: one of each task in turn, and those of a task in random order."""
+    """``count`` instances, one of each task in turn; those of one task are taken in random order."""
     order = np.random.default_rng(seed).permutation(len(found))
     rounds: dict[str, int] = {}
     draws: list[tuple[int, int, int]] = []
@@ -218,7 +218,7 @@ def _chosen(found: list[TaskInstance], count: int, seed: int) -> tuple[TaskInsta
 
 
 def instance_to_json(instance: TaskInstance, mass: float) -> dict[str, Any]:
-    """All that another planner or simulator needs of an instance, as plain JSON values.
+    """An instance as plain JSON values, with all that another planner or simulator needs.
 
     Args:
         instance: The instance.
@@ -251,7 +251,7 @@ def instance_to_json(instance: TaskInstance, mass: float) -> dict[str, Any]:
 
 
 def mesh_text(mesh: TriangleMesh) -> str:
-    """A mesh as Wavefront OBJ in metres, with all digits."""
+    """A mesh as Wavefront OBJ text, in metres and without rounding."""
     lines = [f"# {mesh.name}, metres"]
     lines += [f"v {x!r} {y!r} {z!r}" for x, y, z in mesh.vertices.tolist()]
     lines += [f"f {a} {b} {c}" for a, b, c in (mesh.triangles + 1).tolist()]

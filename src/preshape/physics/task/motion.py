@@ -2,19 +2,19 @@
 
 Definitions [C]:
 
-- *Target.* The displacement D = [R t; 0 1] about the COG, x' = R (x - c) + c + t, of
+- *Target.* The displacement D = [R t; 0 1] about the COG c, x' = R (x - c) + c + t, of
   :func:`preshape.tasks.full_motion`. Components of Q at the absence values (|T| ≤ 0.1, |R| ≤ 0.05) are no
-  motion; the others are proportions, with the largest translation at 0.1 m and the largest rotation at 45°.
-  Presences compare translations with translations and rotations with rotations; they do not scale the load.
+  motion. The other translations are scaled so that the largest is 0.1 m, the other rotations so that the
+  largest is 45°. The components do not scale the load.
 - *Path.* The object follows the screw of D, x(f) = exp(f log D), f from 0 to 1: a constant twist with a fixed
   axis and pitch. A task that both translates and rotates moves the COG along an arc or a helix.
 - *Speed.* f is a fifth-order polynomial of time, at rest at both ends.
 - *Load.* Where the task translates, a force of ``acceleration × mass`` on the COG opposes the velocity of the
-  COG. Where it rotates, a torque of that force times ℓ/2 opposes the angular velocity, ℓ being half the
-  object's largest extent. Because the twist is constant, both are constant in the frame of an object that
-  follows its path; they never do positive work on it.
+  COG. Where it rotates, a torque of that force times ℓ/2 opposes the angular velocity; ℓ is half the
+  object's largest extent. Because the twist is constant, force and torque are constant in the frame of an
+  object that follows its path. They never do positive work on the object.
 - *Gravity.* A force of ``acceleration × mass`` acts on the centre of mass, in a direction that is fixed in
-  the world: the task's direction of gravity in the object's first frame.
+  the world: the task's direction of gravity in the object's frame at the start.
 
 All quantities are in the frame of the object at the start.
 """
@@ -30,7 +30,7 @@ from ...tasks import Task, full_motion
 from ...types import Array, freeze, frozen_array, value
 
 ACCELERATION = 9.8
-"""Load and weight over the mass of the object [m/s²] (ENGINE.md, task test)."""
+"""Load and weight divided by the mass of the object [m/s²] (ENGINE.md, task test)."""
 _NOTHING = 1e-9  # a smaller twist [m or rad over the whole path] counts as none
 
 
@@ -81,7 +81,7 @@ class TaskMotion:
         return bool(np.abs(self.twist[3:]).max() > _NOTHING)
 
     def path(self, fraction: ArrayLike) -> Array:
-        """(..., 4, 4) frame of the object in its first frame, at ``fraction`` (...) of the path, 0 to 1."""
+        """(..., 4, 4) pose of the object in its start frame at ``fraction`` (...) of the path, 0 to 1."""
         about_cog = along_screw(self.displacement, fraction)
         rotation = about_cog[..., :3, :3]
         return pose(rotation, about_cog[..., :3, 3] + self.cog - rotation @ self.cog)
@@ -99,7 +99,7 @@ class TaskMotion:
         Args:
             fraction: (...) fraction of the path, 0 to 1.
             mass: Mass of the object [kg].
-            acceleration: Load over mass [m/s²].
+            acceleration: Load divided by mass [m/s²].
         """
         velocity = self.velocity(fraction)
         force = acceleration * mass
@@ -127,7 +127,7 @@ def task_motion(
         task: The task.
         cog: (3,) centre of the object's bounding box, in its frame [m].
         half_extent: ℓ, half the object's largest extent [m].
-        gravity: (3,) direction of gravity instead of the task's own; zeros for none.
+        gravity: (3,) direction of gravity that replaces the task's own; zeros for none.
 
     Raises:
         TaskError: The task asks for no motion.

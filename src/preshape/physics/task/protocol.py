@@ -6,9 +6,9 @@
    load opposes the motion, and the finger joints keep the targets of the squeeze.
 4. The hand stands still at the end, and load and weight remain.
 
-From step 2 on the object is compared with its path every few simulation steps: the distance of its COG from
-the path, and the angle between its orientation and that of the path. The path begins at the pose of the
-object before the squeeze, so a grasp that displaces the object in the squeeze has less tolerance left.
+From step 2 on, every few simulation steps, the object's pose is compared with the pose on the path that is
+due at that time: the distance of the COGs and the angle between the orientations. The path begins at the
+object's pose before the squeeze, so a grasp that moves the object during the squeeze has less tolerance left.
 """
 
 from __future__ import annotations
@@ -51,15 +51,16 @@ class TaskProtocol:
 
     Attributes:
         hold: Mass, friction, gains, steps of the approach, and the two limits (50 mm, 15°).
-        acceleration: Load and weight over the mass of the object [m/s²].
+        acceleration: Load and weight divided by the mass of the object [m/s²].
         strength: Factor on the load; the weight is not scaled.
-        rise: Time in which load and weight rise [s].
-        duration: Time of the motion [s].
-        rest: Time at the end [s].
+        rise: Time in which load and weight rise, step 2 [s].
+        duration: Time of the motion, step 3 [s].
+        rest: Time at rest after the motion, step 4 [s].
         look_steps: Simulation steps between two checks of the object.
 
     Raises:
-        InputError: A number is out of range, or ``hold`` has errors of pose or size, which this test lacks.
+        InputError: A number is out of range, or ``hold`` sets pose or size errors, which the task test does
+            not support.
     """
 
     hold: HoldProtocol = HoldProtocol()
@@ -110,15 +111,16 @@ class TaskResult:
         task: Label of the task, such as ``push:+x``.
         status: Outcome.
         reason: One sentence on the outcome.
-        displacement: Largest distance of the COG from its path [m]; ``None`` where no load was applied.
-        rotation: Largest angle of the object from its path [rad].
-        final_displacement: Distance of the COG from its target at the end [m]; ``None`` where the test ended
+        displacement: Largest distance of the COG from its path [m]; ``None`` if no load was applied.
+        rotation: Largest angle of the object from its path [rad]; ``None`` if no load was applied.
+        final_displacement: Distance of the COG from its target at the end [m]; ``None`` if the test ended
             early.
-        final_rotation: Angle of the object from its target at the end [rad].
+        final_rotation: Angle of the object from its target at the end [rad]; ``None`` if the test ended
+            early.
         progress: Fraction of the path at the end of the test, 0 to 1.
         touching: Number of parts (fingers and palm) that press on the object after the squeeze.
-        planned: Pregrasp, grasp and squeeze, each as root pose in the object's frame and joint angles (7 +
-            joints), where this program planned them.
+        planned: If this program planned them, pregrasp, grasp and squeeze, each as root pose in the object's
+            frame and joint angles (7 + joints); otherwise ``None``.
     """
 
     row: int
@@ -137,7 +139,7 @@ class TaskResult:
 
     @property
     def passed(self) -> bool:
-        """Whether the object followed to the end."""
+        """Whether the object followed its path to the end."""
         return self.status is TaskStatus.DONE
 
     @property

@@ -1,4 +1,4 @@
-"""Results of a run of the task benchmark: scores of task families and objects, and every instance."""
+"""Results of a run of the task benchmark: the score of each task family and object, and every instance."""
 
 from __future__ import annotations
 
@@ -28,13 +28,13 @@ class TaskScore:
         rate: Share of all instances that passed; an instance without an answer counts as a failure.
         interval: 95 % interval of the rate (Wilson).
         answered: Number of instances with a grasp to test.
-        no_answer: Number of instances without an answer of the planner.
+        no_answer: Number of instances without an answer.
         lost: Number of instances in which the object was lost.
-        penetrating: Number of instances whose pregrasp cuts too deep.
+        penetrating: Number of instances whose pregrasp penetrates the object or the hand too deeply.
         unstable: Number of instances whose simulation became unstable.
         invalid: Number of instances that could not be tested.
-        displacement: Mean over those that passed of the largest distance from the path [m].
-        rotation: Mean over those that passed of the largest angle from the path [rad].
+        displacement: Largest distance from the path [m], mean over the instances that passed.
+        rotation: Largest angle from the path [rad], mean over the instances that passed.
     """
 
     instances: int
@@ -59,7 +59,7 @@ class TaskReport:
         instances: The instances.
         results: Result of each instance.
         hand: The hand.
-        seconds: Time of this run [s], without results that an earlier run had saved.
+        seconds: Time of this run [s]; results that an earlier run saved do not count.
     """
 
     instances: tuple[TaskInstance, ...]
@@ -114,7 +114,7 @@ class TaskReport:
         }
 
     def planned_grasps(self) -> tuple[GraspSet, tuple[str, ...]]:
-        """The grasps that this program planned, and their tasks: a file of them gives the same scores."""
+        """The grasps that this program planned, and their tasks; a test of these gives the same scores."""
         rows = [result for result in self.results if result.planned is not None]
         poses = np.array([result.planned for result in rows]).reshape(
             len(rows), len(STAGES), 7 + len(self.hand.joints)
@@ -135,7 +135,7 @@ def result_from_json(document: dict[str, Any]) -> TaskResult:
     """The inverse of :func:`~preshape.physics.hold.report.result_to_json`.
 
     Raises:
-        KeyError, TypeError, ValueError: The document is no result.
+        KeyError, TypeError, ValueError: The document is not a result.
     """
     if set(document) != {field.name for field in fields(TaskResult)}:
         raise ValueError("the keys are not those of a result")

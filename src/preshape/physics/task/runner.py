@@ -1,7 +1,7 @@
-"""The task test of many instances: on all cores, with progress and a file from which a stopped run continues.
+"""Runs the task test of many instances on all cores, and resumes a stopped run from a file.
 
-Each instance is answered with a fresh memory and tested alone and from rest. Neither the number of processes
-nor the order nor an interruption changes a result.
+Each instance is answered with an empty memory and tested on its own, from rest. Neither the number of
+processes nor the order nor an interruption changes a result.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from .protocol import TaskProtocol, TaskResult, TaskStatus, task_test
 from .report import TaskReport, result_from_json
 
 CHUNK = 4
-"""Instances of one object that a process answers and tests in a row."""
+"""Number of instances of one object that a process answers and tests in succession."""
 
 _Job = tuple[int, TaskInstance]
 
@@ -96,14 +96,14 @@ def run_tasks(
 ) -> TaskReport:
     """Answer and test all instances.
 
-    With more than one process the calling script needs the usual ``if __name__ == "__main__":``.
+    With more than one process, the calling script needs the guard ``if __name__ == "__main__":``.
 
     Args:
         instances: The instances (see :func:`preshape.physics.task.instances.make_instances`).
         hand: The hand.
         answers: Answers of a planner or of a file.
         protocol: Settings of the test; by default friction 0.6 and 0.1 kg.
-        pieces: Objects that are cut already, by name; cutting another takes up to two minutes, once.
+        pieces: Convex pieces by object name; an object that is missing is cut, once, in up to two minutes.
         workers: Number of processes; by default one for each core.
         progress: Called after every few instances.
         preparing: Called with the name of each object before it is cut.

@@ -1,4 +1,4 @@
-"""A run of the task benchmark as tables and as a report."""
+"""Presents a run of the task benchmark as tables and as a report."""
 
 from __future__ import annotations
 
