@@ -1,7 +1,7 @@
 """The grasps of a shard: the planner's answers, or random grasps without ranking.
 
-The planner searches all approach planes (mode 3 of the closure analyser) and uses no memory, so a shard
-depends on no other shard and needs no first training.
+The planner searches all approach planes (mode 3 of the closure analyser) and uses no memory. A shard
+therefore depends on no other shard and needs no training.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from .random_grasps import draw_random_grasps, random_grasp_settings
 from .settings import THRESHOLD, DatasetSettings
 
 MAX_SEARCHES = 4
-"""Number of searches, each with another seed, after which a shard may have fewer grasps than asked for."""
+"""Largest number of searches for a shard, each with another seed; it may then still have too few grasps."""
 
 
 @value
@@ -34,7 +34,7 @@ class ShardGrasps:
     """The grasps of one shard.
 
     Attributes:
-        grasps: The grasps; ranked ones are sorted by quality, best first.
+        grasps: The grasps; the planner's answers are sorted by quality, best first.
         analyser: The closure analyser for this hand, object and task.
         reason: Why there are fewer grasps than asked for; empty otherwise.
     """
@@ -81,7 +81,7 @@ def shard_grasps(
 
 
 def _ranked(analyser: Callable[[int], ClosureAnalyser], task: Task, count: int) -> ShardGrasps:
-    """The planner's answers that the critic rewards and that differ from each other."""
+    """The planner's answers that are good enough for the critic and differ from each other."""
     chosen: list[Grip] = []
     tried, best = 0, 0.0
     for search in range(MAX_SEARCHES):
@@ -113,7 +113,7 @@ def _ranked(analyser: Callable[[int], ClosureAnalyser], task: Task, count: int) 
 
 
 def _unranked(analyser: ClosureAnalyser, task: Task, count: int, seed: int, friction: float) -> ShardGrasps:
-    """Random grasps that the hand can execute, however well they hold."""
+    """Random grasps that the hand can execute, whether or not they hold."""
     found = draw_random_grasps(
         analyser.hand, analyser.mesh, count, np.random.default_rng(seed), random_grasp_settings(friction)
     )

@@ -1,6 +1,6 @@
 """Engines that make shards: worker processes of this machine, or a Ray cluster.
 
-Both return shards as they are finished, in any order. Workers write no file, so a killed worker leaves
+Both return each shard when it is finished, in any order. Workers write no files, so a killed worker leaves
 nothing behind and the machines of a cluster need no shared disk.
 """
 
@@ -22,9 +22,9 @@ from .making import MadeShard, make_shard, versions
 from .settings import DatasetSettings, Shard
 
 MAX_KILLS = 3
-"""Number of times in a row that a worker may be killed before any shard is finished; then the run stops."""
+"""Largest number of kills of a worker without a finished shard in between; then the run stops."""
 SHARDS_PER_CORE = 2
-"""Shards submitted to a cluster for each of its cores: one in work and one waiting."""
+"""Number of shards submitted to a cluster per core: one in progress and one waiting."""
 
 _CONNECT_TIMEOUT = 10.0  # [s] for the connection to a cluster
 
@@ -46,7 +46,7 @@ class LocalEngine:
     """Worker processes of this machine.
 
     Attributes:
-        workers: Number of processes; 1 makes the shards in the calling process.
+        workers: Number of processes; with 1, the calling process makes the shards.
     """
 
     workers: int
@@ -89,7 +89,8 @@ class RayEngine:
     """A Ray cluster. Each shard uses one core; if its worker or machine is lost, another one makes it.
 
     Attributes:
-        address: Address of the cluster. By default ``RAY_ADDRESS``, a cluster on this machine, or a new one.
+        address: Address of the cluster; by default ``RAY_ADDRESS``, else a cluster on this machine, else a
+            new one.
         retries: Number of times that a lost shard is made again.
     """
 
@@ -132,7 +133,7 @@ class RayEngine:
                 log_to_driver=False,
                 logging_level=logging.ERROR,
             )
-        except Exception as error:  # Ray raises errors of many types here, a plain Exception among them
+        except Exception as error:  # Ray raises many error types here, even a plain Exception
             why = (str(error).strip() or type(error).__name__).splitlines()[0]
             raise EnvironmentFailure(f"no Ray cluster at {where} ({why}); see docs/dataset.md") from error
 
@@ -145,7 +146,7 @@ def _check_address(where: str) -> None:
 
 
 def _ray() -> Any:
-    # Whoever starts a cluster decides about Ray's usage reports, not this program.
+    # Turn off Ray's usage reports, unless the user's environment has a setting for them.
     os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
     try:
         import ray

@@ -1,4 +1,4 @@
-"""The folder of a dataset: its list of shards, the finished ones, and a lock against a second run."""
+"""The folder of a dataset: the list of all shards, the finished shards, and a lock against a second run."""
 
 from __future__ import annotations
 
@@ -60,11 +60,11 @@ class DatasetFolder:
     """The folder of one dataset, locked for this process while the context is open.
 
     Args:
-        path: The folder; created where it is missing.
+        path: The folder; created if it is missing.
         document: The content of ``dataset.json``, from :func:`manifest`.
 
     Raises:
-        InputError: Another run uses the folder, or it holds another dataset.
+        InputError: Another run uses the folder, or the folder contains another dataset.
         EnvironmentFailure: The folder cannot be read or written.
     """
 
@@ -105,7 +105,7 @@ class DatasetFolder:
         return self.shards / f"{name}.parquet"
 
     def facts(self, name: str) -> dict[str, Any] | None:
-        """The facts of a finished shard; ``None`` where its file is missing or damaged.
+        """The facts of a finished shard; ``None`` if its file is missing or damaged.
 
         Raises:
             EnvironmentFailure: The file cannot be read.
@@ -120,7 +120,7 @@ class DatasetFolder:
         return facts if facts is not None and facts["shard"] == name else None
 
     def store(self, made: MadeShard) -> None:
-        """Write a shard; its complete file is on the disk when this returns.
+        """Write a shard; on return, its complete file is on the disk.
 
         Raises:
             EnvironmentFailure: The file cannot be written.
@@ -135,7 +135,7 @@ class DatasetFolder:
             raise EnvironmentFailure(f"cannot write {self._log.name}: {error.strerror}") from error
 
     def _prepare(self, document: dict[str, Any]) -> None:
-        """Compare the stored list or write a new one; refuse foreign files, remove temporary ones."""
+        """Compare or write ``dataset.json``, refuse foreign files, and remove temporary files."""
         stems = {p.stem for p in self.shards.glob("*.parquet") if not p.name.startswith(".")}
         foreign = sorted(stems - set(self.names))
         file = self.path / "dataset.json"
@@ -177,7 +177,7 @@ def _read(file: Path) -> dict[str, Any]:
 
 
 def differences(stored: dict[str, Any], wanted: dict[str, Any]) -> list[str]:
-    """One phrase for each difference of two manifests; empty where both describe the same dataset."""
+    """One phrase for each difference of two manifests; empty if both describe the same dataset."""
     found = []
     for part, prefix in (("settings", ""), ("versions", "version of ")):
         for name in {**stored[part], **wanted[part]}:

@@ -1,7 +1,7 @@
 """The grasp indices that are compared, and their values for one grasp.
 
-Every index is computed from the planned contacts, with the friction of the physics test. What the hand
-touches when it squeezes is not part of an index; the physics tests show it.
+Every index is computed from the planned contacts, with the friction of the physics test. Contacts that arise
+only during the squeeze do not enter an index; only the physics tests include them.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ from ..tasks import named_task
 from ..types import GRAVITY, Array, ContactCoefficients, IntArray, value
 
 NOT_COMPUTED = MetricStatus.NOT_CONVERGED.name
-"""MetricStatus of an index that could not be computed; the grasp is left out of the figures of that index."""
+"""Status of an index that could not be computed; the figures of that index then leave the grasp out."""
 
 
 @value
@@ -48,7 +48,7 @@ class Index:
     Attributes:
         name: Name in the files.
         title: Name in reports.
-        sign: 1 where a larger number is better, -1 where a smaller one is.
+        sign: 1 if larger is better, -1 if smaller is better.
         of_task: Whether the index depends on the task.
         paper: Whether the index is one of the paper's.
     """
@@ -82,18 +82,18 @@ INDICES = (
 """All indices, in the order of the report tables."""
 
 Number = tuple[float | None, str]
-"""Value of an index and the name of its status; the value is ``None`` where it is undefined."""
+"""Value of an index and name of its status; an undefined value is ``None``."""
 
 
 @value
 class IndexInput:
-    """What the indices need to know of one grasp; everything is in the mesh frame.
+    """The data of one grasp from which the indices are computed; everything is in the mesh frame.
 
     Attributes:
-        points: (n, 3) contacts, the thumb's first [m].
-        normals_in: (n, 3) inward unit normals.
-        centre: (3,) centre of mass, the reference point of the torques in the metrics [m].
-        cog: (3,) centre of the bounding box, the reference point of the paper's wrenches [m].
+        points: (n, 3) Contact points, the thumb's first [m].
+        normals_in: (n, 3) Inward unit normals.
+        centre: (3,) Centre of mass, the reference point of the torques in the metrics [m].
+        cog: (3,) Centre of the bounding box, the reference point of the paper's wrenches [m].
         length: Length ℓ that torques are divided by [m].
         u: The hand's unit of length U [m].
         plane: Approach plane, 1..12.
@@ -156,7 +156,7 @@ def index_values(
     for name, measure in measures:
         measured = measure()
         found[name] = (measured.number, measured.status.name)
-    load = wanted / (mass * GRAVITY)  # the planner counts loads in weights of the object
+    load = wanted / (mass * GRAVITY)  # the planner states loads in units of the object's weight
     demand = Demand(direction=load, base=-weight / press, load=float(np.linalg.norm(load)))
     found["hold_margin"] = _hold_margin(grasp, settings)
     found["planner"] = (score(demand), MetricStatus.OK.name)
@@ -178,7 +178,7 @@ def task_wrench(grasp: IndexInput, motion: TaskMotion, mass: float) -> tuple[Arr
 
 
 def _hold_margin(grasp: IndexInput, settings: ClosureSettings) -> Number:
-    """Smallest load along any axis, force or torque over ℓ, that one newton of squeeze balances."""
+    """Load that one newton of squeeze balances along the weakest axis; torques are divided by ℓ."""
     points, normals, counts = packed_contacts(grasp.points, grasp.normals_in)
     found = margins(
         points,
@@ -219,12 +219,12 @@ def planner_score(search: ClosureSearch, grasp: IndexInput, demand: Demand) -> f
         counts=counts,
     )
     task, hold = search.strengths(closings, demand)
-    # The method of the class: the search of random grasps replaces `score` and ranks nothing.
+    # This calls the method of the class, because the search of random grasps overrides `score`.
     return float(ClosureSearch.score(search, task, hold, demand)[0])
 
 
 SIX_LIFTS = tuple(f"lift:{sign}{axis}" for axis in "xyz" for sign in "+-")
-"""Tasks that correspond to the six pushes of the holding test: a translation along each axis."""
+"""Tasks that correspond to the six pushes of the holding test: a translation along each signed axis."""
 
 
 def _paper_indices(grasp: IndexInput, q: Array) -> dict[str, Number]:
@@ -251,10 +251,10 @@ def _paper_indices(grasp: IndexInput, q: Array) -> dict[str, Number]:
 
 
 def column(rows: Sequence[dict[str, Any]], index: Index) -> Array:
-    """Values of one index over many grasps, with the sign turned where less is better.
+    """Values of one index over many grasps, negated if smaller is better, so that larger is always better.
 
-    A value is nan where it could not be computed. It is minus infinity where it is undefined, such as the
-    margin of a grasp that cannot balance the weight: such a grasp is worse than any other.
+    A value that could not be computed is nan. An undefined value is minus infinity, because such a grasp is
+    worse than any other; an example is the margin of a grasp that cannot balance the weight.
     """
     out = np.empty(len(rows))
     for k, row in enumerate(rows):

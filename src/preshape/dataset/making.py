@@ -1,4 +1,4 @@
-"""Making one shard: from its description to the bytes of its file, in any process."""
+"""Makes one shard, from its description to the bytes of its file, in any process."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from .schema import FORMAT, METRICS, parquet_bytes
 from .settings import DatasetSettings, Shard, mesh_digest, task_label, usable_object
 
 LIBRARIES = ("numpy", "scipy", "warp-lang", "mujoco-core", "coacd", "pyarrow")
-"""Libraries whose version can change the numbers or the bytes of a file."""
+"""Libraries whose version may affect the numbers or the bytes of a file."""
 
 
 @value
@@ -44,7 +44,7 @@ class MadeShard:
             [s].
         process: Process id of the worker.
         host: Name of the worker's machine.
-        fault: The internal error that prevented the shard; empty otherwise.
+        fault: The internal error because of which the shard could not be made; empty otherwise.
     """
 
     name: str
@@ -79,7 +79,7 @@ def make_shard(shard: Shard, settings: DatasetSettings, expected: dict[str, str]
         expected: Versions that this process must have, from :func:`versions`.
 
     Raises:
-        InputError: The object's mesh differs from the one that the shard was listed with.
+        InputError: The object's mesh has changed since the shard was listed.
         EnvironmentFailure: This process has other versions, or a file or package is missing.
     """
     from threadpoolctl import threadpool_limits
@@ -137,7 +137,7 @@ class _Clock:
 
 
 def _rows(shard: Shard, settings: DatasetSettings, clock: _Clock) -> tuple[list[Row], str, bool | None]:
-    """The rows, why there are fewer than asked for, and whether the task suits the object's shape."""
+    """The rows, the reason if there are too few of them, and whether the task suits the object's shape."""
     hand, task = load_hand(shard.hand), parse_task(shard.task)
     mesh, why = usable_object(shard.source, shard.scale)
     if mesh_digest(mesh) != shard.mesh:
@@ -182,7 +182,7 @@ def _rows(shard: Shard, settings: DatasetSettings, clock: _Clock) -> tuple[list[
 
 
 def _of_grasp(answer: Answer) -> Row:
-    """The columns that come from the planner."""
+    """The columns with the planner's results."""
     g, result = answer.grasp, answer.hand_result
     assert isinstance(g, Grip)
     poses: Row = {}
@@ -253,7 +253,7 @@ def _metrics(
 def _facts(
     shard: Shard, settings: DatasetSettings, rows: list[Row], reason: str, suits: bool | None
 ) -> dict[str, Any]:
-    """The facts of a shard, which its file holds as metadata."""
+    """The facts of a shard, which are stored in its file as metadata."""
     return {
         "format": FORMAT,
         "shard": shard.name,

@@ -1,4 +1,4 @@
-"""Physics tests of a shard's grasps: the holding test, and the task test where the task suits the object."""
+"""Physics tests of a shard's grasps: the holding test, and the task test if the task suits the object."""
 
 from __future__ import annotations
 
@@ -36,11 +36,11 @@ TASK_COLUMNS = (
 
 
 def untested(count: int, reason: str | None = None) -> list[Row]:
-    """The columns of both tests for grasps without a test.
+    """The columns of both tests for grasps that were not tested.
 
     Args:
         count: Number of grasps.
-        reason: Why the test was impossible; ``None`` where no test was asked for.
+        reason: Why the tests were impossible; ``None`` if no tests were requested.
     """
     row: Row = dict.fromkeys((*HOLD_COLUMNS, *TASK_COLUMNS))
     if reason is not None:

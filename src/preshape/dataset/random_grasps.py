@@ -6,9 +6,9 @@ and refines the best, so its answers hold few bad ones. The steps here are:
 1. Draw candidates as the closure analyser does, and close the hand on the object.
 2. Shuffle the candidates that closed.
 3. Accept those that the hand can execute, in the shuffled order: the way in is free, no link is deep in the
-   object, and no two links overlap. How well the contacts hold is not looked at.
+   object, and no two links overlap. Whether the contacts hold the object is not checked.
 
-Every grasp squeezes with the same sum of normal forces, whatever its metrics are.
+Every grasp squeezes with the same sum of normal forces.
 """
 
 from __future__ import annotations
@@ -33,9 +33,9 @@ PRESS = 10.0
 BATCH = 400
 """Number of candidates drawn in one round."""
 MAX_ROUNDS = 40
-"""Number of rounds for one hand and object after which fewer grasps than asked for are returned."""
+"""Largest number of rounds for one hand and object; fewer grasps than requested may then be returned."""
 FINISH_FACTOR = 3
-"""Candidates finished at a time, as a multiple of the number of grasps asked for."""
+"""Number of candidates finished at a time, divided by the number of grasps requested."""
 
 
 @value
@@ -43,8 +43,8 @@ class RandomGrasps:
     """Executable grasps of one hand on one object, in the order in which they were accepted.
 
     Attributes:
-        grasps: Postures, squeeze, contacts and approach plane of each.
-        search: The search for this hand and object; it also gives the planner's score.
+        grasps: Postures, squeeze, contacts and approach plane of each grasp.
+        search: The search for this hand and object, from which the planner's score can be computed.
         drawn: Number of candidates drawn.
         closed: Number of candidates that closed on the object.
     """
@@ -72,21 +72,21 @@ def random_grasp_settings(friction: float = FRICTION) -> ClosureSettings:
 
 
 def random_generator(seed: int, hand: str, object_name: str) -> np.random.Generator:
-    """Random generator of one hand and object; it does not depend on what else is measured."""
+    """Random generator of one hand and object; it does not depend on the other hands and objects."""
     return np.random.default_rng([seed, zlib.crc32(hand.encode()), zlib.crc32(object_name.encode())])
 
 
 def draw_random_grasps(
     hand: Hand, mesh: TriangleMesh, count: int, rng: np.random.Generator, settings: ClosureSettings
 ) -> RandomGrasps:
-    """Draw ``count`` grasps, or fewer where the hand rarely closes on the object.
+    """Draw ``count`` grasps, or fewer if the hand rarely closes on the object.
 
     Args:
         hand: The hand.
         mesh: The object at its size [m].
-        count: Number of grasps asked for.
-        rng: Random generator of the candidates and of their order.
-        settings: Friction and press, from :func:`random_grasp_settings`.
+        count: Number of grasps requested.
+        rng: Random generator for the candidates and their order.
+        settings: Friction and squeeze, from :func:`random_grasp_settings`.
     """
     field = prepare_field(mesh)
     centre = inner_centre(field, mesh)

@@ -1,4 +1,4 @@
-"""Making a dataset: list its shards, make the missing ones, and write each as soon as it is finished."""
+"""Makes a dataset: lists its shards, makes the missing ones, and writes each when it is finished."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ class DatasetReport:
 
     Attributes:
         folder: The folder.
-        facts: Facts of each shard, in the order of the list.
-        made: Number of shards that this run made.
-        damaged: Number of these whose file existed but was damaged.
+        facts: Facts of each shard, in the order of the shard list.
+        made: Number of shards made by this run.
+        damaged: Number of shards made again by this run because their files were damaged.
         seconds: Time of this run [s].
     """
 
@@ -36,11 +36,11 @@ class DatasetReport:
     seconds: float
 
     def total(self, name: str) -> int:
-        """Sum over all shards of one fact, such as ``asked``, ``rows`` or ``held``."""
+        """Sum of one fact, such as ``asked``, ``rows`` or ``held``, over all shards."""
         return sum(int(facts[name]) for facts in self.facts)
 
     def short(self) -> list[dict[str, Any]]:
-        """``shard``, ``asked``, ``rows`` and ``reason`` of each shard with fewer grasps than asked for."""
+        """``shard``, ``asked``, ``rows`` and ``reason`` of each shard with fewer grasps than requested."""
         shown = ("shard", "asked", "rows", "reason")
         return [{name: f[name] for name in shown} for f in self.facts if f["rows"] < f["asked"]]
 
@@ -69,7 +69,7 @@ def run_dataset(
     settings: DatasetSettings | None = None,
     progress: Progress | None = None,
 ) -> DatasetReport:
-    """Make a dataset, or the missing shards of one that was started before.
+    """Make a dataset, or the missing shards of an unfinished one.
 
     Args:
         cases: Objects at their scales.
@@ -81,7 +81,7 @@ def run_dataset(
         progress: Called after each object that was read and each shard that was made.
 
     Raises:
-        InputError: A bad argument, or the folder holds another dataset.
+        InputError: An argument is not valid, or the folder contains another dataset.
         EnvironmentFailure: A file cannot be read or written, a package is missing, or workers were killed.
     """
     start = time.perf_counter()

@@ -1,8 +1,8 @@
-"""The columns of a shard in one list, from which the Parquet schema and the documentation are made.
+"""The list of a shard's columns, from which the Parquet schema and the documentation are generated.
 
-Frames: ``object`` is the frame of the mesh after scaling. ``object, COG`` has the same axes with the centre
-of the bounding box as reference point, ``object, COM`` with the centre of mass. A *contact list* has one
-entry for each contact, the thumb's first, in the same order in every column.
+Frames: ``object`` is the frame of the mesh after scaling. ``object, COG`` has the same axes, with the centre
+of the bounding box as reference point; for ``object, COM`` the reference point is the centre of mass. A
+*contact list* has one entry for each contact, the thumb's first, in the same order in every column.
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ from .index_values import INDICES
 
 FORMAT = "preshape dataset 2"
 META = b"preshape"
-"""Key in the Parquet metadata under which a shard's facts stand as JSON text."""
+"""Key of a shard's facts (JSON text) in the Parquet metadata."""
 DIRECTIONS = tuple(probe.name.removeprefix("force ") for probe in HoldProtocol().loads())
-"""Push directions of the holding test, in the order of the lists with six entries."""
+"""Push directions of the holding test; lists with six entries use this order."""
 
 
 @value
@@ -30,8 +30,8 @@ class Column:
     Attributes:
         name: Name of the column.
         kind: Type, a key of :func:`_types`.
-        unit: Unit of the numbers; ``1`` for numbers without a unit, empty where the values are not numbers.
-        frame: Frame of the coordinates; empty where there is none.
+        unit: Unit of the numbers; ``1`` for numbers without a unit, empty if the values are not numbers.
+        frame: Frame of the coordinates; empty if the values are not coordinates.
         text: Meaning of the column.
         nullable: Whether values may be null.
     """
@@ -235,7 +235,7 @@ def parquet_bytes(rows: Sequence[dict[str, Any]], facts: dict[str, Any]) -> byte
 
 
 def facts_of(content: bytes) -> dict[str, Any] | None:
-    """The facts in a shard's file; ``None`` where the content is not a complete, undamaged shard."""
+    """The facts in a shard's file; ``None`` if the content is not a complete, undamaged shard."""
     pa = arrow()
     import pyarrow.parquet as pq
 
@@ -243,7 +243,7 @@ def facts_of(content: bytes) -> dict[str, Any] | None:
         table = pq.read_table(pa.BufferReader(content), page_checksum_verification=True)
         facts: dict[str, Any] = json.loads((table.schema.metadata or {})[META])
         complete = facts["format"] == FORMAT and facts["rows"] == table.num_rows
-        # The page checksums do not cover the headers, so the content must also write back to the same bytes.
+        # Page checksums do not cover the headers. So the content, written again, must give the same bytes.
         complete = complete and parquet_bytes(table.to_pylist(), facts) == content
     except (OSError, ValueError, KeyError, TypeError, pa.ArrowException):
         return None

@@ -22,24 +22,24 @@ from ..tasks import Task, parse_task
 from ..types import FIELD_MASS, FRICTION, value
 
 THRESHOLD = 3.0
-"""Least quality (0 to 6) of a ranked grasp: the default of the critic, just enough for the load."""
+"""Smallest quality (0 to 6) of a ranked grasp: the critic's default, at which it just balances the load."""
 MAX_SHARDS = 1_000_000
 """Largest number of shards of one dataset."""
 
 
 @value
 class DatasetSettings:
-    """Everything that decides the content of the shards, apart from object, scale, hand and task.
+    """All settings that determine the content of the shards, apart from object, scale, hand and task.
 
-    The scene is always free space: no table, no boxes to avoid.
+    The scene is always free space, without a table and boxes to avoid.
 
     Attributes:
-        per: Number of grasps asked for of each object, scale, hand and task.
+        per: Number of grasps requested for each combination of object, scale, hand and task.
         per_shard: Largest number of grasps in one shard.
-        ranked: Whether the grasps are the planner's answers, best first; otherwise random grasps.
+        ranked: If true, the grasps are the planner's answers, best first; otherwise they are random grasps.
         candidates: Number of candidates of the first search for a shard of ranked grasps.
-        physics: Whether the grasps go through the holding test and, where the task suits the object, the
-            task test.
+        physics: Whether the grasps go through the holding test and, if the task suits the object, the task
+            test.
         friction: Sliding friction in planning, metrics and tests.
         mass: Mass of every object in planning, metrics and tests [kg].
         seed: Seed of every random draw; the same seed gives the same files.
@@ -71,25 +71,25 @@ class DatasetSettings:
         return {**{field.name: getattr(self, field.name) for field in fields(self)}, **self.conditions()}
 
     def conditions(self) -> dict[str, Any]:
-        """Mass [kg], friction and scene that the grasps are made for, as plain JSON values."""
+        """Mass [kg], friction and scene for which the grasps are made, as plain JSON values."""
         return {"mass": self.mass, "friction": self.friction, "table": None, "avoid": []}
 
 
 @value
 class Shard:
-    """One file of a dataset; with the settings it is all that a process needs to make the file.
+    """The description of one file of a dataset; from it and the settings, any process can make the file.
 
     Attributes:
         name: Name of the file without its suffix.
         object_name: Name of the object.
         source: Mesh file or library name of the object.
-        mesh: Hash of the mesh at this scale; empty where the mesh cannot be used.
+        mesh: Hash of the mesh at this scale; empty if the mesh cannot be used.
         scale: Factor on the object's size.
-        pieces: Folder with the convex pieces of the objects; ``None`` to cut the object.
-        hand: Name or TOML file, as :func:`~preshape.hands.load.load_hand` takes it.
-        task: The task, as :func:`~preshape.tasks.parse_task` takes it.
-        part: Number of the part, from 0.
-        count: Number of grasps asked for.
+        pieces: Folder with the convex pieces of the objects; ``None`` to cut the object into pieces.
+        hand: Name or TOML file, as for :func:`~preshape.hands.load.load_hand`.
+        task: The task as text, as for :func:`~preshape.tasks.parse_task`.
+        part: Number of this shard among those of the same object, scale, hand and task, from 0.
+        count: Number of grasps requested.
         seed: Seed of every random draw in this shard.
     """
 
@@ -107,7 +107,7 @@ class Shard:
 
 
 def task_label(task: Task) -> str:
-    """Name of a task in a dataset: its label, or its six numbers where it has no name."""
+    """Name of a task in a dataset: its label, or its six numbers if it has no name."""
     return task.label if task.name != "custom" else " ".join(f"{x:g}" for x in task.q)
 
 
@@ -141,10 +141,10 @@ def list_shards(
     settings: DatasetSettings,
     progress: Progress | None = None,
 ) -> list[Shard]:
-    """List all shards of a dataset; consecutive shards are of different objects.
+    """List all shards of a dataset so that consecutive shards have different objects.
 
-    The first shard of an object also prepares the object (distance field, convex pieces). In this order the
-    processes prepare different objects at the same time.
+    The first shard of an object also prepares the object (distance field, convex pieces). With this order,
+    several processes prepare different objects at the same time.
 
     Args:
         cases: Objects at their scales.
@@ -236,5 +236,5 @@ def _shard(
 
 
 def hand_digest(name: str) -> str:
-    """Hash of everything that defines a hand."""
+    """Hash of all data that define a hand."""
     return digest(load_hand(name), "dataset")
