@@ -1,7 +1,7 @@
-"""The interface of a performance element (§3.3), and the values that it returns.
+"""The interface of a performance element (§3.3), and the values that such an element returns.
 
 The paper's performance element is the ray analyser (:mod:`preshape.hiis.virtual_grasp`); the closure analyser
-closes a real hand. The controller depends on this module only.
+closes a real hand. The controller needs only this interface of either.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ MAX_FINGERS = 4
 
 @value
 class HandLayout:
-    """What an analyser must know of a hand.
+    """The dimensions of a hand that an analyser needs.
 
     Attributes:
         name: Name of the hand.
@@ -46,8 +46,8 @@ class GraspContacts:
     Attributes:
         points: (n, 3) [m], mesh frame.
         normals_in: (n, 3) inward unit normals.
-        triangles: (n,) the triangle that each contact lies on.
-        wrenches: (n, 6) each contact's wrench about the COG, axes x y z, lengths in U.
+        triangles: (n,) index of the triangle that each contact lies on.
+        wrenches: (n, 6) wrench of each contact about the COG, axes x y z, lengths in U.
     """
 
     points: Array
@@ -64,13 +64,13 @@ class Grasp(ABC):
         plane: The approach plane.
         flip: Whether the thumb stands on the -o side.
         approach_value: v, -1..1 (§3).
-        approach_set: Index of the fuzzy set that v belongs to most.
+        approach_set: Index of the fuzzy set in which v has the largest membership.
         fingers: Number of virtual fingers, thumb included.
         contacts: Where the fingers touch.
         net_wrench: (6,) about the COG, axes x y z, lengths in U (eq. 14).
-        adi: (6,) ADI of each component with the task (eq. 19).
-        tfvadi: Their sum (eq. 22).
-        stability: rank(WU) - rank(TI), one wrench a finger (§2.3).
+        adi: (6,) ADI between wrench and task, for each component (eq. 19).
+        tfvadi: Sum of the six ADIs (eq. 22).
+        stability: rank(WU) - rank(TI), with one wrench per finger (§2.3).
         manipulability: rank(WU).
     """
 
@@ -105,11 +105,11 @@ class Grasp(ABC):
     @property
     @abstractmethod
     def description(self) -> str:
-        """The grasp as part of a sentence; it names plane, fingers and score."""
+        """Plane, fingers and score of the grasp, as part of a sentence."""
 
     @abstractmethod
     def same_as(self, other: Grasp) -> bool:
-        """Whether the two are too similar to be given as different answers."""
+        """Whether two grasps are too similar to count as different answers."""
 
 
 @value
@@ -160,9 +160,9 @@ class Grip(Grasp):
         torques: (j,) joint torques of the squeeze [N m].
         task_margin: Largest load along the task's wrench cone that the squeeze can balance, divided by
             the expected load; 1 is just enough.
-        hold_margin: The same for pushes and turns in any direction.
-        quality: What the critic judges, 0..6; 3 is just enough.
-        clearance: Least distance of the open hand to the object, at the pregrasp and on the way in [m].
+        hold_margin: The same margin for forces and torques in any direction.
+        quality: Score that the critic judges, 0..6; 3 is just enough.
+        clearance: Least distance of the open hand to the object, at the pregrasp and on the approach [m].
     """
 
     approach: Array
@@ -214,7 +214,7 @@ class Grip(Grasp):
 
 
 def wrist_distance(places: Array, turns: Array, place: Array, turn: Array) -> Array:
-    """Distance of wrist poses, without a unit: the sum of position over 20 mm and rotation over 0.35 rad [C].
+    """Distance of wrist poses, without unit: position difference / 20 mm plus rotation angle / 0.35 rad [C].
 
     Args:
         places: (..., 3) positions [m].
@@ -228,15 +228,15 @@ def wrist_distance(places: Array, turns: Array, place: Array, turn: Array) -> Ar
 
 @value
 class Aim:
-    """Where an analyser searches: all combinations of the following.
+    """Where an analyser searches: all combinations of planes, values, fingers and thumb sides.
 
     Attributes:
         planes: Indices of approach planes, 1..12.
         values: Approach values, -1..1.
         fingers: Numbers of virtual fingers, thumb included.
-        flips: Thumb sides.
-        recall: Planes whose stored grips are tried as well, with any value and fingers; only for analysers
-            that store grips.
+        flips: Thumb sides: True for the -o side, False for the +o side.
+        recall: Planes whose stored grips are tried as well, with any approach value and number of fingers;
+            used only by analysers that store grips.
     """
 
     planes: Sequence[int] = tuple(p.index for p in PLANES)
@@ -246,7 +246,7 @@ class Aim:
     recall: Sequence[int] = ()
 
     def check(self) -> None:
-        """Refuse what does not exist.
+        """Refuse planes, values and numbers of fingers that do not exist.
 
         Raises:
             InputError: A plane, an approach value or a number of fingers is out of range.
@@ -274,9 +274,9 @@ class Exploration(ABC):
         value: (k,) approach value.
         fingers: (k,) virtual fingers.
         wrench: (k, 6) net wrench about the COG, lengths in U.
-        match: (k,) what the critic judges, 0..6.
+        match: (k,) score that the critic judges, 0..6.
         tried: Number of candidates that were tried.
-        reason: Why nothing was found, where nothing was.
+        reason: Why no grasp was found; empty otherwise.
     """
 
     plane: IntArray
@@ -292,10 +292,10 @@ class Exploration(ABC):
         return len(self.match)
 
     def best_first(self) -> Self:
-        """Sorted by match, best first; equal matches by simplicity [C].
+        """Sort by match, best first; of equal matches the simpler grasp comes first [C].
 
-        Simpler is: aimed nearer to the object's middle, then more fingers, thumb on +o, lower plane index.
-        Matches closer than 1e-9 count as equal.
+        A grasp is simpler if it is aimed nearer to the object's middle; then if it has more fingers; then if
+        its thumb is on +o; then if its plane index is lower. Matches closer than 1e-9 count as equal.
         """
         nearness = np.round(np.abs(self.value), 9)
         keys = (self.plane, self.flip, -self.fingers, nearness, -np.round(self.match, 9))
@@ -317,7 +317,7 @@ class Exploration(ABC):
 
     @property
     def nearest_miss(self) -> Grasp | None:
-        """Where nothing was found, the best grasp that the hand can at least execute; otherwise ``None``."""
+        """If no grasp was found, the best one that the hand can at least execute; otherwise ``None``."""
         return None
 
 
@@ -342,16 +342,16 @@ class Analyser(Protocol):
 
     @property
     def patience(self) -> int:
-        """Number of other tasks that task correction tries."""
+        """Number of other tasks that task correction (mode 2) tries."""
 
     def explore(self, q: Array, aim: Aim) -> Exploration:
         """All grasps of an aim, matched with the task, best first."""
 
     def recall(self, q: Array, lessons: Sequence[Experience]) -> Sequence[Grasp]:
-        """The stored grasps of this very object and task, evaluated again on the present mesh."""
+        """The stored grasps of this same object and task, evaluated again on the current mesh."""
 
     def heaviest(self, q: Array, grasp: Grasp) -> float | None:
         """Heaviest mass for which the grasp would still be good enough [kg]; ``None`` for virtual grasps."""
 
     def shortfall(self, q: Array, grasp: Grasp) -> str:
-        """What a grasp that is not good enough lacks, and what would help; empty for virtual grasps."""
+        """What a weak grasp lacks, and what would help; empty for virtual grasps."""

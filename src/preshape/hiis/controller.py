@@ -54,7 +54,7 @@ from .virtual_grasp import RayAnalyser
 STORED = 8
 """Largest number of stored grasps of one object and task that are evaluated again, best first."""
 OFFERS = 3
-"""Number of tasks offered where the requested one does not fit."""
+"""Number of other tasks offered if no grasp fits the requested one."""
 
 
 class Controller:
@@ -64,15 +64,15 @@ class Controller:
         memory: The memory; with ``memory.read_only`` nothing is added to it.
         layout: The hand.
         settings: The settings of meta control.
-        prepare: Makes the performance element for an object; by default the paper's ray analyser.
-        prepare_seed: Makes the performance element for the first lesson, the cube; by default ``prepare``.
-        kind: Inputs of the estimator that describe an object, and by which it is recognised: ``paper``, or
-            ``shape``, which does not depend on the triangulation.
-        scene: Scene of the requests, as text. Lessons are stored with it, and only lessons of the same scene
-            make an object known.
+        prepare: Function that makes the performance element for an object; by default the ray analyser.
+        prepare_seed: The same for the first lesson, the cube; by default ``prepare``.
+        kind: Inputs that describe an object to the estimator and to recognition: ``paper``, or ``shape``,
+            which does not depend on the triangulation.
+        scene: Scene of the requests, as text. Lessons are stored with this scene, and an object counts as
+            known only by lessons of the same scene.
 
     Attributes:
-        memory_state: State of the memory at its last use by this controller (:meth:`Memory.state`).
+        memory_state: State of the memory when this controller last used it (:meth:`Memory.state`).
     """
 
     def __init__(
@@ -101,7 +101,7 @@ class Controller:
 
     @property
     def weights(self) -> NetworkWeights:
-        """The present weights of the approach estimator."""
+        """The current weights of the approach estimator."""
         assert self._weights is not None
         return self._weights
 
@@ -116,7 +116,7 @@ class Controller:
         return RayAnalyser(mesh, self.layout, coefficients=s.coefficients, sets=s.sets)
 
     def prepare(self, mesh: TriangleMesh) -> Analyser:
-        """The performance element for an object; it can be used for several tasks."""
+        """The performance element for an object; one element serves several tasks."""
         return self._prepare(mesh)
 
     def run(
@@ -133,12 +133,12 @@ class Controller:
         Args:
             target: The object, or its prepared performance element.
             task: What the hand is to do with the object.
-            approaches: Allowed approach axes, as ``+z,-x``; all by default.
+            approaches: Allowed approach axes, such as ``+z,-x``; all by default.
             count: Number of different answers wanted.
-            may_learn: Whether mode 3 may teach the memory, and grips of a real hand are stored.
+            may_learn: Whether mode 3 may store lessons, and modes 0 and 1 grips of a real hand.
 
         Raises:
-            InputError: An argument is wrong, or a deadlock was not reset.
+            InputError: An argument is wrong, or an earlier deadlock was not reset.
             ObjectError: The object does not fit the hand.
         """
         if self.deadlock:
@@ -179,7 +179,7 @@ class Controller:
         return self._mode_3(pa, task, allowed, 1, [], True, self._best_stored(pa, task, allowed))
 
     def reset(self) -> None:
-        """Reset a deadlock, as meta control; the next run starts at mode 0."""
+        """Reset a deadlock, as meta control does; the next run starts at mode 0."""
         self.deadlock = False
 
     def at_estimate(
@@ -187,9 +187,8 @@ class Controller:
     ) -> Exploration:
         """The grasps that mode 0 chooses from, best first.
 
-        They are at the estimated plane and approach value, with the estimated number of fingers, or as many
-        as fit there. Stored grips of real hands from similar objects, on the planes ``recall``, are added
-        [C].
+        They have the estimated plane and approach value, and the estimated number of fingers, or as many as
+        fit there. Stored grips of real hands from similar objects, on the planes ``recall``, are added [C].
         """
         value = float(self.settings.sets.crisp()[estimate.approach_set])
         fingers = range(2, estimate.fingers + 1)
@@ -204,10 +203,10 @@ class Controller:
     # The modes.
 
     def _best_stored(self, pa: Analyser, task: Task, allowed: BoolArray) -> Grasp | None:
-        """The best stored grasp of this object, task and scene, evaluated again on the present mesh.
+        """The best stored grasp of this object, task and scene, evaluated again on the current mesh.
 
-        A repeated request must never get a worse answer than the memory holds [C]. Grasps that were lost in
-        physics are left out.
+        A repeated request must never get a worse answer than the memory holds [C]. Grasps that lost the
+        object in the physics test are left out.
         """
         q, here = task.q.tobytes(), pa.mesh.attributes
         own = [
@@ -228,7 +227,7 @@ class Controller:
     def _better_of(
         self, pa: Analyser, grasp: Grasp | None, stored: Grasp | None, verdict: Verdict
     ) -> tuple[Grasp | None, Verdict]:
-        """The better of a grasp and the stored one, with the critic's verdict on it."""
+        """The better of a grasp and the stored one, with the critic's verdict on the better one."""
         if stored is None or (grasp is not None and grasp.judged >= stored.judged - SLACK):
             return grasp, verdict
         found = "" if grasp is None else f"; the search found {grasp.judged:.2f}"
@@ -240,13 +239,13 @@ class Controller:
     ) -> tuple[Estimate, Grasp | None, Verdict]:
         """AE → PA: the best grasp at the estimate, or a better one that is stored.
 
-        A stored virtual grasp replaces the estimated one only where that is good enough, so that the mode
-        shows how good the estimate was, as in the paper.
+        A stored virtual grasp replaces the estimated one only if the estimated one is good enough, so that
+        the mode shows how good the estimate was, as in the paper.
         """
         x = inputs(q, self._attributes(pa), self.layout.u, self._kind)
         estimate = decode(predict(self.weights, x), allowed)
         if isinstance(stored, Grip):
-            # Closing a hand takes time: the search runs only where the stored grip is not good enough.
+            # Closing a hand takes time: the search runs only if the stored grip is not good enough.
             grasp, verdict = self._better_of(pa, None, stored, judge(None, 0.0))
             if verdict.reward:
                 return estimate, grasp, verdict
@@ -355,15 +354,15 @@ class Controller:
             self.memory_state = self.memory.state()
 
     def learn_outcomes(self, pa: Analyser, task: Task, tried: Sequence[tuple[Grasp, bool]]) -> None:
-        """Store the outcomes of grasps in physics, and teach the estimator accordingly.
+        """Store the outcomes of grasps in the physics test, and train the estimator accordingly.
 
-        A grasp that held is taught for this object and task from now on; a grasp that was lost is neither
-        taught nor recalled again [C].
+        The estimator learns a grasp that held for this object and task. A grasp that lost the object is
+        neither learnt nor recalled again [C].
 
         Args:
             pa: Performance element of the object.
             task: The task of the grasps.
-            tried: Grasps and whether each held, in the order in which they were tested.
+            tried: Each grasp with True if it held, in the order of the tests.
         """
         outcomes = {lesson_key(e): e.outcome for e in self._experiences if e.outcome}
         found = outcomes_of(pa, task.q, tried, self.settings.sets, self.scene)
@@ -417,7 +416,7 @@ class Controller:
         return tuple(answers[1:])
 
     def _offers(self, pa: Analyser, task: Task, allowed: BoolArray) -> tuple[Offer, ...]:
-        """The nearest named tasks that mode 0 or 1 would answer (task correction)."""
+        """The named tasks nearest to this one that mode 0 or 1 could answer (task correction)."""
         offers: list[Offer] = []
         candidates = sorted(all_named_tasks(), key=lambda t: float(np.linalg.norm(t.q - task.q)))
         for candidate in candidates[: pa.patience]:
@@ -434,7 +433,7 @@ class Controller:
         return tuple(offers)
 
     def _load_memory(self) -> None:
-        """Read the memory; where it is empty, learn the cube first (§3.5)."""
+        """Read the memory; if it is empty, learn the cube first (§3.5)."""
         self._experiences = self.memory.experiences(hand=self.layout.name)
         self._weights = self.memory.weights(self.layout.name)
         if not self._experiences:

@@ -1,6 +1,6 @@
 """The internal critic (IC, §3.4): rewards and penalties by fuzzy matching, and recognition (§3.6).
 
-The critic only compares with a threshold and gives the reason.
+The critic only compares a score with a threshold and gives the reason.
 """
 
 from __future__ import annotations
@@ -16,23 +16,23 @@ from .analyser import Aim, Analyser
 from .fuzzy import FuzzySets, tfvadi
 
 SLACK = 1e-9
-"""A match that is below a threshold by at most this still meets it."""
+"""A match that is below a threshold by at most this slack still meets the threshold."""
 
 SAME_OBJECT = 0.05
-"""Largest attribute distance of two objects that may be the same [C]."""
+"""Two objects may be the same if the distance of their attributes is at most this [C]."""
 
 SAME_SHAPE = 0.045
 """Largest distance of the shape descriptors of two objects with the same extents and the same shape [C].
 
 Measured with :func:`~preshape.objects.shape.shape_distance`:
 
-- the 41 library objects and the same with smaller triangles: below 1e-6; simplified to 40 % of their
-  triangles, within 0.2 % of the largest extent: median 0.003, at most 0.032 (the phone);
+- each of the 41 library objects and the same object with smaller triangles: below 1e-6; the same object with
+  40 % of its triangles, within 0.2 % of the largest extent: median 0.003, at most 0.032 (the phone);
 - two different library objects: at least 0.098 (hexagonal prism and cylinder);
-- a cylinder and a hexagonal prism of equal extents, six sizes: 0.057 to 0.107.
+- a cylinder and a hexagonal prism of equal extents, in six sizes: 0.057 to 0.107.
 
-A mesh is not recognised where simplification has removed a tenth of a thin wall, nor is a scan that lacks a
-side. An object that a turn by 180° changes only a little (teapot 0.031, scissors 0.012) is recognised turned.
+An object is not recognised if simplification has removed a tenth of a thin wall, or if a scan lacks a side.
+An object that differs little from itself turned by 180° (teapot 0.031, scissors 0.012) is recognised turned.
 """
 
 
@@ -61,7 +61,7 @@ class Verdict:
 
     Attributes:
         reward: True for a reward, False for a penalty.
-        match: The number that was judged, 0..6; ``None`` where there was none.
+        match: The score that was judged, 0..6; ``None`` if there was no grasp.
         reason: One sentence.
     """
 
@@ -75,9 +75,9 @@ class Recognition:
     """Whether the object is known (mode 2).
 
     Attributes:
-        verdict: A reward where it is known.
+        verdict: A reward if the object is known.
         candidates: Number of experiences within the attribute distance.
-        nearest: Object name of the experience that matched best.
+        nearest: Object name of the experience with the best match.
     """
 
     verdict: Verdict
@@ -86,13 +86,13 @@ class Recognition:
 
 
 def judge(match: float | None, threshold: float, *, subject: str = "TFVADI", why: str = "") -> Verdict:
-    """A reward where the match meets the threshold, otherwise a penalty.
+    """A reward if the match meets the threshold, otherwise a penalty.
 
     Args:
-        match: 0..6, or ``None`` where there is no grasp.
+        match: Score, 0..6, or ``None`` if there is no grasp.
         threshold: Threshold to meet, with a slack of 1e-9.
-        subject: Name of the number in the reason.
-        why: Why there is no grasp.
+        subject: Name of the score, for the reason.
+        why: Why there is no grasp, for the reason.
     """
     if match is None:
         return Verdict(reward=False, match=None, reason=f"no grasp found{f': {why}' if why else ''}")
@@ -111,19 +111,19 @@ def recognise(
     distance: Callable[[Attributes, Attributes], float] = attribute_distance,
     within: float = SAME_OBJECT,
 ) -> Recognition:
-    """Mode 2: whether the memory knows the present object.
+    """Mode 2: whether the memory knows the current object.
 
     For each experience of an object within the attribute distance, the analyser makes the stored virtual
-    grasp (plane, flip, approach value, fingers) on the **present** mesh. Recognition is the largest TFVADI of
-    the new net wrench and the stored one; without contact it is 0 [R].
+    grasp (plane, flip, approach value, fingers) on the **current** mesh. The score of recognition is the
+    largest TFVADI between a new net wrench and the stored one; it is 0 if the new grasp has no contact [R].
 
     Args:
-        analyser: Analyser of the present object.
-        experiences: Experiences of the present hand.
-        threshold: Threshold to meet.
+        analyser: Analyser of the current object.
+        experiences: Experiences of the current hand.
+        threshold: TFVADI at which the object counts as known.
         sets: Membership functions.
-        distance: Distance of two objects' attributes.
-        within: Largest distance of a candidate.
+        distance: Function that returns the distance between the attributes of two objects.
+        within: Largest attribute distance of an experience that is compared.
     """
     here = analyser.mesh.attributes
     near = [e for e in experiences if distance(here, e.attributes) <= within]
@@ -149,17 +149,18 @@ def recognise_shape(
 ) -> Recognition:
     """Recognition by size and shape alone, without an analyser (mode 2 of real hands) [C].
 
-    An object is known where an experience has W, H and D within 5 % and a shape descriptor at a distance of
-    at most ``within``; its name is that of the nearest shape. Experiences without a descriptor do not count.
+    An object is known if an experience has W, H and D within 5 % of its own and a shape descriptor at a
+    distance of at most ``within``. It gets the name of the nearest shape. Experiences without a descriptor do
+    not count.
 
     Args:
-        attributes: Attributes of the present object, with its descriptor.
-        experiences: Experiences of the present hand.
+        attributes: Attributes of the current object, with its descriptor.
+        experiences: Experiences of the current hand.
         within: Largest distance of the descriptors.
 
     Returns:
-        The candidates are the experiences with a descriptor and W, H, D within 5 %. The verdict has no match,
-        because a distance is not a TFVADI.
+        The result. Its candidates are the experiences with a descriptor and W, H, D within 5 %; its verdict
+        has no match, because a distance is not a TFVADI.
 
     Raises:
         InputError: The attributes have no descriptor, or one of another length.
@@ -192,7 +193,7 @@ def recognise_shape(
 
 
 def _distinct(experiences: Sequence[Experience]) -> list[Experience]:
-    """One experience for each way of grasping; repetitions would give the same result."""
+    """One experience for each different grasp; repetitions would give the same result."""
     ways = {
         (e.plane, e.flip, round(e.approach_value, 6), e.fingers, e.wrench.round(6).tobytes()): e
         for e in experiences

@@ -70,7 +70,7 @@ class Transition:
 
 @value
 class Offer:
-    """A task with a grasp that fits, offered in place of one without (mode 2).
+    """A task that some grasp fits, offered in place of the requested task (mode 2).
 
     Attributes:
         task: The task.
@@ -95,9 +95,9 @@ class Decision:
         mode: Execution mode in which the run ended, 0..3.
         task: The requested task.
         grasp: The answer; ``None`` without one.
-        best: The answer, or the best grasp found where it is not good enough.
+        best: The answer; without an answer, the best grasp found, which is not good enough.
         alternatives: Further answers, best first.
-        offers: Tasks with a grasp that fits, nearest first (mode 2).
+        offers: Tasks that some grasp fits, nearest to the requested task first (mode 2).
         transitions: Every step with its reason.
         estimate: The estimator's estimate; ``None`` after mode 3.
     """
@@ -131,7 +131,7 @@ def decided(
     alternatives: tuple[Grasp, ...] = (),
     offers: tuple[Offer, ...] = (),
 ) -> Decision:
-    """The report of a run; its reason is that of the last step."""
+    """The report of a run; its reason is the reason of the last step."""
     return Decision(
         status=status,
         reason=steps[-1].reason,

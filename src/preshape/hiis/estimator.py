@@ -36,7 +36,7 @@ class Estimate:
         plane: Index of the approach plane, 1..12.
         approach_set: Index of the fuzzy set of the approach value, 0 = RWD-H … 6 = FWD-H.
         fingers: Virtual fingers, thumb included, 2..4.
-        confidence: Probability of this code among all legal ones, 0..1.
+        confidence: Probability of this code among all legal codes, 0..1.
         outputs: (9,) raw outputs Y0..Y8.
     """
 
@@ -50,9 +50,9 @@ class Estimate:
 def inputs(task: Array, attributes: Attributes, u: float, kind: InputKind = "paper") -> Array:
     """The input vector IV (eq. 5), scaled to about unit range [C].
 
-    Extents are divided by 4 U, the logarithms of counts by six decades. Task components are clipped at ±10,
-    far beyond the largest value that a task has. The kind ``shape`` has the shape descriptor in place of the
-    counts, because the counts change with every new triangulation of the object [C].
+    Extents are divided by 4 U, and the decimal logarithms of counts by 6. Task components are clipped at ±10,
+    far beyond any value of a task. The kind ``shape`` has the shape descriptor instead of the counts, because
+    the counts change with every new triangulation of the object [C].
 
     Args:
         task: (6,) Q.

@@ -1,8 +1,8 @@
 """Fuzzy matching of a task with a net wrench (§2.4, eq. 17-22).
 
 Seven fuzzy sets divide a quantity from "high in the negative direction" to "high in the positive
-direction" (fig. 8, fig. 16). Two numbers match as far as they belong to the same sets. A task and a
-wrench are matched component by component:
+direction" (fig. 8, fig. 16). Two numbers match to the degree that they belong to the same sets. A task
+and a wrench are matched component by component:
 
 >>> q1 = [1.0, 1.0, 0.1, 0.05, 0.8, 0.05]
 >>> float(tfvadi(q1, q1))
@@ -92,7 +92,7 @@ class FuzzySets:
         x = np.clip(np.asarray(x, dtype=np.float64), -_FAR, _FAR)
         a, b, c, d = (corner.reshape(7, *[1] * x.ndim) for corner in self.corners.T)
         if self.shape == "trapezoid":
-            # A flank without width is a step that includes its corner.
+            # A flank of width 0 is a step that includes its corner.
             inside = np.minimum(_ramp(x - a, b - a), _ramp(d - x, d - c))
             peak_low, peak_high = self.corners[0, 2], self.corners[-1, 1]
         else:
@@ -128,7 +128,7 @@ _FAR = 1e6
 
 
 def _ramp(rise: Array, width: Array) -> Array:
-    """Membership 0..1 on a flank of a width; a flank without width is a step that includes its foot."""
+    """Membership 0..1 on a flank of the given width; a flank of width 0 is a step that includes its foot."""
     step = np.where(width > 0, 0.0, _STEP)
     steep = (rise + step) * (1.0 / np.maximum(width, _STEP))
     return np.clip(steep, 0.0, 1.0, out=steep if steep.ndim else None)

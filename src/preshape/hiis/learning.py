@@ -1,7 +1,7 @@
 """The learning element (LE, §3.5): the fuzzy explorer and the incremental learning unit.
 
-Training starts with a cube. Every object learnt later adds its experiences to the training data. The
-earlier experiences stay in it, so that learning an object does not make the estimator forget others.
+Training starts with a cube. Every object learnt later adds its experiences to the training data. Earlier
+experiences stay in the data, so that learning an object does not make the estimator forget others.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from .training import train
 FINE_VALUES: Array = np.linspace(-0.95, 0.95, 64)
 """Approach values that modes 1 and 3 try between the crisp ones [C]."""
 MIDDLE_SET = 3
-"""Index of the fuzzy set of approach values at the object's middle."""
+"""Index of the fuzzy set for approach values near the object's middle."""
 
 
 @value
@@ -59,9 +59,11 @@ def explore(
     """The fuzzy explorer: search all planes, flips, sets and finger counts for the best match (mode 3).
 
     The answer may have any approach value; among equal matches a crisp value is preferred. The grasp to teach
-    needs a crisp value, because the estimator can give no other. It is the best such grasp on the answer's
-    plane if that plane has one that is good enough, otherwise the best on the best plane that has one,
-    otherwise the best on the answer's plane after all [C].
+    needs a crisp value, because the estimator can give no other. It is the first of these that exists [C]:
+
+    1. the best crisp grasp on the answer's plane, if it is good enough;
+    2. the best crisp grasp on the best other plane that has a good enough one;
+    3. the best crisp grasp on the answer's plane, although it is not good enough.
 
     Args:
         analyser: Analyser of the object.
@@ -95,7 +97,7 @@ def everywhere(sets: FuzzySets, allowed: BoolArray | None = None, values: Array 
 
 
 def _first(mask: BoolArray, otherwise: int) -> int:
-    """Index of the first True, which is the best, because grasps are sorted; else ``otherwise``."""
+    """Index of the first True, or ``otherwise``; grasps are sorted, so the first is the best."""
     return int(np.argmax(mask)) if mask.any() else otherwise
 
 
@@ -107,12 +109,12 @@ def search_values(sets: FuzzySets) -> Array:
 def experiences_of(
     analyser: Analyser, object_name: str, q: Array, discovery: Discovery, sets: FuzzySets, scene: str = ""
 ) -> list[Experience]:
-    """The experiences to store of a search: (Q, object), (BPT, object), a landmark, and the answer.
+    """The experiences to store after a search: (Q, object), (BPT, object), a landmark, and the answer.
 
     The net wrench of the grasp is the *best possible task* (BPT) [P]: the task that this grasp matches best.
-    The landmark is the grasp whose wrench matches itself best. It serves recognition only, because a wrench
-    between fuzzy sets does not match itself [C]. The answer is stored as well where another grasp is taught,
-    because a repeated request must not get a worse answer than the first [C].
+    The landmark is the grasp whose wrench has the largest TFVADI with itself; it serves recognition only. A
+    wrench between fuzzy sets would not do, because its TFVADI with itself is low [C]. The answer is stored as
+    well if another grasp is taught, because a repeated request must not get a worse answer [C].
     """
     grasp = discovery.taught
     self_match = approaching_degrees(discovery.found.wrench, discovery.found.wrench, sets).sum(axis=1)
@@ -163,7 +165,7 @@ def experience_of(
 def outcomes_of(
     analyser: Analyser, q: Array, tried: Sequence[tuple[Grasp, bool]], sets: FuzzySets, scene: str = ""
 ) -> list[Experience]:
-    """Experiences of grasps for task Q that held or were lost in physics, in the order of the tests."""
+    """Experiences of grasps for task Q with their outcomes in physics, in the order of the tests."""
     attributes, name = described(analyser.mesh), analyser.mesh.name
     return [
         experience_of(analyser, name, "task", q, g, sets, attributes, "held" if held else "lost", scene)
@@ -190,9 +192,10 @@ def _stored_grip(grip: Grip, cog: Array) -> Array:
 def seed_tasks() -> Array:
     """(48, 6) the tasks of the first training: Q1- and Q2-type tasks of the twelve planes, both signs [C].
 
-    For a plane (a, o) and a sign s: Q1 = translations along a and s·o, rotation about s·o; Q2 = the same
-    translations, rotation about -a. Table 1 has o = Y, s = +1 and a = X; its Q2, with the rotation about
-    +a, is here as the Q1 of the plane that approaches along s·o, so that all 48 are different.
+    For a plane (a, o) and a sign s, Q1 has translations along a and s·o and a rotation about s·o. Q2 has the
+    same translations and a rotation about -a. Table 1 shows the case a = X, o = Y, s = +1. The paper's Q2
+    there, with the rotation about +a, equals the Q1 of the plane that approaches along s·o; the sign used
+    here makes all 48 tasks different.
     """
     tasks = []
     for p in PLANES:
@@ -230,10 +233,10 @@ def training_set(
 ) -> tuple[Array, Array]:
     """Inputs and output bits of the experiences that the estimator is trained on.
 
-    Of two lessons of the same task on the same object, the later one counts; but a lesson in free space
-    counts before one with a table or boxes, because the estimator does not know the scene. A grasp that was
-    lost in physics is not taught, and an earlier lesson of the same task with the same grasp is dropped. With
-    inputs of kind ``shape``, experiences without a shape descriptor are left out.
+    Of several lessons of the same task on the same object, the latest counts. A lesson in free space comes
+    before any with a table or boxes, because the estimator does not know the scene. A grasp that lost the
+    object in physics is not taught, and earlier lessons of the same task and grasp are dropped. For inputs of
+    kind ``shape``, experiences without a shape descriptor are left out.
 
     Args:
         experiences: Experiences of one hand, in the order in which they were stored.
@@ -275,12 +278,12 @@ def learn(
     seed: int = 0,
     kind: InputKind = "paper",
 ) -> NetworkWeights:
-    """Train the estimator on all experiences, with its present weights as warm start.
+    """Train the estimator on all experiences, with its current weights as warm start.
 
     Args:
         experiences: Experiences of one hand, in the order in which they were stored.
         u: The hand's U [m].
-        start: The present weights; weights for another kind of inputs are not used.
+        start: The current weights; weights for another kind of inputs are ignored.
         seed: Seed of fresh weights.
         kind: Kind of the inputs, ``paper`` or ``shape``.
 

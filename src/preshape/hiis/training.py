@@ -18,13 +18,13 @@ TARGET_ERROR = 5e-4
 """Mean-square error at which training stops: the smallest of table 4 [P]."""
 
 _DECAYS = (1e-5, 1e-6, 1e-7)
-"""Weight decays, tried in this order until the target is met. A larger decay makes the network more
+"""Weight decays, tried in this order until the target error is met. A larger decay makes the network more
 tolerant of disturbed tasks [C]."""
 _SURE = 0.45  # largest distance of an output from its bit; at 0.5 the code would be read wrongly
 
 
 def initial_weights(seed: int, layers: tuple[int, int, int] = LAYERS) -> NetworkWeights:
-    """Random weights: normal, with the inverse square root of the fan-in as standard deviation."""
+    """Random weights: normally distributed, with standard deviation 1 / √fan-in."""
     rng = np.random.default_rng(seed)
     n_in, n_hidden, n_out = layers
     return NetworkWeights(
@@ -81,8 +81,8 @@ def train(
 ) -> NetworkWeights:
     """Train for use: L-BFGS on cross-entropy, with the earlier weights as warm start.
 
-    Training stops where the mean-square error is at the target and every output is on its bit's side.
-    Where the earlier weights do not lead there, it starts again from fresh weights, up to three times.
+    Training stops when the mean-square error meets the target and every output is on the correct side of 0.5.
+    If the earlier weights do not lead there, training starts again from fresh weights, up to three times.
 
     Args:
         x: (n, i) inputs, 13 in the paper.

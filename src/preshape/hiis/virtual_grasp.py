@@ -1,8 +1,9 @@
 """The ray analyser: virtual grasps by ray casting (§2.3, §3.3), the paper's performance element.
 
-Each finger is a ray along the opposition axis, aimed at (v · half-extent along a, tᵢ along t): the thumb
-at t = 0 from the +o side, the fingers from the -o side; flipped, the reverse. The first triangle that a
-ray meets from outside is the contact. A virtual grasp exists where the rays of all its fingers hit.
+Each finger is a ray along the opposition axis, aimed at (v · half-extent along a, tᵢ along t). The thumb
+comes from the +o side at t = 0, the fingers from the -o side; in a flipped grasp the sides are exchanged. The
+contact is the point where the ray first hits the object from outside. A virtual grasp exists if the rays of
+all its fingers hit.
 """
 
 from __future__ import annotations
@@ -27,8 +28,8 @@ MAX_EXTENT = 4.0
 _CACHED_AIMS = 40
 """Number of cached aims: task correction alternates between the planes."""
 
-# On a symmetric object, an exact ray hits an edge, where the normals of both neighbours are equally right.
-# Therefore the triangle is chosen by a ray shifted by this share of the largest extent: a micrometre or two.
+# On a symmetric object, an exact ray may hit an edge, where both normals are correct. To make
+# the choice definite, a ray shifted by this fraction of the largest extent (1 to 2 µm) selects the triangle.
 _NUDGE = 1e-5 * np.array([0.62, 0.48, 0.62])
 
 # Places along t that a finger can aim at: the middle, two side by side, and two with one between them.
@@ -39,7 +40,7 @@ _SIGNS = np.array([0, 1, -1, 1, -1])
 
 @value
 class _Field:
-    """Contacts at every place aimed at. Array axes: plane P, value V, side 2 (+o, -o), place 5."""
+    """Contacts at every place of an aim. Array axes: plane P, value V, side 2 (+o, -o), place 5."""
 
     origin: Array  # (P, V, 2, 5, 3)
     point: Array  # (P, V, 2, 5, 3)
@@ -53,7 +54,7 @@ class _Field:
 
 @value
 class _Survey:
-    """The virtual grasps of an aim, whatever the task."""
+    """The virtual grasps of an aim; they do not depend on the task."""
 
     index: IntArray
     values: Array
@@ -156,7 +157,7 @@ class RayAnalyser:
         self._cache.clear()
 
     def recall(self, q: Array, lessons: Sequence[Experience]) -> list[VirtualGrasp]:
-        """The virtual grasps of lessons on the present mesh; those without contacts there are left out."""
+        """The virtual grasps of lessons on the current mesh; grasps without contacts there are left out."""
         found = []
         for e in lessons:
             aim = Aim(planes=[e.plane], values=[e.approach_value], fingers=[e.fingers], flips=[e.flip])
@@ -167,7 +168,7 @@ class RayAnalyser:
         """``None``: a virtual grasp says nothing about loads."""
 
     def shortfall(self, q: Array, grasp: Grasp) -> str:
-        """Empty: the net wrench beside the task shows what is lacking; see the plan's warnings."""
+        """Empty, because the plan's warnings compare net wrench and task and show what is lacking."""
         return ""
 
     def _survey(self, aim: Aim) -> _Survey:
@@ -251,7 +252,7 @@ class RayAnalyser:
         )
 
     def _at(self, number: int, v: float) -> tuple[_Field, tuple[int, int]]:
-        """A cached field with this plane and approach value, else a new one, and their indices in it."""
+        """A cached or new field with this plane and approach value, and the indices of both in that field."""
         for survey in reversed(self._cache.values()):
             p = np.flatnonzero(survey.index == number)
             i = np.flatnonzero(survey.values == v)
@@ -277,7 +278,7 @@ class RayAnalyser:
         direction = np.broadcast_to(-sides[:, None, :, None], origin.shape)
         point, triangle = self._hit(origin, direction)
         normal = self.mesh.normals[triangle]
-        # Inward = with the ray, whichever way a scan's triangles happen to be wound.
+        # The inward normal points along the ray, whichever way the triangles of a scan are wound.
         along = np.einsum("...i,...i->...", normal, direction)
         normal = np.where(along[..., None] < 0, -normal, normal)
         as_finger, as_thumb = self._wrenches(point, normal, a, t)
@@ -293,7 +294,7 @@ class RayAnalyser:
         )
 
     def _room(self, target: Array, t: Array, half_t: Array) -> Array:
-        """(P, V) half the object's width along t at each aim [m]; half its extent where the rays miss."""
+        """(P, V) half the object's width along t at each aim [m]; half its extent if the rays miss."""
         sides = np.stack([t, -t], axis=1)  # (P, 2, 3)
         origin = target[:, :, None] + (sides * (2.0 * half_t)[:, None, None])[:, None]
         direction = np.broadcast_to(-sides[:, None], origin.shape)
@@ -304,14 +305,14 @@ class RayAnalyser:
         return np.where(met, reach, half_t[:, None])
 
     def _hit(self, origin: Array, direction: Array) -> tuple[Array, IntArray]:
-        """First hit of each ray [m] and its triangle; where a ray misses, its origin and -1."""
+        """First hit point of each ray [m] and the triangle hit; if a ray misses, its origin and -1."""
         origins, directions = origin.reshape(-1, 3), direction.reshape(-1, 3)
         aside = origins + self._nudge
         picked = self._cast(aside, directions)
         hit = (picked.triangle != MISS)[:, None]
         reach = np.where(hit, picked.distance[:, None], 0.0)
         true = np.where(hit, distance_to(self.mesh, picked.triangle, origins, directions)[:, None], 0.0)
-        # Beside a wall parallel to the ray, the plane of the chosen triangle says nothing about the true ray.
+        # If the chosen triangle is almost parallel to the ray, its plane does not give the true hit point.
         flat = np.abs(true - reach) <= 10 * self._nudge.max()
         point = np.where(flat, origins + true * directions, aside + reach * directions)
         return np.where(hit, point, origins).reshape(origin.shape), picked.triangle.reshape(origin.shape[:-1])
@@ -333,7 +334,7 @@ class RayAnalyser:
         return offsets, fits
 
     def _wrenches(self, point: Array, normal: Array, a: Array, t: Array) -> tuple[Array, Array]:
-        """Contact wrenches about the COG: of every place as a finger's, and of the middle as the thumb's."""
+        """Contact wrenches about the COG: at every place for a finger, and at the middle for the thumb."""
         r = (point - self.mesh.cog) / self.layout.u
         axes = (a[:, None, None], t[:, None, None])
         as_finger = contact_wrenches(r, normal, *axes, -_SIGNS, self.coefficients)

@@ -30,7 +30,7 @@ def contact_wrenches(
     """The soft-finger wrench of each contact about the COG.
 
     Args:
-        positions: (..., n, 3) contact positions from the COG, in U (eq. 7).
+        positions: (..., n, 3) contact positions relative to the COG, in U (eq. 7).
         normals_in: (..., n, 3) inward unit normals.
         approach_axis: (..., 3) a.
         transverse_axis: (..., 3) t.
@@ -77,9 +77,9 @@ def rank(matrix: ArrayLike, tolerance: float = RANK_TOLERANCE) -> int:
 def reciprocal_twists(wrench_union: ArrayLike, tolerance: float = RANK_TOLERANCE) -> Array:
     """A basis of the twists reciprocal to a set of wrenches (Adams & Whitney's construction).
 
-    A twist (angular, linear) is reciprocal to a wrench (force, torque) where it does no work against it:
-    force · linear + torque · angular = 0. These twists are the null space of the wrench union with its
-    halves swapped.
+    A twist (angular, linear) is reciprocal to a wrench (force, torque) if the wrench does no work on it:
+    force · linear + torque · angular = 0. These twists span the null space of the wrench union, with the
+    force and torque halves of the wrenches swapped.
 
     Args:
         wrench_union: (n, 6) wrenches about one point.
@@ -100,7 +100,7 @@ def soft_finger_basis(positions: ArrayLike, normals_in: ArrayLike) -> Array:
     """Four unit wrenches for each contact: three forces and the moment about the normal.
 
     Args:
-        positions: (n, 3) from the COG, in U.
+        positions: (n, 3) contacts relative to the COG, in U.
         normals_in: (n, 3) inward unit normals.
 
     Returns:
@@ -109,7 +109,7 @@ def soft_finger_basis(positions: ArrayLike, normals_in: ArrayLike) -> Array:
     positions, normals = np.atleast_2d(positions), np.atleast_2d(normals_in)
     rows = []
     for r, n in zip(positions, normals, strict=True):
-        # Tangents come from the contact, so that a rotation of the scene changes nothing.
+        # The tangents depend on the contact's normal only.
         helper = np.eye(3)[np.argmin(np.abs(n))]
         t1 = np.cross(n, helper)
         t1 /= np.linalg.norm(t1)
@@ -138,7 +138,7 @@ def screw_measures(
 
     Args:
         wrenches: (n, 6) contact wrenches about the COG, one per finger.
-        positions: (n, 3) contacts from the COG, in U; needed for ``basis``.
+        positions: (n, 3) contacts relative to the COG, in U; needed for ``basis``.
         normals_in: (n, 3) inward unit normals; needed for ``basis``.
         reading: With ``net``, WU is the stacked contact wrenches, one per finger [P]; its rank is small for
             few fingers. With ``basis``, WU has all four wrenches that a soft finger can exert; its rank is 6
