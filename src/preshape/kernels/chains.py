@@ -1,4 +1,4 @@
-"""Forward kinematics of many postures at once in NumPy; the specification of that in the closing kernel."""
+"""Forward kinematics of many postures at once, in NumPy; it specifies that of the closing kernel."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from .tables import HandTables
 
 
 def joint_frames(tables: HandTables, q: Array) -> tuple[Array, Array]:
-    """Frames of all joints in the palm frame.
+    """Frames of all joints, in the palm frame.
 
     Args:
         tables: Tables of the hand.

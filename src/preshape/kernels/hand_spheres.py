@@ -1,12 +1,12 @@
-"""Spheres that fill a rigid link, so that its distance to an object is the least distance of a sphere.
+"""Spheres that fill a rigid link; its distance to an object is then the least distance of a sphere.
 
-No sphere protrudes from the link, and the link protrudes from its spheres by a bounded length.
+No sphere protrudes from the link, and the link protrudes from the spheres by a limited length.
 
 1. A capsule is filled by a row of spheres of its own radius.
-2. A box is filled by rows of spheres along the edges of smaller and smaller boxes inside it: small spheres
-   near its edges, larger ones farther inside, the largest in its middle.
-3. Spheres that cover only surface inside another shape of the link are left out. Of the coarse spheres a
-   small subset that covers the surface is chosen (greedy set cover).
+2. A box is filled by rows of spheres along the edges of ever smaller boxes inside it: small spheres near its
+   edges, larger ones farther inside, the largest in the middle.
+3. Spheres are left out if they cover only surface that lies inside another shape of the link. At coarse
+   detail, a small subset of the spheres that covers the surface is chosen (greedy set cover).
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ import numpy as np
 from ..types import Array, BoolArray
 
 COARSE, FINE = 0.003, 0.0005
-"""Largest protrusion of a link from its spheres [m], for the search and for the answers [C]."""
+"""Largest protrusion of a link from its spheres [m]: coarse for the search, fine for the answers [C]."""
 _CAPSULE = {COARSE: 0.0006, FINE: 0.00012}  # ... of a capsule [m]
 _BOX = {
     COARSE: 0.0026,
@@ -73,7 +73,7 @@ def link_spheres(shapes: list[Shape], detail: float) -> Array:
     from scipy.spatial.distance import cdist
 
     gap = cdist(spheres[:, :3], points) - spheres[:, 3:]
-    # A point that no sphere is near enough to is covered by the nearest one.
+    # A point that is not near enough to any sphere counts as covered by the nearest one.
     return spheres[_cover(gap <= np.maximum(allowed, gap.min(axis=0) + 1e-6))]
 
 
@@ -176,7 +176,7 @@ def _near(spheres: Array, points: Array, within: float) -> BoolArray:
 
 
 def _cover(covers: BoolArray) -> list[int]:
-    """Rows (spheres) that together cover every column (point); each next row covers the most of the rest."""
+    """Rows (spheres) that together cover every column (point), by greedy choice of the row that adds most."""
     chosen: list[int] = []
     left = covers.any(axis=0)
     gains = covers[:, left].sum(axis=1)

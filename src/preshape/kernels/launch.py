@@ -1,4 +1,4 @@
-"""Warp: import without a greeting, compilation with a message, and launches on several CPU threads."""
+"""Use of Warp: silent import, compilation with a message, and kernel launches on several CPU threads."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from typing import Any
 from ..processes import usable_cores
 
 SMALLEST_PART = 16
-"""Least number of candidates for which a further thread is worth its start."""
+"""Least number of candidates per thread for which starting a further thread pays off."""
 
 
 @cache
@@ -32,7 +32,7 @@ def warp() -> Any:
 
 
 def load_kernels(module: ModuleType, device: str) -> None:
-    """Load a module of kernels, before several threads ask for it; compile it where that is necessary.
+    """Load a module of kernels, compiling it if necessary, before several threads use it.
 
     Args:
         module: A Python module with Warp kernels.
@@ -49,7 +49,7 @@ def load_kernels(module: ModuleType, device: str) -> None:
 
 @cache
 def _announce_compilation() -> None:
-    """Say once that the first use takes longer."""
+    """Tell the user once that the first use takes longer."""
     print("compiling the kernels for this machine, once: about 20 s ...", file=sys.stderr, flush=True)
 
 
@@ -73,7 +73,7 @@ def _no_standard_error() -> Iterator[None]:
 
 
 def usable_threads(device: str) -> int:
-    """Number of CPU threads for a launch: Warp itself uses one on the CPU; a GPU needs no more."""
+    """Number of CPU threads for a launch: one per core on the CPU, where Warp uses one; 1 for a GPU."""
     return usable_cores() if device == "cpu" else 1
 
 

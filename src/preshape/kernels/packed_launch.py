@@ -1,6 +1,6 @@
-"""Device arrays and packed launches that are reused between calls.
+"""Device arrays and kernel launches with packed arguments, both reused between calls.
 
-Making them anew for each call would take longer than the computation of a small batch.
+Creating them for each call would take longer than the computation of a small batch.
 """
 
 from __future__ import annotations
@@ -15,9 +15,9 @@ from ..types import IntArray
 from .launch import in_parts, part_count, warp
 
 LEAST_CAPACITY = 64
-"""Rows of a new array."""
+"""Number of rows of a new array."""
 FIRST_ROW = object()
-"""Placeholder for the number of a part's first row, among the arguments of a :class:`PackedLaunch`."""
+"""Placeholder argument of a :class:`PackedLaunch`: the index of the first row of the launched part."""
 
 
 class DeviceRows:
@@ -55,7 +55,7 @@ class DeviceRows:
             self._host_view[: len(values)] = values
 
     def get(self, which: int | IntArray) -> Any:
-        """A copy of the first ``which`` rows, or of the rows with these numbers."""
+        """A copy of the first ``which`` rows, or of the rows with the indices ``which``."""
         leading = isinstance(which, int | np.integer)
         if self._host_view is not None:
             return self._host_view[:which].copy() if leading else self._host_view[which]
@@ -67,17 +67,17 @@ class DeviceRows:
 
 
 class PackedLaunch:
-    """A kernel whose arguments are packed once and changed one by one.
+    """A kernel whose arguments are packed once; later calls replace only those that changed.
 
     Args:
         kernel: A Warp kernel.
         arguments: Its arguments by name, in the kernel's order. :class:`DeviceRows` stand for their arrays,
-            :data:`FIRST_ROW` for the number of the first row of a part.
+            :data:`FIRST_ROW` for the index of the first row of a part.
         device: ``cpu`` or a CUDA device's name.
         threads: Largest number of CPU threads.
 
     Attributes:
-        lock: To be held from the writing of the rows until the results are read.
+        lock: Lock to hold from writing the input rows until the results are read.
     """
 
     def __init__(self, kernel: Any, arguments: Mapping[str, Any], *, device: str, threads: int) -> None:
@@ -96,7 +96,7 @@ class PackedLaunch:
 
         Args:
             count: Number of rows.
-            changed: Arguments by name that may differ from those of the last call.
+            changed: Arguments that may differ from those of the last call, by name.
         """
         for rows in self._rows.values():
             rows.reserve(max(1, count))

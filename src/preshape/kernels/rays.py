@@ -1,7 +1,7 @@
-"""First hits of rays with a triangle mesh, by Embree; :func:`cast_plain` is the NumPy twin that specifies it.
+"""First hits of rays on a triangle mesh, found by Embree and specified by :func:`cast_plain` in NumPy.
 
-Embree finds the triangle in single precision; the distance is computed from that triangle in double
-precision, so both versions return the same numbers.
+Embree finds the triangle in single precision. The distance to that triangle is computed in double precision,
+so both versions return the same numbers.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ MISS = -1
 """Triangle of a ray that hits nothing; its distance is infinite."""
 
 GRAZING = 1e-6
-"""A triangle whose normal has a smaller cosine with the ray is seen edge-on and is no hit."""
+"""Least cosine between ray and triangle normal; below it the triangle is seen edge-on and is not hit."""
 
 
 @value
@@ -34,8 +34,8 @@ class Hits:
 class RayCaster:
     """Casts rays against one mesh.
 
-    For Embree the mesh is moved to its COG and scaled to unit size, so that single precision suffices for a
-    screw of a millimetre and for an object far from its file's origin.
+    Embree gets the mesh with its COG at the origin and scaled to unit size, so that single precision suffices
+    even for a screw of one millimetre or an object far from its file's origin.
 
     Args:
         mesh: The object.
@@ -65,7 +65,7 @@ class RayCaster:
         return Hits(distance=distance_to(self._mesh, triangle, origins, directions), triangle=triangle)
 
     def _skip_edge_on(self, triangle: IntArray, origins: Array, directions: Array) -> None:
-        """Replace hits of triangles seen edge-on by what is behind them."""
+        """Replace hits on triangles seen edge-on by the hits behind them."""
         normals = self._mesh.normals
         slope = np.einsum("ij,ij->i", directions, normals[triangle])
         edge_on = np.flatnonzero((np.abs(slope) <= GRAZING) & (triangle != MISS))
@@ -94,7 +94,7 @@ def distance_to(mesh: TriangleMesh, triangle: IntArray, origins: Array, directio
 
 
 def cast_plain(mesh: TriangleMesh, origins: Array, directions: Array) -> Hits:
-    """As :meth:`RayCaster.cast`, by testing every ray against every triangle (Möller & Trumbore 1997)."""
+    """Like :meth:`RayCaster.cast`, but test every ray against every triangle (Möller & Trumbore 1997)."""
     a = mesh.corners[:, 0]
     e1, e2 = mesh.corners[:, 1] - a, mesh.corners[:, 2] - a
     distance = np.full(len(origins), np.inf)

@@ -12,7 +12,7 @@ from ..types import Array, BoolArray, IntArray, read_only
 from .field.winding import oriented_triangles
 
 SHARP = math.cos(math.radians(30.0))
-"""Two faces make a sharp edge if the cosine of their normals is below this [C]."""
+"""An edge is sharp if the cosine of the angle between its faces' normals is below this [C]."""
 
 OVERSAMPLING = 10
 NEIGHBOUR = 0.8  # least distance of two points, in spacings; it gives about area / spacing² points
@@ -20,13 +20,13 @@ MOST_CANDIDATES = 5_000_000
 
 
 def surface_points(mesh: TriangleMesh, spacing: float, seed: int = 0) -> tuple[Array, Array]:
-    """Evenly spread points of the surface, and every vertex of a sharp edge or rim.
+    """Sample evenly spread points of the surface, and every vertex of a sharp edge or rim.
 
-    1. The vertices of sharp edges and rims are taken.
-    2. Many more points are drawn in proportion to the area.
-    3. Of any two points that are closer than 0.8 spacings one is removed (Poisson disk sampling by
-       elimination), so that no part of the surface is farther than about a spacing from a point. The two
-       sides of a thin wall keep points of their own.
+    1. Take the vertices of sharp edges and rims.
+    2. Draw many more points in proportion to the area.
+    3. Of any two points that are closer than 0.8 spacings, remove one (Poisson disk sampling by elimination).
+       Every part of the surface is then within about one spacing of a point. The two sides of a thin wall
+       keep points of their own.
 
     Args:
         mesh: The object; it need be neither watertight nor consistently wound.
@@ -111,10 +111,10 @@ def _sharp_vertices(mesh: TriangleMesh, normals: Array) -> tuple[Array, Array]:
 
 
 def _spread(points: Array, normals: Array, fixed: int, gap: float, rng: np.random.Generator) -> BoolArray:
-    """Which of the points after the first ``fixed`` stay, so that no two of one side are closer than ``gap``.
+    """Which points after the first ``fixed`` stay, so that no two on one side are closer than ``gap``.
 
-    Every round keeps the points that precede all their neighbours in a random order, and removes those
-    neighbours (Luby 1986). The result is that of a greedy choice in this order.
+    Every round keeps the points that precede all their neighbours in a random order, and removes these
+    neighbours (Luby 1986). The result equals that of a greedy choice in the same order.
     """
     from scipy.spatial import cKDTree
 

@@ -1,4 +1,4 @@
-"""A hand as the kernels read it: joint chains, spheres that fill its links, and the closing path.
+"""The data of a hand for the kernels: joint chains, spheres that fill its links, and the closing path.
 
 :func:`preshape.closure.hand_tables.hand_tables` makes the tables of a hand.
 """
@@ -31,8 +31,8 @@ class HandTables:
         bound: (g, 4) a sphere round all spheres of the group, in the joint's frame: centre and radius [m].
         bound_speed: (g,) the largest speed of the group's spheres [m].
         palm: (p, 4) spheres of the parts that no joint moves, in the palm frame: centre and radius [m].
-        palm_group: (h + 1,) first sphere of each group of them.
-        palm_bound: (h, 4) a sphere round all spheres of the group [m].
+        palm_group: (h + 1,) first sphere of each group of palm spheres.
+        palm_bound: (h, 4) a sphere round all spheres of each such group: centre and radius [m].
         path: (k, j) joint angles at k evenly spaced points of the closing path, from open to closed [rad].
         limits: (j, 2) lower and upper joint limit [rad].
         tip: (f, 3) centre of each fingertip in the frame of its last joint [m].

@@ -1,7 +1,7 @@
 """Closing many hands on one object: the host side of the closing kernel.
 
-A candidate is a palm pose and a preshape. Each of its fingers moves along the closing path until one of its
-links touches the object; the contacts are returned. The kernel is :mod:`.warp`, on the CPU and on CUDA;
+A candidate is a palm pose and a preshape. Each finger in use moves along the closing path until one of its
+links touches the object. The results are the contacts. The kernel is :mod:`.warp`, on the CPU and on CUDA;
 :mod:`.plain` is its specification.
 """
 
@@ -25,7 +25,7 @@ CONTACTS = 8
 """Largest number of contacts of one candidate."""
 CLOSING_ARRAYS = ("fate", "closing", "sphere", "points", "normals_in", "counts")
 """The arrays of :class:`Closings`, one row for each candidate."""
-_FAR = 1e6  # as FAR of the kernels [m]
+_FAR = 1e6  # FAR of the kernels [m]
 
 
 class Fate(IntEnum):
@@ -70,7 +70,7 @@ class Closings:
 
     Attributes:
         fate: (n,) :class:`Fate`.
-        closing: (n, f) place of each finger on its closing path, 0..1; 0 where it touches nothing.
+        closing: (n, f) place of each finger on its closing path, 0 to 1; 0 if it touches nothing.
         sphere: (n, f) number of the touching sphere; -1 for none.
         points: (n, 8, 3) contact points in the mesh frame [m], the thumb's first; only the first ``counts``
             are filled.
@@ -99,7 +99,7 @@ class Obstacles:
         boxes: (b, 2, 3) lower and upper corners of solid boxes [m].
 
     Raises:
-        InputError: A normal has not length 1, or a lower corner is not below the upper one.
+        InputError: A normal does not have length 1, or a lower corner is not below the upper one.
     """
 
     planes: Array = field(default_factory=lambda: np.zeros((0, 4)))
@@ -229,7 +229,7 @@ class ClosingKernel:
             return self._read(len(candidates))
 
     def closed(self, candidates: Candidates, *, wanted: int = 3) -> tuple[IntArray, Closings]:
-        """(k,) numbers of the candidates that closed, and how these closed."""
+        """Close every candidate; return (k,) indices of those that closed, and how these closed."""
         with self._close.lock:
             self._run(candidates, wanted)
             rows = np.flatnonzero(self._out["fate"].get(len(candidates)) == Fate.CLOSED)
@@ -267,12 +267,12 @@ class ClosingKernel:
             place: (n, 3) origins of the palm frames in the mesh frame [m].
             turn: (n, 4) orientations of the palm frames, quaternions wxyz.
             posture: (n, j) joint angles [rad].
-            obstacles: Table and boxes.
-            enough: Larger distances are returned as this one [m]; a smaller value is faster.
+            obstacles: Half-spaces and boxes; ``None`` for none.
+            enough: Distances above this one are returned as this one [m]; a smaller value is faster.
 
         Returns:
-            (n, f + 1) distance of each finger and, last, of the palm from the object [m], and (n,) distance
-            of the whole hand from the obstacles [m]; negative inside.
+            (n, f + 1) distances of the fingers and, last, of the palm from the object [m], and (n,) distances
+            of the whole hand from the obstacles [m]; negative if a part is inside.
         """
         n = len(place)
         with self._clear.lock:

@@ -2,18 +2,18 @@
 
 For each candidate:
 
-1. Palm. If a sphere of the palm is nearer to the object than ``palm_clearance``, the candidate ends there.
-2. For each finger, the thumb first because most candidates fail on it:
+1. Palm. If a sphere of the palm is nearer to the object than ``palm_clearance``, the candidate fails.
+2. For each finger, the thumb first because most failures are due to it:
 
-   1. Start. If the finger, used or not, is in the object at the beginning of its path, the candidate ends
-      there.
-   2. Steps. The distance of a sphere over its speed bounds how far the path is free, onwards and back. A step
-      goes as far as the bounds at both of its ends will probably cover (Bán and Valasek 2023). Where they do
-      not cover it, the step is shortened to the bound at its beginning (Keinert et al. 2014).
-   3. Touch. Once a step ends in the object, the touch is bracketed; false position and bisection find it.
-   4. Contact. It is the point of the surface nearest to the touching sphere, by the field's gradient. A
-      candidate whose thumb touches nothing ends there.
-3. Count. A candidate with fewer contacts than ``wanted`` ends there; the others have closed.
+   1. Start. If the finger, used or not, is inside the object at the beginning of its path, the candidate
+      fails.
+   2. Steps. The distance of a sphere divided by its speed bounds how far the path is free in both directions.
+      A step is as long as the bounds at both of its ends will probably cover (Bán and Valasek 2023). If they
+      do not cover it, the step is shortened to the bound at its beginning (Keinert et al. 2014).
+   3. Touch. If a step ends inside the object, it brackets the touch, which false position and bisection find.
+   4. Contact. The contact is the surface point nearest to the touching sphere, by the field's gradient. If
+      the thumb touches nothing, the candidate fails.
+3. Count. A candidate with fewer contacts than ``wanted`` fails; the others have closed.
 
 R. Bán and G. Valasek, Automatic step size relaxation in sphere tracing, Eurographics short papers, 2023.
 B. Keinert et al., Enhanced sphere tracing, Smart Tools and Applications in Graphics, 2014.
@@ -33,23 +33,24 @@ from ..tables import HandTables
 from .host import CONTACTS, Candidates, Closings, Fate, Obstacles
 
 STEPS = 64
-"""Most steps along the closing path."""
+"""Largest number of steps along the closing path."""
 RELAXATION, EXTRA = 1.96, 1e-4
-"""Factor on a step, below its limit of 2, and a length added to every step, in units of the path."""
+"""Factor on a step (the limit is 2), and a length added to every step, in units of the path."""
 FALSE_POSITIONS, BISECTIONS = 6, 14
 """Iterations that find a bracketed touch."""
 FAR = 1e6
-"""Distance where there is nothing [m]."""
+"""Stands for the distance to nothing [m]."""
 
 
 class NearestSphere(NamedTuple):
     """The sphere of one finger that is nearest to the object, for n candidates.
 
     Attributes:
-        distance: (n,) its distance [m], less the clearance.
-        step: (n,) how far the finger may close or open before any of its spheres can touch, at most 2.
-        centre: (n, 3) its centre [m].
-        sphere: (n,) its number; -1 where the finger has none.
+        distance: (n,) distance of the sphere from the object, minus the clearance [m].
+        step: (n,) how far the finger may close or open, in units of the path, before any of its spheres can
+            touch; at most 2.
+        centre: (n, 3) centre of the sphere [m].
+        sphere: (n,) index of the sphere; -1 if the finger has none.
     """
 
     distance: Array

@@ -1,8 +1,8 @@
 """The closing kernel: one thread closes one candidate.
 
 The steps, numbered as in the comments, are those of :mod:`.plain`, the specification; this kernel computes
-them in single precision. A group of spheres is skipped where the sphere round it shows that none of them
-matters.
+them in single precision. A group of spheres is skipped if its bounding sphere shows that no sphere of the
+group can change the result.
 
 Import this module only inside a function: it loads Warp. It runs unchanged on the CPU and on CUDA.
 """
@@ -19,14 +19,14 @@ from .warp_hand import FAR, FieldArrays, HandArrays, distance_at
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 1})
 
-# As Fate of the host.
+# The values of Fate in host.py.
 CLOSED = wp.constant(0)
 PALM_INSIDE = wp.constant(1)
 FINGERS_INSIDE = wp.constant(2)
 THUMB_MISSES = wp.constant(3)
 TOO_FEW = wp.constant(4)
 
-# As in plain, where they are explained.
+# These constants are those of plain.py, which explains them.
 STEPS = wp.constant(64)
 RELAXATION = wp.constant(1.96)
 EXTRA = wp.constant(1.0e-4)

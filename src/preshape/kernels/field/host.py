@@ -1,8 +1,8 @@
 """The object's signed distance field, computed once and cached on disk, and exact queries of its surface.
 
-The sign comes from the generalised winding number (Jacobson et al. 2013), so a scan with holes has an inside
-too. Triangles that are wound against their neighbours are reversed first (:mod:`.winding`). The field is read
-by ``field_distance``, of :mod:`.warp` on the device and of :mod:`.plain` in NumPy.
+The sign comes from the generalised winding number (Jacobson et al. 2013), so even a scan with holes has an
+inside. Triangles that are wound against their neighbours are reversed first (:mod:`.winding`). The function
+``field_distance`` reads the field: that of :mod:`.warp` on the device, that of :mod:`.plain` in NumPy.
 """
 
 from __future__ import annotations
@@ -26,12 +26,12 @@ from .winding import oriented_triangles
 CELLS = 64
 PADDING = 0.02
 MOST_CELLS = 512
-COARSE = 32  # nodes along the longest side of the coarsest grid, every node of which is exact
+COARSE = 32  # nodes along the longest side of the coarsest grid, all of which are exact
 BAND = (
-    0.01  # every grid is exact within this distance of the surface [m], where the centres of fingertips are
+    0.01  # every grid is exact within this distance of the surface [m], where fingertips' centres are
 )
 USER_CACHE = ""
-"""Stands for ``PRESHAPE_CACHE``, or the user's own cache folder."""
+"""Stands for the folder ``PRESHAPE_CACHE``, or for the user's own cache folder if that is not set."""
 
 
 @value
@@ -73,18 +73,18 @@ class DistanceField:
 def prepare_field(
     mesh: TriangleMesh, *, cells: int = CELLS, padding: float = PADDING, cache: Path | str | None = USER_CACHE
 ) -> DistanceField:
-    """The signed distance field of an object, from the cache if it was computed before.
+    """Get the signed distance field of an object, from the cache if it was computed before.
 
-    The nodes hold the exact distance within 7 cells and within 10 mm of the surface; beyond both they hold a
-    lower bound, about 5 % low. Between nodes the interpolation error is up to a quarter of the spacing at an
-    edge of the surface, and up to half of it at a wall that is thinner than the spacing. It is less for round
-    fingertips, because their centres stay away from the surface.
+    A node holds the exact distance within 7 cells or 10 mm of the surface, whichever is larger. Farther away
+    it holds a lower bound that is about 5 % too low. Between nodes, the interpolation error is up to a
+    quarter of the spacing at an edge of the surface, and up to half the spacing at a wall thinner than the
+    spacing. It matters less for fingertips, because their centres stay away from the surface.
 
     Args:
         mesh: The object; it need be neither watertight nor consistently wound.
         cells: Nodes along the longest side, padding included.
         padding: Margin around the object's bounding box [m].
-        cache: Folder of the cache; :data:`USER_CACHE` for the user's own, ``None`` for no cache. A folder
+        cache: Folder of the cache; :data:`USER_CACHE` for the default folder, ``None`` for no cache. A folder
             that cannot be used is ignored.
 
     Raises:

@@ -1,7 +1,7 @@
 """Signed distance in plain NumPy: the specification of the kernels of :mod:`.warp`.
 
-The package also uses the lookups :func:`field_distance` and :func:`field_gradient`. :func:`closest_plain` and
-:func:`winding_number` compare every point with every triangle and serve tests only.
+The package itself also uses :func:`field_distance` and :func:`field_gradient`. The functions
+:func:`closest_plain` and :func:`winding_number` compare every point with every triangle; only tests use them.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ def field_gradient(field: DistanceField, points: Array) -> Array:
 
 
 def _cell(field: DistanceField, points: Array) -> tuple[IntArray, Array, Array]:
-    """Lowest corner of each point's cell, place in the cell (0..1), and offset from the grid in cells."""
+    """Lowest corner of each point's cell, position in the cell (0 to 1), and offset from the grid [cells]."""
     x = (np.asarray(points, dtype=np.float64) - field.origin) / field.spacing
     nodes = np.array(field.distance.shape)
     inside = np.clip(x, 0, nodes - 1)

@@ -26,11 +26,11 @@ FACING = wp.constant(0.5)
 """A normal is reversed if its cosine with the direction of increasing distance is below minus this."""
 
 FAR = wp.constant(3.5)
-"""Farther from the surface than this many edges of a coarse cell, the field is a lower bound: about 5 % low,
-and up to half the diagonal of a coarse cell lower midway between two surfaces."""
+"""Farther from the surface than this many edges of a coarse cell, the field is a lower bound. It is about 5 %
+too low, and midway between two surfaces lower still, by up to half the diagonal of a coarse cell."""
 
 HALF_DIAGONAL = wp.constant(0.8661)
-"""Of a cube of edge 1, rounded up."""
+"""Half the diagonal of a cube of edge 1, rounded up."""
 
 
 @wp.func

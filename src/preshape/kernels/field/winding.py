@@ -15,10 +15,10 @@ from ...types import Array, BoolArray, IntArray
 def oriented_triangles(mesh: TriangleMesh) -> IntArray:
     """The mesh's triangles in the same order, wound consistently and outward.
 
-    1. Each connected part takes the winding of the larger part of its area.
-    2. A closed part is turned outward, unless it lies in the bounding box of another part: then it may be a
-       cavity.
-    3. The open parts are reversed together if their volume is negative.
+    1. Each connected part gets the winding that most of its area has.
+    2. A closed part is oriented outward, unless it lies in the bounding box of another part, because it may
+       then be a cavity.
+    3. All open parts are reversed together if their total volume is negative.
 
     A part that cannot be wound consistently (a Möbius band) is not changed.
 

@@ -1,8 +1,8 @@
-"""Pinches placed at antipodal patches of the object: the host side of the fitting kernel.
+"""Places pinches at antipodal patches of the object: the host side of the fitting kernel.
 
-A pinch fits where the palm is outside the object, each pad is near the surface, and the opened fingers are
-clear. This test takes a hundredth of the time of closing the hand, and few of the drawn pinches pass it. The
-kernel is :mod:`.warp`, on the CPU and on CUDA; :mod:`.plain` is its specification.
+A pinch fits at a patch if the palm is outside the object, each pad is near the surface, and the opened
+fingers are clear of the object. This test takes a hundredth of the time of closing the hand, and few pinches
+pass it. The kernel is :mod:`.warp`, on the CPU and on CUDA; :mod:`.plain` is its specification.
 """
 
 from __future__ import annotations
@@ -19,13 +19,13 @@ class PinchRows(NamedTuple):
 
     Attributes:
         mask: (m,) bit f is set if finger f pinches.
-        pads: (m, f, 3) contact point of each finger [m]; of fingers that do not pinch, anything.
+        pads: (m, f, 3) contact point of each finger [m]; arbitrary for fingers that do not pinch.
         links: (m, k, 3) points of the opened hand [m].
         width: (m,) thickness of the object between the pads [m].
         thumb: (m, 3) contact point of the thumb [m].
         others: (m, 3) mean of the other fingers' contact points [m].
-        thumb_rate: (m, 3) derivative of ``thumb`` by the width.
-        others_rate: (m, 3) derivative of ``others`` by the width.
+        thumb_rate: (m, 3) derivative of ``thumb`` with respect to the width.
+        others_rate: (m, 3) derivative of ``others`` with respect to the width.
         opposition: (m, 3) unit vector from the fingers towards the thumb.
         tip: Radius of a fingertip [m].
     """
@@ -64,9 +64,9 @@ class PinchPlacements(NamedTuple):
         patch: (n,) index of the patch.
         approach: (n, 3) unit approach axis.
         side: (n, 3) unit vector towards the thumb's side.
-        tilt: (n,) angle from the fingers (+z of the palm) to the approach axis, towards the side that the
-            palm faces [rad].
-        off: (n, 4) deviation [rad]: a turn about the patch's normal, then a rotation vector.
+        tilt: (n,) angle from the fingers' direction (+z of the palm) to the approach axis, positive towards
+            the side that the palm faces [rad].
+        off: (n, 4) deviation of the palm [rad]: an angle about the patch's normal, then a rotation vector.
     """
 
     pick: IntArray
@@ -146,8 +146,8 @@ class FittingKernel:
         """Place the pinches and keep those that fit.
 
         Returns:
-            (k,) indices of the placements that fit; of these (k, 3) origins of the palm frames in the mesh
-            frame [m], and (k, 4) their orientations, quaternions wxyz.
+            (k,) indices of the placements that fit, and for these (k, 3) origins of the palm frames in the
+            mesh frame [m] and (k, 4) orientations, quaternions wxyz.
         """
         count = len(placements.pick)
         with self._place.lock:

@@ -2,12 +2,13 @@
 
 For each placement of a pinch at a patch:
 
-1. Side. The patch's normal is reversed where it points away from the thumb's side.
-2. Pads. The pads are moved to the patch's width, linearly by their rates.
-3. Orientation. The opposition is turned onto the normal and the tilted fingers towards the approach axis;
-   then the deviation is added.
-4. Place. The midpoint between the pads is moved to the patch's midpoint.
-5. Fit. The opened fingers must be clear, each pad near the surface, and the palm outside the object.
+1. Side. Reverse the patch's normal if it points away from the thumb's side.
+2. Pads. Adapt the pads to the patch's width, linearly by their rates.
+3. Orientation. Rotate the palm so that the opposition points along the normal and the tilted fingers towards
+   the approach axis; then add the deviation.
+4. Place. Move the midpoint between the pads to the patch's midpoint.
+5. Fit. Check that the opened fingers are clear of the object, each pad is near its surface, and the palm is
+   outside it.
 """
 
 from __future__ import annotations
@@ -39,7 +40,7 @@ def place_plain(pinches: PinchRows, patches: PatchRows, placements: PinchPlaceme
 
 
 def between(pinches: PinchRows, rows: IntArray, width: Array) -> tuple[Array, Array]:
-    """(n, 3) midpoint between the pads [m] and (n, 3) unit opposition, for objects of given width.
+    """(n, 3) midpoints between the pads [m] and (n, 3) unit opposition, for objects of given widths.
 
     Args:
         pinches: Pinches of a hand.
@@ -49,8 +50,8 @@ def between(pinches: PinchRows, rows: IntArray, width: Array) -> tuple[Array, Ar
     more = (width - pinches.width[rows])[:, None]
     thumb = pinches.thumb[rows] + more * pinches.thumb_rate[rows]
     others = pinches.others[rows] + more * pinches.others_rate[rows]
-    # From the centre of one fingertip to the other's, because the contact points of a thin object nearly
-    # coincide.
+    # The direction is that between the fingertips' centres, because the contact points of a thin object
+    # nearly coincide.
     apart = (width + 2.0 * pinches.tip)[:, None] * pinches.opposition[rows]
     apart += more * (pinches.thumb_rate[rows] - pinches.others_rate[rows] - pinches.opposition[rows])
     return (thumb + others) / 2, apart / np.linalg.norm(apart, axis=1, keepdims=True)

@@ -43,7 +43,7 @@ def frame(first: wp.vec3, second: wp.vec3):
 
 @wp.func
 def fits(field: FieldArrays, pinch: PinchArrays, row: int, near: float, room: float, p: wp.vec3, m: wp.mat33):
-    """5. Fit: whether the opened hand is clear, each pad near the surface, and the palm outside; 1 or 0."""
+    """Step 5, Fit: 1 if the opened hand is clear, each pad near the surface and the palm outside; else 0."""
     # The opened links first, because most placements that do not fit fail on them.
     for k in range(pinch.links.shape[1]):
         if distance_at(field, p + m * pinch.links[row, k]) <= room:

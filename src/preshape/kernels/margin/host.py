@@ -1,15 +1,16 @@
 """How well candidate grasps resist wrenches: the host side of the wrench-margin kernel.
 
 Wrenches are (force, torque/ℓ) about a reference point, in units of the grip, which is the sum of the normal
-forces. H is the set of wrenches that contact forces in the friction cones of soft fingers, √(|fₜ|²/μ² +
-m²/γ²) ≤ fₙ, can produce with normal forces that sum to one; H₀ is the same with normal forces that sum to at
-most one. For wrenches w that are asked for on top of a base b,
+forces. The contact forces lie in the friction cones of soft fingers, √(|fₜ|²/μ² + m²/γ²) ≤ fₙ. H is the set
+of wrenches that they can produce if the normal forces sum to one; H₀ is the same set if they sum to at most
+one. Each wrench w is demanded in addition to a constant base b:
 
-    residual = the largest distance of b + w from H, and
+    residual = the largest distance of b + w from H, over all w, and
     strength = the largest k with b + k w/|w| in H₀ for every w.
 
-The cones are not cut into facets. The kernel is :mod:`.warp`, on the CPU and on CUDA; :mod:`.plain` is its
-specification. The measures of :mod:`preshape.metrics` are exact, and a thousand times slower.
+The friction cones are exact, not polyhedral. The kernel is :mod:`.warp`, on the CPU and on CUDA;
+:mod:`.plain` is its specification. The measures of :mod:`preshape.metrics` are exact, but a thousand times
+slower.
 """
 
 from __future__ import annotations
@@ -26,21 +27,21 @@ from ...types import Array, IntArray, frozen_array, read_only, value
 CONTACTS = 8
 """Largest number of contacts of one candidate."""
 WRENCHES = 32
-"""Largest number of wrenches asked for."""
+"""Largest number of demanded wrenches."""
 _ROTATED = np.eye(5) - 0.4
 """Five directions perpendicular to each other, none nearer than 53° to an axis."""
 
 
 @value
 class Margins:
-    """How well c candidates resist.
+    """How well c candidates resist the demanded wrenches.
 
     Attributes:
-        residual: (c,) in units of the grip, accurate to 1 % and 5e-6; infinite without contacts. Where the
-            search ended at the bound, the residual is above the bound and no more is known.
-        strength: (c,) in units of the grip, accurate to 1 % and 2e-5; 0 where the base is not in H₀, and
-            where the search ended at the bound.
-        residual_worst: (c,) index of the wrench that decided the residual; -1 where it is 0 or infinite.
+        residual: (c,) in units of the grip, accurate to 1 % and 5e-6; infinite without contacts. If the
+            search ended at the bound, it is only known that the residual is above the bound.
+        strength: (c,) in units of the grip, accurate to 1 % and 2e-5; 0 if the base is not in H₀ or the
+            search ended at the bound.
+        residual_worst: (c,) index of the wrench that decided the residual; -1 if it is 0 or infinite.
         strength_worst: (c,) index of the wrench that decided the strength; -1 for none.
     """
 
@@ -57,8 +58,8 @@ def cone_starts(axis: Array, half_angle: float, *, rotated: bool = False) -> Arr
     """(11, 6) unit wrenches of a cone from which the search starts: the axis, and ten of the rim.
 
     Args:
-        axis: (6,) unit.
-        half_angle: Of the cone [rad].
+        axis: (6,) unit axis of the cone.
+        half_angle: Half-angle of the cone [rad].
         rotated: Take ten other wrenches of the rim, as far from the first ten as possible, and not the axis.
     """
     if half_angle == 0.0:
@@ -74,20 +75,20 @@ def cone_starts(axis: Array, half_angle: float, *, rotated: bool = False) -> Arr
 
 
 class MarginKernel:
-    """The wrenches that are asked of every candidate, on a device.
+    """The wrenches that are demanded of every candidate, on a device.
 
     Args:
-        wrenches: (m, 6) wrenches asked for, 1 ≤ m ≤ 32; with a cone (1, 6), its axis.
-        base: (6,) wrench that is asked for all the while, such as minus the weight; default none.
+        wrenches: (m, 6) demanded wrenches, 1 ≤ m ≤ 32; with a cone (1, 6), the axis of the cone.
+        base: (6,) wrench that is demanded all the time, such as minus the weight; default zero.
         friction: μ ≥ 0 of every contact.
         torsion: γ ≥ 0 of every contact [m]; 0 is a hard finger.
-        half_angle: Half-angle of a cone of wrenches [rad], 0..π/2. With it, the strength is against every
-            unit wrench of the cone, as :func:`preshape.metrics.task_margin` computes it with
-            ``ForceLimits(total=1)``, and the residual is not computed (0). A minimum that the search misses
-            makes the strength too large, never too small: of the grips that searches for real hands found,
-            92 % were accurate to 1 %, and the worst was 18 % too large.
-        thorough: Search a cone from twenty more of its wrenches, each independently, which takes nine times
-            as long: 99.8 % were accurate to 1 %, and the worst was 2.5 % too large.
+        half_angle: Half-angle of a cone of wrenches [rad], 0..π/2. With a cone, every unit wrench of the cone
+            is demanded, as in :func:`preshape.metrics.task_margin` with ``ForceLimits(total=1)``, and the
+            residual is 0 (not computed). If the search misses a minimum, the strength is too large, never too
+            small. Of the grasps found for real hands, 92 % were accurate to 1 %; the worst was 18 % too
+            large.
+        thorough: Search a cone from twenty more of its wrenches, each independently. This takes nine times as
+            long; 99.8 % were accurate to 1 %, and the worst was 2.5 % too large.
         device: ``cpu`` or a CUDA device's name.
         threads: Number of CPU threads; default one for each core.
 
@@ -226,14 +227,14 @@ class MarginKernel:
         """(c,) strengths in units of the grip; the arguments are not checked.
 
         Args:
-            points: As in :func:`margins`; so are the next four.
-            normals_in: (c, 8, 3).
-            counts: (c,).
+            points: (c, 8, 3) contact points [m]; this and the next four arguments are as in :func:`margins`.
+            normals_in: (c, 8, 3) unit inward normals.
+            counts: (c,) numbers of contacts.
             length: ℓ [m].
-            reference: (3,) [m].
-            most: Larger strengths are returned as this one; one number or (c,).
-            least: The search of a candidate ends once its strength is certainly not above this.
-            base: (6,) replaces the kernel's base.
+            reference: (3,) point about which torques are taken [m].
+            most: Strengths above this value are returned as this value; one number or (c,).
+            least: The search of a candidate ends as soon as its strength is known not to exceed this.
+            base: (6,) base that replaces that of the kernel.
         """
         with self._compute.lock:
             self._run((points - reference, normals_in, counts, length, most), -1.0, least, base)
@@ -268,13 +269,13 @@ def margins(
         points: (c, 8, 3) contact points [m]; only the first ``counts`` are used.
         normals_in: (c, 8, 3) unit inward normals.
         counts: (c,) numbers of contacts, 0..8.
-        wrenches: (m, 6) wrenches asked for (force; torque/ℓ) in units of the grip, 1 ≤ m ≤ 32.
-        base: (6,) wrench that is asked for all the while, such as minus the weight, in units of the grip.
+        wrenches: (m, 6) demanded wrenches (force; torque/ℓ) in units of the grip, 1 ≤ m ≤ 32.
+        base: (6,) wrench that is demanded all the time, such as minus the weight, in units of the grip.
         friction: μ.
         torsion: γ [m].
         length: ℓ > 0 [m], one number or (c,).
         reference: (3,) point about which torques are taken, in the frame of the points [m].
-        bound: The search of a candidate ends once its residual is certainly above this.
+        bound: The search of a candidate ends as soon as its residual is known to exceed this.
         threads: Number of CPU threads; the results do not depend on it.
         device: ``cpu`` or a CUDA device's name.
 

@@ -1,26 +1,27 @@
 """The wrench-margin kernel in plain NumPy and double precision, one candidate at a time: the specification.
 
-The wrenches that the contacts can produce are known by their support: how far they reach along a direction,
-and at which wrench. The nearest producible wrench to a target is found by Wolfe's method (1976), with a set
-of support points whose hull holds the nearest wrench so far. For one candidate:
+The set of wrenches that the contacts can produce is known by its support function: how far the set reaches
+along a direction, and at which wrench. The producible wrench nearest to a target is found by Wolfe's method
+(1976). The method keeps a set of support points whose convex hull contains the nearest wrench so far. For one
+candidate:
 
-1. Residual. For each wrench w asked for, the target is b + w. The search
+1. Residual. For each demanded wrench w, the target is b + w. The search
 
-   1. settles the set: it finds the nearest point of its hull to the target and drops the points that do not
-      carry it;
+   1. settles the set: it finds the point of the hull nearest to the target and drops the points with zero
+      weight in it;
    2. takes the support along the direction from the nearest point to the target;
-   3. ends where that support lies hardly beyond the nearest point, or where the distance is not above the
-      largest so far; otherwise the support point joins the set.
+   3. ends if that support lies hardly beyond the nearest point, or if the distance cannot exceed the largest
+      so far; otherwise the support point joins the set.
 
-   The set of one target is the start for the next.
-2. Base. The same search for the target b, with normal forces that sum to at most one (no force at all is one
-   more support point), decides whether b is producible. If not, the strength is 0.
-3. Strength. For each wrench w, the target is b + k w with the least k so far. The plane across the direction
-   from the nearest point to the target bounds k for every wrench (a cutting plane), so k shrinks until the
-   target is producible. With a cone, the wrench of the cone that the plane stops first becomes w.
-4. Restarts. Over a cone, k can have two local minima, and a search that begins at the lower end of one does
-   not find the other. From ``restart`` on, each start therefore descends from the largest k; the least result
-   counts.
+   The set of one target is the warm start for the next target.
+2. Base. The same search for the target b, with normal forces that sum to at most one (the zero wrench is then
+   a support point too), decides whether b is producible. If not, the strength is 0.
+3. Strength. For each wrench w, the target is b + k w with the least k so far. The plane perpendicular to the
+   direction from the nearest point to the target bounds k for every wrench (a cutting plane), so k decreases
+   until the target is producible. With a cone, w becomes the wrench of the cone with the smallest such bound.
+4. Restarts. Over a cone, k can have two local minima, and a search that begins at the bottom of one does not
+   find the other. From index ``restart`` on, each search therefore begins at the largest k again; the least
+   result counts.
 
 P. Wolfe, Finding the nearest point in a polytope, Mathematical Programming 11, 1976.
 """
@@ -50,10 +51,10 @@ class SoftContacts(NamedTuple):
     """The soft-finger contacts of one candidate.
 
     Attributes:
-        arms: (n, 3) contact points from the reference point, over ℓ.
+        arms: (n, 3) contact points relative to the reference point, divided by ℓ.
         normals: (n, 3) inward unit normals.
         mu: Friction coefficient μ.
-        gamma: Torsional friction over ℓ, γ/ℓ.
+        gamma: Torsional friction divided by ℓ, γ/ℓ.
     """
 
     arms: Array
@@ -62,7 +63,7 @@ class SoftContacts(NamedTuple):
     gamma: float
 
     def support(self, y: Array) -> tuple[float, Array]:
-        """How far the wrenches of unit normal force reach along y (6,), and the wrench (6,) that does."""
+        """How far the wrenches of unit normal force reach along y (6,), and the farthest wrench (6,)."""
         g = y[:3] + np.cross(y[3:], self.arms)
         along = np.einsum("ij,ij->i", self.normals, g)
         across = g - along[:, None] * self.normals
@@ -78,7 +79,7 @@ class SoftContacts(NamedTuple):
 
 
 class NearestPoint:
-    """Wolfe's method: the nearest point to a target of the hull of at most seven independent points.
+    """Wolfe's method: the point nearest to a target in the hull of at most seven independent points.
 
     Args:
         first: (6,) the first point.
@@ -93,7 +94,7 @@ class NearestPoint:
         self.weights = np.append(self.weights, 0.0)
 
     def settle(self, target: Array, same: bool) -> tuple[Array, bool]:
-        """Find the nearest point and drop the points that do not carry it.
+        """Find the nearest point and drop the points with zero weight in it.
 
         1. Find the nearest point of the affine hull to the target, and its weights.
         2. If all weights are positive, it is the nearest point of the hull.
@@ -105,8 +106,9 @@ class NearestPoint:
             same: Whether the target is unchanged since the last point was added.
 
         Returns:
-            (6,) target minus nearest point, and whether the last point was of no use: it is in the span of
-            the others, or it was dropped at once. With a changed target that means nothing.
+            (6,) target minus nearest point, and whether the last added point was useless, because it lies in
+            the span of the others or was dropped at once. The second value has no meaning if the target has
+            changed.
         """
         stalled = False
         while True:
@@ -170,7 +172,7 @@ class CandidateMargin(NamedTuple):
 
 
 def cone_support(axis: Array, half_angle: float, y: Array) -> tuple[float, Array]:
-    """How far the unit wrenches within ``half_angle`` of ``axis`` reach along y; and the one that does."""
+    """How far the unit wrenches within ``half_angle`` of ``axis`` reach along y, and the farthest one."""
     along = float(y @ axis)
     across = y - along * axis
     width = float(np.linalg.norm(across))
@@ -194,12 +196,12 @@ def margin_plain(
 
     Args:
         contacts: The contacts.
-        wrenches: (m, 6) wrenches asked for; with a cone the wrenches from which the search starts.
-        base: (6,) wrench that is asked for all the while.
-        bound: The search ends once the residual is certainly above this.
-        cone: (6,) unit axis and half-angle [rad]. Then there is no residual, and the strength is against the
-            whole cone.
-        restart: From this index of the wrenches on, each is searched from independently.
+        wrenches: (m, 6) demanded wrenches; with a cone, the wrenches from which the search starts.
+        base: (6,) wrench that is demanded all the time.
+        bound: The search ends as soon as the residual is known to exceed this.
+        cone: (6,) unit axis and half-angle [rad]. With a cone, there is no residual, and the strength is that
+            against the whole cone.
+        restart: From this index on, an independent search starts from each wrench.
     """
     sizes = np.linalg.norm(wrenches, axis=1)
     units = wrenches / np.where(sizes > 0.0, sizes, 1.0)[:, None]
@@ -271,7 +273,7 @@ def margin_plain(
             height, q = _with_zero(*contacts.support(y))
             gain = height - float(y @ z) + d
             before, slope = strength, float(y @ asked)
-            # The plane across y stops the wrench that reaches farthest along y.
+            # The plane perpendicular to y bounds first the wrench that reaches farthest along y.
             if cone is None:
                 along = units @ y
                 index = int(np.argmax(along))

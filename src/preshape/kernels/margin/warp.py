@@ -1,12 +1,12 @@
 """Wrench margins of one candidate, as a Warp function and a kernel; one thread computes one candidate.
 
-What is computed is described in :mod:`.host`, and how in :mod:`.plain`, the specification, whose steps 1 to 4
-are the modes here. Two things differ:
+:mod:`.host` defines the results. The specification :mod:`.plain` gives the method, whose steps 1 to 4 are the
+modes here. Two things differ:
 
-- Small distances would drown in a Gram matrix of single precision, so the set of support points is kept as an
-  orthonormal basis of its edges, which is updated as points join and leave.
-- All targets of a candidate go through one loop, one step of the set a turn, so that the threads of a GPU
-  stay together.
+- A Gram matrix in single precision would lose small distances. The edges of the set of support points are
+  therefore stored as an orthonormal basis, which is updated as points join and leave.
+- One loop handles all targets of a candidate, one step of the search per iteration, so that the threads of a
+  GPU do not diverge.
 
 Import this module only inside a function: it loads Warp. It runs unchanged on the CPU and on CUDA.
 """
@@ -35,7 +35,7 @@ DONE = wp.constant(3)
 
 CONTACTS = wp.constant(8)
 
-# As in plain, where they are explained.
+# These constants are those of plain.py, which explains them.
 GAP = wp.constant(wp.float32(3.0e-3))
 GAP_FLOOR = wp.constant(wp.float32(3.0e-6))
 K_FLOOR = wp.constant(wp.float32(2.0e-5))

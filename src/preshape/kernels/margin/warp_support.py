@@ -1,4 +1,4 @@
-"""Supports of wrench spaces on the device: how far they reach along a direction, and at which wrench.
+"""Support functions of wrench sets on the device: how far a set reaches along a direction, and where.
 
 Import this module only inside a function: it loads Warp. :mod:`.plain` is the specification.
 """
