@@ -18,7 +18,7 @@ def dumps(document: Any) -> str:
     """JSON text.
 
     Raises:
-        ValueError: A number is not finite, which is a fault of this program.
+        ValueError: A number is not finite, which is a defect of this program.
     """
     return json.dumps(document, allow_nan=False, indent=2)
 
@@ -27,8 +27,8 @@ def write_whole(path: Path, write: Callable[[Path], None]) -> None:
     """Write a file whole or not at all: a temporary file beside it is written and then renamed.
 
     Args:
-        path: The file; its folder is created where it is missing.
-        write: Writes the content to the path that it gets.
+        path: The file; its folder is created if it is missing.
+        write: Function that writes the content to the path it is given.
 
     Raises:
         EnvironmentFailure: The folder cannot be created or written, or the disk is full.
@@ -90,7 +90,7 @@ def locked(file: IO[bytes]) -> bool:
     """Lock an open file for this process; closing it, also by the end of the process, releases the lock.
 
     Returns:
-        False where another process holds the lock; True also where the system has no such locks.
+        False if another process holds the lock; True also on a system without such locks.
     """
     try:
         import fcntl
@@ -116,11 +116,11 @@ def cache_folder() -> Path:
 
 
 def read_arrays(path: Path) -> dict[str, Any]:
-    """The arrays of an npz without pickled content.
+    """The arrays of an npz file; pickled content is refused.
 
     Raises:
         OSError: The file cannot be read.
-        ValueError: The file is no such npz, or is damaged.
+        ValueError: The file is not such an npz file, or is damaged.
     """
     import numpy as np
 

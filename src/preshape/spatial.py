@@ -17,8 +17,8 @@ from numpy.typing import ArrayLike
 from .exceptions import InputError
 from .types import Array, freeze, frozen_array, value
 
-# A smaller rotation [rad], translation [m] or share of force in a wrench counts as zero: rounding leaves
-# about 1e-16, and dropping this much keeps every round trip within 1e-12.
+# A rotation [rad], translation [m] or share of force in a wrench below this counts as zero. Rounding errors
+# are about 1e-16, and dropping values below this limit keeps every round trip within 1e-12.
 _NOTHING = 1e-13
 
 
@@ -57,7 +57,7 @@ def vector_from_rotation(rotation: ArrayLike) -> Array:
 def rotation_from_quaternion(quaternion: ArrayLike) -> Array:
     """(..., 3, 3) rotation of a quaternion wxyz (..., 4) of any length but zero.
 
-    Computed here, because loading a hand needs it and must not wait for SciPy.
+    It does not use SciPy, because loading a hand needs it and must not wait for that import.
 
     Raises:
         InputError: The quaternion is zero or not finite.
@@ -113,13 +113,13 @@ def transform_points(T_a_b: ArrayLike, points_b: ArrayLike) -> Array:
 
 
 def checked_pose(T: ArrayLike, name: str) -> Array:
-    """A read-only (4, 4) pose, its rotation part corrected where a text file has rounded it.
+    """A read-only (4, 4) pose, with rounding errors of a text file removed from its rotation part.
 
-    A rotation part that is orthonormal to 1e-9 stays bit for bit; one that is orthonormal to 1e-3 is replaced
-    by the nearest rotation.
+    A rotation part that is orthonormal to 1e-9 is not changed at all; one that is orthonormal to 1e-3 is
+    replaced by the nearest rotation.
 
     Raises:
-        InputError: ``T`` is not 4×4 finite numbers, its last row is not 0 0 0 1, or its 3×3 part is no
+        InputError: ``T`` is not 4×4 finite numbers, its last row is not 0 0 0 1, or its 3×3 part is not a
             rotation.
     """
     T = frozen_array(T, (4, 4), name)
@@ -138,7 +138,7 @@ def checked_pose(T: ArrayLike, name: str) -> Array:
 def wrench_about(wrench: ArrayLike, point_from: ArrayLike, point_to: ArrayLike) -> Array:
     """(..., 6) the same wrench about ``point_to`` instead of ``point_from`` (eq. 13).
 
-    Wrench and points are given in one frame; torques are in force times the unit of the points.
+    Wrench and points are in the same frame; the unit of torque is force times the unit of the points.
     """
     wrench = _floats(wrench)
     force = wrench[..., :3]
@@ -236,7 +236,7 @@ def screw_from_displacement(T: ArrayLike) -> Screw:
 def displacement_from_screw(screw: Screw) -> Array:
     """(4, 4) displacement of a screw; the inverse of :func:`screw_from_displacement`."""
     a, p, angle = screw.direction, screw.point, screw.angle
-    # R p - p by Rodrigues' formula: with a small angle p is far away and the plain difference loses digits.
+    # R p - p by Rodrigues' formula: for a small angle, p is far away and plain subtraction loses digits.
     turned = np.sin(angle) * np.cross(a, p) + 2 * np.sin(angle / 2) ** 2 * np.cross(a, np.cross(a, p))
     return pose(rotation_from_vector(angle * a), screw.translation * a - turned)
 
@@ -288,7 +288,7 @@ class WrenchScrew:
 def screw_from_wrench(wrench: ArrayLike) -> WrenchScrew:
     """Axis, force and torque of a wrench (6,) (Poinsot).
 
-    A force below 1e-13 of the wrench's largest component counts as zero: rounding would decide its axis.
+    A force below 1e-13 times the wrench's largest component counts as zero, because its axis would be noise.
     """
     wrench = _floats(wrench)
     zero = np.zeros(3)

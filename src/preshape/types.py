@@ -115,7 +115,7 @@ class Attributes:
         area: Surface area [m²]; it is not in the paper and serves recognition only.
         volume: Enclosed volume [m³]; holes are closed by cones to the COG. It serves recognition only.
         shape: (28,) shape descriptor of :mod:`preshape.objects.shape`, which does not depend on the
-            triangulation; ``None`` where it is unknown.
+            triangulation; ``None`` if unknown.
     """
 
     extents: Array
@@ -167,7 +167,7 @@ class Experience:
             task, BPT), ``landmark`` (for recognition only, never trained on) or ``grip`` (an answer of a real
             hand in mode 0 or 1: it is recalled, but neither trained on nor used for recognition).
         object_name: Name of the object.
-        hand: Name of the hand; experiences with one hand never serve another.
+        hand: Name of the hand; experiences of one hand are never used for another.
         attributes: Attributes of the object [m].
         task: (6,) Q of the task (§2.2).
         plane: Approach plane, 1..12.
@@ -177,15 +177,14 @@ class Experience:
         fingers: Number of virtual fingers, the thumb included, 2..4.
         wrench: (6,) net wrench about the COG, axes x y z, lengths in U.
         match: TFVADI(task, wrench), 0..6.
-        created: Time of storing, ISO 8601 in UTC; empty before.
-        grip: (8 + j,) grip of a real hand with j joints: position of the palm relative to the COG [m] and its
-            quaternion wxyz in the object's frame, a whole number whose bit k is set where finger k takes
-            part, and the joint angles of the preshape from which the fingers close [rad]; ``None`` for a
-            virtual grasp.
-        quality: The critic's figure, 0..6, where it is not ``match``; otherwise ``None``.
+        created: Time of storing, ISO 8601 in UTC; empty until stored.
+        grip: (8 + j,) grip of a real hand with j joints, ``None`` for a virtual grasp: position of the palm
+            relative to the COG [m], quaternion wxyz of the palm in the object's frame, a whole number whose
+            bit k is set if finger k closes, and the joint angles of the preshape [rad].
+        quality: Score that the critic judged, 0..6; ``None`` if that score is ``match``.
         outcome: Result of the physics test: ``held``, ``lost``, or empty without a test.
-        scene: Table and boxes that the lesson was learnt with, as text; empty for free space. Mode 2
-            recognises, and mode 0 recalls, only lessons of the present scene.
+        scene: Table and boxes that the lesson was learnt with, as text; empty for free space. Recognition
+            (mode 2) and recall (mode 0) use only lessons of the same scene.
     """
 
     kind: str
@@ -224,7 +223,7 @@ class NetworkWeights:
         b1: (45,) hidden biases.
         w2: (9, 45) output weights.
         b2: (9,) output biases.
-        mean_square_error: Mean over the samples and outputs of the training set.
+        mean_square_error: Mean square error over the samples and outputs of the training set.
         trained_on: Number of training samples.
         epochs: Number of epochs or iterations of the training.
     """

@@ -1,4 +1,4 @@
-"""Answers of a plan, and what can be said of one: trust, shortfalls, the way in."""
+"""Answers of a plan, and what is derived from them: trust, shortfalls, approach direction."""
 
 from __future__ import annotations
 
@@ -25,13 +25,13 @@ _ABSENT = np.array([TRANSLATION_ABSENT] * 3 + [ROTATION_ABSENT] * 3)
 
 @value
 class Answer:
-    """A grasp and what the hand makes of it.
+    """A grasp, and the real hand on it.
 
     Attributes:
         grasp: The virtual grasp or the grip.
-        hand_result: The hand's postures, or why it retracted.
-        heaviest: Heaviest mass that the grip would still hold for this task [kg]; ``None`` of a virtual
-            grasp, which knows no loads.
+        hand_result: The hand's postures, or why the hand retracted.
+        heaviest: Heaviest mass that the grip would still hold for this task [kg]; ``None`` for a virtual
+            grasp, whose analysis has no loads.
     """
 
     grasp: Grasp
@@ -40,17 +40,17 @@ class Answer:
 
     @property
     def way_in(self) -> Array:
-        """(3,) unit vector along which the hand comes in, mesh frame."""
+        """(3,) unit vector along which the hand approaches, mesh frame."""
         return self.grasp.approach if isinstance(self.grasp, Grip) else self.grasp.plane.approach_axis
 
 
 @value
 class Verified:
-    """What the holding test said.
+    """Result of the holding test.
 
     Attributes:
         held: Whether the plan's answer held.
-        tried: Number of answers that were tried until one held.
+        tried: Number of answers that were tested, up to the first that held.
         reason: One sentence.
     """
 
@@ -65,16 +65,17 @@ class PlanRecord:
 
     Attributes:
         request: What was asked.
-        mesh: The object as it was planned with [m].
+        mesh: The mesh that planning used [m].
         hand: The hand.
         mass: The object's mass, and where it comes from.
         decision: The controller's report.
-        answer: The answer; ``None`` without one.
+        answer: The answer; ``None`` if there is none.
         alternatives: Further answers, best first.
-        best: Without an answer, the best grasp that was found, which is not good enough; else ``None``.
+        best: Without an answer, the best grasp found, which is not good enough; otherwise ``None``.
         seconds: Time of ``load``, ``prepare``, ``search`` and ``total`` [s].
-        warnings: What the caller should know about the request: an absurd density, a box out of reach.
-        verified: What the holding test in physics said; ``None`` where it was not asked.
+        warnings: What the caller should know about the request, such as an absurd density or a box out of
+            reach.
+        verified: Result of the holding test in physics; ``None`` if the request did not ask for the test.
     """
 
     request: PlanRequest
@@ -111,7 +112,7 @@ class PlanRecord:
 
 
 def scan_trust(plan: PlanRecord, answer: Answer | None) -> Trust | None:
-    """How much an answer on a point cloud can be trusted; ``None`` on a mesh."""
+    """How far to trust an answer on a point cloud; ``None`` for a mesh."""
     scan = plan.mesh.scan
     if scan is None:
         return None
@@ -119,10 +120,10 @@ def scan_trust(plan: PlanRecord, answer: Answer | None) -> Trust | None:
 
 
 def shortfalls(plan: PlanRecord, answer: Answer) -> tuple[str, ...]:
-    """What the task asks for and a virtual grasp does not give: present components with ADI 0.
+    """Components that the task asks for and a virtual grasp does not give: those with an ADI of 0.
 
-    TFVADI sums six components, so a virtual grasp can pass without the one that matters most. A grip is
-    judged by the loads that it balances, so it has no such shortfall.
+    TFVADI sums six components, so a virtual grasp can pass without the most important one. A grip is judged
+    by the loads that it balances, so it has no such shortfall.
     """
     if isinstance(answer.grasp, Grip):
         return ()
@@ -135,7 +136,7 @@ def shortfalls(plan: PlanRecord, answer: Answer) -> tuple[str, ...]:
 
 
 def missing_motion(plan: PlanRecord, answer: Answer) -> str:
-    """The task's largest component, where a virtual grasp gives nothing along it; else empty."""
+    """The task's largest component if a virtual grasp gives nothing along it; otherwise empty."""
     if isinstance(answer.grasp, Grip):
         return ""
     share = np.abs(plan.decision.task.q) / [1.0, 1.0, 1.0, 0.8, 0.8, 0.8]
@@ -151,10 +152,10 @@ def answers_of(plan: PlanRecord) -> tuple[Answer, ...]:
 
 
 def seen_first(plan: P, *, keep: int) -> P:
-    """The plan of a point cloud with its answers ordered by margin and by how much of them was seen.
+    """Order the answers on a point cloud by margin times how much of the surface at the contacts was seen.
 
     Args:
-        plan: With all answers that may be chosen.
+        plan: The plan, with all answers to choose from; a plan for a mesh is returned as it is.
         keep: Number of answers to keep.
     """
     scan = plan.mesh.scan

@@ -1,8 +1,8 @@
 """Plans as JSON: the format that other programs read (``schema/plan.schema.json``).
 
-Points and poses are in the mesh file's frame, in metres after scale; wrenches are about the COG in the
-paper's units (lengths in U); quaternions are w x y z. Version 2 holds the request; a document without the key
-``schema`` is version 1, made for 0.1 kg, friction 0.6 and free space.
+Points and poses are in the mesh file's frame, in metres after scaling. Wrenches are about the COG in the
+paper's units (lengths in U). Quaternions are w x y z. Version 2 contains the request. A document without the
+key ``schema`` is version 1 and was made for 0.1 kg, friction 0.6 and free space.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ def plan_to_json(plan: PlanRecord) -> Document:
 
 
 def error_to_json(reason: str) -> dict[str, str]:
-    """What standard output holds instead of a plan when the input or the environment failed."""
+    """JSON for standard output instead of a plan, after an error of the input or the environment."""
     return {"status": "error", "reason": reason}
 
 
@@ -55,13 +55,13 @@ def plan_schema() -> Document:
 
 
 def read_plan(path: str | Path) -> Document:
-    """Read a plan of any version, checked as far as every reader needs it.
+    """Read a plan of any version, and check the parts that every reader needs.
 
     Args:
         path: The file, or ``-`` for standard input.
 
     Raises:
-        InputError: It is no JSON, no plan, or a plan of a newer version.
+        InputError: The file is not JSON, not a plan, or a plan of a newer version.
         EnvironmentFailure: The file cannot be read.
     """
     advice = "give a plan.json that preshape plan --out wrote"
@@ -83,10 +83,10 @@ def read_plan(path: str | Path) -> Document:
 
 
 def version_of(document: Document) -> int:
-    """Version of a plan's format; 1 where the document does not say.
+    """Version of a plan's format; 1 if the document does not state it.
 
     Raises:
-        InputError: The version is no whole number, or newer than this program.
+        InputError: The version is not a whole number, or is newer than this program's.
     """
     version = document.get("schema", 1)
     if isinstance(version, bool) or not isinstance(version, int) or version < 1:
@@ -103,12 +103,12 @@ def version_of(document: Document) -> int:
 def request_of(document: Document, **changes: Any) -> PlanRequest:
     """The request that a plan answered.
 
-    A plan of version 1 does not hold its request: it is read as 0.1 kg, friction 0.6 and free space, with the
-    object's size taken from its extents by the caller (``scale`` among the changes).
+    A plan of version 1 does not contain its request: it is read as 0.1 kg, friction 0.6 and free space. The
+    caller derives ``scale`` from the object's extents and passes it among the changes.
 
     Args:
         document: The plan.
-        changes: Fields of the request that differ, such as the ``source`` where the object is found now.
+        changes: Fields of the request that differ, such as ``source`` if the object's file has moved.
 
     Raises:
         InputError: The document is not a plan of this program.
@@ -141,7 +141,7 @@ def planned_load(document: Document) -> tuple[float, float]:
     """Mass [kg] and friction that a plan was made for.
 
     Raises:
-        InputError: They are no positive numbers.
+        InputError: One of the two is not a positive number.
     """
     if version_of(document) < 2:
         return FIELD_MASS, FRICTION
@@ -161,7 +161,7 @@ def answers_in(document: Document, *, best: bool = False) -> list[Document]:
 
     Args:
         document: The plan.
-        best: Whether the best grasp of a plan without an answer counts too.
+        best: Whether a plan without an answer gives the best grasp found.
     """
     answers = [document, *document.get("alternatives", [])]
     found = [answer for answer in answers if answer.get("plane") is not None]
@@ -180,7 +180,7 @@ def obstacles_of(document: Document) -> str:
 
 
 def no_answer(document: Document) -> str:
-    """One sentence on a plan without an answer; it names ``--best`` where the plan holds a best grasp."""
+    """One sentence on a plan without an answer; it names ``--best`` if the plan contains a best grasp."""
     words = f"the plan has no grasp ({document.get('status')}: {document.get('reason')})"
     if document.get("best"):
         words += "; --best takes the best grasp that was found, which is not good enough"
@@ -260,7 +260,7 @@ def _grasp(g: Grasp) -> Document:
 
 
 def _grip(grip: Grasp) -> Document | None:
-    """How a real hand comes in and presses, and what that is good for; ``None`` of a virtual grasp."""
+    """Approach, press and margins of a real hand's grip; ``None`` for a virtual grasp."""
     if not isinstance(grip, Grip):
         return None
     return {

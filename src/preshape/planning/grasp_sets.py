@@ -1,4 +1,4 @@
-"""Grasps of plans and of this session's answers as sets for the tests in physics."""
+"""Turn the grasps of plans and of new answers into sets for the tests in physics."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class GraspFile:
 
     Attributes:
         grasps: n grasps.
-        planned_for: What each of them was planned for.
+        planned_for: Mass, friction and obstacles that each grasp was planned for.
     """
 
     grasps: GraspSet
@@ -59,7 +59,7 @@ def read_grasp_file(path: str | Path, *, objects: str | Path | None = None, best
         best: Whether a plan without an answer gives the best grasp that was found.
 
     Raises:
-        InputError: The file is of neither kind, or one of its parts is missing or has the wrong shape.
+        InputError: The file is neither of the two, or one of its parts is missing or has the wrong shape.
         EnvironmentFailure: The file cannot be read.
     """
     path = Path(path)
@@ -86,9 +86,9 @@ def grasps_from_plans(
     beside: Path | None = None,
     best: bool = False,
 ) -> GraspFile:
-    """The grasps of plans (``preshape/schema/plan.schema.json``), the object at the origin of the world.
+    """The grasps of plans (``preshape/schema/plan.schema.json``), with the object at the world's origin.
 
-    Every answer is a row, the alternatives too. An answer whose hand has no posture is a fault of its row.
+    Every answer and every alternative is one row. If its hand has no posture, the row is marked as faulty.
 
     Args:
         documents: Parsed plans.
@@ -98,7 +98,7 @@ def grasps_from_plans(
         best: Whether a plan without an answer gives the best grasp that was found.
 
     Raises:
-        InputError: A document is no plan, the plans are for different hands, or there is no plan.
+        InputError: A document is not a plan, the plans are for different hands, or there is no plan.
     """
     rows: list[dict[str, Any]] = []
     hands: list[tuple[str, tuple[str, ...]]] = []
@@ -113,7 +113,7 @@ def grasps_from_plans(
             if best and document.get("best"):
                 answers = [document["best"]]
             source = plan_object(str(thing["source"]), folder, beside)
-            if source not in extents:  # an object that is missing gets any extent: the test reports it
+            if source not in extents:  # a missing object gets an arbitrary extent; the test reports it
                 extents[source] = object_extent(source, folder) or 1.0
             scale = float(max(thing["extents"])) / extents[source]
             for answer in answers:
@@ -200,7 +200,7 @@ def _matrix(rows: list[list[float]], name: str) -> Array:
     """Rows of equal length as an array.
 
     Raises:
-        InputError: The rows are no numbers, or differ in length.
+        InputError: The rows are not numbers, or differ in length.
     """
     try:
         return np.array(rows, dtype=np.float64)

@@ -1,10 +1,10 @@
 """Hand simulation (§4): bring the real hand's fingertips onto the virtual grasp's contacts, or retract.
 
-The base moves with the approach plane, freely and without obstacle avoidance [P]; inverse kinematics
-brings each fingertip onto its contact and the exact collision of the fingertip with that surface is checked
-[P]. Further than the paper [C]: every other link must be clear of the object and of the hand, the palm may
-tilt up to 30° from the approach plane, and a finger that is not needed is put out of the way. What cannot
-be done is an odd case: the fingers retract, and the result says why.
+The base moves freely in the approach plane, without obstacle avoidance [P]. Inverse kinematics brings each
+fingertip onto its contact, and the collision of the fingertip with that surface is checked exactly [P]. In
+addition to the paper [C], every other link must be clear of the object and of the hand, the palm may tilt up
+to 30° from the approach plane, and unused fingers are moved out of the way. If the hand cannot reach the
+grasp, the fingers retract, and the result says why.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ __all__ = [
 ]
 
 OPENING, SQUEEZE = 0.015, 0.003
-"""How far a pregrasp stands off its contacts, and a squeeze is aimed behind them [m] [C]."""
+"""Distance of a pregrasp's fingertips from the contacts, and of a squeeze's targets behind them [m] [C]."""
 
 _STAND_OFF = 0.020  # [m] between the object and the open hand when it has retracted
 
@@ -66,14 +66,14 @@ class HandResult:
     """The real hand on a grasp, or retracted.
 
     Attributes:
-        status: How it ended.
-        reason: One sentence that names finger and link where there is one.
+        status: Whether the grasp was reached, or why not.
+        reason: One sentence; it names finger and link if one is the cause.
         fingers: Names of the fingers in use, in contact order, the thumb first.
-        joints: Names of the joints, the order of every ``q``.
+        joints: Names of the joints, in the order of every ``q``.
         grasp: The hand with its fingers on the contacts; ``None`` when retracted.
         pregrasp: The hand opened and clear of the object; ``None`` when retracted.
         squeeze: Servo targets that press on the contacts; ``None`` when retracted.
-        retracted: The open hand backed off along -a; ``None`` when reached.
+        retracted: The open hand, backed off along -a; ``None`` when the grasp was reached.
     """
 
     status: HandStatus
@@ -92,7 +92,7 @@ class HandResult:
 
     @classmethod
     def of_grip(cls, hand: Hand, grip: Grip) -> HandResult:
-        """The hand on a grip, which the closure analyser has already executed."""
+        """The hand on a grip; the closure analyser has already computed all postures."""
 
         def pose(q: Array) -> HandPose:
             return HandPose(palm_pose=grip.palm_pose, q=q)
@@ -115,12 +115,12 @@ class HandResult:
 class InverseKinematicsResult(HandResult):
     """The hand brought onto a virtual grasp by inverse kinematics.
 
-    The pregrasp is opened by 15 mm; the squeeze aims 3 mm behind the contacts, as far as the joints go.
+    The pregrasp is opened by 15 mm. The squeeze aims 3 mm behind the contacts, or less at a joint limit.
 
     Attributes:
-        tip_errors: (m,) distance of each fingertip's centre from its seat on the contact [m]; when retracted,
-            of the attempt that ``reason`` is about.
-        penetration: Largest depth of a fingertip in the object [m]; 0 when retracted.
+        tip_errors: (m,) distance of each fingertip's centre from its wanted position at the contact [m]. When
+            retracted, they belong to the attempt that ``reason`` describes.
+        penetration: Largest penetration of a fingertip into the object [m]; 0 when retracted.
         attempts: Number of postures tried.
     """
 
@@ -133,13 +133,13 @@ class InverseKinematicsResult(HandResult):
 
 
 def execute(hand: Hand, mesh: TriangleMesh, grasp: Grasp, *, seed: int = 0) -> HandResult:
-    """The hand on a grasp: it tries a virtual grasp, or retracts (§4); a grip is executed as it is.
+    """The hand on a grasp: it reaches a virtual grasp or retracts (§4); a grip needs no further search.
 
     Args:
         hand: The hand.
         mesh: The object [m].
         grasp: The grasp.
-        seed: Seed of the starts of the inverse kinematics.
+        seed: Seed of the starting postures of the inverse kinematics.
     """
     if isinstance(grasp, Grip):
         return HandResult.of_grip(hand, grasp)
@@ -169,21 +169,22 @@ def simulate_hand(
     """Put the hand on a virtual grasp.
 
     Args:
-        hand: which hand.
-        mesh: the object; everything below is in its frame.
-        approach_axis: (3,) a, signed: the fingers point along +a.
-        opposition_axis: (3,) o, signed, flip applied: the thumb stands on the +o side.
-        contact_points: (n, 3) contacts [m], the thumb's first, in any order then; n = 2 … number of fingers.
+        hand: The hand.
+        mesh: The object; all vectors below are in its frame.
+        approach_axis: (3,) unit vector a; the fingers point along +a.
+        opposition_axis: (3,) unit vector o with the flip applied: the thumb stands on the +o side.
+        contact_points: (n, 3) contacts [m], the thumb's first, the others in any order; n is 2 to the number
+            of fingers.
         normals_in: (n, 3) inward normals.
         triangles: (n,) index of the triangle that each contact lies on.
-        seed: of the random starting postures.
+        seed: Seed of the random starting postures.
 
     Returns:
         The grasp, or the retracted hand and the reason.
 
     Raises:
-        InputError: arrays of the wrong shape, axes not perpendicular, or a number of contacts that the
-            hand has no fingers for.
+        InputError: An array has the wrong shape, the axes are not perpendicular, or there are more contacts
+            than fingers.
     """
     a, o = _axes(approach_axis, opposition_axis)
     contacts = _contacts(hand, mesh, contact_points, normals_in, triangles)
@@ -233,7 +234,7 @@ class _Simulation:
         self.attempts = 0
 
     def run(self) -> InverseKinematicsResult:
-        """Try assignments and starts until one does; else say why none did."""
+        """Try assignments and starting postures until one succeeds; otherwise report why none did."""
         assignments = self.assignments()
         seated = self.clearance.seat(self.reach(assignments[0]))
         if isinstance(seated, Flaw):
@@ -260,9 +261,9 @@ class _Simulation:
     # -- what to try ---------------------------------------------------------------------------------
 
     def assignments(self) -> list[tuple[Finger, ...]]:
-        """Real fingers for the contacts, best first; no two fingers cross.
+        """Assignments of real fingers to the contacts, best first; no two fingers cross.
 
-        Along t, which is the palm's +x, contacts and fingers stand in the same order.
+        Fingers do not cross if contacts and fingers have the same order along t, which is the palm's +x.
         """
         thumb, others = self.hand.fingers[0], self.hand.fingers[1:]
         self.kinematics.set_posture(self.hand.posture("open"))
@@ -301,7 +302,7 @@ class _Simulation:
         return q
 
     def reach(self, fingers: tuple[Finger, ...]) -> Reach:
-        """Where the centres of these fingers' tips belong: a tip radius outside each contact, or its seat."""
+        """Wanted centres of these fingers' tips: one tip radius outside each contact, or at its seat."""
         radii = np.array([finger.tip_radius for finger in fingers])[:, None]
         centres = self.contacts.points - radii * self.contacts.inward
         return Reach(
@@ -312,7 +313,7 @@ class _Simulation:
         )
 
     def start(self, reach: Reach, reference: Array, tilt: float) -> Placement:
-        """The hand in the reference posture, its fingertips about the contacts."""
+        """The hand in the reference posture, with its fingertips near the contacts."""
         q = self.hand.posture("open")
         for finger in reach.fingers:
             q[self.hand.columns(finger.name)] = reference[self.hand.columns(finger.name)]
@@ -355,7 +356,7 @@ class _Simulation:
         )
 
     def pregrasp(self, reach: Reach, grasp: Placement) -> Placement:
-        """Fingers opened along the outward normals; else towards the open posture; else backed off."""
+        """Pregrasp: opened along the outward normals, else towards the open posture, else backed off."""
         away = self._shifted(reach, -OPENING)
         for effort in (0, 15):
             opened = self.solver.solve(away, start=grasp, reference=grasp.q, move_base=False, effort=effort)
@@ -376,7 +377,7 @@ class _Simulation:
         return self.backed_off(grasp.rotation)
 
     def backed_off(self, rotation: Array) -> Placement:
-        """The open hand in front of the object, on the side it comes from."""
+        """The open hand in front of the object, on the side from which the hand approaches."""
         q = self.hand.posture("open")
         self.kinematics.set_posture(q)
         a = self.orientation[:, 2]
@@ -390,7 +391,7 @@ class _Simulation:
     def retract(
         self, flaw: Flaw, fingers: tuple[Finger, ...], best: Placement | None
     ) -> InverseKinematicsResult:
-        """The open hand, and why."""
+        """The result for a retracted hand, with the reason."""
         return InverseKinematicsResult(
             status=flaw.status,
             reason=flaw.reason,
@@ -406,7 +407,7 @@ class _Simulation:
         )
 
     def diagnose(self, fingers: tuple[Finger, ...]) -> InverseKinematicsResult:
-        """Why no attempt reached the contacts: is it the object, the joint limits or the lengths?"""
+        """Why no attempt reached the contacts: the object, the joint limits or the lengths of the links."""
         reach = self.reach(fingers)
         best: Placement | None = None
         for reference in (self._reference(0.4, 0.3), self._reference(0.1, 0.1)):

@@ -19,9 +19,9 @@ def save_plan(plan: PlanRecord, folder: Path, document: Document | None = None) 
 
     Args:
         plan: The plan.
-        folder: Made where it is missing.
-        document: The plan's JSON, where it is at hand already; its object's source is changed in place where
-            the object's surface is written beside it.
+        folder: Folder of the files; it is created if it is missing.
+        document: The plan's JSON, if the caller already has it. If the object's surface is written to the
+            folder too, the object's source is changed in this document.
 
     Returns:
         The files that were written.
@@ -39,7 +39,7 @@ def save_plan(plan: PlanRecord, folder: Path, document: Document | None = None) 
         surface = folder / f"{plan.mesh.name}-surface.obj"
         write_text(surface, mesh_text(plan.mesh))
         files.append(surface)
-        # What was planned with stands beside the plan, in metres; other commands find it there.
+        # The surface that planning used is beside the plan, in metres; other commands find it there.
         for one in (document, *document["alternatives"], *([document["best"]] if document["best"] else [])):
             one["object"]["source"] = surface.name
     write_json(files[0], document)
@@ -81,5 +81,5 @@ def notebook_html(plan: PlanRecord) -> str:
 
 
 def ray_origins(plan: PlanRecord) -> list[list[list[float]]]:
-    """For each answer that was found by rays, where its rays start [m]."""
+    """Start points of the rays of each answer that was found by ray casting, mesh frame [m]."""
     return [a.grasp.ray_origins.tolist() for a in answers_of(plan) if isinstance(a.grasp, VirtualGrasp)]

@@ -33,10 +33,10 @@ class Plan(PlanRecord):
         return notebook_html(self)
 
     def save(self, folder: str | Path) -> list[Path]:
-        """Write plan.json, plan.png and plan.html to a folder, which is made where it is missing.
+        """Write plan.json, plan.png and plan.html to a folder, which is created if it is missing.
 
-        An object that has no file of its own (a point cloud's surface, a mesh made in Python) is written
-        beside them, so that other commands find it.
+        An object without a mesh file of its own (a point cloud's surface, or a mesh made in Python) is
+        written to the same folder, so that other commands find it.
 
         Returns:
             The files that were written.

@@ -19,13 +19,13 @@ from .session import Session
 
 @value
 class PlannedAnswers:
-    """The first answer of this program's planner to each instance, each with a fresh memory.
+    """The planner's first answer to each instance; each instance is planned with a fresh memory.
 
     Attributes:
         hand: The hand.
         analyser: ``rays`` or ``closure``.
-        model: The hand in physics.
-        mass: Mass of every object [kg]; the ray analyser knows no loads.
+        model: Physics model of the hand.
+        mass: Mass of every object [kg]; the ray analyser ignores it.
     """
 
     hand: Hand
@@ -35,12 +35,12 @@ class PlannedAnswers:
 
     @property
     def planned(self) -> bool:
-        """Whether the poses are planned here; see :class:`~preshape.physics.task.grasps.Answers`."""
+        """True: the poses are planned by this program; see :class:`~preshape.physics.task.grasps.Answers`."""
         return True
 
     @property
     def digest(self) -> str:
-        """Hash of hand, analyser, mass and this version."""
+        """Hash of hand, analyser, mass and the program's version."""
         decides = (self.hand.name, self.analyser, self.mass, __version__)
         return hashlib.sha256(repr(decides).encode()).hexdigest()
 

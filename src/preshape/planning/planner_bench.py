@@ -1,7 +1,7 @@
-"""How often the planner's own answers hold: plan every object for a hand, then put the answers to the test.
+"""How often the planner's own answers hold: plan every object for a hand, then test the answers in physics.
 
-The grasps that are tested are the plan's answers in their order, without an earlier trial in physics. An
-object for which the planner gives no answer counts as lost and is named.
+The tested grasps are the plan's answers in their order; none of them was tried in physics before. An object
+for which the planner gives no answer counts as lost and is named.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from .request import PlanRequest
 from .session import Session
 
 Progress = Callable[[str, int, int], None]
-"""Called with what is being done, how much of it is done, and how much there is."""
+"""Called with the name of the current step, the number of items done, and their total number."""
 
 
 @value
@@ -42,7 +42,7 @@ class Case:
         name: Name for people, such as ``mug@0.8``.
         source: File or library name.
         scale: Factor on its size.
-        pieces: Folder of objects that are cut already, or ``None``.
+        pieces: Folder of objects that are already cut into convex pieces, or ``None``.
     """
 
     name: str
@@ -66,11 +66,11 @@ class Planned:
 
     Attributes:
         case: The case.
-        answers: The answers, best first; empty without one.
-        mode: The controller's mode, or -1 where the object was refused.
+        answers: The answers, best first; empty if there is none.
+        mode: The controller's mode, or -1 if the object was refused.
         reason: The controller's reason, or why the object was refused.
-        seconds: Times as in a plan [s]; ``search`` is the time of the answers once the object is prepared.
-        mass: Mass that was planned for [kg].
+        seconds: Times as in a plan [s]; ``search`` is the time from the prepared object to the answers.
+        mass: Mass that planning used [kg].
     """
 
     case: Case
@@ -88,7 +88,7 @@ class PlannerReport:
     Attributes:
         hand: The hand.
         planned: The answers of every case.
-        asked: Number of answers asked for of each case.
+        asked: Number of answers requested for each case.
         masses: Mass that each answer was tested with, in the order of the cases [kg].
         holds: The holding test of all answers, in the order of the cases.
     """
@@ -111,7 +111,7 @@ class PlannerReport:
 
     @property
     def interval(self) -> tuple[float, float] | None:
-        """95 % interval of the share that held."""
+        """95 % confidence interval of the share of answers that held."""
         return wilson(self.held, self.tested)
 
     def row(self) -> dict[str, object]:
@@ -147,7 +147,7 @@ def plan_cases(
     mass: float | None = FIELD_MASS,
     progress: Progress | None = None,
 ) -> list[Planned]:
-    """Plan every case with a fresh memory, in which nothing is learnt.
+    """Plan every case with a fresh memory; nothing is learnt.
 
     Args:
         cases: The objects.
@@ -156,7 +156,7 @@ def plan_cases(
         analyser: ``closure`` or ``rays``.
         count: Number of answers asked for of each case.
         seed: Seed of the planner.
-        mass: Mass of every object [kg]; ``None`` takes each object's own. The ray analyser knows no loads.
+        mass: Mass of every object [kg]; ``None`` takes each object's own. The ray analyser ignores it.
         progress: Called after each case.
 
     Raises:
@@ -219,22 +219,22 @@ def bench_planner(
     planned: Sequence[Planned] | None = None,
     progress: Progress | None = None,
 ) -> PlannerReport:
-    """Plan the cases, then put the answers to the holding test.
+    """Plan the cases, then run the holding test on the answers.
 
     Args:
         cases: The objects.
         hand: The hand.
-        protocol: Settings of the test; by default the six directions, where the first loss ends a grasp's
-            test. Its mass is planned for.
-        own_mass: Whether each object is planned and tested with its own mass in place of the protocol's.
+        protocol: Settings of the test; by default six directions, and the first loss ends a grasp's test.
+            Planning uses the protocol's mass.
+        own_mass: Whether each object is planned and tested with its own mass instead of the protocol's.
         task: Name of the task.
         analyser: ``closure`` or ``rays``.
         count: Number of answers asked for of each case.
         seed: Seed of the planner.
         workers: Number of processes of the test.
-        pieces: Objects that are cut already, by source.
-        planned: Answers that were planned before, to be tested again under another protocol.
-        progress: Called as work is done.
+        pieces: Convex pieces of objects that are already cut, by source.
+        planned: Answers planned earlier, to be tested under another protocol.
+        progress: Called as the work advances.
 
     Raises:
         InputError: An argument cannot be used.

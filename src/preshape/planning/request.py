@@ -1,8 +1,8 @@
 """One question to the planner as one value: object, scene, task, hand, search, critic and memory.
 
 Command line, Python, browser, dataset and benches all make a :class:`PlanRequest` and give it to one
-:class:`~preshape.planning.session.Session`. The request stands whole in plan.json, so a plan can be shown,
-simulated, exported and asked again without any further input.
+:class:`~preshape.planning.session.Session`. plan.json contains the whole request, so a plan can be shown,
+simulated, exported and repeated without any further input.
 """
 
 from __future__ import annotations
@@ -31,16 +31,16 @@ from ..tasks.task import to_json as task_to_json
 from ..types import FIELD_MASS, FRICTION, Array, ContactCoefficients, freeze, frozen_array, value
 
 SCHEMA = 2
-"""Version of plan.json. Version 1 is a plan without the key ``schema``; it did not hold its request."""
+"""Version of plan.json. Version 1 is a plan without the key ``schema``; it does not contain its request."""
 ANALYSERS = ("rays", "closure")
 RAY_HAND = "utah_mit"
-"""The paper's hand, whose default analyser is the paper's; every other hand's is closure."""
+"""The paper's hand. Its default analyser is the paper's; for every other hand the default is closure."""
 VERIFIED = 6
-"""Answers that are tried in physics; with a larger ``count`` all of these."""
+"""Number of answers that are tested in physics; ``count`` if that is larger."""
 ON_CLOUDS = 8
-"""Answers worked out on a point cloud, from which one with contacts on seen surface is chosen."""
+"""Number of answers computed on a point cloud; those with contacts on seen surface are preferred."""
 AUTO = "auto"
-"""A table at the object's lowest point."""
+"""Value of ``table`` that means a table at the object's lowest point."""
 _SEARCH = (
     "torsion", "friction_share", "press_least", "press_most", "safety", "hold", "at_aim", "on_plane",
     "everywhere", "persistence", "elite", "children", "rounds", "finished", "device", "threads",
@@ -50,24 +50,24 @@ _SEARCH = (
 
 @value
 class PlanRequest:
-    """Everything that decides a plan.
+    """All inputs that determine a plan.
 
     Attributes:
         source: A mesh or point-cloud file, the name of a library object, or a mesh [m].
         task: What the hand is to do; a name, six numbers or a :class:`~preshape.tasks.Task`.
         hand: A hand's name or description file, or a loaded hand.
-        analyser: ``rays`` (the paper's) or ``closure``; empty selects the hand's own.
+        analyser: ``rays`` (the paper's) or ``closure``; empty selects the hand's default.
         unit: Unit of the file: ``m``, ``cm``, ``mm`` or ``in``.
         scale: Factor on the object's size.
-        view: Camera position of a point cloud, three numbers in its frame and unit, or ``all`` for points
-            from all round; ``None`` reads it from the file.
+        view: Camera position of a point cloud, as three numbers in the cloud's frame and unit, or ``all`` if
+            the points show the object from all sides; ``None`` reads the position from the file.
         mass: Mass of the object [kg]; ``None`` takes the object's own, or an estimate from its volume.
         friction: Friction coefficient between hand and object; ``None`` is the field's 0.6.
         table: Height of a table along the mesh frame's z [m], ``auto`` for the object's lowest point, or
             ``None`` for free space. Closure only.
         avoid: Boxes that the hand stays out of, six numbers each: lower and upper corner in the mesh frame
             [m]. Closure only.
-        gravity: (3,) unit direction of gravity in the mesh frame, zeros for none; ``None`` takes the task's.
+        gravity: (3,) unit direction of gravity in the mesh frame; zeros mean none; ``None`` takes the task's.
         approaches: Allowed approach axes, such as ``+z,-x``; ``None`` allows all.
         count: Number of different answers.
         learn: Whether a new object is taught to the memory.
@@ -120,7 +120,7 @@ class PlanRequest:
             self._refuse_what_rays_ignore()
 
     def _refuse_what_rays_ignore(self) -> None:
-        """The ray analyser knows neither obstacles nor loads; asking for them must not go unnoticed."""
+        """Refuse obstacles and loads for the ray analyser, which would ignore them without notice."""
         if self.table is not None or self.avoid:
             raise InputError("a table and boxes to avoid need the closure analyser (--analyser closure)")
         if not self.verify and (self.stated_mass is not None or self.stated_friction != FRICTION):
@@ -131,7 +131,7 @@ class PlanRequest:
 
     @property
     def asked(self) -> Task:
-        """The task as a value."""
+        """The task as a :class:`~preshape.tasks.Task`."""
         assert isinstance(self.task, Task)
         return self.task
 
@@ -182,11 +182,11 @@ class PlanRequest:
         return Obstacles(planes=np.array(planes).reshape(-1, 4), boxes=boxes)
 
     def scene(self, mesh: TriangleMesh) -> str:
-        """The scene as text, by which lessons are compared; empty for free space and the usual load.
+        """The scene as text, for comparing lessons; empty for free space and the usual load.
 
-        A mass above the object's own is part of the scene: lessons for its own mass say nothing about it.
-        Heights are relative to the object's lowest point and boxes relative to its COG, rounded to 1 mm, so
-        that the same object in another file has the same scene, and like objects on a table share one.
+        A mass above the object's own is part of the scene: lessons for its own mass do not apply then.
+        Heights are relative to the object's lowest point and boxes relative to its COG, rounded to 1 mm. So
+        the same object in another file has the same scene, and similar objects on a table share one.
         """
         parts = []
         height = self.table_height(mesh)
@@ -201,7 +201,7 @@ class PlanRequest:
         return "; ".join(parts)
 
     def wanted(self, mesh: TriangleMesh) -> int:
-        """Number of answers that are worked out; physics, or what was seen of a cloud, chooses among them."""
+        """Number of answers to compute; physics, or the seen part of a cloud, selects among them."""
         chosen_from = [self.count, VERIFIED if self.verify else 0, ON_CLOUDS if mesh.scan is not None else 0]
         return max(chosen_from)
 
@@ -210,7 +210,7 @@ class PlanRequest:
 
         Args:
             mesh: The object.
-            mass: The mass that is planned with [kg].
+            mass: The mass that planning uses [kg].
         """
         wanted = self.wanted(mesh)
         return replace(
@@ -293,10 +293,10 @@ class PlanRequest:
 
 
 def analyser_of(analyser: str | None, hand: str | Hand) -> str:
-    """The analyser to be used, by name.
+    """Name of the analyser to use.
 
     Args:
-        analyser: What was asked for; ``None`` or empty selects the hand's own.
+        analyser: The requested analyser; ``None`` or empty selects the hand's default.
         hand: The hand.
 
     Raises:
@@ -313,7 +313,7 @@ def _box(box: Sequence[float]) -> Array:
     """(2, 3) lower and upper corner [m].
 
     Raises:
-        InputError: Not six finite numbers, or the lower corner is not below the upper.
+        InputError: There are not six finite numbers, or the lower corner is not below the upper one.
     """
     corners = frozen_array(box, (6,), "a box to avoid")
     if not (corners[:3] < corners[3:]).all():
@@ -325,7 +325,7 @@ def _table(table: float | str | None) -> float | str | None:
     """The table as a height [m] or ``auto``; ``None`` and ``none`` are free space.
 
     Raises:
-        InputError: Anything else.
+        InputError: The value is anything else.
     """
     if table is None or (isinstance(table, str) and table.strip().lower() == "none"):
         return None

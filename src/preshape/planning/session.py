@@ -1,8 +1,8 @@
 """The one place where hand, memory, analyser and controller meet.
 
-A session holds one memory and answers requests one after the other. It keeps the object, the prepared
-analyser and the controller of the last request, because a browser or a teacher asks several questions about
-one object. The answer depends on the request and the memory alone, never on what was asked before.
+A session holds one memory and answers requests one after the other. It caches the object, the prepared
+analyser and the controller of the last request, because callers often ask several questions about one object.
+The answer depends on the request and the memory alone, never on earlier requests.
 """
 
 from __future__ import annotations
@@ -38,17 +38,17 @@ if TYPE_CHECKING:
     from ..closure.analyser import ClosureAnalyser
 
 CLOSURE_SUFFIX = "+closure"
-"""Lessons of a hand closed for real are kept apart from what rays have found for the same hand."""
+"""Suffix of the hand's name for lessons of the closure analyser; it separates them from those of rays."""
 
 Progress = Callable[[str, float], None]
-"""Called with what is being done and its share of the whole in percent."""
+"""Called with the name of the current step and the total progress in percent."""
 Partial = Callable[[Plan], None]
 """Called with the plan so far: first with the answer alone, then with each further answer."""
 
 
 @value
 class Prepared:
-    """What a request needs, put together.
+    """Everything that a request needs, loaded and prepared.
 
     Attributes:
         request: The request.
@@ -76,10 +76,10 @@ class Session:
 
     Args:
         memory: An open memory, or the file of one (``None`` for the user's, ``":memory:"`` for a transient
-            one). A memory that the session opens is closed with it.
+            one). The session closes a memory only if it opened that memory itself.
         learn: Whether the session may write to a memory that it opens itself.
-        progress: Called as the work goes on.
-        cancel: When it is set, the session stops at its next step and raises ``Cancelled``.
+        progress: Called as the work advances.
+        cancel: Event; once it is set, the session stops at its next step and raises ``Cancelled``.
 
     Raises:
         EnvironmentFailure: The memory cannot be opened.
@@ -111,7 +111,7 @@ class Session:
         self.close()
 
     def close(self) -> None:
-        """Close the memory, where the session opened it."""
+        """Close the memory if the session opened it."""
         if self._own:
             self.memory.close()
 
@@ -146,11 +146,11 @@ class Session:
         )
 
     def run(self, request: PlanRequest, *, partial: Partial | None = None) -> Plan:
-        """Answer a request: modes 0 to 3, the hand, and physics where it is asked.
+        """Answer a request: modes 0 to 3, the hand, and the physics test if the request asks for it.
 
         Args:
             request: The request.
-            partial: Called with the plan so far while further answers are worked out.
+            partial: Called with the plan so far while further answers are computed.
 
         Raises:
             InputError: Something in the request cannot be used.
@@ -168,7 +168,7 @@ class Session:
             count=wanted,
             may_learn=request.learn,
         )
-        # A deadlock concerns this request; the next one asks something else.
+        # A deadlock concerns this request only, not the next one.
         ready.controller.reset()
         chosen_later = ready.mesh.scan is not None or request.verify
         plan = self._executed(ready, decision, started, None if chosen_later else partial)
@@ -202,7 +202,7 @@ class Session:
         return self._executed(ready, decision, started, None)
 
     def verify(self, plan: Plan) -> Plan:
-        """The plan with the first of its answers that holds in simulated physics."""
+        """The same plan, but its answer is the first one that holds in the physics test."""
         from .verify import verified_plan
 
         return verified_plan(plan, keep=1 + len(plan.alternatives))[0]
@@ -267,7 +267,7 @@ class Session:
     def _controller_of(
         self, request: PlanRequest, hand: Hand, mesh: TriangleMesh, mass: ObjectMass, key: Any
     ) -> Controller:
-        """The controller of a request; the one before serves again while nothing else was learnt."""
+        """The controller of a request; the last one is used again if the memory has not changed since."""
         scene = request.scene(mesh)
         known = self.memory.state()
         if self._controller is not None and self._controller[0] == (*key, scene):
@@ -296,19 +296,19 @@ class Session:
 
 
 def layout_of(hand: Hand) -> HandLayout:
-    """What the analysers must know of a hand."""
+    """The dimensions of a hand that the analysers need."""
     return HandLayout(
         name=hand.name, u=hand.u, finger_pitch=hand.finger_pitch, fingertip_width=hand.fingertip_width
     )
 
 
 def out_of_reach(request: PlanRequest, mesh: TriangleMesh, hand: Hand) -> list[str]:
-    """A sentence for each box to avoid that the hand cannot come near, so that it changes nothing."""
+    """A warning for each box to avoid that is out of the hand's reach and so has no effect."""
     if not request.avoid:
         return []
     palm, open_hand = np.array([0.0, 0, 0, 1, 0, 0, 0]), np.zeros(len(hand.joints))
     ends = [end for part in hand_geometry(hand, palm, open_hand) for end in (part.p0, part.p1)]
-    # The hand comes in from its own length away, along the way in that is checked.
+    # The checked approach starts about one hand length away from the grasp.
     reach = 2 * max(float(np.linalg.norm(end)) for end in ends) + float(np.linalg.norm(mesh.extents)) / 2
     words = []
     for box in request.avoid:
@@ -358,11 +358,11 @@ def closure_controller(
     """The paper's controller over the closure analyser.
 
     Args:
-        memory: What was learnt so far.
+        memory: The memory.
         hand: The hand.
         settings: Meta control's settings.
         closure: Friction, load and size of the search.
-        gravity: (3,) its unit direction in the mesh frame, zeros for none.
+        gravity: (3,) unit direction of gravity in the mesh frame; zeros mean none.
         scene: The scene as text (:meth:`PlanRequest.scene`).
     """
     from ..closure.analyser import ClosureAnalyser
@@ -387,7 +387,7 @@ def closure_controller(
         )
 
     def prepare_seed(mesh: TriangleMesh) -> ClosureAnalyser:
-        # The cube's 48 tasks give a first idea of the planes, not the best grips: a small search is enough.
+        # The 48 tasks of the cube only teach the planes, not the best grips: a small search is enough.
         quick = ClosureSettings(
             threads=closure.threads,
             device=closure.device,
@@ -414,7 +414,7 @@ def closure_controller(
 
 
 def _file_key(request: PlanRequest) -> tuple[Any, ...]:
-    """What a loaded object depends on; a file that was written anew is another object."""
+    """Key of a loaded object in the cache; a file that was written again is another object."""
     path = Path(str(request.source))
     try:
         stat = path.stat()
@@ -426,7 +426,7 @@ def _file_key(request: PlanRequest) -> tuple[Any, ...]:
 
 
 def _element_key(request: PlanRequest, hand: Hand, mesh: TriangleMesh, mass: ObjectMass) -> tuple[Any, ...]:
-    """What controller and analyser depend on, besides the object."""
+    """Key of controller and analyser in the cache: everything they depend on besides the object."""
     document = request.to_json()
     names = (
         "analyser",

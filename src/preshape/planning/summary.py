@@ -1,4 +1,4 @@
-"""A plan as people read it in a terminal: first what decided it, then the reasons."""
+"""A plan as text for the terminal: first the result, then the reasons."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def summary_text(plan: PlanRecord, *, explain: bool = False, width: int = 80) ->
     Args:
         plan: The plan.
         explain: Whether the paper's indices and the match of each component are shown for a real hand too.
-        width: Columns.
+        width: Width of the text in columns.
     """
     out = io.StringIO()
     Console(file=out, width=width).print(summary(plan, explain=explain), highlight=False)
@@ -71,7 +71,7 @@ def summary(plan: PlanRecord, *, explain: bool = False) -> RenderableType:
 
 
 def headline_of(plan: PlanRecord) -> tuple[str, str]:
-    """Colour and words of the result, with what an answer of rays does not give."""
+    """Colour and words of the result; they name the motion that a virtual grasp does not give."""
     colour, headline = _HEADLINES[plan.decision.status]
     missing = missing_motion(plan, plan.answer) if plan.answer else ""
     if missing:
@@ -80,7 +80,7 @@ def headline_of(plan: PlanRecord) -> tuple[str, str]:
 
 
 def way_in_words(answer: Answer) -> str:
-    """How the hand comes in, and the approach plane beside it with the angle between the two."""
+    """The approach direction, the approach plane, and the angle between direction and plane's axis."""
     plane, way = answer.grasp.plane, answer.way_in
     angle = float(np.degrees(np.arccos(np.clip(plane.approach_axis @ way, -1.0, 1.0))))
     if angle < 2.0:
@@ -93,7 +93,7 @@ def _grid(*rows: tuple[str, str | Text]) -> Table:
     grid = Table.grid(padding=(0, 2))
     grid.add_column(style="bold", no_wrap=True)
     grid.add_column()
-    for heading, content in rows:  # names and paths are no markup
+    for heading, content in rows:  # names and paths must not be read as markup
         grid.add_row(heading, Text(content) if isinstance(content, str) else content)
     return grid
 
@@ -214,7 +214,7 @@ def _alternatives(plan: PlanRecord) -> Table:
 
 
 def after_words(plan: PlanRecord) -> Sequence[str]:
-    """What to do next, one sentence each, where there is something to say."""
+    """Advice on what to do next, one sentence each; empty if there is none."""
     if plan.answer is None:
         return (plan.decision.status.help,)
     if not plan.answer.hand_result.reached and not plan.alternatives:

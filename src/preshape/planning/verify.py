@@ -1,4 +1,4 @@
-"""``--verify``: put planned answers to the holding test, best first, until one holds."""
+"""``--verify``: run the holding test on planned answers, best first, until one holds."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ from .request import VERIFIED
 
 
 def verified_plan(plan: Plan, *, keep: int) -> tuple[Plan, list[tuple[Grasp, bool]]]:
-    """The plan with the first of its answers that holds, at the plan's own mass and friction.
+    """The plan with the first of its answers that holds, tested with the plan's own mass and friction.
 
     Args:
-        plan: With all answers that may be tried.
+        plan: The plan, with all answers that may be tested.
         keep: Number of answers to keep.
 
     Returns:
-        The plan, and the grasps whose outcome is worth remembering, each with whether it held.
+        The plan, and the grasps whose outcome is worth remembering, each with True if it held.
     """
     answers = list(answers_of(plan)[: max(keep, VERIFIED)])
     if not answers:
@@ -50,7 +50,7 @@ def verified_plan(plan: Plan, *, keep: int) -> tuple[Plan, list[tuple[Grasp, boo
         return replace(plan, alternatives=plan.alternatives[: keep - 1], verified=said), tried
     first = reached[len(results) - 1]
     said = Verified(held=True, tried=len(results), reason=results[-1].reason)
-    # An answer that was tried before and lost is no alternative.
+    # An answer that was tested and lost the object is not offered as an alternative.
     rest = tuple(answers[first + 1 : first + keep])
     return replace(plan, answer=answers[first], alternatives=rest, verified=said), tried
 
@@ -65,17 +65,17 @@ def hold_until_held(
 ) -> list[HoldResult]:
     """Test answers in their order until one holds.
 
-    The object is cut into convex pieces first, which takes up to two minutes for a scan, once.
+    The object is first cut into convex pieces. For a scan this takes up to two minutes, but only once.
 
     Args:
         hand: The hand.
-        mesh: The object, at the size planned for.
-        answers: The hand on the object; those that did not reach are left out.
-        protocol: The holding test.
-        progress: Called with the number of answers tried so far.
+        mesh: The object, at the size that planning used.
+        answers: The hand on each grasp; hands that did not reach their grasp are left out.
+        protocol: Settings of the holding test.
+        progress: Called with the number of answers tested so far.
 
     Returns:
-        A result for each answer that was tried; only the last one may have held.
+        A result for each answer that was tested; only the last one may have held.
 
     Raises:
         ObjectError: The object encloses no volume.
@@ -107,15 +107,15 @@ def hold_until_held(
 
 
 def worth_remembering(result: HoldResult, rules: HoldProtocol, own_mass: float) -> bool:
-    """Whether a result says something about the grasp as such.
+    """Whether a test result is evidence about the grasp and the real object.
 
-    A grasp that held a lighter or rougher object than the real one says nothing, nor does one that lost a
-    heavier or smoother one, or a simulation that broke off.
+    It is not if the grasp held an object lighter or rougher than the real one, if it lost one heavier or
+    smoother, or if the simulation broke off.
 
     Args:
-        result: Of one grasp.
-        rules: Of the test.
-        own_mass: The object's mass where nothing else is said [kg].
+        result: Result of one grasp.
+        rules: Settings of the test.
+        own_mass: The object's own mass [kg].
     """
     if result.status is HoldStatus.HELD:
         return rules.mass >= own_mass and rules.friction <= FRICTION

@@ -47,9 +47,9 @@ _DOWN = (0.0, 0.0, -1.0)
 def q_of_displacement(displacement: Array) -> Array:
     """(6,) Q of a displacement.
 
-    Translations and rotations are treated separately. The value is presence × component / largest absolute
-    component; it is the absence value where the component is below 10 % of the largest, or the motion below
-    1 µm or 1 µrad [C].
+    Translations and rotations are treated separately. Each value is presence × component / largest absolute
+    component. It is the absence value if the component is below 10 % of the largest, or if the motion is
+    below 1 µm or 1 µrad [C].
     """
     q = proportions(displacement)
     for part, present, absent in (
@@ -133,7 +133,7 @@ def task_from_poses(
         gravity: (3,) direction of gravity in the object's first frame; zeros for none.
 
     Raises:
-        TaskError: A pose is no rigid pose, or the COG is not three finite numbers.
+        TaskError: A pose is not rigid, or the COG is not three finite numbers.
     """
     try:
         start = checked_pose(T_world_start, "the start pose")
@@ -159,8 +159,8 @@ def goal_pose(task: Task, T_world_start: ArrayLike, cog: ArrayLike) -> Array:
 def compose(primitives: Iterable[Primitive]) -> Array:
     """(4, 4) displacement of a sequence of primitives.
 
-    All axes are those of the object's first frame, and each rotation is about the present COG [C]. A rotation
-    therefore never moves the COG: translations add and rotations multiply.
+    All axes are those of the object's first frame, and each rotation is about the COG at its current place
+    [C]. A rotation therefore never moves the COG: translations add up, and rotations multiply.
     """
     rotation, translation = np.eye(3), np.zeros(3)
     for step in primitives:
@@ -195,8 +195,8 @@ def task_from_primitives(
 def primitives_of(task: Task) -> tuple[Primitive, ...]:
     """At most six axial primitives that :func:`compose` to the task's displacement.
 
-    They are rotations about x, y and z (R = Rz Ry Rx), then translations along x, y and z, without those that
-    are zero [C]. Where the rotation about y is a right angle, the rotations about x and z are not unique.
+    They are rotations about x, y and z (R = Rz Ry Rx), then translations along x, y and z; steps of zero are
+    left out [C]. If the rotation about y is a right angle, the rotations about x and z are not unique.
     """
     moved = displacement_of(task)
     r = moved[:3, :3]
@@ -214,17 +214,17 @@ def primitives_of(task: Task) -> tuple[Primitive, ...]:
 
 
 def displacement_of(task: Task) -> Array:
-    """(4, 4) exact displacement of the task; for numbers or a name its :func:`full_motion`."""
+    """(4, 4) exact displacement of the task; for a task from numbers or a name, its :func:`full_motion`."""
     return full_motion(task) if task.displacement is None else task.displacement
 
 
 def full_motion(task: Task) -> Array:
-    """(4, 4) displacement about the COG in the size of the task test.
+    """(4, 4) displacement about the COG at the size that the task test uses.
 
-    For six numbers or a name it has the task's proportions, with the largest translation component at 0.1 m
-    and the largest component of the rotation vector at 45°. For a task with a displacement it follows the
-    screw of that displacement up to the first of the two limits, so that translation and rotation stay in
-    proportion [C].
+    A task from six numbers or a name keeps its proportions, with the largest translation component at 0.1 m
+    and the largest component of the rotation vector at 45°. A task with a displacement follows the screw of
+    that displacement up to the first of these two limits, so that translation and rotation stay in proportion
+    [C].
     """
     if task.displacement is not None:
         return _along_own_screw(task.displacement)

@@ -1,10 +1,11 @@
 """Named tasks: families of motions along or about a signed axis of the object.
 
 The Q of a family is given along three directions [C]: ``a`` is the signed axis of the name; ``s`` is the side
-direction, which is up in some families (+z, or +x where ``a`` is ±z); ``u`` is a × s. Presences express the
-load [C]. In translation 1.0 means about the object's weight, 0.5 friction under the weight, and more than 1.0
-more than the weight. In rotation 0.8 means a full torque, 1.0 that of a stuck thread, and 0.4 to 0.5 a
-rotation that only accompanies the translation. All other components are absent (0.1, 0.05).
+direction (+z, or +x if ``a`` is ±z), which is up in some families; ``u`` is a × s. Presences express the load
+[C]. In translation, 1.0 means a load of about the object's weight, 0.5 the friction that this weight causes,
+and more than 1.0 a load above the weight. In rotation, 0.8 means a full torque, 1.0 the torque of a stuck
+thread, and 0.4 to 0.5 a rotation that only accompanies the translation. All other components are absent (0.1
+in translation, 0.05 in rotation).
 """
 
 from __future__ import annotations
@@ -38,7 +39,7 @@ class Family:
         axis: Default signed axis.
         translation: Presences along a, s, u.
         rotation: Presences about a, s, u, right-handed.
-        up: Direction against gravity: ``a``, ``s``, or ``z`` for the object's +z whatever the axis.
+        up: Direction against gravity: ``a``, ``s``, or ``z`` for the object's +z with every axis.
     """
 
     name: str

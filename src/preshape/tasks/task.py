@@ -107,7 +107,7 @@ class Task:
         displacement: (4, 4) [R t; 0 1] of x' = R(x - c) + c + t, with the COG c [m]; ``None`` for a task from
             numbers or a name.
         means: Description of the task in one or two sentences.
-        gravity: (3,) unit direction of gravity, or zeros for none.
+        gravity: (3,) unit direction of gravity in the object's frame; zeros mean none.
         axis: Signed axis of a named task; otherwise empty.
         primitives: Steps of a task that was made from steps.
 
@@ -168,9 +168,9 @@ def proportions(displacement: Array) -> Array:
 def motion_of(task: Task) -> Array:
     """(6,) proportions [t; r] of the task's motion about the COG.
 
-    For a task with a displacement they are :func:`proportions`. For six numbers, translations up to ±0.1 and
-    rotations up to ±0.05 are zero, and the others are the proportions [C]. Proportions compare translations
-    with translations and rotations with rotations.
+    For a task with a displacement they are its :func:`proportions`. For six numbers, translations up to ±0.1
+    and rotations up to ±0.05 become zero, and the others are taken as proportions [C]. Translations are
+    scaled against translations, and rotations against rotations.
     """
     return _present(task.q) if task.displacement is None else proportions(task.displacement)
 
@@ -185,7 +185,7 @@ def task_from_numbers(
     """A task from Tx Ty Tz Rx Ry Rz, any finite values [P]; text is split at spaces and commas.
 
     Raises:
-        TaskError: There are not six values, or one is no finite number; the message says which.
+        TaskError: There are not six values, or one is not a finite number; the message says which.
 
     >>> task_from_numbers("1 1 .1 .05 .8 .05").describe()
     'along +X +Y, turning about +Y'
@@ -230,7 +230,7 @@ def from_json(data: Mapping[str, Any]) -> Task:
     """The task that :func:`to_json` wrote.
 
     Raises:
-        TaskError: The data are no task, or break a rule of :class:`Task`.
+        TaskError: The data are not a task, or break a rule of :class:`Task`.
     """
     if not isinstance(data, Mapping) or not {"name", "q"} <= set(data):
         raise TaskError(f"a stored task must have name and q, got {data!r:.80}")
