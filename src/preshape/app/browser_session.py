@@ -111,7 +111,7 @@ class BrowserSession:
 
             (handle.on_click if hasattr(handle, "on_click") else handle.on_update)(called)
 
-        on(p.thing, self._choose_object)
+        on(p.object, self._choose_object)
         p.upload.on_upload(lambda _: self._upload())
         on(p.unit, self._choose_object)
         steering = self.steering
@@ -166,7 +166,7 @@ class BrowserSession:
     # Steering.
 
     def _choose_object(self) -> None:
-        name = self.panel.thing.value
+        name = self.panel.object.value
         if name in self._uploaded:
             self._load(self._changed(str(self._uploaded[name]), self.steering.unit))
         elif name == self._start.request.object_name:
@@ -187,8 +187,8 @@ class BrowserSession:
                 self._uploaded[label] = path
 
             def arrived() -> None:
-                self.panel.thing.options = (*self.panel.thing.options, label)
-                self.panel.thing.value = label
+                self.panel.object.options = (*self.panel.object.options, label)
+                self.panel.object.value = label
 
             self._after = arrived
             self._load(self._changed(str(path), self.steering.unit))
@@ -292,7 +292,7 @@ class BrowserSession:
         for name, path in list(self._uploaded.items()):
             if str(path) in words:
                 words = words.replace(str(path), path.name)
-                if name not in self.panel.thing.options:
+                if name not in self.panel.object.options:
                     del self._uploaded[name]
         self._say("bad", "This does not work", words)
 

@@ -96,7 +96,7 @@ class Panel:
     def _steering(self, gui: viser.GuiApi, request: PlanRequest) -> None:
         source, task = request.object_name, request.asked
         objects = list(dict.fromkeys([*object_names(), source]))
-        self.thing = gui.add_dropdown("Object", objects, initial_value=source)
+        self.object = gui.add_dropdown("Object", objects, initial_value=source)
         self.upload = gui.add_upload_button(
             "Upload a mesh", color="gray", hint="OBJ, STL, PLY, OFF, GLB, glTF"
         )

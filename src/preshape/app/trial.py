@@ -23,10 +23,10 @@ class Trial:
         self._panel, self._stage = panel, stage
         self._run: Run | None = None
 
-    def take(self, said: dict[str, Any]) -> None:
+    def take(self, run: dict[str, Any]) -> None:
         """Show a run: its table, and the end of the first push that was not held, or of the whole run."""
         p = self._panel
-        self._run = run_of(said)
+        self._run = run_of(run)
         p.run_report.content = readings.wrapped(self._run.report)
         p.moment.visible = p.replay.visible = True
         lost = [i for i, stage in enumerate(self._run.stage) if stage == self._run.first_lost]

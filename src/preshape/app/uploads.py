@@ -45,7 +45,7 @@ class Uploads:
             path.parent.mkdir()
             path.write_bytes(content)
         except OSError as error:
-            raise EnvironmentFailure(f"the upload cannot be kept: {error.strerror or error}") from error
+            raise EnvironmentFailure(f"the upload cannot be written: {error.strerror or error}") from error
         return path
 
     def close(self) -> None:
