@@ -1,4 +1,4 @@
-"""``preshape bench holds`` from files to exit code: verdicts, what stands beside them, bad rows, going on."""
+"""``preshape bench holds`` from files to exit code: verdicts, measures, bad rows, continuing."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ HALF = (0.045, 0.018, 0.03)  # of the box [m]
 
 @pytest.fixture(autouse=True)
 def apart(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Own cache, own working folder with ``objects/box``: nothing is cut, nothing is left behind."""
+    """A separate cache and working folder with ``objects/box``: nothing is cut, nothing remains."""
     monkeypatch.setenv("PRESHAPE_CACHE", str(tmp_path / "cache"))
     (tmp_path / "here").mkdir()
     monkeypatch.chdir(tmp_path / "here")
@@ -84,7 +84,7 @@ def write_box(path: Path, half: tuple[float, ...]) -> None:
 
 
 def arrays(kinds: str) -> dict[str, Any]:
-    """A row for each letter: g a good grasp, o one that stays open, s one that only the squeeze makes."""
+    """A row for each letter: g a good grasp, o an open one, s one that holds only by the squeeze."""
     stages = {
         "g": ("pregrasp", "grasp", "squeeze"),
         "o": ("pregrasp", "pregrasp", "pregrasp"),
@@ -111,7 +111,7 @@ def save(name: str, kinds: str, **changes: Any) -> str:
 
 
 def plan(rows: int, **changes: Any) -> dict[str, Any]:
-    """A plan document with that many answers."""
+    """A plan document with a number of answers."""
     poses = {stage: {"palm_pose": PALM, "q": ANGLES[stage]} for stage in STAGES}
     hand = {"name": "utah_mit", "joints": JOINTS, "reason": "reached", **poses}
     thing = {"name": "box", "source": "box", "extents": [2 * h for h in HALF], **changes}
@@ -435,7 +435,7 @@ class TestGoingOn:
 
 
 def _stopped(words: list[str], kept: Path, lines: int, how: signal.Signals) -> tuple[int, str, str]:
-    """Run the command in a process of its own and stop it when that many lines are kept."""
+    """Run the command in a process and stop it when the file has a number of lines."""
     # A shell's background job, as CI may be, starts its children with the signal ignored.
     heeding = (
         "import signal; signal.signal(signal.SIGINT, signal.default_int_handler); "

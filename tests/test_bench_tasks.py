@@ -1,4 +1,4 @@
-"""The task benchmark: its instances, other planners' files, processes, going on, and the command."""
+"""The task benchmark: instances, files of other planners, processes, continuing, and the command."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ def lines(report: TaskReport) -> list[str]:
 
 
 def slabs(*boxes: tuple[list[float], list[float]]) -> TriangleMesh:
-    """Boxes given by their corners, as one mesh."""
+    """One mesh of boxes that are given by their corners."""
     unit = load_object("cube")
     corners = (unit.vertices - unit.bounds[0]) / unit.extents
     vertices = [np.array(low) + corners * (np.array(high) - low) for low, high in boxes]
@@ -88,7 +88,7 @@ def slabs(*boxes: tuple[list[float], list[float]]) -> TriangleMesh:
 
 
 def tray(wall: float, hole: float = 0.0) -> TriangleMesh:
-    """10 x 10 with a floor of 1 and a rim 4 high, on one side ``wall``; a hole or slit in the floor."""
+    """A tray of 10 x 10 with floor 1, rim 4, one side of height ``wall``, and a hole or slit in the floor."""
     return slabs(
         ([0, 0, 0], [10, 5 - hole, 1]),
         ([0, 5 + hole, 0], [10, 10, 1]),
@@ -353,7 +353,7 @@ class TestCommand:
     def test_the_mass_is_planned_for(
         self, options: list[str], mass: float | None, capsys, monkeypatch: pytest.MonkeyPatch
     ) -> None:
-        """The hammer's own 0.35 kg stays out; the ray analyser knows no loads."""
+        """The hammer's own 0.35 kg is not used, and the ray analyser has no loads."""
         planned_for: list[float | None] = []
 
         def refuse(_: Session, request: PlanRequest) -> None:

@@ -1,4 +1,4 @@
-"""Point clouds: read, refused, made a closed surface that says what was seen, and planned on."""
+"""Point clouds: reading, refusals, closed surfaces with their seen part, and plans."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def camera_of(mesh: TriangleMesh, turn: float = 0.9, rise: float = 0.6) -> np.nd
 
 
 def seen(name: str, *, noise: float = 0.0005) -> tuple[TriangleMesh, np.ndarray, np.ndarray]:
-    """A library object, the points of one view of it, and where the camera was."""
+    """A library object, the points of one view of it, and the camera's position."""
     mesh = load_library_object(name)
     camera = camera_of(mesh)
     return mesh, depth_view(mesh, camera, noise=noise, rng=np.random.default_rng(1)), camera
@@ -63,7 +63,7 @@ def box() -> tuple[TriangleMesh, np.ndarray, np.ndarray]:
 
 @pytest.fixture(scope="module")
 def surfaces() -> dict[str, TriangleMesh]:
-    """What becomes of one view of some objects."""
+    """The surfaces from one view of each of some objects."""
     return {name: completed("symmetry", name, *seen(name)[1:]) for name in ("box", "bottle")}
 
 
@@ -84,7 +84,7 @@ def columns() -> list[bytes]:
 
 
 def lzf(data: bytes) -> bytes:
-    """Packed with plain runs, and with copies wherever four bytes or more have been seen before."""
+    """LZF-compressed data with plain runs, and with copies of four or more earlier bytes."""
     out, plain, at = bytearray(), bytearray(), 0
 
     def flush() -> None:

@@ -1,6 +1,6 @@
-"""``preshape export``: what other programs read is what the plan says.
+"""``preshape export``: other programs read the numbers of the plan.
 
-``python tests/test_export.py`` writes ``tests/data/shadow_mug_lift.json`` anew: a plan of the closure
+``python tests/test_export.py`` rewrites ``tests/data/shadow_mug_lift.json``: a plan of the closure
 analyser, whose search takes too long for a test.
 """
 
@@ -76,7 +76,7 @@ def messages_of(document: dict, **options) -> list[dict]:
 
 
 def same(read, message, kind: str = ros_bag.GRASP, path: str = "grasp") -> int:
-    """How many leaves an object read back has, each compared with the dictionary it was made of."""
+    """Compare an object that was read back with its dictionary, and return the number of leaves."""
     if isinstance(message, dict):
         return sum(same(getattr(read, key), part, key, f"{path}.{key}") for key, part in message.items())
     if isinstance(message, list):
@@ -119,7 +119,7 @@ def test_the_field_lists_have_the_hashes_of_the_published_messages() -> None:
 
 
 def rihs01(schema: str, root: str) -> str:
-    """The type hash of ROS 2 (REP 2016), worked out from a schema's text alone."""
+    """The type hash of ROS 2 (REP 2016), computed from the text of a schema alone."""
     numbers = {"int32": 6, "uint32": 7, "float32": 10, "float64": 11, "string": 17}
     types: dict[str, dict] = {}
     for k, part in enumerate(schema.split("=" * 80 + "\n")):
@@ -237,7 +237,7 @@ def test_yaml_keeps_every_scalar(content: object) -> None:
 
 
 def placed(document: dict, message: dict, stage: str) -> tuple:
-    """The hand's own MJCF with its root at grasp_pose and the message's angles, nothing of ours between."""
+    """The hand's MJCF with its root at grasp_pose and the angles of the message, without code of preshape."""
     hand = load_hand(document["hand"]["name"])
     model = mujoco.MjModel.from_xml_string(hand.mjcf)
     at = message["grasp_pose"]["pose"]
@@ -252,7 +252,7 @@ def placed(document: dict, message: dict, stage: str) -> tuple:
 
 
 def reach(model, data, point: np.ndarray, bodies: set[int]) -> float:
-    """Distance of a point to the nearest round shape of some bodies [m]."""
+    """Distance of a point from the nearest round shape of some bodies [m]."""
     best = np.inf
     for geom in range(model.ngeom):
         if int(model.geom_bodyid[geom]) in bodies:
@@ -309,7 +309,7 @@ def test_the_parent_link_may_be_any_link_that_stands_still_or_one_of_the_robot()
 
 
 def test_efforts_are_the_servos_torques_within_the_limits() -> None:
-    """Against MuJoCo: what the hand's own drives do with the squeeze's targets when fingers cannot move."""
+    """Compared with MuJoCo: torques of the hand's drives at the squeeze's targets with fixed fingers."""
     hand = load_hand("shadow")
     message = messages_of(CLOSURE)[0]
     touch, press = message["grasp_posture"]["points"]
@@ -640,7 +640,7 @@ def test_what_is_left_out_is_said(tmp_path: Path) -> None:
 
 
 def test_a_hand_from_a_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The plan names the file of its hand; its bare name would not be found."""
+    """The plan names the file of its hand, which could not be found by name."""
     for part in (ROOT / "examples" / "hands").glob("trident.*"):
         shutil.copy(part, tmp_path)
     made = plan("box", "lift", hand=str(tmp_path / "trident.toml"), memory=":memory:", learn=False)

@@ -1,4 +1,4 @@
-"""The built-in objects: each a clean closed surface that the hand can hold, the same one every time."""
+"""The built-in objects: closed surfaces that a hand can hold, always the same."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def test_no_duplicate_vertex_no_unused_vertex_no_triangle_without_area(name: str
 
 
 def crossings(corners: np.ndarray, point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Where the line through ``point`` along +z meets the triangles: heights in order, -1 in and +1 out."""
+    """Heights where the line through ``point`` along +z crosses the triangles, -1 inward and +1 outward."""
     flat = corners[..., :2]
     near = ((flat.min(axis=1) <= point) & (point <= flat.max(axis=1))).all(axis=1)
     (ax, ay), (bx, by), (cx, cy) = np.moveaxis(flat[near] - point, 0, -1)
@@ -71,7 +71,7 @@ def crossings(corners: np.ndarray, point: np.ndarray) -> tuple[np.ndarray, np.nd
 
 @every_object
 def test_a_ray_goes_in_and_out_in_turn(name: str) -> None:
-    """A surface that folds over or cuts itself goes in twice."""
+    """A surface that folds or intersects itself is entered twice."""
     rng = np.random.default_rng(7)
     turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
     turn[:, 0] *= np.linalg.det(turn)
@@ -85,7 +85,7 @@ def test_a_ray_goes_in_and_out_in_turn(name: str) -> None:
 
 @every_object
 def test_thumb_and_two_fingers_can_oppose(name: str) -> None:
-    """For some approach plane and value all three aimed fingers hit, no wider than the hand opens."""
+    """For some approach plane and value all three fingers hit, within the opening of the hand."""
     mesh = library.load_library_object(name)
     for approach, opposition in ((0, 1), (0, 2), (1, 0), (1, 2), (2, 0), (2, 1)):
         axes = [approach, 3 - approach - opposition, opposition]

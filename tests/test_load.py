@@ -145,7 +145,7 @@ def test_suffixes_in_capitals(tmp_path: Path, suffix: str) -> None:
 
 
 def uv_seam(text: str) -> str:
-    """Every corner with its own texture coordinate and normal."""
+    """An OBJ in which every corner has its own texture coordinate and normal."""
     out, k = [], 0
     for line in text.splitlines():
         if line.startswith("f "):
@@ -249,7 +249,7 @@ def shoelace(points: np.ndarray) -> float:
 def test_concave_prisms(
     tmp_path: Path, form: str, outline: list[list[float]], shift: int, mirrored: bool
 ) -> None:
-    """Only a right cut gives the prism's area: a fan over a concave corner covers too much."""
+    """Only a correct triangulation gives the area of the prism: a fan over a concave corner is too large."""
     flat = np.roll(np.array(outline, dtype=float), shift, axis=0) / 64
     n = len(flat)
     rim = float(np.linalg.norm(flat - np.roll(flat, -1, axis=0), axis=1).sum())
@@ -276,7 +276,7 @@ def test_concave_prisms(
 
 
 def ply(vertices: np.ndarray, faces: list[list[int]], form: str, before: str = "", after: str = "") -> bytes:
-    """A PLY with needless properties around those that matter."""
+    """A PLY with other properties around the needed ones."""
     header = (
         f"ply\nformat {form} 1.0\ncomment x\nelement junk 2\nproperty uchar a\n"
         f"element vertex {len(vertices)}\nproperty uchar red\nproperty double x\nproperty double y\n"
@@ -315,7 +315,7 @@ def test_triangulate_keeps_area_and_turn_of_random_stars() -> None:
 
 
 def test_holes_seams_and_rubbish_are_taken_as_they_are(tmp_path: Path) -> None:
-    """A missing side, a doubled face, faces without area and vertices of nobody change nothing else."""
+    """A missing side, a doubled face, faces without area and unused vertices change nothing else."""
     vertices = np.concatenate([BOX, [[5, 5, 5], [0.01, 0, 0]]])
     faces = [*QUADS[:5], QUADS[0], QUADS[0][2:] + QUADS[0][:2], [0, 0, 1], [0, 9, 4], [3, 3, 3, 3]]
     file = tmp_path / "scan.obj"
@@ -374,7 +374,7 @@ def test_ply_with_needless_elements(tmp_path: Path, form: str, mixed: bool) -> N
 
 @pytest.mark.parametrize("form", ["ascii", "binary_little_endian"])
 def test_ply_whose_faces_are_quads_on_average(tmp_path: Path, form: str) -> None:
-    """The corner cut off one side is a corner more on the next, so that the file's length tells nothing."""
+    """One face has a corner less and the next one a corner more, so the length of the file is right."""
     vertices = np.concatenate([BOX, [(BOX[0] + BOX[1]) / 2]])
     faces = [QUADS[1], *QUADS[3:], [0, 8, 2], [8, 1, 3, 2], [0, 4, 5, 1, 8]]
     (tmp_path / "box.ply").write_bytes(ply(vertices, faces, form))
@@ -385,7 +385,7 @@ def test_ply_whose_faces_are_quads_on_average(tmp_path: Path, form: str) -> None
 
 @pytest.mark.parametrize("form", ["ascii", "binary_little_endian"])
 def test_ply_with_edges_and_textures(tmp_path: Path, form: str) -> None:
-    """What trimesh would make a path of, cut the vertices at, or look for in another file."""
+    """Elements that trimesh would turn into paths, split vertices at, or search in another file."""
     content = ply(BOX, QUADS, form).replace(b"comment x", b"comment TextureFile caf\xe9.png\nobj_info 1")
     edge = b"element edge 1\nproperty int vertex1\nproperty int vertex2\n"
     content = content.replace(b"end_header", edge + b"end_header")
@@ -408,7 +408,7 @@ def test_off_headers(tmp_path: Path, first: str) -> None:
 
 @pytest.mark.parametrize("suffix", ["glb", "gltf"])
 def test_scene_nodes_are_put_in_place(tmp_path: Path, suffix: str) -> None:
-    """One cube used three times: moved, turned and scaled, mirrored, under a parent that moves too."""
+    """One cube used three times: moved; rotated and scaled; mirrored, below a node that moves as well."""
     cube = trimesh.creation.box(extents=(0.02, 0.02, 0.02))
     scene = trimesh.Scene()
     scene.add_geometry(cube, node_name="a", geom_name="cube")
@@ -444,7 +444,7 @@ def test_a_gltf_without_its_buffer_says_so(tmp_path: Path, capfd: pytest.Capture
 
 
 def gltf_box(**changes: object) -> dict[str, Any]:
-    """A box as one primitive, positions interleaved with something else (a stride of 16 bytes)."""
+    """A box as one primitive, with positions interleaved with other data (a stride of 16 bytes)."""
     triangles = np.array([[q[0], q[k], q[k + 1]] for q in QUADS for k in (1, 2)], dtype="<u2")
     rows = np.c_[BOX, np.full(8, 7.0)].astype("<f4").tobytes()
     binary = rows + triangles.tobytes()
@@ -507,7 +507,9 @@ def test_gltf_strips_points_and_lines(tmp_path: Path, mode: int) -> None:
     document["accessors"].append({"bufferView": 2, "componentType": 5126, "count": 4, "type": "VEC3"})
     document["meshes"][0]["primitives"].append({"attributes": {"POSITION": 2}, "mode": mode})
     if mode in (3, 6):  # line strip and fan: trimesh leaves them out, and says so
-        with pytest.raises(ObjectError, match=f"a part of the scene cannot be read .skipping primitive with mode {mode}"):
+        with pytest.raises(
+            ObjectError, match=f"the scene cannot be read .skipping primitive with mode {mode}"
+        ):
             load_gltf(tmp_path, document)
         return
     mesh = load_gltf(tmp_path, document)
@@ -519,7 +521,7 @@ def test_gltf_strips_points_and_lines(tmp_path: Path, mode: int) -> None:
 
 @pytest.mark.parametrize("normalised", [False, True])
 def test_gltf_quantised_positions(tmp_path: Path, normalised: bool) -> None:
-    """Signed 16-bit positions, to be scaled by the node; normalised ones trimesh would take as they stand."""
+    """Signed 16-bit positions that a node scales; trimesh would not scale normalised ones."""
     grid = np.where(BOX > 0, 1000, -1000).astype("<i2")
     document = gltf_box(nodes=[{"mesh": 0, "scale": [1e-5, 2e-5, 3e-5]}])
     binary = (
@@ -547,7 +549,7 @@ def test_gltf_keeps_what_hangs_on_a_camera(tmp_path: Path) -> None:
 
 
 def test_gltf_scenes_that_have_no_end(tmp_path: Path) -> None:
-    """A chain of nodes takes trimesh the third power of its length; instances multiply."""
+    """trimesh needs the third power of the length of a chain of nodes, and instances multiply."""
     chain = [{"mesh": 0, "children": [k + 1]} for k in range(32)] + [{"mesh": 0}]
     with pytest.raises(ObjectError, match="33 nodes in 33 levels, at most 2000 in 32 are read"):
         load_gltf(tmp_path, gltf_box(nodes=chain))
@@ -616,7 +618,7 @@ def test_group_rows_equals_numpy_unique() -> None:
 
 
 def test_group_rows_survives_equal_keys(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Rows (0, 0, 0) and those whose key is 0 too must stay apart."""
+    """Rows (0, 0, 0) and other rows with the key 0 are different groups."""
     odd = np.uint64(0x9E3779B97F4A7C15)
     key = int(np.uint64(1) * odd)
     key ^= key >> 29

@@ -58,7 +58,7 @@ def random_grasp(
 
 
 def closed_grasp(seed: int, count: int | None = None, **options: float) -> Contacts:
-    """The first force-closed random grasp from a seed on."""
+    """The first force-closed grasp among random ones from a seed on."""
     grasps = (random_grasp(seed * 1000 + i * 2 + seed % 2, count, **options) for i in range(200))  # type: ignore[arg-type]
     return next(grasp for grasp in grasps if metrics.force_closure(grasp).closed)
 
@@ -73,7 +73,7 @@ def moved(contacts: Contacts, R: Array, t: Array) -> Contacts:
 
 
 def turned(wrenches: Array, R: Array) -> Array:
-    """(..., 6); a mirror turns torques the other way."""
+    """(..., 6) wrenches under a rotation or reflection, which reverses torques."""
     return np.concatenate([wrenches[..., :3] @ R.T, np.linalg.det(R) * wrenches[..., 3:] @ R.T], axis=-1)
 
 
@@ -108,7 +108,7 @@ def all_numbers(
 
 
 def tolerance(name: str) -> float:
-    """The L∞ searches end in a slow tail where many faces meet."""
+    """The L∞ searches converge slowly where many faces meet."""
     return 1e-8 if name in ("epsilon Linf", "margin each") else 1e-9
 
 

@@ -41,7 +41,7 @@ def clarabel_solve(c: Array, A: Array, b: Array, blocks: list[tuple[int, int]]) 
 
 
 def force_columns(contacts: Contacts) -> Array:
-    """(6, 4n) wrenches of normal, two scaled tangents and scaled moment; tangents of its own."""
+    """(6, 4n) wrenches of normal, two scaled tangents and scaled moment, with independent tangents."""
     columns = []
     for r, n, mu, gamma in zip(contacts.arms, contacts.normals_in, contacts.mu, contacts.gamma, strict=True):
         t1 = np.linalg.svd(n[None])[2][1]
@@ -81,7 +81,7 @@ def cap_sample(axis: Array, half_angle: float, count: int, seed: int = 0) -> Arr
 
 
 def lowest(space: WrenchSpace, seed: int = 0) -> float:
-    """min over unit d of the space's height: many directions, the best polished by a general optimiser."""
+    """Least height of the space over unit directions: sampled, the best refined by a general optimiser."""
     d = np.random.default_rng(seed).normal(size=(60_000, 6))
     d /= np.linalg.norm(d, axis=1, keepdims=True)
     heights = space.heights(d)

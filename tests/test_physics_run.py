@@ -1,4 +1,4 @@
-"""Grasp arrays in, results out: files, faults, processes, stopping and going on."""
+"""Holding tests of grasp arrays: files, faults, processes, stopping and continuing."""
 
 from __future__ import annotations
 
@@ -291,7 +291,7 @@ class TestErrorsAndSets:
 
 @pytest.mark.slow
 class TestPublishedGrasps:
-    """The oracle: published Shadow grasps, whose verdicts in MuJoCo 4.0.1 are known for the whole set."""
+    """Published Shadow grasps, whose verdicts in MuJoCo 4.0.1 are known for the whole set."""
 
     VERDICTS: ClassVar = {
         41: True,

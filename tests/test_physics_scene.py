@@ -1,4 +1,4 @@
-"""Objects, scenes and the holding test against cases whose answer is known beforehand."""
+"""Objects, scenes and the holding test on cases with known results."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ HAND = PhysicsHand(
 
 
 def clamp(travel: float) -> np.ndarray:
-    """Both plates moved inwards by so much [m]; they touch the box at 5 mm."""
+    """Posture with both plates moved inwards by ``travel`` [m]; they touch the box at 5 mm."""
     return np.array([*HERE, travel, travel])
 
 
@@ -328,7 +328,7 @@ class TestHolding:
         assert result.probes == ()
 
     def test_ladder(self) -> None:
-        """Friction of two plates against 1.4^k N: the last rung is just under it."""
+        """Friction of two plates against 1.4^k N: the last rung that holds is just below it."""
         scene = build_scene(HAND, BOX, 1.0, FAST)
         forces: list[float] = []
         poses, protocol = (clamp(0.0), clamp(0.005), clamp(0.008)), replace(FAST, ladder=True, checks=2)
@@ -344,7 +344,7 @@ class TestHolding:
         assert trial(replace(FAST, ladder=True, friction=0.0)).strength == 0.0
 
     def test_every_probe_as_if_it_were_alone(self) -> None:
-        """The squeeze is simulated once: the plain version, a full run for each probe, agrees to the bit."""
+        """The squeeze is simulated once; a full run for each probe gives the same bits."""
         protocol = replace(FAST, friction=0.2, checks=2)
         scene = build_scene(HAND, BOX, 1.0, protocol)
         poses = clamp(0.0), clamp(0.005), clamp(0.007)
@@ -363,7 +363,7 @@ class TestHolding:
 
 
 def plain(scene, poses, wrench, protocol: HoldProtocol) -> tuple[float, float]:
-    """The specification: one probe from the pregrasp on."""
+    """The specification: a full run from the pregrasp for one probe."""
     data = mujoco.MjData(scene.model)
     place(scene, data, poses[0], HERE)
     mujoco.mj_fwdPosition(scene.model, data)

@@ -34,7 +34,7 @@ def test_none_is_missing(reference: Path) -> None:
 
 @pytest.mark.parametrize("name", LENGTHS)
 def test_scan(reference: Path, name: str, capfd: pytest.CaptureFixture[str]) -> None:
-    """Against a plain reading of the same file, line by line."""
+    """The scan equals a simple line-by-line reading of the same file."""
     path = reference / "ycb" / f"{name}.obj"
     mesh = load_object(path)
     assert capfd.readouterr() == ("", "")

@@ -1,4 +1,4 @@
-"""The shape descriptor: the same however a surface is cut into triangles, another one for another shape."""
+"""The shape descriptor: equal for all triangulations of a surface, different for other shapes."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def mesh(vertices: Array, triangles: IntArray, name: str = "mesh") -> TriangleMe
 
 
 def split(thing: TriangleMesh, inside: Array, chosen: IntArray) -> TriangleMesh:
-    """Each chosen triangle cut into three at a point inside, in barycentric coordinates."""
+    """The mesh with chosen triangles cut into three at inner points, given in barycentric coordinates."""
     vertices, triangles = list(thing.vertices), [list(t) for t in thing.triangles]
     for index, share in zip(chosen, inside, strict=True):
         a, b, c = triangles[index]
@@ -52,7 +52,7 @@ def split(thing: TriangleMesh, inside: Array, chosen: IntArray) -> TriangleMesh:
 def solid_again(
     thing: TriangleMesh, *, finer: float | None = None, coarser: float | None = None
 ) -> TriangleMesh:
-    """Meshed anew: no edge longer than ``finer``, or simplified within ``coarser`` of the surface [m]."""
+    """The solid meshed again, with edges up to ``finer`` or simplified to within ``coarser`` [m]."""
     from manifold3d import Manifold, Mesh64
 
     solid = Manifold(Mesh64(np.array(thing.vertices), thing.triangles.astype(np.uint64)))
@@ -173,7 +173,7 @@ TURNS = [
 
 
 def moved(found: Array, turn: Array) -> Array:
-    """The descriptor of the object after a turn or mirror image, from the one before."""
+    """The descriptor of a rotated or mirrored object, from that of the original."""
     result = found.copy()
     sources, signs = np.abs(turn).argmax(axis=1), turn.sum(axis=1)
     for first, table in ((0, POSITION_MOMENTS), (21, NORMAL_MOMENTS)):

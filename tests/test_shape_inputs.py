@@ -1,4 +1,4 @@
-"""What uses the shape descriptor: the estimator's inputs, training, recognition by shape, the study."""
+"""Uses of the shape descriptor: inputs of the estimator, training, recognition, the study."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def setup() -> Setup:
 
 @pytest.fixture(scope="module")
 def lessons(setup: Setup) -> tuple[Experience, ...]:
-    """Two objects with two tasks each: each time the task, the best possible task and a landmark."""
+    """Two objects with two tasks each, and for each the task, the best possible task and a landmark."""
     found, system = [], setup.system()
     for name in ("cylinder", "box"):
         element = setup.prepare(system, name).element

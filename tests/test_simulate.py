@@ -1,4 +1,4 @@
-"""``preshape simulate``: what is recorded obeys mechanics, and table, filmstrip and GIF show it."""
+"""``preshape simulate``: recordings obey mechanics, and table, filmstrip and GIF show them."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def held() -> Recording:
 
 @pytest.fixture(scope="module")
 def lost() -> Recording:
-    """The plates stop short of the box: nothing ever touches it."""
+    """The plates stop before the box, so nothing touches it."""
     return record_hold(scene_of(), grasp_of(clamp(0.0), clamp(0.002), clamp(0.003)), FAST)
 
 
@@ -373,7 +373,7 @@ class TestCommand:
         assert "give --hand" in capsys.readouterr().err
 
     def test_the_load_is_the_plan_s_own(self, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-        """A plan for 0.25 kg and friction 0.5 is not tested with 0.1 kg and 0.6, unless that is asked for."""
+        """A plan for 0.25 kg and friction 0.5 is tested with these unless options set others."""
         file = planned_with(tmp_path, mass=0.25, friction=0.5)
         runs = []
         for options in ([], ["--mass", "0.25", "--friction", "0.5"], ["--mass", "0.1", "--friction", "0.6"]):

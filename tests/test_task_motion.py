@@ -54,7 +54,7 @@ def test_how_far(task) -> None:
 
 @named
 def test_one_screw_all_the_way(name: str) -> None:
-    """Axis and pitch of the displacement so far are those of the whole, as seen about the COG."""
+    """Each part of the path has the axis and pitch of the whole displacement, about the COG."""
     motion = motion_of(name)
     whole = screw_from_displacement(motion.displacement)
     for f in (0.2, 0.55, 0.9):

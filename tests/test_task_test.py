@@ -1,4 +1,4 @@
-"""The task test against cases whose answer is known beforehand."""
+"""The task test on cases with known results."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ SCREWS = ("lift", "pour", "lever", "unscrew:+x", "strike:-y")
 
 
 def cage(half: np.ndarray, gap: float = 0.001) -> PhysicsHand:
-    """Six walls without a joint, round a box of these half extents at the root."""
+    """Six fixed walls around a box with these half extents at the root."""
     walls = ""
     for axis in range(3):
         for sign in (-1, 1):
@@ -56,7 +56,7 @@ def way(name: str, gravity: np.ndarray | None = None, cog: np.ndarray = NONE) ->
 def caged(
     name: str, protocol: TaskProtocol = SMOOTH, where: np.ndarray = HERE, observer=None, pieces=BOX, cog=NONE
 ) -> TaskResult:
-    """The box in the cage, the cage's root at the box's middle."""
+    """Test the box in the cage, whose root is at the centre of the box."""
     scene = build_scene(cage(SIDE), pieces, 1.0, protocol.hold)
     T = pose_from_seven(where)
     root = np.array([*(T[:3, :3] @ cog + T[:3, 3]), *where[3:]])
@@ -87,7 +87,7 @@ def test_a_cage_takes_the_box_along_without_friction(name: str) -> None:
 
 @pytest.mark.parametrize("where", [HERE, AWAY])
 def test_where_the_object_ends_in_the_world(where: np.ndarray) -> None:
-    """Measured by the simulator's own poses, not by the test: the end is T_start · D about the COG."""
+    """The simulator's poses, not those of the test, end at T_start · D about the COG."""
     last: list[np.ndarray] = []
     result = caged("lever", where=where, observer=lambda _, data: last.append(np.array(data.qpos[-7:])))
     assert result.passed
@@ -98,7 +98,7 @@ def test_where_the_object_ends_in_the_world(where: np.ndarray) -> None:
 
 
 def test_the_frame_of_the_file_does_not_matter() -> None:
-    """The same box with its frame half a metre away: everything is about the COG."""
+    """The same box with its frame half a metre away gives the same result, because all is about the COG."""
     offset = np.array([0.5, -0.3, 0.2])
     far = ConvexPieces(name="far", pieces=(CORNERS * SIDE + offset,))
     here = caged("pour")
@@ -110,9 +110,9 @@ def test_the_frame_of_the_file_does_not_matter() -> None:
 
 @pytest.mark.parametrize("where", [HERE, AWAY])
 def test_the_work_done_is_against_the_load(where: np.ndarray) -> None:
-    """Over the way the load takes force times length and torque times angle, whatever the centre of mass.
+    """Along the path the load does the negative work of force and torque, wherever the centre of mass is.
 
-    The box has a heavy end: half of its mass sits in the last tenth, so COG and centre of mass differ.
+    Half of the box's mass is in its last tenth, so COG and centre of mass differ.
     """
     tip = CORNERS * SIDE * [0.1, 1, 1] + [SIDE[0] * 0.9, 0, 0]
     heavy = ConvexPieces(name="heavy", pieces=(CORNERS * SIDE, tip, tip * [1, 0.999, 1], tip * [1, 1, 0.999]))
@@ -136,7 +136,7 @@ def test_the_work_done_is_against_the_load(where: np.ndarray) -> None:
 
 
 class TestAlone:
-    """Nobody holds the object: when it is lost says how large load and weight are, and how they come."""
+    """A free object: the time at which it is lost shows the size and the rise of load and weight."""
 
     def lost_after(
         self, name: str, gravity: np.ndarray | None, strength: float = 1.0
@@ -223,7 +223,7 @@ class TestClamp:
         assert (result.row, result.object_name, result.family) == (3, "box", "lift")
 
     def test_too_fast_for_the_hand(self) -> None:
-        """A tenth of a metre in 50 ms: the hand trails its target by more than the limit."""
+        """0.1 m in 50 ms: the hand lags behind its target by more than the limit."""
         result = clamped("lift", replace(SURE, duration=0.05))
         assert result.status is TaskStatus.LOST
         assert 0.0 < result.progress <= 1.0

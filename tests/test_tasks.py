@@ -1,4 +1,4 @@
-"""Tasks: kept displacements, derived Q, named families, and what every wrong task is told."""
+"""Tasks: stored displacements, derived Q, named families, and the message for each wrong task."""
 
 import json
 import pickle
@@ -288,7 +288,7 @@ def test_full_motion_of_a_displacement_keeps_its_screw_and_reaches_one_limit(T):
 
 
 def test_full_motion_follows_the_arc():
-    """Half a turn round a far axis: the COG must not leave the 0.1 m, and reaches it on the arc."""
+    """Half a turn about a distant axis: the COG reaches 0.1 m on its arc and never exceeds it."""
     T = pose(rotation_from_vector([0, 0, np.pi]), [2, 0, 0])
     part = tasks.full_motion(tasks.task_from_displacement(T))
     assert np.abs(part[:3, 3]).max() == pytest.approx(0.1, abs=1e-12)
@@ -412,7 +412,7 @@ def test_every_family_parses_along_every_axis_and_no_two_are_the_same():
 
 @pytest.mark.parametrize("name", tasks.family_names())
 def test_a_family_obeys_its_axis(name):
-    """Turning the axis turns the whole task, wherever the turn keeps the upward side."""
+    """Rotating the axis rotates the whole task, where the rotation keeps the upward side."""
     motions = {axis: tasks.motion_of(tasks.named_task(f"{name}:{axis}")).reshape(2, 3) for axis in tasks.AXES}
     quarter = np.array([[0, -1, 0], [1, 0, 0], [0, 0, 1.0]])
     for axis, turned in (("+x", "+y"), ("+y", "-x"), ("-x", "-y"), ("-y", "+x")):
@@ -446,7 +446,7 @@ def test_known_families(text, q, words):
 
 @pytest.mark.parametrize("axis", tasks.AXES)
 def test_families_move_as_their_sentences_say(axis):
-    """What couples turning to moving: the hand rule of rolling, swinging, prying and threads."""
+    """Rotation and translation have the right signs in rolling, swinging, prying and threads."""
     parts = {
         name: tasks.motion_of(tasks.named_task(f"{name}:{axis}")).reshape(2, 3) for name in tasks.FAMILIES
     }
