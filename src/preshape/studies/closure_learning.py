@@ -1,13 +1,14 @@
-"""``preshape bench learning``: does the memory of the closure analyser pay?
+"""``preshape bench learning``: does the memory of the closure analyser save work?
 
 The study has these steps:
 
-1. Stream: objects and tasks are met one after the other and learnt. Recorded are the share answered at mode
-   0, the candidates that each answer needed, and its quality.
-2. Repetition: every pair of object and task that was answered is asked again. Nothing may be lost.
-3. Objects that were never in the stream: each pair is asked of a fresh memory, which explores all planes;
-   then of the memory of the stream; and once more of that memory with the critic's threshold at the margin
-   that exploring reached. This shows how many candidates experience needs for the same margin.
+1. Stream: plan pairs of object and task one after the other and learn each. Record the share answered at
+   mode 0, the number of candidates for each answer, and its quality.
+2. Repetition: plan every answered pair again, to see whether any was lost.
+3. Held-out objects, which were never in the stream: plan each pair with a fresh memory, which explores all
+   planes; with the memory of the stream; and again with the memory of the stream, but with the critic's
+   threshold at the margin that exploring reached. The last shows how many candidates the memory needs for the
+   same margin.
 """
 
 from __future__ import annotations
@@ -37,11 +38,11 @@ from .plots import OURS, QUIET, THIRD, Canvas
 WINDOW = 20
 """Number of consecutive pairs of the stream over which shares are computed."""
 LARGEST = 0.16
-"""Largest extent of an object that takes part [m]."""
+"""Largest extent of the objects in the study [m]."""
 HELD_OUT = 0.2
-"""Share of the objects that are kept out of the stream."""
+"""Share of the objects that are held out of the stream."""
 SAME = 0.95
-"""Share of a margin that counts as the same margin."""
+"""A margin of at least this share of another counts as the same margin."""
 
 Pair: TypeAlias = tuple[str, float, Task]
 """Library name and scale of an object, and a task."""
@@ -56,8 +57,8 @@ class PairResult:
         task: Label of the task.
         mode: Last mode of the controller, 0..3.
         answered: Whether there was an answer.
-        quality: Quality of the answer, 0..6; 0 without one.
-        tried: Number of candidates that were closed for it.
+        quality: Quality of the answer, 0..6; 0 without an answer.
+        tried: Number of candidates that were closed for the pair.
     """
 
     name: str
@@ -73,11 +74,12 @@ class LearningStudy:
     """Results of the study.
 
     Attributes:
-        stream: The pairs of the stream, in their order.
-        repeated: Those that were answered, asked again at the end.
-        fresh: Pairs of objects held out, each with a memory that knows only the cube, exploring all planes.
-        held_out: The same pairs with the memory of the stream.
-        same_margin: The same again, asked for the margin that exploring reached.
+        stream: The pairs of the stream, in order.
+        repeated: The answered pairs of the stream, planned again at the end.
+        fresh: Pairs with held-out objects, each planned with a memory that knows only the cube; explores all
+            planes.
+        held_out: The same pairs, planned with the memory of the stream.
+        same_margin: The same pairs and memory, with the margin that exploring reached as threshold.
     """
 
     stream: tuple[PairResult, ...]
@@ -92,10 +94,10 @@ class LearningStudy:
         return _at_mode_0(part) / max(1, len(part))
 
     def ratios(self) -> Array:
-        """Candidates with the memory divided by those without, for the margin that exploring reaches.
+        """Candidates with the stream's memory divided by those with a fresh one, for the same margin.
 
-        There is one ratio for each pair that exploring answers. Where experience does not reach the margin,
-        exploring comes on top, unless mode 3 has explored all planes already.
+        There is one ratio for each pair that exploring answers. If the memory does not reach the margin, the
+        candidates of exploring are added, unless mode 3 has already explored all planes.
         """
         pairs = [(w, f) for w, f in zip(self.same_margin, self.fresh, strict=True) if f.answered]
         return np.array(
@@ -152,17 +154,17 @@ def study(
     Args:
         hand: Name of the hand.
         length: Number of pairs in the stream.
-        held_out: Number of pairs with objects held out.
+        held_out: Number of pairs with held-out objects.
         seed: Seed of the pairs and of the planner.
         closure: Size of the search.
-        progress: Called after each question with the number of questions done and in all.
+        progress: Called after each planned pair with the number of finished pairs and of all pairs.
     """
     rng = np.random.default_rng(seed)
     usable = [n for n in names() if n != "cube" and load_library_object(n).extents.max() <= LARGEST]
     order = [usable[int(i)] for i in rng.permutation(len(usable))]
     kept_out = max(1, round(HELD_OUT * len(order)))
     pairs, strangers = _pairs(rng, order[kept_out:], length), _pairs(rng, order[:kept_out], held_out)
-    # Pairs without an answer are not asked again, but count as done.
+    # Pairs without an answer are not planned again, but count as finished.
     done, total = 0, 2 * length + 3 * held_out
 
     def ask(
@@ -243,7 +245,7 @@ def _pairs(rng: np.random.Generator, objects: Sequence[str], count: int) -> list
 
 
 def _same_margin_quality(reached: float) -> float:
-    """The quality whose margin is :data:`SAME` of that of a quality."""
+    """The quality whose margin is :data:`SAME` times the margin of quality ``reached``."""
     return quality(SAME * margin_of(reached))
 
 
@@ -284,7 +286,7 @@ def table(found: LearningStudy) -> Table:
 
 
 def write_learning_report(found: LearningStudy, out: Path) -> list[Path]:
-    """Write report.json, with the figures and all questions, and the plot; return the files."""
+    """Write report.json, with the figures and all planned pairs, and the plot; return the files."""
     rows = {
         part: [asdict(one) for one in getattr(found, part)]
         for part in ("stream", "repeated", "fresh", "held_out", "same_margin")

@@ -1,4 +1,4 @@
-"""Places where the paper contradicts itself or cannot be right, and what preshape does there."""
+"""Places where the paper contradicts itself or cannot be right, and how preshape handles them."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ def _measure(setup: Setup, part: Path, progress: Progress) -> Data:
 
 
 def _computed() -> Iterator[tuple[Cell, ...]]:
-    """Contradictions between printed numbers, computed here."""
+    """Rows for contradictions between printed numbers, which are computed here."""
     yield "Fig. 14, row 3", "its coefficients", "its W_net", f"leaves it out: {row_3_fault()}"
     for row, own in contradicting_rows():
         yield (

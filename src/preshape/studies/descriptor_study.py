@@ -1,8 +1,7 @@
 """Inputs of the approach estimator: the paper's seven attributes or a shape descriptor?
 
-Some library objects are held out, the estimator learns the others, and it is asked about those held out. A
-second question concerns the objects that it has learnt: does it still know them after their surface was cut
-into four times as many triangles?
+The estimator learns some library objects and is tested on the held-out others. A second test concerns the
+learnt objects: does the estimator still know them after each triangle of their surface was divided in four?
 """
 
 from __future__ import annotations
@@ -40,21 +39,21 @@ _INPUTS: dict[str, tuple[InputKind, int, str]] = {
     "extents": ("paper", 9, "task, extents (9)"),
     "task": ("paper", 6, "task alone (6)"),
 }
-"""Kind and number of each estimator's inputs, and their description. The last two are for comparison only."""
+"""Kind, number and description of each estimator's inputs; the last two are for comparison only."""
 
 _COLUMNS = ("mode_0", "mode_1", "same_plane", "learnt", "recut")
 """Shares of (object, task) pairs that are measured for each estimator.
 
-``mode_0``: held-out pairs whose estimated grasp reaches the threshold. ``mode_1``: those, and pairs for
-which some grasp on the estimated plane does. ``same_plane``: held-out pairs with the plane that would have
-been taught.
-``learnt``: learnt pairs answered at mode 0. ``recut``: the same with four times as many triangles.
+``mode_0``: held-out pairs whose estimated grasp reaches the threshold. ``mode_1``: these, and held-out pairs
+for which another grasp on the estimated plane reaches it. ``same_plane``: held-out pairs whose estimated
+plane is the one that the explorer teaches.
+``learnt``: learnt pairs answered at mode 0. ``recut``: the same pairs with four times as many triangles.
 """
 
 
 @value
 class _Subject:
-    """An object, with the attributes of its surface as it is and cut finer."""
+    """An object, with its attributes and those of its surface with divided triangles."""
 
     name: str
     analyser: Analyser
@@ -64,7 +63,7 @@ class _Subject:
 
 @value
 class _Pair:
-    """One task on one object, and what the explorer teaches about it."""
+    """One task on one object, and the experience that the explorer teaches."""
 
     subject: int
     q: Array
@@ -89,7 +88,7 @@ class _Tally:
         return _share([subject for subject, _ in marks], [float(good) for _, good in marks])
 
     def gain(self, column: str) -> list[float]:
-        """Share with the shape descriptor less that with the paper's attributes, pair by pair."""
+        """Share with the shape descriptor minus share with the paper's attributes, over the same pairs."""
         new, old = self._marks["shape", column], self._marks["paper", column]
         return _share(
             [subject for subject, _ in new],
@@ -106,10 +105,11 @@ def compare(
     seeds: Sequence[int] = SEEDS,
     progress: Progress | None = None,
 ) -> Data:
-    """Train each estimator without some objects and ask it about them, for all objects and seeds.
+    """Train each estimator without some objects and test it on these, for all objects and seeds.
 
-    For every seed each object gets its own random tasks. The training data are what the explorer teaches
-    about them (task and best possible task) and the first training on the cube. Training is as in use.
+    For every seed, each object gets its own random tasks. The training data are the explorer's experiences
+    with these tasks (task and best possible task) and the first training on the cube. The training method is
+    the planner's own.
 
     Args:
         setup: Hand and settings.
@@ -172,7 +172,7 @@ def compare(
 
 
 def cut_finer(mesh: TriangleMesh) -> TriangleMesh:
-    """The same surface with every triangle cut into four at the middles of its edges."""
+    """The same surface with every triangle divided into four at the midpoints of its edges."""
     count, (a, b, c) = len(mesh.vertices), mesh.triangles.T
     edges = np.sort([(a, b), (b, c), (c, a)], axis=1)  # (3, 2, m)
     keys, middle = np.unique(edges[:, 0] * count + edges[:, 1], return_inverse=True)
@@ -192,7 +192,7 @@ def _subject(name: str, analyser: Analyser) -> _Subject:
 def _explored(
     subject: _Subject, number: int, tasks: int, rng: np.random.Generator, controller: Controller
 ) -> list[_Pair]:
-    """Random tasks of one object, explored."""
+    """Draw random tasks for one object and explore them."""
     every = all_named_tasks()
     sets, threshold = controller.settings.sets, controller.settings.thresholds.estimation
     pairs = []
@@ -214,7 +214,7 @@ def _explored(
 
 
 class _Estimator:
-    """An estimator with some of the inputs, trained as in use."""
+    """An estimator with one kind of inputs, trained with the planner's own method."""
 
     def __init__(self, name: str, material: Sequence[Experience], u: float, seed: int) -> None:
         self.name, self._u = name, u
@@ -239,7 +239,7 @@ def _ask_held_out(
     subjects: Sequence[_Subject],
     controller: Controller,
 ) -> None:
-    """Ask about objects that were not learnt."""
+    """Test the estimator on objects that were not learnt."""
     for pair in pairs:
         subject = subjects[pair.subject]
         estimate = estimator.estimate(pair.q, subject.plain)
@@ -257,7 +257,7 @@ def _ask_learnt(
     subjects: Sequence[_Subject],
     controller: Controller,
 ) -> None:
-    """Ask about objects that were learnt, as they were and with their surface cut finer."""
+    """Test the estimator on learnt objects, with the original surface and with divided triangles."""
     for pair in pairs:
         if pair.recallable:
             subject = subjects[pair.subject]
@@ -268,7 +268,7 @@ def _ask_learnt(
 
 
 def _share(subjects: Sequence[int], marks: Sequence[float]) -> list[float]:
-    """Mean and 95 % interval; whole objects are drawn, because the tasks of one are not independent."""
+    """Mean and 95 % bootstrap interval over objects, because the tasks of one object are not independent."""
     if not subjects:
         return [math.nan] * 3
     sums = np.bincount(subjects, weights=marks)

@@ -11,8 +11,7 @@ from ..types import value
 from .setup import Data, Setup
 
 Progress: TypeAlias = Callable[[float, str], None]
-"""Called with the completed fraction, 0..1, and what is being done; an exception that it raises stops the
-work."""
+"""Called with the completed fraction, 0..1, and the current step; an exception in it stops the work."""
 
 
 @value
@@ -23,8 +22,8 @@ class Section:
         headline: The outcome in one sentence.
         text: Paragraphs on what was done and found.
         tables: The paper's values beside ours.
-        figures: The same as plots.
-        remarks: One sentence for each disagreement with the paper, with its reason where it is known.
+        figures: The paper's values and ours as plots.
+        remarks: One sentence for each disagreement with the paper, with the reason if it is known.
         remarks_title: Heading of the remarks.
     """
 
@@ -44,9 +43,9 @@ class Experiment:
         name: Name on the command line.
         title: Title in the report.
         version: Increased when ``measure`` changes; results of older versions are measured again.
-        cost: Rough duration of the full form [s], which sets the experiment's share of the progress.
-        measure: Measures. Its path is a file for partial results.
-        present: Turns the measured values into the content of the chapter.
+        cost: Rough duration of the full form [s]; it sets the experiment's share of the progress.
+        measure: Function that measures; its path argument is a file for partial results.
+        present: Function that makes the chapter's content from the measured values.
     """
 
     name: str

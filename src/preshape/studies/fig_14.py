@@ -25,7 +25,7 @@ BOX_IN_U = (1.0, 0.4, 1.0)
 BOX_SIZE = " × ".join(f"{x:g}" for x in BOX_IN_U)
 
 LEFT_OUT = 2
-"""Index of the row that fits no number of contacts and is not compared [R]."""
+"""Index of the row whose forces fit no number of contacts; it is not compared [R]."""
 
 
 def paper_box(setup: Setup) -> TriangleMesh:
@@ -69,7 +69,7 @@ def wrench_text(w: Sequence[float] | None) -> str:
 
 
 def _compared(data: Data) -> Iterator[tuple[int, printed.CoefficientRow, Data, float | None]]:
-    """Number, paper's row and ours of the compared rows, and the largest difference of their net wrenches."""
+    """For each compared row: number, the paper's row, our row, largest difference of their net wrenches."""
     for i, (row, ours) in enumerate(zip(printed.FIG_14, data["rows"], strict=True)):
         if i != LEFT_OUT:
             yield i + 1, row, ours, _difference(row.wrench, ours["aimed"])
@@ -145,7 +145,7 @@ def _present(data: Data) -> Section:
 
 
 def row_3_fault() -> str:
-    """Why row 3 of the paper fits no number of contacts: its normal forces do not add up."""
+    """The reason why the paper's row 3 fits no number of contacts: its normal forces do not add up."""
     row = printed.FIG_14[LEFT_OUT]
     ka, _, kn, _ = row.coefficients
     contacts = max(2, round(row.wrench[0] / ka))

@@ -28,9 +28,9 @@ _QUICK_OBJECTS = 4
 
 
 def _measure(setup: Setup, part: Path, progress: Progress) -> Data:
-    """Search for an object and a task that pass through the paper's modes.
+    """Search for an object and a task that pass through the paper's sequence of modes.
 
-    The first that does is taken: task Q1 on any plane, else a named task on the paper's plane, else any
+    The first match is taken, in this order: task Q1 on any plane, a named task on the paper's plane, any
     named task.
     """
     objects = names()[: _QUICK_OBJECTS if setup.quick else None]
@@ -64,7 +64,7 @@ def _measure(setup: Setup, part: Path, progress: Progress) -> Data:
 
 
 def _system(setup: Setup, name: str) -> Session:
-    """A system that knows the cube and this object, which it was taught with its most natural task."""
+    """A system that knows the cube and this object, which was taught with its most natural task."""
     system = setup.system()
     if name != "cube":
         teach(setup.prepare(system, name, parse_task(entry(name).tasks[0])))
@@ -72,7 +72,7 @@ def _system(setup: Setup, name: str) -> Session:
 
 
 def _fitting(ready: Prepared, tasks: Iterable[Task], wanted_plane: int | None) -> Iterator[Task]:
-    """Tasks whose matches at modes 0 and 1 lie between the thresholds as the paper's do."""
+    """Tasks whose matches at modes 0 and 1 lie between the same thresholds as the paper's."""
     first, second, third = (row.threshold for row in printed.FIG_15[:3])
     controller, element = ready.controller, ready.element
     for task in tasks:
@@ -89,7 +89,7 @@ def _fitting(ready: Prepared, tasks: Iterable[Task], wanted_plane: int | None) -
 
 
 def _run(setup: Setup, system: Session, name: str, task: Task) -> list[Data]:
-    """The task at the four thresholds, on one memory that does not change."""
+    """Run the task at the four thresholds, with one memory that does not change."""
     rows = []
     for row in printed.FIG_15:
         settings = Settings(thresholds=Thresholds(estimation=row.threshold), seed=setup.seed)
@@ -98,7 +98,7 @@ def _run(setup: Setup, system: Session, name: str, task: Task) -> list[Data]:
 
 
 def contradicting_rows() -> Iterator[tuple[printed.ThresholdRow, float]]:
-    """Rows of the paper in mode 0 or 1 whose TFVADI is not that of their net wrench, and the latter."""
+    """Rows of the paper in mode 0 or 1 whose TFVADI contradicts their net wrench, and the wrench's TFVADI."""
     for row in printed.FIG_15:
         own = float(tfvadi(printed.Q1, row.wrench))
         if row.mode < 2 and abs(own - row.tfvadi) > 0.05:

@@ -23,7 +23,7 @@ from .setup import Q1, Data, Setup, run_case, teach
 UNCHANGED = printed.MembershipRow(
     label="unchanged", changes={}, mode=0, plane=5, value=0.01, tfvadi=None, wrench=printed.USUAL_WRENCH
 )
-"""Not a row of the paper; the other rows are compared with it."""
+"""The unchanged sets: not a row of the paper, but the other rows are compared with them."""
 
 ROWS = (UNCHANGED, *printed.FIG_16)
 OBJECTS = ("box", "cube")
@@ -52,7 +52,7 @@ def _measure(setup: Setup, part: Path, progress: Progress) -> Data:
 
 
 def _aimed(ours: Data) -> float | None:
-    """TFVADI of the box at the paper's plane and value."""
+    """TFVADI of the box at the paper's plane and approach value."""
     match: float | None = ours["aimed"] and ours["aimed"]["tfvadi"]
     return match
 
@@ -116,12 +116,12 @@ def _present(data: Data) -> Section:
 
 
 def _changed(data: Data) -> Iterator[tuple[printed.MembershipRow, Data]]:
-    """The paper's rows with the measured values."""
+    """The paper's rows, each with our measured values."""
     yield from zip(printed.FIG_16, data["rows"][1:], strict=True)
 
 
 def _moved(data: Data, name: str) -> list[tuple[printed.MembershipRow, Data]]:
-    """Rows whose mode or plane is not that of the unchanged sets."""
+    """Rows whose mode or plane differs from that with the unchanged sets."""
     usual = data["rows"][0][name]
     return [
         (row, ours[name])
@@ -146,7 +146,7 @@ def _verdict(data: Data, name: str) -> str:
 
 
 def _why(data: Data, name: str) -> str:
-    """How far the changes move the match of the estimate, and whether it falls below the threshold."""
+    """How much the changes alter the match of the estimate, and whether it falls below the threshold."""
     usual = data["rows"][0][name]["estimated_match"]
     pairs = [(ours[name]["estimated_match"], row.label) for row, ours in _changed(data)]
     known = [(match, label) for match, label in pairs if match is not None]
@@ -165,7 +165,7 @@ def _why(data: Data, name: str) -> str:
 
 
 def _why_zero(data: Data) -> str:
-    """Why ZERO matters most: it decides the components that the task does not have."""
+    """Why ZERO matters most: it decides the agreement in those components that are zero in the task."""
     q, w = np.array(printed.Q1), np.array(printed.USUAL_WRENCH)
     narrow = printed.FIG_16[0]
     before, after = (

@@ -21,10 +21,10 @@ OTHER_PRIMITIVES = ("prism", "pyramid", "cylinder", "cone", "sphere", "wedge")
 
 
 def _measure(name: str, cases: Sequence[TaskRow], setup: Setup, part: Path, progress: Progress) -> Data:
-    """Run the cases one after the other on a system that meets the object in case 1.
+    """Run the cases one after the other on a system to which the object is new in case 1.
 
-    Where case 1 is answered without mode 3, the object is taught with that task afterwards, so that cases 2
-    and 3 find a learnt object as the paper's do.
+    If case 1 is answered without mode 3, the object is taught with that task afterwards. In cases 2 and 3 the
+    object is then known, as in the paper.
     """
     system = setup.system()
     rows: list[Data] = []
@@ -61,7 +61,7 @@ def shown_plane(row: Data) -> int | None:
 
 
 def shown_match(row: Data) -> float | None:
-    """TFVADI of the answer; in mode 2 that of recognition, which the paper prints there."""
+    """TFVADI of the answer; in mode 2 the TFVADI of recognition, as in the paper."""
     match: float | None = row["recognition"] if row["mode"] == 2 else None
     if row["answer"]:
         match = row["answer"]["tfvadi"]
@@ -121,7 +121,7 @@ def _disagreements(cases: Sequence[TaskRow], data: Data) -> tuple[str, ...]:
 
 
 def _why(case: TaskRow, row: Data) -> str:
-    """The reason of a disagreement, from the measured values."""
+    """The reason for a disagreement, from the measured values."""
     best, answer = row["best"], row["answer"]
     steps = {(mode, outcome): reason for mode, outcome, reason in reversed(row["steps"])}
     if best is None:

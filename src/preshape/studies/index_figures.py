@@ -21,13 +21,13 @@ Figures = dict[str, Any]
 
 @value
 class Question:
-    """A test outcome to predict, and the grasps that it is predicted for.
+    """A test outcome to predict, and the grasps for which it is predicted.
 
     Attributes:
         name: Name in the files.
         title: Name in reports.
         verdict: Key of the rows that holds the outcome.
-        among: Key of the rows that must be true; ``closed`` for force closure, ``None`` for all grasps.
+        among: Key that must be true in a row; ``closed`` for force closure, ``None`` for all grasps.
     """
 
     name: str
@@ -59,7 +59,7 @@ COMPARISONS = (
 
 
 def rows_of(rows: tuple[Row, ...], question: Question) -> list[Row]:
-    """The rows that a question is about."""
+    """The rows of the grasps that a question concerns."""
     known = [row for row in rows if row[question.verdict] is not None]
     if question.among is None:
         return known
@@ -128,7 +128,7 @@ def _index(rows: list[Row], question: Question, index: Index, hands: tuple[str, 
 
 
 class _ScoredGrasps:
-    """Indices and outcomes of one question's grasps; those with an index that has no value are left out."""
+    """Indices and outcomes of one question's grasps, without the grasps for which an index has no value."""
 
     def __init__(self, rows: list[Row], question: Question, *indices: Index) -> None:
         columns = [column(rows, index) for index in indices]
@@ -156,7 +156,7 @@ def _comparison(rows: tuple[Row, ...], first: str, second: str, name: str) -> Fi
 
 
 def _bin(found: Bin, index: Index) -> Figures:
-    """A bin with the limits in the sign of the index; an undefined limit is ``None``."""
+    """A bin, with its limits in the sign of the index; an undefined limit is ``None``."""
     low, high = (None if np.isinf(x) else index.sign * x for x in (found.low, found.high))
     return {
         "from": low,

@@ -14,7 +14,7 @@ from .index_figures import Figures
 from .plots import OURS, PAPER, QUIET, THIRD, Canvas
 
 GRADES = (("good", 0.8), ("fair", 0.7), ("weak", 0.6))
-"""Names for areas by the lower end of the interval; a smaller area is poor [C]."""
+"""Name of an area by the lower end of its interval; below all limits, the area is poor [C]."""
 
 _TITLES = {index.name: index.title for index in INDICES}
 _TESTS = (("holding", "held"), ("task", "done"))  # name in the tables and question of both tests
@@ -62,11 +62,11 @@ def _of(question: Figures, index: Index) -> Figures:
 
 
 def index_tables(document: Figures) -> tuple[Table, ...]:
-    """Areas of both tests, areas among harder choices, areas of each hand, and differences."""
+    """Tables of areas for both tests, for harder choices and for each hand, and of differences."""
     questions = _questions(document)
 
     def areas(caption: str, columns: dict[str, Callable[[Index], Figures]]) -> Table:
-        """A table with one row for each index, and in each column the areas that a function picks."""
+        """A table with one row for each index; the function of each column selects its areas."""
         return Table(
             caption=caption,
             columns=("index", *columns),
@@ -123,7 +123,7 @@ def index_tables(document: Figures) -> tuple[Table, ...]:
 
 
 def findings(document: Figures) -> tuple[str, ...]:
-    """The findings, one sentence or two each."""
+    """The findings, each in one or two sentences."""
     questions = _questions(document)
     out = []
     for _, name in _TESTS:
@@ -150,7 +150,7 @@ def findings(document: Figures) -> tuple[str, ...]:
 
 
 def _planner_finding(questions: dict[str, Figures]) -> tuple[str, ...]:
-    """The success rate of grasps with a planner's score above zero; most random grasps have zero."""
+    """The success rate of grasps with a planner's score above zero; for most random grasps it is zero."""
     index = next(index for index in INDICES if index.name == "planner")
     shares = []
     for _, name in _TESTS:
@@ -167,7 +167,7 @@ def _planner_finding(questions: dict[str, Figures]) -> tuple[str, ...]:
 
 
 def _verdict(questions: dict[str, Figures], index: Index) -> str:
-    """How well an index predicts: the task test where it depends on the task, else the holding test."""
+    """How well an index predicts the task test if it depends on the task, otherwise the holding test."""
     question = questions["done" if index.of_task else "held"]
     found = _of(question, index)["within"]
     test = question["title"]

@@ -1,13 +1,13 @@
 """Statistics of a score that predicts success: areas under the ROC curve, their intervals, and calibration.
 
-The area (AUC) is the share of pairs of one success and one failure in which the success has the larger
-score; a tie counts half (Mann and Whitney 1947). The variance of an area, and of the difference of two
-areas over the same grasps, is that of DeLong (1988).
+Take all pairs of one success and one failure. The area (AUC) is the share of pairs in which the success has
+the larger score; a tie counts half (Mann and Whitney 1947). The variance of an area, and of the difference of
+two areas over the same grasps, is that of DeLong (1988).
 
 Grasps on one object succeed or fail together more often than grasps on different objects. A score that only
-tells easy objects from hard ones therefore has a large area over all grasps. The area *within objects*
-compares only grasps of the same hand on the same object. Its interval is a bootstrap over objects and shows
-how much the area would vary with other objects.
+distinguishes easy objects from hard ones therefore has a large area over all grasps. The area *within
+objects* compares only grasps of the same hand on the same object. Its interval is a bootstrap over objects
+and shows how much the area would vary with other objects.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ Z = 1.959964
 DRAWS = 4000
 """Number of bootstrap draws."""
 MIN_OBJECTS = 5
-"""Least number of objects for the bootstrap over objects; with fewer there is no interval."""
+"""Smallest number of objects for the bootstrap over objects; with fewer there is no interval."""
 
 
 @value
@@ -33,7 +33,7 @@ class Area:
 
     Attributes:
         area: The area, 0..1; 0.5 is chance. ``None`` unless there are both successes and failures.
-        interval: 95 % interval; ``None`` where there are too few grasps or objects.
+        interval: 95 % interval; ``None`` if there are too few grasps or objects.
         successes: Number of grasps that succeeded.
         failures: Number of grasps that failed.
     """
@@ -49,9 +49,9 @@ class AreaDifference:
     """Difference of the areas of two scores over the same grasps.
 
     Attributes:
-        difference: First area less the second; ``None`` where there is no area.
-        interval: 95 % interval; ``None`` where there are too few grasps or objects.
-        p: Two-sided p-value of no difference; ``None`` where there is no interval.
+        difference: First area minus second area; ``None`` if an area is missing.
+        interval: 95 % interval; ``None`` if there are too few grasps or objects.
+        p: Two-sided p-value for "no difference"; ``None`` without an interval.
     """
 
     difference: float | None
@@ -95,13 +95,13 @@ def _checked(scores: Array, passed: BoolArray) -> tuple[Array, BoolArray]:
 
 
 def placements(scores: Array, passed: BoolArray) -> tuple[Array, Array]:
-    """For each success the share of failures below it, and for each failure the share of successes above it.
+    """For each success the share of failures below it; for each failure the share of successes above it.
 
     Ties count half. The mean of either array is the area.
 
     Args:
-        scores: (n,) scores, infinite ones too; more is better.
-        passed: (n,) whether each grasp succeeded.
+        scores: (n,) Scores, which may be infinite; larger is better.
+        passed: (n,) Whether each grasp succeeded.
 
     Returns:
         Arrays (successes,) and (failures,).
@@ -121,8 +121,8 @@ def placements(scores: Array, passed: BoolArray) -> tuple[Array, Array]:
 def area(scores: Array, passed: BoolArray) -> Area:
     """The area over all grasps, with DeLong's interval on the logit scale.
 
-    DeLong's variance is zero where the score sorts perfectly. The interval is then the score interval of
-    Newcombe (2006, method 5), which is not empty.
+    If the score separates successes and failures perfectly, DeLong's variance is zero. The interval is then
+    the score interval of Newcombe (2006, method 5), which is not empty.
 
     >>> area(np.array([1.0, 2.0, 3.0, 4.0]), np.array([False, True, False, True])).area
     0.75
@@ -170,9 +170,9 @@ def difference(first: Array, second: Array, passed: BoolArray) -> AreaDifference
     """Area of ``first`` minus area of ``second``, with DeLong's paired interval.
 
     Args:
-        first: (n,) scores; more is better.
-        second: (n,) other scores of the same grasps.
-        passed: (n,) whether each grasp succeeded.
+        first: (n,) Scores; larger is better.
+        second: (n,) Other scores of the same grasps.
+        passed: (n,) Whether each grasp succeeded.
     """
     from scipy.stats import norm
 
@@ -194,16 +194,16 @@ def difference(first: Array, second: Array, passed: BoolArray) -> AreaDifference
 
 
 def within(scores: Array, passed: BoolArray, groups: ArrayLike, objects: ArrayLike, *, seed: int = 0) -> Area:
-    """The mean area over groups, in which only grasps of one group are compared.
+    """The weighted mean of the areas of groups; only grasps of the same group are compared.
 
     A group with s successes and f failures has the weight s·f/(s + f), about the inverse of its variance. The
     interval is a bootstrap over objects.
 
     Args:
-        scores: (n,) scores; more is better.
-        passed: (n,) whether each grasp succeeded.
-        groups: (n,) group of each grasp: its hand and object.
-        objects: (n,) object of each grasp, the unit of the bootstrap.
+        scores: (n,) Scores; larger is better.
+        passed: (n,) Whether each grasp succeeded.
+        groups: (n,) Group of each grasp: its hand and object.
+        objects: (n,) Object of each grasp; the bootstrap draws whole objects.
         seed: Seed of the bootstrap.
     """
     found, draws, used = _within((scores,), passed, groups, objects, seed)
@@ -225,7 +225,7 @@ def within_difference(
     *,
     seed: int = 0,
 ) -> AreaDifference:
-    """As :func:`difference`, but within objects; both scores use the same bootstrap draws."""
+    """Like :func:`difference`, but within objects; both scores use the same bootstrap draws."""
     found, draws, _ = _within((first, second), passed, groups, objects, seed)
     if not found:
         return AreaDifference(difference=None, interval=None, p=None)
@@ -248,9 +248,9 @@ def _within(
     objects: ArrayLike,
     seed: int,
 ) -> tuple[list[float], Array | None, BoolArray]:
-    """Mean areas of the scores, areas (scores, draws) of the bootstrap, and the grasps that were used.
+    """Mean area of each score, its areas (scores, draws) in the bootstrap, and which grasps were used.
 
-    A grasp is used where its group has both successes and failures.
+    A grasp is used if its group has both successes and failures.
     """
     y, of_group, of_object = np.asarray(passed), np.asarray(groups), np.asarray(objects)
     names = np.unique(of_object)
@@ -286,14 +286,14 @@ def _percentiles(draws: Array) -> tuple[float, float]:
 
 
 def calibration(scores: Array, passed: BoolArray, bins: int = 10) -> tuple[Bin, ...]:
-    """Success rate by tenths of the score, worst first.
+    """Success rate by tenths of the score, lowest scores first.
 
-    Grasps with the same score stay in one bin. A score with many equal values, such as the epsilon of grasps
-    without force closure, therefore gives fewer and larger bins.
+    Grasps with the same score are in the same bin. A score with many equal values, such as the epsilon of
+    grasps without force closure, therefore gives fewer and larger bins.
 
     Args:
-        scores: (n,) scores; more is better.
-        passed: (n,) whether each grasp succeeded.
+        scores: (n,) Scores; larger is better.
+        passed: (n,) Whether each grasp succeeded.
         bins: Largest number of bins.
     """
     x, y = _checked(scores, passed)

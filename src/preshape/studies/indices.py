@@ -1,4 +1,4 @@
-"""``preshape bench indices``: which index of a grasp predicts that it succeeds?
+"""``preshape bench indices``: which index of a grasp predicts its success?
 
 The study has these steps:
 
@@ -7,7 +7,7 @@ The study has these steps:
 3. Put each grasp to the holding test, and to the task test of a random named task that suits the object.
 4. Compute the figures from the rows (:mod:`.index_figures`).
 
-The results of steps 1 to 3 are stored as they come, so an interrupted run can be resumed.
+The results of steps 1 to 3 are stored at once, so an interrupted run can be resumed.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ OBJECTS = (
     "cube", "box", "prism", "pyramid", "cylinder", "cone", "sphere", "wedge", "domino", "bolt",
     "flashlight", "light_bulb",
 )  # fmt: skip
-"""Library objects that are quick to cut into few convex pieces."""
+"""Library objects that can be cut quickly into few convex pieces."""
 COUNT = 2000
 FORMAT = "preshape indices 1"
 
@@ -63,14 +63,14 @@ class IndexRun:
         objects: Library names or mesh files.
         count: Total number of grasps, divided evenly among the pairs of hand and object.
         seed: Seed of every random draw; the same seed gives the same result.
-        protocol: Protocol of the task test; its ``hold`` is that of the holding test.
+        protocol: Settings of the task test; its ``hold`` has the settings of the holding test.
     """
 
     hands: tuple[str, ...] = HANDS
     objects: tuple[str, ...] = OBJECTS
     count: int = COUNT
     seed: int = 0
-    # The first push that fails ends a holding test; this does not change the outcome.
+    # A holding test ends at the first push that is not held, which does not change the outcome.
     protocol: TaskProtocol = TaskProtocol(hold=HoldProtocol(stop_early=True))
 
     def __post_init__(self) -> None:
@@ -95,9 +95,9 @@ class IndexRows:
     Attributes:
         run: Settings of the study.
         rows: Plain JSON values of each grasp: ``hand``, ``object``, ``scale``, ``task``, the three postures,
-            ``indices`` (value and status of each), ``held`` and ``done`` (``None`` where the test was
-            impossible), ``hold_status`` and ``task_status``.
-        notes: One sentence for each hand with fewer grasps than asked for.
+            ``indices`` (value and status of each), ``held`` and ``done`` (outcomes of holding and task test;
+            ``None`` if the test was impossible), ``hold_status`` and ``task_status``.
+        notes: One sentence for each hand with fewer grasps than requested.
     """
 
     run: IndexRun
@@ -119,8 +119,8 @@ def run_indices(
     Args:
         run: Settings of the study.
         folder: Folder for intermediate results, from which the same call resumes; ``None`` stores nothing.
-        workers: Number of processes of the tests; by default one for each core. Indices use one process.
-        progress: Called with the completed fraction and what is being done.
+        workers: Number of processes for the tests; by default one for each core. Indices use one process.
+        progress: Called with the completed fraction and the current step.
 
     Raises:
         InputError: A hand or object is unknown, or the folder holds results of another run.
@@ -172,7 +172,7 @@ def _indexed(
     instances: Sequence[TaskInstance],
     store: Path,
 ) -> list[Row]:
-    """The grasps of one hand on one object with their indices, from the store where they are there."""
+    """The grasps of one hand on one object with their indices, from the store if they are in it."""
     mesh = load_object(object_name, scale=instances[0].scale)
     state = hashlib.sha256(f"{FORMAT} {__version__} {model.digest} {run.seed} {count}".encode())
     state.update(f"{run.protocol!r} {object_name} {mesh.vertices.tobytes().hex()}".encode())
@@ -220,15 +220,15 @@ def _indexed(
         )
     document = {"format": FORMAT, "key": key, "drawn": drawn.drawn, "closed": drawn.closed, "rows": rows}
     write_json(file, document)
-    # The rows are read back, so that a resumed run has exactly the same numbers and types.
+    # The stored rows are read back, so that a resumed run has exactly the same numbers and types.
     return _stored_rows(file, key) or []
 
 
 def _stored_rows(file: Path, key: str) -> list[Row] | None:
-    """Rows stored by an earlier run; ``None`` where there is no file.
+    """Rows stored by an earlier run; ``None`` if there is no file.
 
     Raises:
-        InputError: The file is damaged or of another run.
+        InputError: The file is damaged or from another run.
         EnvironmentFailure: The file cannot be read.
     """
     try:

@@ -1,4 +1,4 @@
-"""Twenty objects with two tasks each, learnt one after the other (§3.5): what is still known at the end?"""
+"""Learns twenty objects with two tasks each, one after the other (§3.5): what is still known at the end?"""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def _measure(setup: Setup, part: Path, progress: Progress) -> Data:
 
 
 def _answer(ready: Prepared) -> Data:
-    """The mode that answers now, and the explorer's best for comparison."""
+    """The mode that now answers, and the explorer's best match for comparison."""
     controller, task = ready.controller, ready.request.asked
     decision = controller.run(ready.element, task, may_learn=False)
     controller.reset()

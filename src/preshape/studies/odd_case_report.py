@@ -1,4 +1,4 @@
-"""Figs. 17-18: odd cases, preshapes that the hand cannot take (§4.7). The report."""
+"""Figs. 17-18: the report on odd cases, which are preshapes that the hand cannot take (§4.7)."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ CAUSES = {
     HandStatus.COLLISION.name: ("link in the object", FOURTH),
     HandStatus.SELF_COLLISION.name: ("links in each other", _YELLOW),
 }
-"""Text and colour of each cause of an odd case."""
+"""Description and colour of each cause of an odd case."""
 
 _OUTCOMES = {
     REFUSED: "refused: an extent above 4U (not drawn by the sampler)",
@@ -42,15 +42,15 @@ _OUTCOMES = {
 }
 
 _SIZE, _QUICK_SIZE = (1400, 900), (840, 540)
-"""Size of the pictures of odd cases, in the full and the quick form [pixels]."""
+"""Sizes of the pictures of odd cases: in the full form, in the quick form [pixels]."""
 _MAX_LISTED = 15
 
 LIMIT = printed.ODD_RATE
-"""The paper's rate, which ours should not exceed."""
+"""The paper's rate of odd cases, which ours should not exceed."""
 
 
 def _interval(odd: int, whole: int) -> tuple[float, float]:
-    """95 % interval of a share; all of 0..1 where there are no cases."""
+    """95 % interval of a share; 0..1 if there are no cases."""
     return wilson(odd, whole) or (0.0, 1.0)
 
 
@@ -264,7 +264,7 @@ def _draw_objects(data: Data, path: Path) -> None:
 
 
 def _pictures(odd: list[Data], size: tuple[int, int]) -> tuple[Figure, ...]:
-    """Two odd cases: the first of the commonest cause, and the first of the next cause on another object."""
+    """Two odd cases: the first of the most common cause, and the first of the next one on another object."""
     chosen: list[Data] = []
     for cause, _ in Counter(row["hand"] for row in odd).most_common():
         taken = {row["object"] for row in chosen}
@@ -281,7 +281,7 @@ def _pictures(odd: list[Data], size: tuple[int, int]) -> tuple[Figure, ...]:
 
 
 def _draw_case(row: Data, size: tuple[int, int], path: Path) -> None:
-    """Simulate an odd case again and draw object, contacts and retracted hand."""
+    """Simulate an odd case again, and draw object, contacts and retracted hand."""
     from ..pictures import plan_scene
     from ..planning.document import plan_to_json
     from ..planning.output import ray_origins

@@ -1,17 +1,18 @@
-"""Figs. 17-18: odd cases, preshapes that the hand cannot take (§4.7). The experiments.
+"""Figs. 17-18: the experiments on odd cases, which are preshapes that the hand cannot take (§4.7).
 
-There are 500 experiments in 20 runs of 25 [C]. Run k has the seed (seed, k), which decides everything below:
+There are 20 runs of 25 experiments each, 500 in all [C]. Run k has the seed (seed, k), which determines every
+random draw in these steps:
 
-1. A system that knows only the cube; its network is trained from the weights of the run's seed.
-2. For each experiment, independently: an object of the library; a scale, of 0.5, 0.6 … 1.4, with which no
-   extent of the object exceeds 4U; a named task (17 families along or about six signed axes); a seed of the
-   hand simulation. All are drawn uniformly.
-3. The experiments of a run follow each other on one system. It answers by any mode, and what mode 3 learns
-   stays until the end of the run. A deadlock is reset.
+1. Make a system that knows only the cube; the initial weights of its network depend on the run's seed.
+2. For each experiment, draw independently and uniformly: a library object; a scale out of 0.5, 0.6 … 1.4 with
+   which no extent of the object exceeds 4U; a named task (17 families along or about six signed axes); a seed
+   of the hand simulation.
+3. Run the experiments one after the other on the same system. Any mode may answer. What mode 3 learns is kept
+   until the end of the run. A deadlock is reset.
+4. Give the answer's plane, thumb side and contacts to the hand simulation.
 
-The answer's plane, thumb side and contacts go to the hand simulation. Refused objects, objects without a
-virtual grasp, deadlocks and requests for task correction are counted separately, because they give no
-preshape.
+Refused objects, objects without a virtual grasp, deadlocks and requests for task correction give no preshape
+and are counted separately.
 """
 
 from __future__ import annotations
@@ -40,7 +41,7 @@ REFUSED = "refused"
 
 
 def measure(setup: Setup, part: Path, progress: Progress) -> Data:
-    """Run all experiments; ``part`` holds the finished ones after every run."""
+    """Run all experiments; after every run, the finished ones are stored in ``part``."""
     runs, each = (QUICK_RUNS, QUICK_EACH) if setup.quick else (RUNS, EACH)
     rows = _stored(part)
     largest = {name: float(load_library_object(name).extents.max()) for name in names()}
@@ -66,7 +67,7 @@ def measure(setup: Setup, part: Path, progress: Progress) -> Data:
 
 
 def _stored(part: Path) -> list[Data]:
-    """The experiments of an interrupted measurement."""
+    """The finished experiments of an interrupted measurement."""
     try:
         rows: list[Data] = json.loads(part.read_text(encoding="utf-8"))
     except (OSError, ValueError):
@@ -75,7 +76,7 @@ def _stored(part: Path) -> list[Data]:
 
 
 def _experiment(setup: Setup, system: Session, settings: Settings, drawn: Data, task: Task) -> Data:
-    """One task on one object at one scale: the answer of the system, and what the hand makes of it."""
+    """One task on one object at one scale: the system's answer, and the result of the hand simulation."""
     try:
         ready = setup.prepare(system, drawn["object"], task, scale=drawn["scale"], settings=settings)
     except ObjectError as error:

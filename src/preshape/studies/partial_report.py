@@ -14,7 +14,7 @@ from ..report import Bullets, Chapter, Report, Table, write_report
 from .partial_views import CloudRun
 
 TRUST_LIMITS = (0.0, 0.4, 0.7, 1.0)
-"""Limits of the classes in the table by trust."""
+"""Limits of the classes in the table of results by trust."""
 _METHODS = {
     "symmetry": "by symmetry (used)",
     "straight": "straight back",

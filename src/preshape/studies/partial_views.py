@@ -1,9 +1,9 @@
 """``preshape bench clouds``: how good are the answers on partial views of an object?
 
-A virtual depth camera looks at each object from a few sides. The planner gets only the points of one view;
-its answer goes through the six-direction holding test on the true object. The answer on the whole mesh is
-tested for comparison. Neither the views nor the seeds of this study were used to choose the constants of
-:mod:`preshape.objects.scans`.
+A virtual depth camera looks at each object from a few sides. The planner gets only the points of one view.
+Its answer goes through the six-direction holding test on the true object. For comparison, the answer on the
+whole mesh is tested too. The constants of :mod:`preshape.objects.scans` were chosen with other views and
+seeds than those of this study.
 """
 
 from __future__ import annotations
@@ -45,18 +45,18 @@ from ..planning.request import ON_CLOUDS
 from ..types import FIELD_MASS, Array, value
 
 Progress = Callable[[int, int, str], None]
-"""Called with the number of objects done, the number of all objects, and the last object."""
+"""Called with the number of finished objects, the number of all objects, and the last finished object."""
 
 FOCAL = 600.0
-"""Focal length of the camera [pixels], that of a usual depth camera [C]."""
+"""Focal length of the camera [pixels], typical of depth cameras [C]."""
 DISTANCE = 0.6
 """Distance of the camera from the object's middle [m]."""
 LOWEST, HIGHEST = 0.2, 1.05
 """Range of the camera's elevation above the object [rad]."""
 METHODS = ("symmetry", "straight", "hull")
-"""Completions of the far side: by symmetry (as the planner does), straight back, or by the convex hull."""
+"""Methods to complete the far side: by symmetry (as in the planner), straight back, by the convex hull."""
 SPACING = 0.002
-"""Distance of the sample points on surfaces that are compared [m]."""
+"""Spacing of the sample points on the surfaces that are compared [m]."""
 
 
 @value
@@ -65,12 +65,12 @@ class CloudRun:
 
     Attributes:
         hands: Names of hands.
-        cases: Objects at their sizes.
+        cases: Objects at their scales.
         views: Number of views of each object.
         noise: Standard deviation of the depth along each ray [m].
         seed: Seed of views, noise and planner.
         task: The task to plan for.
-        methods: Completions of :data:`METHODS`. The first is planned on; shapes are compared for all.
+        methods: Names from :data:`METHODS`. Planning uses the first; shapes are compared for all.
     """
 
     hands: tuple[str, ...]
@@ -105,12 +105,12 @@ def depth_view(mesh: TriangleMesh, camera: Array, *, noise: float, rng: np.rando
 
     Args:
         mesh: The object.
-        camera: (3,) position of the camera [m], mesh frame; it looks at the object's middle.
+        camera: (3,) Position of the camera [m], mesh frame; it looks at the object's middle.
         noise: Standard deviation of the depth along each ray [m].
         rng: Random generator of the noise.
 
     Returns:
-        (n, 3) points [m], mesh frame.
+        (n, 3) Points [m], mesh frame.
     """
     axes = level_axes(mesh.cog - camera)
     distance = float(np.linalg.norm(mesh.cog - camera))
@@ -167,7 +167,7 @@ def _hull(points: Array) -> Callable[[Array], Array]:
 
 
 def agreement(true: TriangleMesh, made: TriangleMesh) -> dict[str, float]:
-    """Agreement of two solids: shared volume over joint volume, and mean distance of the surfaces [m]."""
+    """Agreement of two solids: intersection divided by union, and mean distance of the surfaces [m]."""
     field = prepare_field(true)
     nodes = np.stack(np.meshgrid(*map(np.arange, field.distance.shape), indexing="ij"), axis=-1)
     points = field.origin + field.spacing * nodes.reshape(-1, 3)[::3]
@@ -194,13 +194,13 @@ def run_clouds(
 
     Args:
         run: Settings of the study.
-        folder: Folder in which rows are stored as they come; a run with the same settings resumes from them.
-        pieces: Convex pieces that are known already, by source.
-        workers: Number of processes of the test.
+        folder: Folder in which rows are stored at once; a run with the same settings resumes from them.
+        pieces: Convex pieces that are already known, by the source of the object.
+        workers: Number of processes for the test.
         progress: Called after each object and hand.
 
     Raises:
-        InputError: A bad argument.
+        InputError: An argument is not valid.
         EnvironmentFailure: A file cannot be read or written, or a process was killed.
     """
     store = None if folder is None else folder / "rows.json"
@@ -224,7 +224,7 @@ def run_clouds(
 
 
 def _stored_rows(file: Path, key: dict[str, Any]) -> list[dict[str, Any]]:
-    """Rows of an earlier run with the same settings; none where the file is missing or of another run."""
+    """Rows of an earlier run with the same settings; none if the file is missing or from another run."""
     try:
         stored = json.loads(file.read_text(encoding="utf-8"))
         return list(stored["rows"]) if stored["run"] == key else []
@@ -282,7 +282,7 @@ def _planned(mesh: TriangleMesh, hand: Hand, run: CloudRun, memory: Memory, *, c
 
 
 def _chosen(made: Plan, row: dict[str, Any]) -> tuple[Answer | None, Answer | None]:
-    """The answer, and the one with the largest margin; the row gets the trust and quality of the answer."""
+    """The first answer and the one with the largest margin; ``row`` gets the first's trust and quality."""
     if made.answer is None:
         row["refused"] = made.decision.reason
         return None, None
@@ -302,7 +302,7 @@ def _held(
     pieces: dict[str, ConvexPieces],
     workers: int | None,
 ) -> list[bool]:
-    """Whether each answer held; a missing answer counts as lost."""
+    """Whether each answer held the object; a missing answer counts as not held."""
     given = tuple(answer for answer in answers if answer is not None)
     grasps = grasps_of([Planned(case=case, answers=given, mode=0, reason="", seconds={})], hand)
     if grasps is None:

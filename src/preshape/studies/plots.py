@@ -28,7 +28,7 @@ _STYLE = {
 
 
 class Canvas:
-    """A figure without a window: ``with Canvas(path) as axes`` draws it and writes the PNG file.
+    """A figure without a window; ``with Canvas(path) as axes`` draws it and writes the PNG file.
 
     Args:
         path: The file.
@@ -70,13 +70,13 @@ def grouped_bars(
     notes: Sequence[Sequence[str]] = (),
     numbers: bool = True,
 ) -> None:
-    """Draw groups of bars side by side, each with its height as text.
+    """Draw groups of bars side by side; each bar has its height as text.
 
     Args:
         axes: Axes to draw on.
         labels: Label of each group.
         series: Name, height in each group (``None`` for no bar) and colour of each series.
-        notes: For each series a text above each of its bars.
+        notes: For each series, a text above each of its bars.
         numbers: Whether the height is written at each bar.
     """
     width = 0.8 / len(series)

@@ -8,7 +8,7 @@ Q1: Final = (1.0, 1.0, 0.1, 0.05, 0.8, 0.05)
 """Table 1: rotation about the opposition axis of plane 5."""
 
 ERRORS: Final = (2.5e-3, 1.0e-3, 5.0e-4)
-"""Table 4: mean-square errors for which epochs and times are given."""
+"""Table 4: mean-square errors for which the paper gives epochs and times."""
 
 TABLE_4: Final = (
     ((8424, 72), (15864, 85), (28032, 145)),
@@ -38,15 +38,15 @@ FIG_12: Final = (
     TaskRow((1.05, 0.13, 0.96, 0.84, 0.05, 0.05), 10, 0.02, 3.6, 1),
     TaskRow((1.03, 0.05, 1.15, 0.05, 0.05, 0.91), 9, 0.01, 4.0, 0),
 )
-"""Where text and table differ, the text's numbers: mode 3 of case 1 (table: 2), TFVADI 3.6 of case 2
-(table: 2.6)."""
+"""If the paper's text and table differ, these are the numbers of the text: mode 3 of case 1 (table: 2), and
+TFVADI 3.6 of case 2 (table: 2.6)."""
 
 FIG_13: Final = (
     TaskRow((1.08, -1.0, 0.05, 0.05, -0.8, 0.05), 11, 0.01, 5.89, 3),
     TaskRow((1.01, 0.97, 0.05, 0.05, 0.85, 0.05), 5, 0.22, 4.0, 1),
     TaskRow((0.75, 0.1, 0.96, 0.07, 0.1, 0.76), 7, -0.03, 3.0, 1),
 )
-"""The TFVADI of case 1 is the text's (table: 5.3)."""
+"""The TFVADI of case 1 is from the paper's text (table: 5.3)."""
 
 
 class CoefficientRow(NamedTuple):
@@ -62,8 +62,8 @@ FIG_14: Final = (
     CoefficientRow((0.45, 0.30, 1.0, 0.80), 3.71, (1.3, 1.1, -0.27, -0.06, 0.86, 0.11)),
     CoefficientRow((0.55, 0.35, 1.0, 0.75), None, (2.1, 1.2, -0.49, 0.38, 0.71, 0.2)),
 )
-"""The TFVADI of rows 1 (3.?1) and 3 is illegible. The torque of row 2 about X has lost its sign, see fig.
-16."""
+"""The TFVADI of rows 1 (3.?1) and 3 is illegible. In row 2, the sign of the torque about X is missing (see
+fig. 16)."""
 
 FIG_14_PLANE, FIG_14_VALUE = 5, 0.01
 
@@ -104,7 +104,7 @@ Golden: TypeAlias = tuple[
 ]
 
 USUAL_WRENCH: Final = (1.3, 1.1, -0.27, -0.06, 0.86, 0.11)
-"""Fig. 16: the net wrench of every row but the first."""
+"""Fig. 16: the net wrench of all rows except the first."""
 
 
 def _mirrored(
@@ -125,7 +125,7 @@ FIG_16: Final = (
     MembershipRow("M wide", _mirrored("M", 0.35, 0.45, 0.85, 0.95), 0, 5, 0.01, None, USUAL_WRENCH),
     MembershipRow("H narrow", _mirrored("H", 0.85, 0.9, 1.2, 1.2), 0, 5, 0.01, None, USUAL_WRENCH),
 )  # fmt: skip
-"""The TFVADI of four rows is illegible. L, M and H stand for the sets of both directions."""
+"""The TFVADI of four rows is illegible. L, M and H stand for the sets of both signs."""
 
 GOLDEN: Final[tuple[Golden, ...]] = (
     ("fig. 14 row 2", (1.3, 1.1, -0.27, 0.06, 0.86, 0.11), {}, 3.71, 3.700),

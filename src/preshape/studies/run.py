@@ -1,4 +1,4 @@
-"""All experiments in their order: each is measured once and stored as JSON, and one report presents them."""
+"""Runs all experiments in order: each is measured once and stored as JSON, and one report presents all."""
 
 from __future__ import annotations
 
@@ -36,12 +36,12 @@ EXPERIMENTS: dict[str, str] = {experiment.name: experiment.title for experiment 
 """Name and title of each experiment, in the order of the report."""
 
 _NOT_MEASURED = ("studies", "report", "viewer", "cli", "schema")
-"""Parts of the package on which no measured number depends; experiments have versions of their own."""
+"""Parts of the package that affect no measured number; experiments have versions of their own."""
 
 
 @value
 class ReportResult:
-    """What :func:`run_all` did.
+    """Result of :func:`run_all`.
 
     Attributes:
         markdown: The report as Markdown.
@@ -67,17 +67,17 @@ def run_all(
 ) -> ReportResult:
     """Run the experiments and write the report.
 
-    Every finished experiment is stored as ``NAME.json`` in ``out``, so an interrupted run can be resumed;
-    the odd cases are also stored between their runs. The report covers everything in ``out`` that was
-    measured with these settings and this version.
+    Every finished experiment is stored as ``NAME.json`` in ``out``, so an interrupted run can be resumed. The
+    experiments on odd cases are also stored after each of their runs. The report covers all experiments in
+    ``out`` that were measured with these settings and this version.
 
     Args:
-        out: Folder of the report; created where it is missing.
+        out: Folder of the report; created if it is missing.
         only: Names of :data:`EXPERIMENTS`; all by default.
         seed: Seed of every random draw; the same seed gives the same numbers, apart from times.
         quick: Whether each experiment runs in its small form.
         resume: Whether results of an earlier run are used.
-        progress: Called with the completed fraction and what is being done.
+        progress: Called with the completed fraction and the current step.
 
     Raises:
         InputError: A name does not exist, or the seed is negative.
@@ -141,7 +141,7 @@ def _preface(setup: Setup, chapters: int) -> tuple[str, str]:
 
 
 def _settings(experiment: Experiment, setup: Setup) -> Data:
-    """What must be equal for stored results to be used."""
+    """The settings that stored results must have to be used again."""
     return {
         "seed": setup.seed,
         "quick": setup.quick,
@@ -152,7 +152,7 @@ def _settings(experiment: Experiment, setup: Setup) -> Data:
 
 
 def _stored(out: Path, experiment: Experiment, setup: Setup) -> Data | None:
-    """Results of an earlier run with these settings; ``None`` where there are none.
+    """Results of an earlier run with these settings; ``None`` if there are none.
 
     Raises:
         EnvironmentFailure: The file cannot be read.
@@ -168,7 +168,7 @@ def _stored(out: Path, experiment: Experiment, setup: Setup) -> Data | None:
     except OSError as error:
         raise EnvironmentFailure(f"cannot read {path}: {error.strerror}; choose another folder") from error
     except (ValueError, KeyError, TypeError):
-        pass  # a damaged file, or another program's: the experiment is measured again
+        pass  # the file is damaged or from another program, so the experiment is measured again
     return None
 
 
@@ -187,7 +187,7 @@ def _measure(out: Path, experiment: Experiment, setup: Setup, tell: Progress, *,
 
 @cache
 def _fingerprint() -> str:
-    """Hash of the code that measured numbers depend on, so that changed code does not keep old numbers."""
+    """Hash of the code that affects measured numbers; after a change, old results are not used again."""
     digest, root = hashlib.sha256(), Path(__file__).parents[1]
     for file in sorted(root.rglob("*")):
         name = file.relative_to(root)

@@ -1,4 +1,4 @@
-"""What all experiments share: hand and seed, systems that know only the cube, and runs as JSON values."""
+"""Common parts of the experiments: hand and seed, systems that know only the cube, runs as JSON values."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from ..types import Array, Experience, NetworkWeights
 from . import printed
 
 Data: TypeAlias = dict[str, Any]
-"""Plain JSON values. Measured times stand under keys ``seconds``."""
+"""Plain JSON values; measured times have the key ``seconds``."""
 Q1 = task_from_numbers(printed.Q1)
 """The paper's task Q1."""
 
@@ -28,7 +28,7 @@ Q1 = task_from_numbers(printed.Q1)
 class Setup:
     """Seed and size of the experiments, and systems that know only the cube.
 
-    A system is a session over a memory of its own, with the paper's hand and the ray analyser.
+    A system is a session with its own memory, the paper's hand and the ray analyser.
 
     Args:
         seed: Seed of every random draw.
@@ -44,10 +44,10 @@ class Setup:
     def system(self, seed: int | None = None) -> Session:
         """A system that knows only the cube.
 
-        The first training uses the default settings, so a later change of settings changes nothing else.
+        The first training uses the default settings, so it does not depend on later changes of the settings.
 
         Args:
-            seed: Seed of the training; by default that of the experiments.
+            seed: Seed of the training; by default the seed of the experiments.
         """
         seed = self.seed if seed is None else seed
         if seed not in self._first:
@@ -67,14 +67,14 @@ class Setup:
         scale: float = 1.0,
         settings: Settings | None = None,
     ) -> Prepared:
-        """A system with an object and a task.
+        """Prepare a system for an object and a task.
 
         Args:
-            system: The system; its memory keeps what it has learnt when the settings change.
+            system: The system; its memory is kept when the settings change.
             source: Library name or mesh [m].
             task: The task.
             scale: Factor on a library object's size.
-            settings: Meta control's settings; the defaults with the seed of the experiments otherwise.
+            settings: Settings of the planner; by default the default settings with the experiments' seed.
         """
         settings = settings or Settings(seed=self.seed)
         return system.prepare(
@@ -108,8 +108,8 @@ def run_case(ready: Prepared, task: Task | None = None, *, may_learn: bool = Tru
     """Run one task and record the result as JSON values.
 
     The record has the answer and, for comparison, the match of the estimated grasp (``estimated_match``,
-    mode 0), the best grasp on the estimated plane (``searched``, mode 1), the best on all planes
-    (``best``), and how well the object was recognised (``recognition``, 0..6).
+    mode 0), the best grasp on the estimated plane (``searched``, mode 1), the best grasp on all planes
+    (``best``), and the match of the object's recognition (``recognition``, 0..6).
 
     Args:
         ready: The system with its object.
@@ -123,7 +123,7 @@ def run_case(ready: Prepared, task: Task | None = None, *, may_learn: bool = Tru
     controller.reset()
     s = controller.settings
     found = explore(element, task.q, s.sets, enough=s.thresholds.estimation)
-    # Mode 3 gives no estimate: it has replaced the weights that the earlier estimate came from.
+    # After mode 3 there is no estimate, because learning has replaced the weights that gave it.
     estimated_match, searched = None, None
     if decision.estimate is not None:
         estimated = controller.at_estimate(element, task.q, decision.estimate)

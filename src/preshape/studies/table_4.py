@@ -18,7 +18,7 @@ from .plots import OURS, PAPER, QUIET, THIRD, Canvas
 from .setup import Data, Setup
 
 RATE, SLOW_RATE = 0.5, 0.02
-"""Learning rates [C]: the paper gives none."""
+"""Learning rates [C]; the paper gives none."""
 
 LIMIT, SLOW_LIMIT = 10_000, 15_000
 """Largest number of epochs of a run at each rate."""
@@ -72,7 +72,7 @@ def _run(
         x, y, targets=targets, seed=seed, rate=rate, max_epochs=limit, progress=record
     )
     seconds = time.perf_counter() - start
-    # Errors are recorded every hundred epochs, so the beginning is run again in short pieces.
+    # Errors are recorded every hundred epochs, so the beginning is run again in shorter steps.
     for n in (n for n in _FIRST_EPOCHS if n < weights.epochs):
         _, first = back_propagation(x, y, targets=(0.0,), seed=seed, rate=rate, max_epochs=n)
         curve.setdefault(n, first.mean_square_error)
@@ -90,7 +90,7 @@ def _run(
 
 
 def _epochs_text(epochs: int | None, run: Data) -> str:
-    """Epochs and time; all epochs take the same time."""
+    """Epochs and time as text; every epoch is assumed to take the same time."""
     if epochs is None:
         return f"not within {run['limit']}"
     return f"{epochs} ({run['seconds'] * epochs / run['epochs']:.2g} s)"
