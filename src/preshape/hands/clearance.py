@@ -32,7 +32,7 @@ _PUSHES, _SNUG = 8, 1e-4  # iterations; overlap that a pushed fingertip keeps [m
 
 
 class HandStatus(Enum):
-    """How a hand simulation ended; the value is a sentence for people."""
+    """Outcome of a hand simulation; the value is a sentence for people."""
 
     REACHED = "every fingertip touches its contact and the rest of the hand is clear"
     OUT_OF_REACH = "the contacts are further apart or deeper than the fingers are long"
@@ -61,7 +61,7 @@ class Flaw:
     """Why a placement does not fit.
 
     Attributes:
-        status: Its kind.
+        status: Kind of flaw.
         reason: One clause that names finger and link.
     """
 
@@ -85,7 +85,7 @@ class Clearance:
     """The checks of one hand against one object.
 
     Args:
-        kinematics: Of the hand.
+        kinematics: Kinematics of the hand.
         obstacle: The object.
         contacts: Where the fingertips must touch.
     """
@@ -224,7 +224,7 @@ class Clearance:
         alike = 0.5 * neighbour if len(neighbour) == len(low) else finger.at(0.25)
         bent = [finger.open, alike, finger.closed, 0.5 * (finger.open + finger.closed)]
         bent = [np.clip(posture, low, high) for posture in bent]
-        # The finger spreads by the last joint that closing does not move; it may have none.
+        # The finger spreads by its last joint that closing does not move, if there is such a joint.
         still = np.flatnonzero(np.ptp(finger.closing, axis=0) == 0)
         if not len(still):
             return bent

@@ -59,7 +59,7 @@ def fingers_of(data: Table) -> list[Table]:
 
 
 def joints_of(entry: Table) -> list[str]:
-    """Names of a finger's joints; empty where the entry has no list of them."""
+    """Names of a finger's joints; empty if the entry does not list them."""
     joints = entry.get("joints", [])
     return [str(joint) for joint in joints] if isinstance(joints, list) else []
 
@@ -297,7 +297,7 @@ def _listed(names: Any, count: int = 12) -> str:
 
 
 def refuse(found: list[Finding], label: str) -> None:
-    """Raise the first finding, if there is any.
+    """Raise the first finding; do nothing if there is none.
 
     Raises:
         HandError: There is a finding.

@@ -86,7 +86,7 @@ def rotation_exp(w: Array) -> tuple[Array, Array]:
 
 
 class InverseKinematics:
-    """Solver for one hand and, where given, one object to stay clear of.
+    """Solver for one hand that may keep clear of one object.
 
     Args:
         kinematics: Kinematics of the hand.

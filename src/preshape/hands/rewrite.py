@@ -21,10 +21,10 @@ from .findings import description_findings, model_findings, refuse
 from .hand import Hand
 
 _DAMPING, _ARMATURE = 0.05, 2e-4
-"""Damping [N m s/rad] and armature [kg m²] of a joint for which the model gives none [C]."""
+"""Damping [N m s/rad] and armature [kg m²] of a joint if the model does not state them [C]."""
 
 _SAMPLES, _ALWAYS = 200, 0.9
-"""Random postures, and the share of them in which two links collide if they overlap by design [C]."""
+"""Number of random postures, and share of them above which two colliding links overlap by design [C]."""
 
 
 @value

@@ -22,7 +22,7 @@ class TriangleMesh:
     Attributes:
         name: Name of the object for display.
         vertices: (n, 3) positions [m].
-        triangles: (m, 3) vertex indices, outward by the right-hand rule where the file is consistent.
+        triangles: (m, 3) vertex indices, outward (right-hand rule) if the file is wound consistently.
         counts: Numbers of vertices, vertex normals, faces and triangles **of the file** (table 2); if
             ``None``, they are counted in the arrays.
         mass: Mass [kg]; ``None`` if unknown.

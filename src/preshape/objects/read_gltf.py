@@ -106,7 +106,7 @@ def _check(name: str, tree: dict[str, Any], size: int) -> None:
 
 
 def _arrange(name: str, tree: dict[str, Any]) -> None:
-    """Add a scene of all nodes where the file has none, and refuse nodes that form no tree."""
+    """Add a scene of all nodes if the file has no scene, and refuse nodes that do not form trees."""
     if not tree.setdefault("nodes", []):
         tree["nodes"] = [{"mesh": index} for index in range(len(tree.get("meshes", [])))]
         tree.pop("scenes", None)

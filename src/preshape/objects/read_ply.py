@@ -1,4 +1,4 @@
-"""PLY and OFF, read by trimesh as whole polygons, with checks where it accepts damaged files.
+"""PLY and OFF, read by trimesh as whole polygons, with checks for damaged files that trimesh accepts.
 
 A PLY without faces is a point cloud; its camera comes from an element of that name.
 

@@ -113,7 +113,7 @@ def _fan(vertices: Array, polygons: IntArray) -> tuple[IntArray, BoolArray]:
 
 
 def _ears(vertices: Array, polygon: IntArray) -> IntArray:
-    """Cut one polygon by ear clipping in the plane across its normal; a fan where it has no area."""
+    """Cut one polygon by ear clipping in the plane across its normal, or as a fan if it has no area."""
     import mapbox_earcut
 
     fan = np.stack([np.full(len(polygon) - 2, polygon[0]), polygon[1:-1], polygon[2:]], axis=1)

@@ -181,7 +181,7 @@ def _blank_comments(text: NDArray[np.uint8]) -> None:
 
 
 def _parse(text: NDArray[np.uint8], integers: bool) -> tuple[NDArray[Any], IntArray] | None:
-    """A number from each word, and the start index of each word; ``None`` where a word is no number."""
+    """A number from each word, and the start index of each word; ``None`` if a word is not a number."""
     kind = np.int64 if integers else np.float64
     slash = text == _SLASH if integers else np.zeros(0, dtype=bool)
     words = _starts(text > _BLANK)
@@ -206,7 +206,7 @@ def _starts(solid: BoolArray) -> IntArray:
 
 
 def _numbers(text: bytes, kind: type, count: int) -> NDArray[Any] | None:
-    """Exactly ``count`` numbers; ``None`` where the text holds others."""
+    """Exactly ``count`` numbers; ``None`` if the text holds anything else."""
     if count == 0:
         return np.zeros(0, dtype=kind)
     try:

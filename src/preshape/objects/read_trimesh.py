@@ -78,7 +78,7 @@ def read_scene(name: str, data: bytes, kind: str, files: dict[str, bytes], facet
         data: Content of the file.
         kind: Format of the file, as trimesh names it.
         files: Content of the files that it refers to, by name.
-        facets: Number of triangles that the file announces; -1 where it announces none.
+        facets: Number of triangles that the file announces; -1 if it announces no number.
 
     Raises:
         ObjectError: See :func:`preshape.objects.load.load_object`.

@@ -48,7 +48,7 @@ def object_pieces(name: str, folder: str | Path | None) -> ConvexPieces:
 
 
 def plan_object(source: str, folder: str | Path | None, beside: Path | None) -> str:
-    """The name under which the object of a plan is found; ``source`` itself where it is not found.
+    """The name under which the object of a plan is found; ``source`` itself if it is not found.
 
     Args:
         source: Library object or file, as the plan names it.

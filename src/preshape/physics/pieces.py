@@ -276,7 +276,7 @@ def simplified(vertices: Array, triangles: IntArray, most: int = MOST_TRIANGLES)
 
 
 def _key(mesh: TriangleMesh, rule: str) -> str:
-    # The version of coacd is left out, so that cached pieces also serve where coacd is not installed.
+    # The version of coacd is left out, so that cached pieces can be used where coacd is not installed.
     state = hashlib.sha256(f"convex 2 {rule} {SEED} {MOST_TRIANGLES}".encode())
     for array in (mesh.vertices, mesh.triangles):
         state.update(np.ascontiguousarray(array).tobytes())
@@ -308,7 +308,7 @@ def _cut(mesh: TriangleMesh, threshold: float) -> tuple[Array, ...]:
 
 
 def _read(file: Path) -> tuple[Array, ...] | None:
-    """Cached pieces; ``None`` where the file is missing or damaged."""
+    """Cached pieces; ``None`` if the file is missing or damaged."""
     try:
         stored = read_arrays(file)
         ends = stored["ends"].astype(np.int64)

@@ -117,7 +117,7 @@ def _add_hand(spec: Any, hand: PhysicsHand, protocol: HoldProtocol) -> None:
     import mujoco
 
     child = hand.spec()
-    for option in (spec.option, child.option):  # attaching prints a warning where they differ
+    for option in (spec.option, child.option):  # attaching prints a warning if they differ
         _set_options(option, protocol)
     for actuator in child.actuators:
         actuator.gainprm[0] = protocol.gain

@@ -71,7 +71,7 @@ class Closings:
     Attributes:
         fate: (n,) :class:`Fate`.
         closing: (n, f) place of each finger on its closing path, 0 to 1; 0 if it touches nothing.
-        sphere: (n, f) number of the touching sphere; -1 for none.
+        sphere: (n, f) index of the touching sphere; -1 for none.
         points: (n, 8, 3) contact points in the mesh frame [m], the thumb's first; only the first ``counts``
             are filled.
         normals_in: (n, 8, 3) inward unit normals.

@@ -130,9 +130,9 @@ class PlacedFinger:
     """One finger of n candidates.
 
     Args:
-        tables: Of the hand.
+        tables: Tables of the hand.
         field: The object's distance field.
-        finger: Number of the finger.
+        finger: Index of the finger.
         place: (n, 3) origins of the palm frames [m].
         turns: (n, 3, 3) rotations of the palm frames.
         start: (n, j) joint angles at the beginning of the path [rad].
@@ -184,12 +184,12 @@ def nearest_link(
     """The nearest sphere of one finger, and how far the finger may move before any sphere can touch.
 
     Args:
-        tables: Of the hand.
+        tables: Tables of the hand.
         field: The object's distance field.
         angles: (n,) angle of each of the finger's joints, in their order [rad].
         place: (n, 3) origins of the palm frames [m].
         turns: (n, 3, 3) rotations of the palm frames.
-        clearance: Subtracted from every distance [m].
+        clearance: Length that is subtracted from every distance [m].
     """
     n = len(place)
     best = NearestSphere(np.full(n, FAR), np.full(n, 2.0), np.zeros((n, 3)), np.full(n, -1, dtype=np.int64))
@@ -220,7 +220,7 @@ def nearest_link(
 def _close(
     hands: PlacedFinger, rows: IntArray, opened: NearestSphere, tolerance: float
 ) -> tuple[Array, NearestSphere]:
-    """Steps 2.2 and 2.3: where the finger of candidates ``rows`` (m,) stops, and what is nearest there."""
+    """Steps 2.2 and 2.3: where the finger of candidates ``rows`` (m,) stops, and its nearest sphere there."""
     c = np.zeros(len(rows))
     near = opened.take(rows)
     trend = np.full(len(rows), -0.5)  # change of the bound per unit of the path
@@ -257,7 +257,7 @@ def _find_touch(
     d_low: Array,
     tolerance: float,
 ) -> None:
-    """Step 2.3: the touch between ``low``, outside the object, and ``c``, inside; sets ``c`` and ``near``."""
+    """Step 2.3: find the touch between ``low`` (outside) and ``c`` (inside); set ``c`` and ``near`` to it."""
     low, high, d_low, d_high = low.copy(), c[inside], d_low.copy(), near.distance[inside]
     left = np.arange(len(inside))
     for k in range(FALSE_POSITIONS + BISECTIONS):
@@ -287,7 +287,7 @@ def clearances_plain(
     posture: Array,
     obstacles: Obstacles | None = None,
 ) -> tuple[Array, Array]:
-    """As :meth:`preshape.kernels.closing.host.ClosingKernel.clearances`."""
+    """Specification of :meth:`preshape.kernels.closing.host.ClosingKernel.clearances`."""
     n, fingers = len(place), len(tables.joint_start) - 1
     turns, scene = rotations(turn), obstacles or Obstacles()
     to_object, to_obstacles = np.full((n, fingers + 1), FAR), np.full(n, FAR)

@@ -54,8 +54,8 @@ def clearances(
 ):
     """Distance of each finger and, last, of the palm from the object; of the whole hand from the obstacles.
 
-    Distances above ``enough`` are returned as ``enough``. A group of spheres is skipped where the sphere
-    round it is farther from everything than what was found so far.
+    Distances above ``enough`` are returned as ``enough``. A group of spheres is skipped if its bounding
+    sphere is farther away than the least distance so far.
     """
     i = first + wp.tid()
     obstacles = planes.shape[0] + boxes.shape[0]

@@ -1,4 +1,4 @@
-"""A hand and an object's distance field as the kernels read them.
+"""A hand and an object's distance field, in the form that the kernels read.
 
 Import this module only inside a function: it loads Warp.
 """
@@ -14,7 +14,7 @@ from ..field.warp import field_distance
 wp.set_module_options({"enable_backward": False, "max_unroll": 1})
 
 FAR = wp.constant(1.0e6)
-"""Distance where there is nothing [m]."""
+"""Stands for the distance to nothing [m]."""
 
 
 @wp.struct

@@ -27,9 +27,7 @@ CELLS = 64
 PADDING = 0.02
 MOST_CELLS = 512
 COARSE = 32  # nodes along the longest side of the coarsest grid, all of which are exact
-BAND = (
-    0.01  # every grid is exact within this distance of the surface [m], where fingertips' centres are
-)
+BAND = 0.01  # every grid is exact within this distance of the surface [m], where fingertips' centres are
 USER_CACHE = ""
 """Stands for the folder ``PRESHAPE_CACHE``, or for the user's own cache folder if that is not set."""
 

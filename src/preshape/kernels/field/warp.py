@@ -220,16 +220,16 @@ def fine_nodes(
 ):
     """Distance at the nodes of a grid, from the grid of twice its spacing.
 
-    1. Cell. The eight coarse nodes around the node give an upper bound of its distance, and often its sign.
+    1. Cell. The eight coarse nodes around the node give an upper bound on its distance, and often its sign.
     2. Far from the surface, the interpolated distance less an error bound is a lower bound of the distance.
        Interpolation weights are positive, so interpolating a minimum of distances to surface points never
        exceeds the minimum of the interpolants. The interpolant of one such distance, whose second derivatives
-       are at most 1 / r, exceeds it by at most 3 edge² / (8 r). The coarse values may be such bounds
-       themselves: they are inexact beyond 6.7 of the present edges only, and if one corner of a cell is
-       within 3.5 edges, none is beyond 5.3.
+       are at most 1 / r, exceeds it by at most 3 edge² / (8 r). The coarse values may be such lower bounds
+       themselves, but only beyond 6.7 of the present edges; and if one corner of a cell is within 3.5 edges,
+       no corner is beyond 5.3.
     3. Near the surface with a known sign, the exact distance is searched within the upper bound. The sign is
-       known if all eight nodes have it, and the surface does not enter the ball round one of them that holds
-       the node; a ball has one sign, except across a hole of an open surface.
+       known if all eight nodes have it and a ball around one of them contains the node but no surface; such a
+       ball has one sign, except across a hole of an open surface.
     4. Otherwise the winding number decides the sign.
     """
     node = node_of(wp.tid() + first, wp.vec3i(distance.shape[0], distance.shape[1], distance.shape[2]))

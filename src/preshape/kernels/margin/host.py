@@ -29,7 +29,7 @@ CONTACTS = 8
 WRENCHES = 32
 """Largest number of demanded wrenches."""
 _ROTATED = np.eye(5) - 0.4
-"""Five directions perpendicular to each other, none nearer than 53° to an axis."""
+"""Five mutually perpendicular directions, each at 53° or more to every axis."""
 
 
 @value
@@ -42,7 +42,7 @@ class Margins:
         strength: (c,) in units of the grip, accurate to 1 % and 2e-5; 0 if the base is not in H₀ or the
             search ended at the bound.
         residual_worst: (c,) index of the wrench that decided the residual; -1 if it is 0 or infinite.
-        strength_worst: (c,) index of the wrench that decided the strength; -1 for none.
+        strength_worst: (c,) index of the wrench that decided the strength; -1 if no wrench did.
     """
 
     residual: Array
@@ -60,7 +60,8 @@ def cone_starts(axis: Array, half_angle: float, *, rotated: bool = False) -> Arr
     Args:
         axis: (6,) unit axis of the cone.
         half_angle: Half-angle of the cone [rad].
-        rotated: Take ten other wrenches of the rim, as far from the first ten as possible, and not the axis.
+        rotated: Whether to take ten other wrenches of the rim instead, as far from the first ten as possible;
+            the axis is then left out.
     """
     if half_angle == 0.0:
         return axis[None]
@@ -193,8 +194,8 @@ class MarginKernel:
         """Check the arguments and compute; see :func:`margins`.
 
         Returns:
-            The arrays ``residual`` (c,), ``strength`` (c,), ``worst`` (c, 2), the indices of the wrenches
-            that decided them, and ``wrench`` (c, 6), the one that decided the strength against a cone.
+            The arrays ``residual`` (c,); ``strength`` (c,); ``worst`` (c, 2), the indices of the wrenches
+            that decided them; and ``wrench`` (c, 6), the wrench that decided the strength against a cone.
         """
         p = frozen_array(points, (None, CONTACTS, 3), "contact points")
         n = frozen_array(normals_in, (len(p), CONTACTS, 3), "contact normals")

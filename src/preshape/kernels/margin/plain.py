@@ -98,7 +98,7 @@ class NearestPoint:
 
         1. Find the nearest point of the affine hull to the target, and its weights.
         2. If all weights are positive, it is the nearest point of the hull.
-        3. Otherwise move towards it up to the hull's boundary, drop the point that has no weight there, and
+        3. Otherwise move towards it up to the hull's boundary, drop the point that has zero weight there, and
            go to 1.
 
         Args:
@@ -159,8 +159,8 @@ class CandidateMargin(NamedTuple):
     Attributes:
         residual: In units of the grip.
         strength: In units of the grip.
-        residual_worst: Index of the wrench that decided the residual; -1 for none.
-        strength_worst: Index of the wrench that decided the strength; -1 for none.
+        residual_worst: Index of the wrench that decided the residual; -1 if no wrench did.
+        strength_worst: Index of the wrench that decided the strength; -1 if no wrench did.
         worst: (6,) the unit wrench that decided the strength.
     """
 

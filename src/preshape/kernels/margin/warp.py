@@ -73,23 +73,23 @@ def margin(
     5. if the target is finished, records its result and goes to the next target or mode.
 
     Args:
-        arms: Contact points from the reference point, over ℓ.
+        arms: Contact points relative to the reference point, divided by ℓ.
         normals: Inward unit normals.
         count: Number of contacts, 0..8.
         mu: Friction coefficient.
-        gamma: Torsional friction over ℓ.
-        base: Wrench that is asked for all the while.
-        units: (m,) directions of the wrenches asked for.
-        sizes: (m,) their sizes.
-        axis: Unit axis of a cone of wrenches, or zeros. With a cone there is no residual, and the strength is
-            against every unit wrench of the cone; the search starts from ``units``.
+        gamma: Torsional friction divided by ℓ.
+        base: Wrench that is demanded all the time.
+        units: (m,) unit directions of the demanded wrenches.
+        sizes: (m,) lengths of the demanded wrenches.
+        axis: Unit axis of a cone of wrenches, or zeros for no cone. With a cone, every unit wrench of it is
+            demanded, the search starts from ``units``, and there is no residual.
         cos_half: Cosine of the cone's half-angle.
         sin_half: Sine of the cone's half-angle.
-        restart: From this index of ``units`` on, each is searched from independently.
-        bound: The search ends once the residual is certainly above this; below 0, only the strength is
-            sought.
-        most: Larger strengths are returned as this one.
-        floor: The search ends once the strength is certainly not above this.
+        restart: From this index on, an independent search starts from each of ``units``.
+        bound: The search ends as soon as the residual is known to exceed this; if it is negative, only the
+            strength is computed.
+        most: Strengths above this value are returned as this value.
+        floor: The search ends as soon as the strength is known not to exceed this.
 
     Returns:
         Residual, strength, the indices of the wrenches that decided them, and the wrench of the cone that
@@ -200,7 +200,7 @@ def margin(
             c[j + 1] = s
             c[0] = c[0] - s
 
-        # 3. Outside the hull: move to the boundary and drop the point that has no weight there.
+        # 3. Outside the hull: move to the boundary and drop the point that has zero weight there.
         theta = float(1.0)
         drop = int(-1)
         for i in range(used):

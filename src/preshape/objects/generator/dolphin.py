@@ -1,4 +1,4 @@
-"""The dolphin, a complicated organic shape. Lengths in millimetres, nose on +x, back up, slightly arched.
+"""The dolphin, a complex organic shape: nose on +x, back up, slightly arched. Lengths in millimetres.
 
 The body is lofted over oval rings and the fins over aerofoil sections with flared roots. Eyes, mouth line and
 blowhole are added, and the whole animal is bent along an arc, as in a leap.
@@ -75,7 +75,7 @@ def _fin(rows: ArrayLike, root: ArrayLike, span: ArrayLike, chord: ArrayLike) ->
 
 
 def _bent(points: Array) -> Array:
-    """Bend along an arc about y below the belly, with nose and tail down, and turn the nose to +x."""
+    """Bend the points about an axis along y below the belly, nose and tail down; turn the nose to +x."""
     x, y, z = points.T
     turn = (x - 0.47 * _LENGTH) / _BEND
     reach = _BEND + z

@@ -1,4 +1,4 @@
-"""Objects to screw, turn and lock. Lengths in millimetres."""
+"""Objects that are screwed, turned or locked. Lengths in millimetres."""
 
 from __future__ import annotations
 

@@ -49,7 +49,7 @@ def rounded(region: Section, radius: float) -> Section:
 
 
 def grown(region: Section, distance: float) -> Section:
-    """``region`` with its border moved outward by ``distance`` [mm] and round corners."""
+    """``region`` with its border moved outward by ``distance`` [mm]; new corners are round."""
     from manifold3d import JoinType
 
     return region.offset(distance, JoinType.Round, 2.0, _ARC)
@@ -109,8 +109,8 @@ def revolved(profile: ArrayLike | Section, rounding: float = 0.0, segments: int 
 
     Args:
         profile: (n, 2) radius and height of the outline, from one point on the axis to another [mm]; it is
-            mirrored, so that corners on the axis stay sharp. Alternatively a section, whose x > 0 half is
-            used.
+            mirrored, so that corners on the axis stay sharp. Alternatively a section, of which the half with
+            x > 0 is used.
         rounding: Radius of the corners of the profile [mm].
         segments: Number of flat segments around the axis.
     """
@@ -126,8 +126,8 @@ def extruded(region: Section, height: float, bevel: float = 0.0) -> Solid:
     Args:
         region: Section, which may have holes.
         height: Height along +z [mm].
-        bevel: Radius of the rounded upper and lower edges [mm], smaller than that of the convex corners of
-            the section.
+        bevel: Radius of the rounded upper and lower edges [mm]; it must be smaller than the radius of the
+            section's convex corners.
     """
     if bevel == 0.0:
         return region.extrude(height)

@@ -22,7 +22,7 @@ def _stations(table: Sequence[tuple[float, ...]], per_span: int = 6) -> Array:
 
 
 def _oval_rod(table: Sequence[tuple[float, ...]], power: float = 1.0) -> Solid:
-    """A rod along z over (z, half-width x, half-width y) stations; power < 1 makes its section squarer."""
+    """A rod along z through stations (z, half-width x, half-width y); power < 1 makes its section squarer."""
     c, s = np.cos(_TURN), np.sin(_TURN)
     c, s = np.sign(c) * np.abs(c) ** power, np.sign(s) * np.abs(s) ** power
     rows = _stations(table)

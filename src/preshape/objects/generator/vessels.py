@@ -20,7 +20,7 @@ def _hollow(profile: ArrayLike, wall: float, rounding: float = 0.0, foot: float 
         profile: Radius and height of the outside, from the axis at the foot up to the rim [mm].
         wall: Thickness of the wall [mm].
         rounding: Radius of the corners of the outside [mm].
-        foot: Thickness of the bottom beyond that of the wall [mm].
+        foot: Thickness of the bottom minus that of the wall [mm].
     """
     half = np.asarray(profile, dtype=np.float64)
     radius, top = half[-1]

@@ -67,7 +67,7 @@ def zero_surface(function: Callable[[Array], Array], grid: Grid) -> tuple[Array,
         grid: Grid on which the function is evaluated.
 
     Returns:
-        (v, 3) vertices [m] and (t, 3) triangles, both empty where the function has no zero.
+        (v, 3) vertices [m] and (t, 3) triangles, both empty if no node is inside.
     """
     return zero_of_values(function(grid.nodes).reshape(grid.shape), grid)
 

@@ -20,7 +20,7 @@ class Trust:
     Attributes:
         points: Number of points of the cloud.
         seen_share: Share of the surface that was seen, by area.
-        contacts_seen: Whether each contact is on seen surface; empty without an answer.
+        contacts_seen: Whether each contact is on seen surface; empty if there is no grasp.
         trust: From 0 (all contacts on guessed surface) to 1 (all on seen surface, most of it seen).
         sentence: The same in one sentence.
     """
@@ -33,7 +33,7 @@ class Trust:
 
 
 def seen_weight(scan: Scan, triangles: IntArray) -> float:
-    """Weight of a set of contacts: from ``UNSEEN`` where none is on seen surface to 1 where all are.
+    """Weight of a set of contacts, from ``UNSEEN`` (none on seen surface) to 1 (all on seen surface).
 
     Args:
         scan: How the object was seen.
@@ -47,7 +47,7 @@ def trust_of(scan: Scan, triangles: IntArray | None) -> Trust:
 
     Args:
         scan: How the object was seen.
-        triangles: (n,) triangle under each contact; ``None`` without an answer.
+        triangles: (n,) triangle under each contact; ``None`` if there is no grasp.
     """
     whole = min(1.0, scan.seen_share / HALF)
     percent = round(100 * scan.seen_share)

@@ -118,7 +118,7 @@ def _chapter(hand: str, report: HoldReport, protocol: HoldProtocol) -> Chapter:
 
 
 def short_name(name: str) -> str:
-    """Name of an object for a narrow column: a file's without folder and suffix, at most 24 characters.
+    """Name of an object for a narrow column: at most 24 characters; a file loses folder and suffix.
 
     >>> short_name("scans/mug.obj"), short_name("core_bottle_523cddb320608c09a37f3fc191551700")
     ('mug', 'core_bottle_523cddb3206…')

@@ -153,7 +153,7 @@ def _pieces(
     given: Mapping[str, ConvexPieces],
     preparing: Callable[[str], None] | None,
 ) -> tuple[dict[str, ConvexPieces], dict[str, str]]:
-    """The convex pieces of the objects, by name, and the reasons why others have none."""
+    """The convex pieces of the objects, by name, and the reasons why other objects have none."""
     found: dict[str, ConvexPieces] = {}
     reasons: dict[str, str] = {}
     for name in dict.fromkeys(instance.object_name for instance in instances):
@@ -185,7 +185,7 @@ def _key(
     protocol: TaskProtocol,
     answers: Answers,
 ) -> str:
-    """Hash of all that the results depend on."""
+    """Hash of everything that the results depend on."""
     import mujoco
 
     head = f"{mujoco.__version__} {hand.digest} {protocol!r} {answers.digest}"
