@@ -1,4 +1,4 @@
-"""A browser's scene as a canvas."""
+"""A canvas that draws into the scene of a browser."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ SEE_THROUGH = 0.55
 
 
 class BrowserCanvas:
-    """Draws into one browser; groups of names can be hidden.
+    """Draws into one browser; groups of solids and labels can be hidden.
 
     Args:
         scene: The browser's scene.
@@ -44,7 +44,7 @@ class BrowserCanvas:
         self.hand_opacity = self.object_opacity = 1.0
 
     def solid(self, name: str, shape: Shape) -> None:
-        """Draw triangles; they replace an earlier solid of that name."""
+        """Draw triangles; an earlier solid of the same name is replaced."""
         self.remove(name)
         vertices, _, triangles = indexed(shape)
         of = {"hand": self.hand_opacity, "object": self.object_opacity}
@@ -55,7 +55,7 @@ class BrowserCanvas:
             triangles,
             color=tuple(round(255 * c) for c in shape.colour),
             opacity=None if alpha >= 1 else alpha,
-            # Without invisible backs, a browser that renders in software has half the work.
+            # Leaving out invisible back sides halves the work of a browser that renders in software.
             side="front" if within(name, "hand") else visible_side(shape),
             material="standard",
             # Software renderers take seconds to prepare shadows.
@@ -73,7 +73,7 @@ class BrowserCanvas:
         self._nodes[name] = node
 
     def label(self, name: str, text: str, at: Array) -> None:
-        """Write a short text; it replaces an earlier one of that name."""
+        """Write a short text; an earlier label of the same name is replaced."""
         self.remove(name)
         self._words[name] = (text, at)
         self._nodes[name] = self._scene.add_label(
@@ -93,20 +93,20 @@ class BrowserCanvas:
             node.position, node.wxyz = seven[:3], seven[3:]
 
     def remove(self, prefix: str) -> None:
-        """Remove whatever has that name or lies under it."""
+        """Remove all solids and labels whose name is ``prefix`` or lies under it."""
         for name in [n for n in self._nodes if within(n, prefix)]:
             self._nodes.pop(name).remove()
             self._words.pop(name, None)
 
     def show(self, group: str, visible: bool) -> None:
-        """Hide or show a group, including what is drawn into it later."""
+        """Hide or show a group, including solids and labels that are drawn into it later."""
         (self._hidden.discard if visible else self._hidden.add)(group)
         for name, node in self._nodes.items():
             if within(name, group):
                 node.visible = self._visible(name)
 
     def declutter(self, camera: Camera, size: tuple[int, int]) -> None:
-        """Hide the labels that have no room in a camera's picture of that size [pixels]."""
+        """Hide the labels that have no room in a camera's picture of ``size`` (width and height) [pixels]."""
         shown = {n: label for n, label in self._words.items() if not self._behind(n)}
         self._crowded = overlapping_labels(shown, camera, size)
         for name in shown:

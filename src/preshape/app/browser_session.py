@@ -1,4 +1,4 @@
-"""One browser: its panel, its scene and its planner process, and the connections between them."""
+"""One browser: connects its panel, its scene and its planner process."""
 
 from __future__ import annotations
 
@@ -35,9 +35,9 @@ if TYPE_CHECKING:
     import viser
 
 PLAYED = 3.0
-"""Duration of the played grasp [s]."""
+"""Duration of the animated grasp [s]."""
 RUN_PLAYED = 9.0
-"""Duration of a played run in simulated physics [s]."""
+"""Duration of the playback of a run in simulated physics [s]."""
 
 
 @value
@@ -46,7 +46,7 @@ class Start:
 
     Attributes:
         request: Object, task, hand and settings.
-        document: A plan to show, if one was given; ``request`` is then its own.
+        document: A plan to show, whose request is ``request``; ``None`` if no plan was given.
     """
 
     request: PlanRequest
@@ -54,11 +54,11 @@ class Start:
 
 
 class BrowserSession:
-    """Everything of one browser; browsers share nothing but the memory's file.
+    """The state of one browser; browsers share only the memory file.
 
     Args:
         client: The browser.
-        start: What it shows first.
+        start: What the browser shows first.
     """
 
     def __init__(self, client: viser.ClientHandle, start: Start) -> None:
@@ -68,7 +68,7 @@ class BrowserSession:
         self._uploaded: dict[str, Path] = {}
         self._planner = PlannerLink(self._heard)
         self._deadlock = False
-        # The request with the object that is shown, and with the one that is being loaded.
+        # The request with the shown object, and the request with the object that is being loaded.
         self._loaded: PlanRequest | None = None
         self._pending = start.request
         self._after: Callable[[], None] | None = None
@@ -93,7 +93,7 @@ class BrowserSession:
             self._load(start.request)
 
     def close(self) -> None:
-        """Release everything, because the browser is gone."""
+        """Release all resources, because the browser has disconnected."""
         self._playing.clear()
         self._planner.close()
         self._uploads.close()
@@ -105,7 +105,7 @@ class BrowserSession:
 
         def on(handle: Any, act: Callable[[], None]) -> None:
             def called(event: Any) -> None:
-                if event.client is not None:  # not when the program itself sets the value
+                if event.client is not None:  # no client: the program itself has set the value
                     with self._reported():
                         act()
 
@@ -151,7 +151,7 @@ class BrowserSession:
 
     @contextlib.contextmanager
     def _reported(self) -> Iterator[None]:
-        """Show a failure as the headline; the browser stays usable."""
+        """Show an error as the headline, so that the browser stays usable."""
         try:
             yield
         except PreshapeError as error:
@@ -210,13 +210,13 @@ class BrowserSession:
         self._ask("planning", self._forget, do, request=request.to_json())
 
     def _ask(self, words: str, ready: Callable[[], None], do: str, **content: Any) -> None:
-        """Ask the planner.
+        """Send a message to the planner.
 
         Args:
-            words: What will be done.
-            ready: Called before the request is sent, because the planner may answer before this returns.
-            do: What the planner does.
-            content: The rest of the message.
+            words: Description of the work, to display.
+            ready: Called before the message is sent, because the planner may reply before this returns.
+            do: Kind of work, such as ``plan``.
+            content: The other fields of the message.
         """
         with self._lock:
             if self._planner.busy:
@@ -224,7 +224,7 @@ class BrowserSession:
                 self._say("warn", "One request at a time", words)
                 return
             ready()
-            # The headline belongs to an answer as soon as there is one; a run in physics has none of its own.
+            # A new answer takes over the headline; a run in physics gives no answer and keeps it.
             self._waiting.begin(words, lambda: do == "simulate" or self.reading.document is None)
             try:
                 self._planner.ask(do, **content)
@@ -366,7 +366,7 @@ class BrowserSession:
         self._animate(step, PLAYED)
 
     def _animate(self, step: Callable[[float], None], seconds: float) -> None:
-        """Call a step with shares 0..1 for some seconds; a second call while it runs stops it."""
+        """Call ``step`` with shares rising from 0 to 1 for some seconds; a second call meanwhile stops it."""
         if self._playing.is_set():
             self._playing.clear()
             return

@@ -1,7 +1,7 @@
 """Membership functions and contact coefficients as small SVG pictures with points that can be dragged.
 
-A picture names the text box that holds its numbers (``data-box``). A drag writes into that box, as a person
-could, and the picture is drawn again from the box.
+A picture names the text box with its numbers (``data-box``). A drag writes new numbers into the box, as a
+user could by hand, and the picture is then redrawn from the box.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from ..types import ContactCoefficients
 WIDE, HIGH = 340, 128
 LEFT, RIGHT, TOP, BOTTOM = 14, 8, 10, 20
 EDGE = 1.2
-"""The membership functions are shown from -EDGE to EDGE."""
+"""The pictures of membership functions show values from -EDGE to EDGE."""
 CHOSEN, OTHER, INK = "#0072B2", "#A9B2BC", "#59626D"
 PARTS = (
     ("ka", "#0072B2", ""),
@@ -59,7 +59,7 @@ def membership_svg(sets: FuzzySets, chosen: int) -> str:
 
 
 def coefficient_svg(coefficients: ContactCoefficients, most: float) -> str:
-    """Force and moment of a contact over its normal force: one line for each coefficient.
+    """Force and moment of a contact plotted against its normal force: one line for each coefficient.
 
     Args:
         coefficients: Coefficients of the contact model.
@@ -96,7 +96,7 @@ def _picture(inside: str, words: str, ticks: Sequence[float]) -> str:
 def _drag(
     box: str, axis: str, pixels: tuple[float, float], numbers: tuple[float, float], *, sort: bool
 ) -> str:
-    """Attributes for the drag script: the text box, the axis, and the numbers that the pixels stand for."""
+    """Attributes for the drag script: the text box, the axis, and the numbers that match ``pixels``."""
     script = (resources.files("preshape.viewer") / "web" / "drag.js").read_text(encoding="utf-8")
     data = {"box": box, "axis": axis, "from": pixels[0], "to": pixels[1]}
     data |= {"low": numbers[0], "high": numbers[1], "sort": int(sort)}

@@ -1,4 +1,4 @@
-"""A gizmo that drags the task: handles at the object, and a ghost of the object at its goal."""
+"""A gizmo to set the task by dragging: handles at the object, and a ghost of the object at its goal."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ if TYPE_CHECKING:
     import viser
 
 GHOST = 4_000
-"""Most triangles of the ghost."""
+"""Largest number of triangles of the ghost."""
 
 
 class TaskGizmo:
-    """A transform gizmo about the COG; a drag gives the displacement that a task asks for.
+    """A transform gizmo at the COG; dragging it sets the displacement of the object in the task.
 
     Args:
         scene: The browser's scene.
-        dragged: Called on every move with the displacement (4, 4) about the COG, x' = R(x - c) + c + t [m].
+        dragged: Called on every move with the displacement (4, 4) about the COG c: x' = R(x - c) + c + t [m].
     """
 
     def __init__(self, scene: viser.SceneApi, dragged: Callable[[Array], None]) -> None:

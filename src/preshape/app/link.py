@@ -16,10 +16,10 @@ Reply = dict[str, Any]
 
 
 class PlannerLink:
-    """One planner process, restarted after it was cancelled or has died.
+    """One planner process, which is restarted after a cancellation or a crash.
 
     Args:
-        heard: Called with every reply, in the order in which they come, on a thread of this link.
+        heard: Called with every reply, in order of arrival, on a thread of this link.
     """
 
     def __init__(self, heard: Callable[[Reply], None]) -> None:
@@ -31,7 +31,7 @@ class PlannerLink:
         self.busy = False
 
     def start(self) -> None:
-        """Start the process, if none runs.
+        """Start the process if it is not running.
 
         Raises:
             EnvironmentFailure: The system refuses another process.
@@ -40,7 +40,7 @@ class PlannerLink:
             self._start()
 
     def ask(self, do: str, **content: Any) -> bool:
-        """Send a message; False while another one is being answered.
+        """Send a message; returns False if the planner is still working on another one.
 
         Raises:
             EnvironmentFailure: The planner cannot be reached.
@@ -63,12 +63,12 @@ class PlannerLink:
         return True
 
     def cancel(self) -> bool:
-        """Stop the work and get ready for the next message; False if there was no work."""
+        """Stop the work and prepare for the next message; returns False if there was no work."""
         with self._lock:
             if not self.busy:
                 return False
             self.busy = False
-            self._number += 1  # late replies to the old message are dropped
+            self._number += 1  # so that late replies to the old message are ignored
             self._stop()
             self._start()
         return True
@@ -90,7 +90,7 @@ class PlannerLink:
                 stderr=subprocess.DEVNULL,
                 text=True,
                 encoding="utf-8",
-                start_new_session=True,  # Ctrl-C is the server's
+                start_new_session=True,  # only the server receives Ctrl-C
             )
         except OSError as error:
             raise EnvironmentFailure(f"no planner can be started: {error.strerror or error}") from error

@@ -1,4 +1,4 @@
-"""The content of the memory as a table and a curve, for the browser's panel."""
+"""The content of the memory as a table and a learning curve, for the browser's panel."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ WIDE, HIGH = 300, 90
 
 
 def memory_place(memory: str | None) -> str:
-    """Place of the memory, to display."""
+    """Location of the memory, to display."""
     from ..memory import default_path
 
     return str(default_path() if memory is None else memory)
@@ -54,7 +54,7 @@ def memory_html(memory: str | None) -> str:
 
 
 def curve(met: tuple[Experience, ...]) -> str:
-    """The match (0..6) of each lesson, and the number of known objects after it."""
+    """Plot the match (0..6) of each lesson, and the number of known objects after it."""
     if not met:
         return ""
     count = max(1, len(met) - 1)

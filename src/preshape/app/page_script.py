@@ -1,7 +1,7 @@
-"""A script at the head of the app's page, which reduces the work of a browser that renders in software.
+"""A script at the head of the app's page that reduces the work of a browser that renders in software.
 
-The number of samples for each pixel is fixed when the page creates its canvas, before the server can send
-anything. The script therefore stands in the page itself.
+The page fixes the number of samples per pixel when it creates its canvas, before the server can send
+anything. The script must therefore be part of the page.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ HEAD = b"<head>"
 
 
 def with_script(response: Any) -> Any:
-    """A response of viser's web server; a page gets the script at its head.
+    """Insert the script at the head of a response of viser's web server, if the response is a page.
 
     Args:
         response: A ``websockets`` response, or ``None`` for a request that is not answered here.

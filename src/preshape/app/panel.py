@@ -25,7 +25,7 @@ USUAL = "usual"
 UNITS = ("m", "cm", "mm", "in")
 OFFERS = 3
 ALTERNATIVES = 5
-"""Number of answers that are asked for beside the best."""
+"""Number of requested answers in addition to the best one."""
 ACCEPT, REJECT = VERDICTS = ("Accept", "Reject")
 NO_TABLE, UNDER, AT_HEIGHT = TABLES = ("none", "under the object", "at a height")
 OWN_MASS = wrapped('<p class="quiet">Empty: the mass that the object has, else one from its volume.</p>')
@@ -42,7 +42,7 @@ class Panel:
     Args:
         gui: The browser's panel.
         request: The request that the widgets show at first.
-        memory: Place of the memory, to display.
+        memory: Location of the memory, to display.
     """
 
     def __init__(self, gui: viser.GuiApi, request: PlanRequest, memory: str) -> None:
@@ -81,7 +81,7 @@ class Panel:
             self._layers(gui)
 
     def _critic(self, gui: viser.GuiApi) -> None:
-        """Buttons of the external critic, which appear when a plan leaves something to decide."""
+        """Buttons of the external critic (the user), shown when a plan needs a decision."""
         self.offers = [gui.add_button(f"offer {i}", visible=False, color="orange") for i in range(OFFERS)]
         self.reset = gui.add_button(
             "Reset the deadlock", visible=False, color="orange", hint="Allows another task or object"
@@ -129,7 +129,7 @@ class Panel:
         )
 
     def _load(self, gui: viser.GuiApi, request: PlanRequest) -> None:
-        """Mass, friction, table and boxes; they concern the closure analyser."""
+        """Mass, friction, table and boxes, which only the closure analyser uses."""
         mass, table = request.stated_mass, request.table
         stated = mass is not None or table is not None or request.avoid or request.stated_friction != FRICTION
         with gui.add_folder("Load and scene", expand_by_default=bool(stated)):

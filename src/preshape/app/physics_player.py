@@ -1,4 +1,4 @@
-"""Playback of a run in simulated physics: object, hand, current push, and the table of pushes."""
+"""Playback of a run in simulated physics: object, hand, current push, and a table of all pushes."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ class Run:
     """A recorded run: n samples, m shapes of the hand.
 
     Attributes:
-        stage: (n,) ``pregrasp``, ``grasp``, ``squeeze`` or the push.
+        stage: (n,) Stage of each sample: ``pregrasp``, ``grasp``, ``squeeze`` or the name of the push.
         times: (n,) Times [s].
         load: (n, 6) Force [N] and torque [N m] on the object.
         object_poses: (n, 4, 4) Poses of the object.
         links: (n, m, 4, 4) Poses of the hand's shapes.
-        report: Verdict and table as HTML.
+        report: Verdict and table of pushes as HTML.
         first_lost: Name of the first push that was not held; empty if all were held.
     """
 
@@ -47,7 +47,7 @@ class Run:
         return len(self.stage)
 
     def words(self, frame: int) -> str:
-        """What happens at a sample, in a few words."""
+        """A few words on what happens at a sample."""
         stage = self.stage[frame]
         doing = WORDS.get(stage, f"push: {stage.removeprefix('force ')}")
         return f"{doing} · {self.times[frame]:.1f} s"
@@ -109,9 +109,9 @@ class RunPlayer:
 
         Args:
             run: The run.
-            links: Names of the hand's shapes, as they were drawn.
+            links: Names under which the hand's shapes were drawn.
             frame: Index of the sample.
-            mesh: The object, as drawn.
+            mesh: The object that was drawn.
         """
         self._canvas.place("object", run.object_poses[frame])
         for name, pose in zip(links, run.links[frame], strict=True):

@@ -1,4 +1,4 @@
-"""The holding test of one answer in simulated physics, as plain values that a browser plays back."""
+"""The holding test of one answer in simulated physics, recorded as plain values for playback in a browser."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from ..types import Array
 from .wire_format import encoded
 
 Progress = Callable[[str, float], None]
-"""Called with the current step and its share of the whole in percent."""
+"""Called with the current step and the completed share [%]."""
 
 
 def hold_run(
@@ -47,8 +47,8 @@ def hold_run(
 
     Returns:
         Plain JSON values: the verdict, a row for each push, and for each of n samples its stage, time [s],
-        load (6,), the object's pose (7,) and the poses (m, 7) of the hand's shapes in the order of
-        :meth:`~preshape.hands.kinematics.HandKinematics.shapes`; poses as base 64.
+        load (6,) [N, N m], the object's pose (7,) and the poses (m, 7) of the hand's shapes in the order of
+        :meth:`~preshape.hands.kinematics.HandKinematics.shapes`. Poses are base-64 text.
 
     Raises:
         InputError: The answer has no grasp of this hand.

@@ -1,4 +1,4 @@
-"""The plan in one browser: its answers, the one that is shown, and everything that is read about it."""
+"""The plan in one browser: its answers, the shown answer, and the texts about them."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class Reading:
 
     Attributes:
         document: The plan; ``None`` before there is one.
-        offers: Tasks that fit the object in place of the one asked for (mode 2).
+        offers: Tasks that fit the object, if the requested one does not (mode 2).
 
     Args:
         panel: The panel that shows the readings.
@@ -50,7 +50,7 @@ class Reading:
         self._stage.show(None, None)
 
     def take(self, document: Document, rays: list[Any]) -> None:
-        """Take a plan, or a later version with more answers; the first one shows its answer."""
+        """Take a new plan and show its answer, or take a later version of it with more answers."""
         first = self.document is None
         self.document, self._answers, self._rays = document, readings.answers_of(document), rays
         mass = readings.mass_words(document)
@@ -61,7 +61,7 @@ class Reading:
             self._list()
 
     def show(self, index: int) -> None:
-        """Show one of the answers; without any, the object alone."""
+        """Show one of the answers; if there are none, the object alone."""
         document, p = self.document, self._panel
         if document is None:
             return
@@ -82,7 +82,7 @@ class Reading:
 
     @property
     def _accepted(self) -> bool:
-        """Whether the answers are good enough; else the best that was tried is shown."""
+        """Whether the answers are good enough; otherwise the best grasp that was tried is shown."""
         return bool(self._answers) and self._answers[0].get("status") == "answer"
 
     @property
@@ -99,7 +99,7 @@ class Reading:
         """Show the best answer on a plane.
 
         Returns:
-            A sentence if there is no answer on that plane, else nothing.
+            A sentence if there is no answer on that plane, otherwise an empty text.
         """
         left = [i for i, a in enumerate(self._answers) if a["plane"] == index and i not in self._rejected]
         if left:
@@ -110,7 +110,7 @@ class Reading:
         return "None of the answers lies on this plane: no grasp on it is good enough for the task."
 
     def reject(self) -> bool:
-        """Remove the shown answer from the ranking and show the next best; False if none is left."""
+        """Remove the shown answer from the ranking and show the next; returns False if none is left."""
         self._rejected.add(self._shown)
         left = [i for i in range(len(self._answers)) if i not in self._rejected]
         if left:
@@ -134,11 +134,11 @@ class Reading:
         return {"json": (dumps(answer) + "\n").encode(), "html": page.encode()}
 
     def share(self) -> float:
-        """Share of the hand's way that the slider shows, 0..1."""
+        """Position of the slider: fraction 0..1 of the hand's motion."""
         return float(self._panel.slider.value) / STAGES
 
     def _list(self) -> None:
-        """Show the ranking, and the tasks that fit instead."""
+        """Show the ranking, and the offered tasks that fit the object."""
         document, p = self.document, self._panel
         assert document is not None
         for i, button in enumerate(p.answers):

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     import viser
 
 LOCAL = ("127.0.0.1", "localhost", "::1")
-"""Hosts that only this machine reaches."""
+"""Host addresses that can be reached only from this machine."""
 PANEL = 390
 """Width of the panel [pixels]."""
 LAMP, SKY, GROUND = 2.6, 2.6, (165, 170, 185)
@@ -26,11 +26,11 @@ LAMP, SKY, GROUND = 2.6, 2.6, (165, 170, 185)
 
 
 class ViewServer:
-    """Serves until it is stopped; its pages ask for nothing outside the machine.
+    """Serves the app until it is stopped; its pages load nothing from other machines.
 
     Args:
         start: What a browser shows first.
-        host: Address to listen on; anyone who reaches it can use the app.
+        host: Address to listen on; anyone who can reach this address can use the app.
         port: Port to listen on; 0 for any free one.
 
     Raises:
@@ -76,7 +76,7 @@ class ViewServer:
 
     @property
     def address(self) -> str:
-        """Address for a browser."""
+        """The address to open in a browser."""
         name = "localhost" if self.host in ("0.0.0.0", "::", *LOCAL) else self.host
         return f"http://{name}:{self.port}"
 
@@ -90,7 +90,7 @@ class ViewServer:
 
 
 def _checked(host: str, port: int) -> int:
-    """The port, once it is known to be usable; a free one for 0."""
+    """Check that the port can be used, and return it; for 0, return a free port."""
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
     try:
         with socket.socket(family, socket.SOCK_STREAM) as probe:
@@ -104,7 +104,7 @@ def _checked(host: str, port: int) -> int:
 
 
 def _light(scene: viser.SceneApi) -> None:
-    """One lamp and a bright sky, at a third of the cost of viser's lamps and photographed sky."""
+    """Use one lamp and a bright sky, at a third of the rendering cost of viser's lamps and sky photo."""
     scene.configure_default_lights(enabled=False)
     scene.configure_environment_map(None)
     scene.add_light_directional("/light/lamp", intensity=LAMP, position=(-0.35, -0.45, 1.0))
@@ -113,9 +113,9 @@ def _light(scene: viser.SceneApi) -> None:
 
 @contextlib.contextmanager
 def _own_pages(host: str) -> Iterator[None]:
-    """Make the server that starts within this context add our script and refuse foreign origins.
+    """A server started in this context adds our script to its page and refuses foreign origins.
 
-    Without the check of origins, any web page that a person visits could use a server on their machine.
+    Without this check of origins, any web page that a user visits could use the server on the user's machine.
     """
     from websockets.asyncio import server
 

@@ -1,4 +1,4 @@
-"""The scene of one browser: the object, one answer, and the hand on its way."""
+"""The scene of one browser: the object, one answer, and the moving hand."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     import viser
 
 SOON = 0.25
-"""Delay from a move of the camera to the next choice of the labels that have room [s]."""
+"""Delay between a camera move and the next choice of visible labels [s]."""
 
 
 class Stage:
@@ -74,7 +74,7 @@ class Stage:
         rays: Sequence[Sequence[float]] | None = None,
         share: float = 1.0,
     ) -> None:
-        """Show one answer of a plan, or the object alone with table and boxes of the panel."""
+        """Show one answer of a plan; without a plan, the object with the panel's table and boxes."""
         with self._lock:
             if self.mesh is None:
                 return
@@ -90,7 +90,7 @@ class Stage:
             self._moved()
 
     def show_scenery(self, table: float | str | None, boxes: Sequence[Sequence[float]]) -> None:
-        """Show the table and the boxes that the panel states, in place of those that are shown.
+        """Show the panel's table and boxes instead of the shown ones.
 
         Args:
             table: Height along z [m], ``auto`` for the object's lowest point, or ``None``.
@@ -110,7 +110,7 @@ class Stage:
         return replace(scene, table=height, boxes=boxes)
 
     def move(self, share: float) -> None:
-        """Move the hand to a share 0..1 of its way."""
+        """Move the hand to a fraction 0..1 of its motion."""
         with self._lock:
             self.leave_run()
             if self.motion is not None:
@@ -197,7 +197,7 @@ class Stage:
             self._moved()
 
     def _moved(self) -> None:
-        """Choose soon which labels have room, because camera or labels have changed."""
+        """Schedule a new choice of the visible labels, because camera or labels have changed."""
         if not self._waiting:
             self._waiting = True
             timer = threading.Timer(SOON, self._declutter)
@@ -207,7 +207,7 @@ class Stage:
     def _declutter(self) -> None:
         self._waiting = False
         seen = self._client.camera
-        # A browser that is gone, or has not sent its camera yet, needs no choice of labels.
+        # A browser that has disconnected, or has not sent its camera yet, needs no choice of labels.
         with contextlib.suppress(AssertionError, InputError), self._lock:
             camera = Camera(
                 eye=seen.position, target=seen.look_at, up=seen.up_direction, fov=np.degrees(seen.fov)

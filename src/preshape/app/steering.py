@@ -1,4 +1,4 @@
-"""The request as it stands in a browser's panel; the task can also be dragged in the scene."""
+"""The request as set in a browser's panel; the task can also be set by dragging in the scene."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ from .stage import Stage
 
 
 class Steering:
-    """What one browser asks for.
+    """The request of one browser.
 
     Args:
-        panel: The panel that states it.
-        stage: The scene, in which the task can be dragged.
+        panel: The panel with the request's widgets.
+        stage: The scene with the gizmo of the task.
     """
 
     def __init__(self, panel: Panel, stage: Stage) -> None:
@@ -42,12 +42,12 @@ class Steering:
         return unit if unit in UNITS else "m"
 
     def choose_hand(self) -> None:
-        """Select the hand's own analyser."""
+        """Select the default analyser of the chosen hand."""
         self._panel.analyser.value = analyser_of(None, self._panel.hand.value)
         self.show_load()
 
     def show_load(self) -> None:
-        """Enable the widgets that concern the analyser, and show table and boxes in the scene."""
+        """Enable the widgets that the analyser uses, and show table and boxes in the scene."""
         p = self._panel
         closure = p.analyser.value != "rays"
         for handle in (p.table, p.height, p.avoid):
@@ -55,12 +55,12 @@ class Steering:
         for handle in (p.mass, p.friction):
             handle.disabled = not (closure or p.verify.value)
         p.height.visible = p.table.value == AT_HEIGHT
-        # Numbers that are half typed leave the scene as it is.
+        # While numbers are being typed and not yet valid, the scene does not change.
         with contextlib.suppress(InputError):
             self._stage.show_scenery(self._table(), self._boxes())
 
     def show_task(self) -> None:
-        """Show the named task, or the six numbers, with sliders, words and gizmo."""
+        """Show the named task or the six numbers in sliders, words and gizmo."""
         task = parse_task(self.task())
         if self._panel.task.value in family_names():
             for slider, number in zip(self._panel.numbers, task.q, strict=True):
@@ -70,12 +70,12 @@ class Steering:
         self._stage.move_gizmo(motion)
 
     def use_numbers(self) -> None:
-        """Take the six numbers as the task, because a slider was moved."""
+        """Use the six numbers as the task, because a slider was moved."""
         self._panel.task.value = SIX
         self.show_task()
 
     def dragged(self, displacement: Array) -> None:
-        """Take the Q of the gizmo's displacement (4, 4) as the task, as the paper derives it."""
+        """Use the Q that the paper derives from the gizmo's displacement (4, 4) as the task."""
         self._panel.task.value = SIX
         for slider, number in zip(self._panel.numbers, q_of_displacement(displacement), strict=True):
             slider.value = float(np.round(number, 3))
@@ -87,28 +87,28 @@ class Steering:
         self._stage.show_gizmo(displacement_of(parse_task(self.task())) if on else None)
 
     def take(self, offer: str) -> None:
-        """Take an offered task, such as ``lift:+z``."""
+        """Use an offered task, such as ``lift:+z``."""
         name, _, axis = offer.partition(":")
         self._panel.task.value = name
         self._panel.axis.value = axis if axis in AXIS_NAMES else USUAL
         self.show_task()
 
     def task(self) -> str:
-        """The task as text that :func:`~preshape.tasks.parse_task` reads."""
+        """The task as text for :func:`~preshape.tasks.parse_task`."""
         name, axis = self._panel.task.value, self._panel.axis.value
         if name not in family_names():
             return " ".join(f"{slider.value:.3f}" for slider in self._panel.numbers)
         return f"{name}:{axis}" if axis in AXIS_NAMES and axis != USUAL else str(name)
 
     def request(self, base: PlanRequest) -> PlanRequest:
-        """The request as the panel states it.
+        """The request with the values of the panel.
 
         Args:
-            base: Gives what the panel does not show: object, seed, size of the search and memory; its task is
-                kept exactly as long as the panel's task is not changed.
+            base: Request with the values that the panel does not show: object, seed, size of the search and
+                memory. Its task is used without rounding until the panel's task is changed.
 
         Raises:
-            InputError: A hand that is not in the list, or numbers that cannot be used.
+            InputError: The hand is not in the list, or numbers cannot be used.
         """
         p = self._panel
         if p.hand.value not in p.hand.options:
@@ -141,7 +141,7 @@ class Steering:
         )
 
     def _mass(self) -> float | None:
-        """The stated mass [kg]; ``None`` for the object's own."""
+        """The panel's mass [kg]; ``None`` for the object's own."""
         text = str(self._panel.mass.value).strip()
         try:
             mass = float(text or 0.0)
@@ -154,14 +154,14 @@ class Steering:
         return mass or None
 
     def _table(self) -> float | str | None:
-        """The stated table; ``None`` where there is none, or where the analyser knows none."""
+        """The panel's table; ``None`` if there is none or the analyser does not use tables."""
         p = self._panel
         if p.analyser.value == "rays" or p.table.value == NO_TABLE:
             return None
         return float(p.height.value) if p.table.value == AT_HEIGHT else AUTO
 
     def _boxes(self) -> tuple[tuple[float, ...], ...]:
-        """The stated boxes, six numbers each; none where the analyser knows none."""
+        """The panel's boxes, six numbers each; empty if the analyser does not use boxes."""
         p = self._panel
         lines = [] if p.analyser.value == "rays" else str(p.avoid.value).splitlines()
         try:

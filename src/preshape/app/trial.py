@@ -1,4 +1,4 @@
-"""The run in simulated physics in one browser: the shown moment, its words and the table of pushes."""
+"""The run in simulated physics in one browser: the shown sample, its description and the table of pushes."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ class Trial:
     """The run of the shown answer, if it was simulated.
 
     Args:
-        panel: The panel that shows words and table.
-        stage: The scene that shows the moment.
+        panel: The panel that shows description and table.
+        stage: The scene that shows the sample.
     """
 
     def __init__(self, panel: Panel, stage: Stage) -> None:
@@ -24,7 +24,7 @@ class Trial:
         self._run: Run | None = None
 
     def take(self, run: dict[str, Any]) -> None:
-        """Show a run: its table, and the end of the first push that was not held, or of the whole run."""
+        """Show a run's table, and the end of its first push that was not held, else the end of the run."""
         p = self._panel
         self._run = run_of(run)
         p.run_report.content = readings.wrapped(self._run.report)
@@ -41,7 +41,7 @@ class Trial:
         self._stage.leave_run()
 
     def show(self, share: float) -> None:
-        """Show the moment at a share 0..1 of the run, if there is a run."""
+        """Show the sample at a fraction 0..1 of the run, if there is a run."""
         run = self._run
         if run is not None:
             frame = round(min(1.0, max(0.0, share)) * (len(run) - 1))

@@ -21,11 +21,11 @@ MOST = 1.5
 
 
 class Tuning:
-    """The widgets, and the settings that they stand for.
+    """The widgets, and the settings that they represent.
 
     Args:
-        gui: The panel; the widgets are added where it adds widgets now.
-        settings: What the widgets show at first.
+        gui: The panel; the widgets are added at its current position.
+        settings: Settings that the widgets show at first.
     """
 
     def __init__(self, gui: viser.GuiApi, settings: Settings) -> None:
@@ -62,7 +62,7 @@ class Tuning:
         """Connect the widgets.
 
         Args:
-            on: Connects a widget to the function that its change calls.
+            on: Connects a widget to a function that is called when the widget changes.
         """
         on(self.which, self.choose)
         on(self.corner, self.drag)
@@ -73,7 +73,7 @@ class Tuning:
 
     @property
     def sets(self) -> FuzzySets:
-        """The membership functions as drawn."""
+        """The membership functions that the curves show."""
         kind = self.kind.value if self.kind.value in SHAPES else SHAPES[0]
         return FuzzySets(corners=self._corners, shape=kind)
 
@@ -83,14 +83,14 @@ class Tuning:
         self._draw()
 
     def drag(self) -> None:
-        """Take the corners of the text box, once they are four numbers in order."""
+        """Use the corners in the text box, if they are four numbers in ascending order."""
         four = _four_numbers(self.corner.value, -EDGE, EDGE)
         if four is not None and sorted(four) == list(four):
             self._corners[self._index] = four
             self._draw()
 
     def drag_coefficients(self) -> None:
-        """Take the coefficients of the text box, once they are four numbers."""
+        """Use the coefficients in the text box, if they are four numbers."""
         four = _four_numbers(self.numbers.value, 0.0, MOST)
         if four is not None:
             self.coefficients = ContactCoefficients(ka=four[0], ko=four[1], kn=four[2], mn=four[3])

@@ -1,4 +1,4 @@
-"""Uploaded meshes, written to a temporary folder under safe names, and checked before anything reads them."""
+"""Uploaded meshes: checked first, then written to a temporary folder under safe names."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from ..exceptions import EnvironmentFailure, InputError
 from ..objects.load import SUFFIXES
 
 LARGEST = 200 * 2**20
-"""Most bytes of an upload."""
+"""Largest size of an upload [bytes]."""
 
 
 class Uploads:
@@ -21,10 +21,10 @@ class Uploads:
         self._count = 0
 
     def keep(self, name: str, content: bytes) -> Path:
-        """Write an upload to a folder of its own; its name keeps only letters, digits, ``-`` and ``_``.
+        """Write an upload to its own folder; only letters, digits, ``-`` and ``_`` of its name are kept.
 
         Raises:
-            InputError: The file is too large, or of a kind that is not read.
+            InputError: The file is too large, or its format is not supported.
             EnvironmentFailure: The file cannot be written.
         """
         bare = name.replace("\\", "/").rsplit("/", 1)[-1].replace("\0", "")

@@ -1,4 +1,4 @@
-"""What a browser shows while its planner works: words and seconds, a bar, and a button that cancels."""
+"""The display while a browser's planner works: a description with seconds, a bar, and a cancel button."""
 
 from __future__ import annotations
 
@@ -9,21 +9,21 @@ from collections.abc import Callable
 from .panel import Panel
 
 LONG = 1.0
-"""Time after which the seconds are shown [s]."""
+"""Time after which the elapsed seconds are shown [s]."""
 
 
 class Waiting:
     """The time between a request and its last reply.
 
     Args:
-        panel: The panel that shows it.
-        say: Writes a headline: its kind, title and words.
+        panel: The panel with the display.
+        say: Function that writes a headline with kind, title and words.
     """
 
     def __init__(self, panel: Panel, say: Callable[[str, str, str], None]) -> None:
         self._panel, self._say = panel, say
         self._words, self._since, self._open = "", 0.0, False
-        # A last update of the headline must not come after the end.
+        # The lock prevents an update of the headline after the end of the work.
         self._lock = threading.Lock()
         self._owns_headline: Callable[[], bool] = lambda: True
 
@@ -31,8 +31,8 @@ class Waiting:
         """Show that work begins; called before the request is sent.
 
         Args:
-            words: The work.
-            owns_headline: Whether the headline still belongs to the work; an answer takes its place.
+            words: Description of the work.
+            owns_headline: Function that says whether the headline may show the work; an answer takes it over.
         """
         p = self._panel
         with self._lock:
@@ -44,17 +44,17 @@ class Waiting:
             self._say("warn", "Working", f"{words} …")
 
     def watch(self) -> None:
-        """Show the seconds until the end; called after the request was sent."""
+        """Show the elapsed seconds until the work ends; called after the request was sent."""
         threading.Thread(target=self._tick, daemon=True).start()
 
     def progress(self, words: str, share: float) -> None:
-        """Show what the planner does, and its share of the whole in percent."""
+        """Show the current step of the planner, and the completed share [%]."""
         self._words = words
         self._panel.progress.value = share
         self._tell()
 
     def quiet(self) -> None:
-        """Leave the headline to the answer that has come, although the work goes on."""
+        """Leave the headline to the new answer although the work goes on."""
         with self._lock:
             self._owns_headline = lambda: False
 

@@ -1,16 +1,17 @@
-"""The planner in a process of its own, one for each browser: requests and replies are lines of JSON.
+"""The planner in its own process, one for each browser; requests and replies are lines of JSON.
 
-The worker may be killed at any moment without loss of anything that the memory has acknowledged. Cancelling
-is therefore killing, and neither a broken mesh nor a long search affects the server or another browser. Each
-message has a number ``id``; ``request`` is a :class:`~preshape.planning.request.PlanRequest` as JSON:
+The worker can be killed at any time: whatever the memory has acknowledged is already stored. Work is
+therefore cancelled by killing the process, and a broken mesh or a long search affects neither the server nor
+another browser. Each message has a number ``id``. Here ``request`` is a
+:class:`~preshape.planning.request.PlanRequest` as JSON:
 
 - ``{"do": "load", "request"}`` gives ``{"mesh"}``, reduced for display;
 - ``{"do": "plan" | "teach", "request"}`` gives ``{"document", "rays", "whole"}``, first with the answer
-  alone, then again with each alternative that the hand has tried; ``whole`` marks the last;
-- ``{"do": "simulate", "request", "answer"}``, an answer being a plan's document, gives ``{"run"}`` (see
+  alone, then again after each alternative that the hand has tried; ``whole`` is true in the last one;
+- ``{"do": "simulate", "request", "answer"}``, where ``answer`` is an answer's JSON, gives ``{"run"}`` (see
   :func:`~preshape.app.physics_run.hold_run`).
 
-Every reply repeats the ``id``. Replies ``{"progress", "share"}`` come between; the last reply is
+Every reply repeats the ``id``. In between there are replies ``{"progress", "share"}``; the last reply is
 ``{"done": true}`` or ``{"error": sentence}``.
 """
 
@@ -38,7 +39,7 @@ class Worker:
     """Answers messages one after the other, with one planning session for each memory file.
 
     Args:
-        say: Sends a reply.
+        say: Function that sends a reply.
     """
 
     def __init__(self, say: Say) -> None:
@@ -47,7 +48,7 @@ class Worker:
         self._sessions: dict[str | None, Session] = {}
 
     def answer(self, message: dict[str, Any]) -> None:
-        """Do what a message asks for; errors become a reply."""
+        """Do the work that a message requests; an error is sent as a reply."""
         from ..planning.request import PlanRequest
 
         self._number = message.get("id")
@@ -133,7 +134,7 @@ class Worker:
 
 
 def main() -> None:
-    """Serve until standard input ends; what libraries print goes to standard error."""
+    """Serve until standard input ends; the output of libraries goes to standard error."""
     replies = os.fdopen(os.dup(1), "w", encoding="utf-8")
     os.dup2(2, 1)
 
@@ -142,7 +143,7 @@ def main() -> None:
         replies.flush()
 
     try:
-        # Imported before the first click, so that it is answered at once.
+        # These modules are imported in advance, so that the first click is answered at once.
         for name in ("..planning.session", "..planning.output", "..pictures", "..kernels.rays"):
             importlib.import_module(name, __package__)
         for name in ("scipy.optimize", "scipy.spatial", "trimesh", "embreex.rtcore_scene", "mujoco", "fcl"):
