@@ -4,8 +4,8 @@
 ...     memory.count()
 0
 
-What :meth:`Memory.add` has stored survives if the process is killed at any moment, and several processes may
-use one file at once. The modules: :mod:`.checks` and :mod:`.records` (values to plain fields and back),
+Everything that :meth:`Memory.add` has stored survives if the process is killed, and several processes may use
+one file at once. The modules: :mod:`.checks` and :mod:`.records` (values to plain fields and back),
 :mod:`.failures` (SQLite's errors as errors of this package), :mod:`.schema` (tables, versions, opening),
 :mod:`.store` (the class :class:`Memory`), :mod:`.summary` (counts) and :mod:`.transfer` (export and import).
 """

@@ -25,7 +25,7 @@ def exactly(fields: object, names: Sequence[str], what: str) -> Fields:
     """Return ``fields`` if it is a mapping with exactly these names.
 
     Raises:
-        InputError: It is anything else; the message has the first missing or unknown name.
+        InputError: It is anything else; the message gives the first missing or unknown name.
     """
     if not isinstance(fields, Mapping):
         raise InputError(f"{what} must be an object with {', '.join(names)}, got {fields!r:.60}")
@@ -57,7 +57,7 @@ def whole(data: object, name: str, low: int = 0, high: int = LARGEST) -> int:
     """Return ``data`` as a whole number from ``low`` to ``high``.
 
     Raises:
-        InputError: It is anything else; a truth value is no number.
+        InputError: It is anything else; a truth value is not accepted as a number.
     """
     try:
         number = -1 if isinstance(data, bool) else operator.index(data)  # type: ignore[arg-type]
@@ -103,9 +103,9 @@ def numbers(data: object, name: str, depth: int = 1) -> list[Any]:
 
 
 def vector(data: object, name: str, length: int | None = None) -> Array:
-    """Return a list of finite numbers as an array, and a one-dimensional array as it is.
+    """Return a list of finite numbers as an array, and a one-dimensional array unchanged.
 
-    The value that an array becomes part of checks that it is finite.
+    An array given as input is not checked for finite numbers here; the value that takes it does that.
 
     Raises:
         InputError: It is anything else, or has another length.
@@ -120,7 +120,8 @@ def grip(data: object) -> Array:
     """Return ``data`` as the grip of an :class:`~preshape.types.Experience`: palm pose, finger mask, angles.
 
     Raises:
-        InputError: It is too short, has no unit quaternion, or the finger mask is not a whole number from 1.
+        InputError: It is too short, its quaternion is not of unit length, or its finger mask is not a whole
+            number of at least 1.
     """
     content = vector(data, "grip")
     if len(content) < _SHORTEST_GRIP:

@@ -1,4 +1,4 @@
-"""SQLite's errors as errors of this package; no ``sqlite3`` error leaves ``preshape.memory``."""
+"""Converts SQLite's errors to errors of this package; no ``sqlite3`` error leaves ``preshape.memory``."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _DENIED = {
 
 
 def primary_code(error: sqlite3.Error) -> int:
-    """SQLite's primary result code; 0 where Python reports none."""
+    """SQLite's primary result code; 0 if Python reports none."""
     return int(getattr(error, "sqlite_errorcode", None) or 0) & 0xFF
 
 
@@ -52,7 +52,7 @@ def describe(error: sqlite3.Error, where: str) -> PreshapeError:
 
 
 def one_line(error: Exception) -> str:
-    """An error's message as one printable line; it may quote the damaged file."""
+    """An error's message as one printable line; the message may quote bytes of a damaged file."""
     return " ".join("".join(c if c.isprintable() else " " for c in str(error)).split())[:200]
 
 
@@ -81,10 +81,10 @@ def translated(where: str) -> Iterator[None]:
 
 @contextmanager
 def transaction(connection: sqlite3.Connection, begin: str = "BEGIN IMMEDIATE") -> Iterator[None]:
-    """Execute everything inside or nothing; it is on disk once the block is left without an error.
+    """Execute the whole block or nothing of it; the changes are on disk when the block ends without an error.
 
     The write lock is taken at the start. Otherwise a transaction could fail half-way, because another process
-    has changed what it has read.
+    changed what this one had read.
     """
     connection.execute(begin)
     try:

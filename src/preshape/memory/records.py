@@ -41,7 +41,7 @@ _EXPERIENCE = (
     *("approach_set", "fingers", "wrench", "match", "created", "grip", "quality", "outcome", "scene"),
 )
 _SINCE: dict[int, dict[str, Any]] = {2: {"grip": None, "quality": None, "outcome": ""}, 3: {"scene": ""}}
-"""For each format version the fields that it added, with their values for older documents."""
+"""For each format version, the fields that it added, with their values for older documents."""
 _WEIGHTS = ("hand", "w1", "b1", "w2", "b2", "mean_square_error", "trained_on", "epochs")
 _MATCH_SLACK = 1e-9
 
@@ -62,7 +62,7 @@ def experience_fields(experience: Experience) -> dict[str, Any]:
 
 
 def older_experience_from(fields: object, version: int) -> Experience:
-    """The experience of the fields of a document of any format version.
+    """The experience in a document of any format version.
 
     Args:
         fields: The fields of one experience.
@@ -83,7 +83,7 @@ def older_experience_from(fields: object, version: int) -> Experience:
 
 
 def experience_from(fields: object) -> Experience:
-    """The experience of these fields, after checks of all of them.
+    """The experience with these fields; all of them are checked.
 
     Raises:
         InputError: A field is missing, unknown, of another type or out of range.
@@ -139,7 +139,7 @@ def experience_row(experience: Experience, created: str) -> Row:
 
     Args:
         experience: The experience.
-        created: ISO 8601 time in UTC, for an experience without one.
+        created: ISO 8601 time in UTC; used if the experience has no time of its own.
 
     Raises:
         InputError: A field is of another type or out of range.
@@ -161,7 +161,7 @@ def experience_row(experience: Experience, created: str) -> Row:
 
 
 def experience_from_row(row: Row) -> Experience:
-    """The experience of a row of ``EXPERIENCE_COLUMNS``, after checks of all fields.
+    """The experience in a row of ``EXPERIENCE_COLUMNS``; all fields are checked.
 
     Raises:
         InputError: The row has a value that :func:`experience_row` would not have written.
@@ -189,7 +189,7 @@ def weights_fields(hand: str, weights: NetworkWeights) -> dict[str, Any]:
 
 
 def weights_from(fields: object) -> tuple[str, NetworkWeights]:
-    """The hand and the weights of these fields, after checks of all of them.
+    """The hand and the weights with these fields; all of them are checked.
 
     Raises:
         InputError: A field is missing, unknown or of another type, or the layers do not fit together.
@@ -238,7 +238,7 @@ def weights_row(hand: str, weights: NetworkWeights) -> Row:
 
 
 def weights_from_row(row: Row) -> NetworkWeights:
-    """The weights of a row of ``WEIGHT_COLUMNS``, after checks of shapes and numbers.
+    """The weights in a row of ``WEIGHT_COLUMNS``; shapes and numbers are checked.
 
     Raises:
         InputError: An array does not have the length of its shape, or a number is not finite.

@@ -1,6 +1,6 @@
 """The tables, their versions, and how a file is opened without damage to it.
 
-A new file is created in version 1 and migrated by ``MIGRATIONS``, so that old and new files cannot differ.
+A new file is created in version 1 and migrated by ``MIGRATIONS``, so that new and migrated files are alike.
 
 ======= ==================================================================================
 version what changed
@@ -12,9 +12,9 @@ version what changed
 ======= ==================================================================================
 
 A file is inspected before it is opened for writing. A file that is not a memory, or that a newer version
-wrote, is refused and not changed. The first transaction of a new file uses a rollback journal, and the file
-switches to write-ahead logging only after it; its header therefore names this application from the first
-committed byte.
+wrote, is refused and not changed. The first transaction of a new file uses a rollback journal; only then does
+the file switch to write-ahead logging. Its header therefore names this application from the first committed
+byte.
 
 Columns of numbers have no declared type, because a REAL column would lose the sign of -0.0.
 """
@@ -60,8 +60,8 @@ _VERSION_1 = (
 def _add_area_and_volume(connection: sqlite3.Connection) -> None:
     """Version 1 to 2: area [m²] and volume [m³]; old rows get those of the bounding box.
 
-    Version 1 did not store them, and the mesh is not available. The values of the box are upper bounds for a
-    convex object, and exact for a box.
+    Version 1 did not store them, and the mesh is not available. The values of the bounding box are exact for
+    a box, and upper bounds for any other convex object.
     """
     connection.execute("ALTER TABLE experiences ADD COLUMN area NOT NULL DEFAULT 0")
     connection.execute("ALTER TABLE experiences ADD COLUMN volume NOT NULL DEFAULT 0")
@@ -72,13 +72,13 @@ def _add_area_and_volume(connection: sqlite3.Connection) -> None:
 
 
 def _add_shape_and_grip(connection: sqlite3.Connection) -> None:
-    """Version 2 to 3: columns that are NULL where a value is unknown, as in every old row."""
+    """Version 2 to 3: shape, grip, quality and outcome; an unknown value is NULL, as in every old row."""
     for name in ("shape", "grip", "quality", "outcome"):
         connection.execute(f"ALTER TABLE experiences ADD COLUMN {name}")
 
 
 def _add_scene(connection: sqlite3.Connection) -> None:
-    """Version 3 to 4: the scene; older lessons did not store it and count as learnt in free space."""
+    """Version 3 to 4: the scene; older lessons have none and count as learnt in free space."""
     connection.execute("ALTER TABLE experiences ADD COLUMN scene TEXT NOT NULL DEFAULT ''")
 
 
@@ -99,11 +99,11 @@ def connect(uri: str) -> sqlite3.Connection:
 
 
 def open_writable(path: Path) -> sqlite3.Connection:
-    """Open the memory at ``path``; it is created or migrated where necessary.
+    """Open the memory at ``path``; it is created or migrated if necessary.
 
     Raises:
         MemoryFileError: The file is not a memory, damaged, or of a newer version; it is not changed.
-        sqlite3.Error, OSError: To be converted by :func:`~preshape.memory.failures.translated`.
+        sqlite3.Error, OSError: Other errors; :func:`~preshape.memory.failures.translated` converts them.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     _inspect(path)
@@ -130,7 +130,7 @@ def open_readable(path: Path) -> sqlite3.Connection:
     Raises:
         MemoryFileError: The file is not a memory, damaged, or of a newer version.
         EnvironmentFailure: The log beside the file can be read only with write permission.
-        sqlite3.Error, OSError: To be converted by :func:`~preshape.memory.failures.translated`.
+        sqlite3.Error, OSError: Other errors; :func:`~preshape.memory.failures.translated` converts them.
     """
     _inspect(path)
     try:
@@ -259,10 +259,10 @@ def _migrate(connection: sqlite3.Connection, path: Path | None) -> None:
 
 
 def _back_up(path: Path, version: int) -> Path:
-    """Copy the database to ``NAME.v1-backup`` (then ``NAME.v1-backup-2`` …) before its migration.
+    """Copy the database to ``NAME.v1-backup`` (or ``NAME.v1-backup-2`` …) before its migration.
 
-    The caller holds the write lock, so that the copy is what is migrated. A connection cannot be copied
-    inside its own write transaction; therefore a second one reads.
+    The caller holds the write lock, so the copy equals the database that is migrated. A connection cannot be
+    copied inside its own write transaction; therefore a second connection reads.
     """
     target = path.with_name(f"{path.name}.v{version}-backup")
     count = 1

@@ -41,8 +41,8 @@ def default_path() -> Path:
 class Memory:
     """Experiences and weights on disk; a context manager, to be used by one thread.
 
-    Open it with :meth:`open`. Every method may raise ``EnvironmentFailure`` (locked for over 10 s, disk full,
-    permission denied, closed) and ``MemoryFileError`` (the file is damaged).
+    Open it with :meth:`open`. Every method may raise ``EnvironmentFailure`` (file locked for over 10 s, disk
+    full, permission denied, memory closed) and ``MemoryFileError`` (file damaged).
 
     Attributes:
         where: Path of the file as text, or ``:memory:``.
@@ -58,13 +58,13 @@ class Memory:
     def open(cls, path: Path | str | None = None, *, read_only: bool = False) -> Self:
         """Open a memory; a missing file and its directories are created.
 
-        A file that the user may not write is opened read-only; the result's ``read_only`` says so.
+        A file without write permission is opened read-only; ``read_only`` of the result is then True.
 
         Args:
             path: The file; ``":memory:"`` for a memory that is lost when closed; None for
                 :func:`default_path`.
-            read_only: Whether to change nothing on disk. Without a file, the memory is empty and lost when
-                closed. An older version is migrated in a copy.
+            read_only: Whether to change nothing on disk. If the file does not exist, the memory is empty and
+                lost when closed. An older version is migrated in a copy.
 
         Raises:
             MemoryFileError: The file is not a memory, damaged, or of a newer version; it is not changed.
@@ -104,14 +104,16 @@ class Memory:
         """Store experiences, and the weights trained with them, in one transaction.
 
         Args:
-            experiences: Experiences; an empty ``created`` is set to the present time.
-            weights: Weights of the hand that all these experiences share; see :meth:`save_weights`.
+            experiences: Experiences; an empty ``created`` is set to the current time.
+            weights: Weights for the hand of these experiences; see :meth:`save_weights`.
 
         Returns:
-            Numbers of the experiences in the memory, which are never reused. On return they are on disk.
+            Number of each experience in the memory; numbers are never reused. On return the experiences are
+            on disk.
 
         Raises:
-            InputError: An experience is out of range, or the weights' experiences are not of one hand.
+            InputError: An experience is out of range, or weights are given and the experiences are not of one
+                hand.
         """
         now = datetime.now(UTC).isoformat(timespec="microseconds")
         rows = [records.experience_row(experience, now) for experience in experiences]
@@ -170,7 +172,7 @@ class Memory:
             return int(self._connection.execute(query, (hand,)).fetchone()[0])
 
     def weights(self, hand: str) -> NetworkWeights | None:
-        """The network weights of a hand; None where there are none.
+        """The network weights of a hand; None if there are none.
 
         Raises:
             MemoryFileError: The stored arrays do not have their shapes.
@@ -183,7 +185,7 @@ class Memory:
     def save_weights(self, hand: str, weights: NetworkWeights) -> bool:
         """Store a hand's weights, unless the stored ones were trained on more samples.
 
-        Another process may have learnt more in the meantime; its weights stay.
+        This protects the weights of another process that has learnt more in the meantime.
 
         Returns:
             Whether these weights are now stored.
@@ -208,7 +210,7 @@ class Memory:
             return summary.objects(self._connection, hand)
 
     def statistics(self) -> MemoryStatistics:
-        """Counts and sizes, all of the same moment."""
+        """Counts and sizes, all taken at the same moment."""
         with translated(self.where), transaction(self._connection, "BEGIN"):
             return summary.statistics(self._connection, self.where)
 
@@ -231,10 +233,10 @@ class Memory:
         )
 
     def import_(self, path: Path | str) -> int:
-        """Add the content of a document of :meth:`export` in one transaction, after checks of all of it.
+        """Add the content of an exported document (:meth:`export`) in one transaction; all of it is checked.
 
-        Experiences that the memory already has, with the same time, are skipped. For weights see
-        :meth:`save_weights`.
+        Experiences that the memory already has, with the same time, are skipped. Weights are stored by the
+        rule of :meth:`save_weights`.
 
         Returns:
             Number of experiences added.

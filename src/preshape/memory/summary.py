@@ -19,8 +19,8 @@ class ObjectSummary:
         hands: Hands with experiences of it, sorted.
         experiences: Number of experiences.
         tasks: Number of different tasks among them.
-        best_match: Largest TFVADI among them, 0..6.
-        last_seen: Time at which the newest was stored, ISO 8601 in UTC.
+        best_match: Largest TFVADI among the experiences, 0..6.
+        last_seen: Time at which the newest experience was stored, ISO 8601 in UTC.
     """
 
     name: str
@@ -44,8 +44,8 @@ class MemoryStatistics:
         kinds: Each kind with its number of experiences, in the order of ``KINDS``.
         hands: Each hand with its number of experiences, sorted.
         trained: Each hand with the number of samples that its weights were trained on, sorted.
-        oldest: Time at which the oldest experience was stored; empty without any.
-        newest: Time at which the newest was stored.
+        oldest: Time at which the oldest experience was stored; empty if there is none.
+        newest: Time at which the newest experience was stored; empty if there is none.
     """
 
     path: str
@@ -61,7 +61,7 @@ class MemoryStatistics:
 
 
 def objects(connection: sqlite3.Connection, hand: str | None) -> tuple[ObjectSummary, ...]:
-    """One summary for each object, sorted by name; called inside a transaction, so that they agree."""
+    """One summary for each object, sorted by name; called inside a transaction for consistent counts."""
     hands: dict[str, list[str]] = {}
     for name, owner in connection.execute(
         f"SELECT DISTINCT object_name, hand FROM experiences {_OF_HAND} ORDER BY hand", (hand,)
@@ -93,7 +93,7 @@ def objects(connection: sqlite3.Connection, hand: str | None) -> tuple[ObjectSum
 
 
 def statistics(connection: sqlite3.Connection, where: str) -> MemoryStatistics:
-    """Counts and sizes; called inside a transaction, so that they agree."""
+    """Counts and sizes; called inside a transaction, so that they are consistent."""
     run = connection.execute
     total, names, oldest, newest = run(
         "SELECT count(*), count(DISTINCT object_name), min(created), max(created) FROM experiences"

@@ -56,7 +56,7 @@ def write_document(
     """Write a document whole or not at all.
 
     Raises:
-        EnvironmentFailure: The file cannot be written; an old file at ``path`` is unchanged.
+        EnvironmentFailure: The file cannot be written; an existing file at ``path`` is unchanged.
     """
     document = {
         "format": FORMAT_NAME,

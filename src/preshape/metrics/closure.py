@@ -1,9 +1,10 @@
 """Force closure: can the contacts balance every wrench?
 
-A second-order-cone program decides it exactly for friction cones (Han, Trinkle & Li 2000); a linear program
-decides it for pyramids of edges inside the cones. Both look for contact forces strictly inside their cones
-that balance one another, from contacts that reach every direction (G of rank 6). Such forces resist any load
-once they are large enough; without them some wrench cannot be balanced (Murray, Li & Sastry 1994).
+A second-order-cone program decides this exactly for friction cones (Han, Trinkle & Li 2000); a linear program
+decides it for pyramids inside the cones. Both require contacts that reach every wrench direction (G of rank
+6), and search for contact forces strictly inside their cones that balance one another. If such forces exist,
+they resist any load once they are large enough; if not, some wrench cannot be balanced (Murray, Li & Sastry
+1994).
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from .results import ForceClosure, MetricStatus
 RANK_TOLERANCE = 1e-9
 """Singular values of G below this fraction of the largest one count as zero."""
 CLOSED = 1e-8
-"""A margin up to this is a rounding error, and the grasp is not closed."""
+"""A margin up to this counts as a rounding error; the grasp is then not closed."""
 
 
 def reached(matrix: Array) -> int:
@@ -33,8 +34,8 @@ def force_closure(contacts: Contacts) -> ForceClosure:
     """Force closure with exact friction cones.
 
     The program maximises t subject to G u + t G e = 0, u in the cones, Σ uₙ + n t ≤ 1, where e is the axis of
-    every cone. The forces u + t e balance one another and lie t deep in their cones; 0 < t ≤ 1/n exactly when
-    the grasp is closed.
+    every cone. The forces u + t e balance one another and lie at depth t inside their cones. The grasp is
+    closed exactly when 0 < t ≤ 1/n.
     """
     early = _early(contacts, cone_matrix(contacts))
     if early is not None:
@@ -58,7 +59,7 @@ def force_closure(contacts: Contacts) -> ForceClosure:
 def force_closure_linear(contacts: Contacts, edges: int = 8) -> ForceClosure:
     """Force closure with pyramids of ``edges`` edges inside the cones, by a linear program (HiGHS).
 
-    A grasp that is closed here is closed; one that is only just closed may be missed. The margin is the share
+    A positive result is certain, but a grasp that is only just closed may be missed. The margin is the share
     of the normal force that every edge of a contact carries, times the number of edges.
     """
     from scipy.optimize import linprog

@@ -19,7 +19,7 @@ from ..types import Array, BoolArray, value
 
 TOLERANCE = 1e-10
 """Residuals and gap at which a program is solved, relative to 1 + the size of its data."""
-_ACCEPTED = 1e-7  # accuracy that is accepted where rounding ends the progress earlier
+_ACCEPTED = 1e-7  # accuracy that is accepted if rounding errors stop the progress earlier
 _ITERATIONS = 60
 _Blocks = Sequence[tuple[int, int]]
 
@@ -32,7 +32,7 @@ class ConicSolution:
         x: (m, N) primal solutions.
         y: (m, p) multipliers of the equations.
         objective: (m,) values c·x.
-        converged: (m,) whether residuals and gap are small; other rows have no meaning.
+        converged: (m,) whether residuals and gap are small; rows with False have no meaning.
     """
 
     x: Array
@@ -144,7 +144,7 @@ def solve(c: Array, A: Array, b: Array, blocks: _Blocks) -> ConicSolution:
 
     1. Start from the least-squares points of both programs, shifted into the cone.
     2. Compute residuals and gap of each program, and remember its best point so far.
-    3. Stop a program that is solved, or whose best point is five iterations old.
+    3. Stop a program that is solved, or whose best point has not improved for five iterations.
     4. Move the others along Mehrotra's direction, and continue with step 2.
 
     Args:
@@ -225,8 +225,8 @@ def _direction(
 
     1. Scale both points to the same vector λ = W s.
     2. Predictor: the Newton step towards a gap of zero, and how far it stays in the cone.
-    3. Corrector: the Newton step towards a gap that is the smaller the farther the predictor went, with the
-       predictor's second-order error removed.
+    3. Corrector: the Newton step towards a smaller gap, with the predictor's second-order error removed. The
+       farther the predictor went, the smaller this gap is.
     """
     W = _Scaling(cones, x, s)
     lam = W.apply(s)

@@ -18,7 +18,7 @@ from ..exceptions import InputError
 from ..types import Array, freeze, frozen_array, value
 
 _NORMAL_TOLERANCE = 1e-3  # largest error of a normal's length; more is a mistake of the caller [C]
-_NO_TANGENT = 1e-6  # shortest part along the surface, over ℓ, that a tangent is taken from
+_NO_TANGENT = 1e-6  # a vector's part along the surface must be longer than this times ℓ to give a tangent
 
 
 @value
@@ -29,8 +29,8 @@ class Contacts:
         positions: (n, 3) contact points [m]; n may be 0.
         normals_in: (n, 3) unit normals into the object.
         friction: (n,) sliding coefficients μ ≥ 0, or one number for all.
-        torsion: (n,) torsional coefficients γ ≥ 0 [m], the moment about the normal per newton, or one number
-            for all; 0 is a hard finger.
+        torsion: (n,) torsional coefficients γ ≥ 0 [m], the moment about the normal per newton of normal
+            force, or one number for all; 0 means a hard finger.
         reference: (3,) reference point of the torques [m].
         length: ℓ > 0 [m], half the object's largest extent; torques are divided by it.
 
@@ -85,7 +85,7 @@ class Contacts:
 
     @property
     def dimension(self) -> int:
-        """Dimension of a friction cone, 3, or 4 where any contact is soft."""
+        """Dimension of the friction cones: 3, or 4 if any contact is soft."""
         return 4 if self.gamma.any() else 3
 
     @property
@@ -112,9 +112,9 @@ def _coefficients(given: Array | float, n: int, name: str) -> Array:
 def tangents(contacts: Contacts) -> tuple[Array, Array]:
     """Two unit tangents of each contact, (n, 3) each, that rotate and mirror with the scene.
 
-    The first tangent is the part along the surface of the arm from the reference point. Where that vanishes
-    it is that part of the vector to another contact, or of another normal. World axes are used only where all
-    of these lie on one line, because then the scene has rotational symmetry.
+    The first tangent is the arm from the reference point, projected on the surface. If the projection
+    vanishes, the vector to another contact or another normal is projected instead. World axes are used only
+    if all of these lie on one line, because then the scene has rotational symmetry.
     """
     first, arms = np.empty((contacts.count, 3)), contacts.arms
     for i, n in enumerate(contacts.normals_in):
@@ -128,7 +128,7 @@ def tangents(contacts: Contacts) -> tuple[Array, Array]:
 
 
 def _hints(contacts: Contacts, arms: Array, i: int) -> Iterator[Array]:
-    """Vectors whose part along the surface may be the tangent of contact i; the last one always serves."""
+    """Vectors to project for the tangent of contact i, in order of preference; the last one always works."""
     yield arms[i]
     others = [j for j in range(len(arms)) if j != i]
     yield from (arms[j] - arms[i] for j in others)
@@ -140,8 +140,8 @@ def grasp_matrix(contacts: Contacts) -> Array:
     """(6, n·d) grasp matrix G of unit forces along the normal and two tangents, and of the moment where d is
     4.
 
-    The column of the moment is the moment that one newton of normal force holds, γ/ℓ; it is zero for a hard
-    finger [C].
+    The column of the moment is scaled to γ/ℓ, the moment that one newton of normal force can hold; it is zero
+    for a hard finger [C].
     """
     return _columns(contacts, np.ones(contacts.count))
 
@@ -195,8 +195,8 @@ def rim(contacts: Contacts, edges: int = 8, *, halves: bool = True) -> Array:
     ring halfway (45°) to each.
 
     Raises:
-        InputError: There are fewer than 4 edges or an odd number of them, which a mirrored scene would
-            change.
+        InputError: There are fewer than 4 edges or an odd number of them; an odd number would make the result
+            of a mirrored scene differ.
     """
     if edges < 4 or edges % 2:
         raise InputError(f"a cone must have an even number of edges, at least 4, got {edges}")

@@ -15,8 +15,8 @@ def distance(space: WrenchSpace, point: Array) -> tuple[float, bool, Array]:
     """The distance of a wrench from a wrench space.
 
     In each iteration the wrench is projected on a hull of support points inside the space. The support plane
-    across the residual bounds the distance from below; where the bound is not yet tight, Newton's method is
-    tried, and otherwise the support points of that plane are added to the hull.
+    perpendicular to the residual bounds the distance from below. If the bound is not yet tight, Newton's
+    method is tried; if that fails, the support points of this plane are added to the hull.
 
     Args:
         space: Wrenches that the grasp can produce.
@@ -33,7 +33,7 @@ def distance(space: WrenchSpace, point: Array) -> tuple[float, bool, Array]:
         if size <= EXACT:
             return size, True, force
         height, points = space.support(away / size)
-        # The plane across the residual that touches the space bounds the distance from below.
+        # The touching plane perpendicular to the residual bounds the distance from below.
         if size - (float(away @ point) / size - height) <= EXACT:
             return size, True, force
         exact = _polished(space, point, away, force)
@@ -48,7 +48,7 @@ def distance(space: WrenchSpace, point: Array) -> tuple[float, bool, Array]:
 def _polished(
     space: WrenchSpace, point: Array, away: Array, force: Array
 ) -> tuple[float, bool, Array] | None:
-    """The projection by its first-order conditions, Σ wrenches = point - y; ``None`` where that fails."""
+    """The projection by its first-order conditions, Σ wrenches = point - y; ``None`` if that fails."""
     still, rows = -np.eye(6), np.zeros(6)
 
     def wanted(y: Array, k: float) -> tuple[Array, Array, Array, float, Array, float]:
@@ -60,7 +60,7 @@ def _polished(
             continue
         y, _, forces = found
         size = float(np.sqrt(y @ y))
-        # Where the plane across y touches the space, no wrench of the space is nearer.
+        # If the plane perpendicular to y touches the space there, no wrench of the space is nearer.
         if size > EXACT and size - (float(y @ point) / size - space.support(y / size)[0]) <= EXACT:
             return size, True, forces
     return None

@@ -1,8 +1,8 @@
 """The smallest reach over a cap of wrenches, by second-order-cone programs.
 
-One program gives how far the producible wrenches reach along w, and the face that limits the reach. The
-wrench of the cap that meets this face first is the next w. The reach never grows; the descent ends where no
-wrench is worse.
+Each program computes how far the producible wrenches reach along a wrench w, and the face that limits this
+reach. The wrench of the cap that meets this face first is the next w. The reach never grows, and the descent
+ends when no wrench of the cap has a smaller reach.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ _SETTLED = 1e-12
 def lower(
     program: ForceProgram, base: Array, axis: Array, half_angle: float, k: Array, wrenches: Array, y: Array
 ) -> tuple[float, Array]:
-    """The smallest reach that the descent finds, and its wrench.
+    """The smallest reach that the descent finds, and the wrench with this reach.
 
     Args:
         program: Wrenches that the grasp can produce.
@@ -29,12 +29,12 @@ def lower(
         half_angle: Half-angle of the cap [rad].
         k: (m,) known reaches to start from [N].
         wrenches: (m, 6) unit wrenches of these reaches.
-        y: (m, 6) normals of the faces that limit them, with y·wrench = 1.
+        y: (m, 6) normals of the faces that limit these reaches, with y·wrench = 1.
     """
     best, worst = float(k.min()), wrenches[int(k.argmin())]
     for _ in range(_ROUNDS):
         far, following = hardest(axis, half_angle, y)
-        # The face that limits w, y·w = 1, limits the cap's wrench that meets it first at least as early.
+        # The face y·w = 1 that limits w limits the next wrench to the same reach or a smaller one.
         promise = k / np.maximum(far, 1.0)
         order = np.argsort(promise)[:3]
         if promise[order[0]] >= best - _SETTLED * (abs(best) + program.unit):

@@ -10,7 +10,7 @@ from .conic import ConicSolution, solve
 from .contacts import Contacts, cone_matrix, tangents
 
 PENALTY = 100.0
-"""Cost of a unit of wrench that is not produced, where a unit of reach gains 1; see :func:`reach`."""
+"""Cost of one unit of wrench that is not produced, while one unit of reach gains 1; see :func:`reach`."""
 
 
 @value
@@ -135,9 +135,9 @@ def _joint_torques(contacts: Contacts, jacobian: Array) -> Array:
 def reach(program: ForceProgram, directions: Array, base: Array) -> tuple[Array, Array, ConicSolution]:
     """How far the producible wrenches reach from ``base``: the largest k with base + k·direction among them.
 
-    The program maximises k - 100 |r|, where r is the part of the wrench that is not produced, so that it
-    always has a solution. Where the load is held, r ≠ 0 costs more than it gains unless the ray is within
-    0.6° of the boundary's surface.
+    The program maximises k - 100 |r|, where r is the part of the wrench that is not produced; so it always
+    has a solution. If the load is held, r ≠ 0 costs more than it gains, unless the angle between direction
+    and boundary is below 0.6°.
 
     Args:
         program: Wrenches that the grasp can produce.

@@ -1,8 +1,8 @@
 """The gap between the wrenches that a grasp produces and those that a task needs, after Chen et al. 2024.
 
-For each direction of the task, all contacts together press as far along it as friction permits, each with at
-most one unit of normal force (the L∞ bound). This gives a point on the boundary of the grasp wrench space in
-closed form. The gap is 1 - cos of the angle between that wrench and the direction, averaged over the
+For each direction of the task, every contact presses as far along it as friction permits, with at most one
+unit of normal force each (the L∞ bound). The sum is a wrench on the boundary of the grasp wrench space, in
+closed form. The gap is 1 - cos of the angle between this wrench and the direction, averaged over the
 directions. It needs neither force closure nor an optimisation.
 """
 

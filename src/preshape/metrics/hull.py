@@ -1,7 +1,8 @@
 """Epsilon and volume of the grasp wrench space (Ferrari & Canny 1992; Miller & Allen 1999).
 
-L1: the convex hull of the contact wrenches, whose normal forces sum to one. L∞: the sum of the wrenches of
-all contacts, whose normal forces are each at most one. Torques are divided by ℓ.
+L1 bound: the normal forces sum to one, and the space is the convex hull of the contact wrenches. L∞ bound:
+each normal force is at most one, and the space is the sum of the contacts' wrench sets. Torques are divided
+by ℓ.
 """
 
 from __future__ import annotations
@@ -73,9 +74,9 @@ def epsilon(contacts: Contacts, norm: str = "L1", *, edges: int = 8) -> Measure:
 def volume(contacts: Contacts, *, edges: int = 8) -> Measure:
     """Volume of the L1 wrench space and the origin, in (normal force)⁶, computed with pyramids for cones.
 
-    The number, which is also ``lower``, belongs to pyramids inside the cones; ``upper`` belongs to pyramids
-    around them (friction over cos(π/edges), hard fingers only). The exact volume lies between the two. A
-    grasp that is not closed has a volume too, because the origin belongs to the hull.
+    The number, which is also ``lower``, is computed with pyramids inside the cones; ``upper`` with pyramids
+    around them (friction divided by cos(π/edges), hard fingers only). The exact volume lies between the two.
+    A grasp that is not closed has a volume too, because the hull includes the origin.
     """
     if contacts.count == 0:
         return Measure(number=None, status=MetricStatus.NO_CONTACTS)

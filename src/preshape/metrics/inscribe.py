@@ -1,8 +1,8 @@
 """The largest cap of wrenches that fits into a wrench space: the search behind epsilon and the task margin.
 
-The cap holds all unit wrenches w within an angle of an axis. The search looks for the largest factor k with
-base + k·w in the space for each w of the cap. The plane across a direction y that touches the space permits
-the factor φ(y) (see :func:`phi`), so k is the minimum of φ over all y. φ may have several minima:
+The cap is the set of all unit wrenches w within an angle of an axis. The search looks for the largest factor
+k for which base + k·w is in the space for every w of the cap. A plane that touches the space, with normal y,
+permits factors up to φ(y) (see :func:`phi`), so k is the minimum of φ over all y. φ may have several minima:
 
 1. start from faces of a polyhedral approximation of the space (:func:`inscribe`);
 2. descend from each to a local minimum (:func:`descend`), finished by Newton's method;
@@ -24,22 +24,22 @@ NOTHING = 1e-7
 """A factor up to this, in units of the normal force, counts as zero."""
 _ITERATIONS = 150
 _POLISH_BELOW = 0.02  # distance below which Newton's method is tried
-_PROBES = 8  # times that a minimum is probed
-_PROBE_ANGLES = (0.003, 0.05, 0.4)  # of the probed directions from the minimum [rad]
-_START_ANGLES = (0.3, 0.8, 1.3, 1.7)  # of further directions to start from, from the axis [rad]
-_LOWER = 1e-10  # relative difference that makes a probe lower
-_APART = 0.45  # least angle between two wrenches to start from [rad], or a third of the half-angle
+_PROBES = 8  # largest number of times that a minimum is probed
+_PROBE_ANGLES = (0.003, 0.05, 0.4)  # angles of the probed directions from the minimum [rad]
+_START_ANGLES = (0.3, 0.8, 1.3, 1.7)  # angles of further starting directions from the axis [rad]
+_LOWER = 1e-10  # relative difference from which a probe counts as lower
+_APART = 0.45  # least angle between two starting wrenches [rad], or a third of the half-angle
 
 
 @value
 class Fit:
-    """The largest k that was found with base + k·w in the space for every w of the cap.
+    """The largest factor k for which base + k·w is in the space for every w of the cap, as found.
 
     Attributes:
-        k: The factor; ``inf`` where the search met no bound.
+        k: The factor; ``inf`` if the search met no bound.
         normal: (6,) normal y of the face that limits k, with φ(y) = k.
         wrench: (6,) wrench w of the cap that meets this face.
-        settled: Whether this is a local minimum of φ, to rounding.
+        settled: Whether this is a local minimum of φ up to rounding errors.
     """
 
     k: float
@@ -51,7 +51,7 @@ class Fit:
 def phi(
     space: WrenchSpace, base: Array, axis: Array, half_angle: float, normals: Array
 ) -> tuple[Array, Array]:
-    """The factor at which the cap meets the plane across y: φ(y) = (height(y) - y·base) / (largest y·w).
+    """Factor at which the cap meets the plane with normal y: φ(y) = (height(y) - y·base) / (largest y·w).
 
     Args:
         space: The wrench space.
@@ -91,7 +91,7 @@ def inscribe(space: WrenchSpace, base: Array, axis: Array, half_angle: float, *,
                 break
     best = Fit(k=math.inf, normal=axis, wrench=axis, settled=False)
     for i in chosen:
-        # 2. Where this wrench cannot be produced at the best factor so far, the face that limits it is lower.
+        # 2. If the best factor so far is too large for this wrench, the face that limits it is lower.
         fit = descend(space, base, axis, half_angle, normals[i], wrench=wrenches[i], below=best.k)
         if fit.k < best.k:
             best = _probed(space, base, axis, half_angle, fit)  # 3.
@@ -101,7 +101,7 @@ def inscribe(space: WrenchSpace, base: Array, axis: Array, half_angle: float, *,
 
 
 def _probed(space: WrenchSpace, base: Array, axis: Array, half_angle: float, best: Fit) -> Fit:
-    """``best`` or a lower fit near it: a corner of the space satisfies the conditions of a minimum too."""
+    """``best`` or a lower fit near it: a corner of the space may meet the conditions of a minimum, too."""
     for _ in range(_PROBES):
         around = _around(space, best.normal, _PROBE_ANGLES)
         k, _ = phi(space, base, axis, half_angle, around)
@@ -135,14 +135,14 @@ def descend(
 ) -> Fit:
     """Search for a local minimum of φ from one direction.
 
-    With the best y so far and the wrench w of the cap that meets its plane, the point p = base + φ(y) w lies
-    on or beyond the boundary of the space. In each iteration
+    Let y be the best direction so far, and w the wrench of the cap that meets the plane of y. The point
+    p = base + φ(y) w then lies on or beyond the boundary of the space. In each iteration
 
-    1. evaluate φ at the present direction, and remember the best;
+    1. evaluate φ at the current direction, and remember the best;
     2. add the support points of the direction to a hull inside the space;
-    3. project p on the hull; where p is in the hull, no direction separates it and φ(y) is a local minimum;
-    4. near the hull, try Newton's method on the conditions of a minimum, because a curved boundary needs many
-       iterations;
+    3. project p on the hull; if p is in the hull, no direction separates them and φ(y) is a local minimum;
+    4. if p is near the hull, try Newton's method on the conditions of a minimum, because a curved boundary
+       needs many iterations;
     5. take the vector from the projection to p as the next direction.
 
     Args:
@@ -152,7 +152,7 @@ def descend(
         half_angle: Half-angle of the cap [rad].
         normal: (6,) first direction.
         wrench: (6,) first wrench of the cap; by default the axis.
-        below: Only a minimum below this is of interest.
+        below: Start value of the best factor; only minima below it are of interest.
     """
     best = Fit(k=below, normal=normal, wrench=axis if wrench is None else wrench, settled=False)
     hull, weights, tried = space.hull, np.zeros(len(space.hull.points)), math.inf
@@ -190,7 +190,7 @@ def descend(
 def _polished(
     space: WrenchSpace, base: Array, axis: Array, half_angle: float, start: Fit, force: Array
 ) -> Fit | None:
-    """The minimum of φ near ``start`` by its first-order conditions; ``None`` where that fails.
+    """The minimum of φ near ``start`` by its first-order conditions; ``None`` if that fails.
 
     y is scaled so that y·w(y) = 1.
     """

@@ -1,4 +1,4 @@
-"""Metrics of the grasp matrix alone, whatever the friction."""
+"""Metrics of the grasp matrix alone; they ignore the friction."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from .results import Measure, MetricStatus
 
 
 def smallest_singular_value(contacts: Contacts) -> Measure:
-    """σ₆ of the grasp matrix (Li & Sastry 1988), dimensionless; 0 where some wrench is out of reach."""
+    """σ₆ of the grasp matrix (Li & Sastry 1988), dimensionless; 0 if some wrench is out of reach."""
     return _of(contacts, isotropy=False)
 
 
 def isotropy(contacts: Contacts) -> Measure:
-    """σ₆/σ₁ of the grasp matrix (Kim, Oh & Yi 2001), from 0 where a wrench is out of reach to 1."""
+    """σ₆/σ₁ of the grasp matrix (Kim, Oh & Yi 2001), 0..1; 0 if some wrench is out of reach."""
     return _of(contacts, isotropy=True)
 
 

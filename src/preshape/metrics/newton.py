@@ -1,4 +1,4 @@
-"""Newton's method for a face of a wrench space: it refines a projection or an inscribed cap to rounding."""
+"""Newton's method for a face of a wrench space: it refines a projection or cap to rounding accuracy."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from .wrench_space import WrenchSpace
 _STEPS = 10
 _SHARE = 1e-4  # share of the normal force below which a contact does not touch the face
 RIMS = (0.9, 0.9999, 0.3)
-"""Ratios of the tangential to the largest tangential force below which a contact touches the face with its
-whole cone; callers try them in this order."""
+"""A contact touches the face with its whole cone if its tangential force, divided by the largest that the
+friction permits, is below such a ratio; callers try the ratios in this order."""
 
 Wanted = Callable[[Array, float], tuple[Array, Array, Array, float, Array, float]]
 """Maps (y, k) to the wanted wrench (6,), its derivatives by y (6, 6) and by k (6,), and the residual of a
@@ -26,8 +26,9 @@ def finish(
     """Solve for the normal y of a face and the forces of the contacts that touch it.
 
     The unknowns are y, the force (λ, z) of every touching contact, the height H of the face, and k. A contact
-    touches the face in one of two ways. With its rim: then z is λ times the unit vector of the rim along y.
-    With its whole cone: then y is perpendicular to its tangential wrenches, and z is free. The equations are
+    touches the face either with the rim or with the whole of its cone. With the rim, z is λ times the unit
+    vector of the rim along y. With the whole cone, y is perpendicular to the contact's tangential wrenches,
+    and z is free. The equations are
 
     - Σ wrenches = wanted(y, k), and the further condition;
     - L1: each touching contact has height H, and Σ λ = 1;
@@ -38,7 +39,7 @@ def finish(
     1. choose the touching contacts from the first forces, and for each one rim or whole cone;
     2. at most ``_STEPS`` times: compute the residual, and stop where it vanishes; otherwise take a Newton
        step;
-    3. reject the solution where the residual is large, a contact pulls, or a force leaves its cone.
+    3. reject the solution if the residual is large, a contact pulls, or a force leaves its cone.
 
     Args:
         space: The wrench space.
@@ -46,10 +47,11 @@ def finish(
         rim: One of :data:`RIMS`.
         y: (6,) vector near the solution.
         k: Number near the solution.
-        wanted: The wrench that the contacts add up to.
+        wanted: Function of (y, k) that returns the wrench to which the contacts must add up, and its
+            derivatives.
 
     Returns:
-        y, k and the (n, d) forces; ``None`` where the method fails.
+        y, k and the (n, d) forces; ``None`` if the method fails.
     """
     # 1. Touching contacts, and how they touch.
     on = np.flatnonzero(force[:, 0] > _SHARE)

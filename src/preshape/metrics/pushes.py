@@ -14,9 +14,9 @@ from .results import Measure, MetricStatus
 from .wrench_space import WrenchSpace
 
 FRICTION_SHARE = 0.6
-"""Share of the friction that the forces may use; the rest is reserve."""
+"""Share of the friction that the forces may use; the rest is a reserve."""
 PUSH = 0.1
-"""Force of a push over the sum of the normal forces: 1 N against a grip of 10 N [C]."""
+"""Force of a push divided by the sum of the normal forces: 1 N against a grip of 10 N [C]."""
 
 
 def six_pushes(size: float = PUSH) -> Array:
@@ -29,8 +29,8 @@ def push_residual(
 ) -> Measure:
     """Distance from each wrench to the nearest wrench that a unit of grip force can produce.
 
-    It is the minimum of ``|Σ w(f) - wrench|`` over contact forces f in the exact cones at ``friction_share``
-    of the friction, with normal forces that sum to one; zero where the wrench is produced exactly.
+    It is the minimum of ``|Σ w(f) - wrench|`` over contact forces f whose normal parts sum to one and that
+    lie in the exact friction cones, reduced by ``friction_share``. It is 0 if the wrench is produced exactly.
 
     Args:
         contacts: The contacts of the grasp.

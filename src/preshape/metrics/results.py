@@ -1,4 +1,4 @@
-"""Results of the metrics: a number where it is defined, and a status that says why it is or is not."""
+"""Results of the metrics: a number if it is defined, and a status that says why it is or is not."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ class Measure:
     """The value of a metric for one grasp.
 
     Attributes:
-        number: Value of the metric; ``None`` where it is undefined.
-        status: Whether it is defined, and why not.
-        lower: Lower bound of the exact value, where the metric gives one.
-        upper: Upper bound of the exact value, where the metric gives one.
-        worst: (6,) wrench or direction at which the value is reached (force; torque over ℓ), where there is
-            one.
-        per_wrench: (m,) value for each wrench or direction of the input, where there are several.
+        number: Value of the metric; ``None`` if it is undefined.
+        status: Whether the value is defined, and why not.
+        lower: Lower bound of the exact value, if the metric gives one.
+        upper: Upper bound of the exact value, if the metric gives one.
+        worst: (6,) wrench or direction at which the value is reached (force; torque divided by ℓ), if there
+            is one.
+        per_wrench: (m,) value for each wrench or direction of the input, if there are several.
         forces: (m, n, 3) or (n, 3) contact forces that give the value, in the frame and unit of the input.
     """
 
@@ -61,8 +61,8 @@ class ForceClosure:
     Attributes:
         closed: Whether the contacts can balance every wrench; false with every status but ``OK``.
         status: Whether the grasp is closed, and why not.
-        margin: Largest depth of all contact forces inside their cones, along the axis, while the forces
-            balance one another, as a share of the total normal force; 0..1/n, ``None`` where it is undefined.
+        margin: Largest depth along the axes that all contact forces can have inside their cones while they
+            balance one another; a share of the total normal force, 0..1/n; ``None`` if undefined.
     """
 
     closed: bool

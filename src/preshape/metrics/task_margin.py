@@ -1,7 +1,7 @@
 """The task margin: how strongly a grasp can load the object as the task needs.
 
-The task wrench cone holds all wrenches within a half-angle of the task's direction, forces in newtons and
-torques over ℓ. The margin is the largest k for which k times each unit wrench of the cone, together with the
+The task wrench cone is the set of all wrenches within a half-angle of the task's direction (force [N]; torque
+divided by ℓ [N]). The margin is the largest k for which k times each unit wrench of the cone, with the
 wrench that balances the load, can be produced within the limits of friction, force and joint torque (Borst et
 al. 2004; Haschke et al. 2005).
 """
@@ -25,7 +25,7 @@ from .results import Measure, MetricStatus
 from .wrench_space import WrenchSpace
 
 HALF_ANGLE = math.radians(15.0)
-_HELD = 1e-7  # part of the load that need not be balanced, over the force limit: rounding
+_HELD = 1e-7  # accepted unbalanced part of the load, divided by the force limit, because of rounding errors
 _STARTS = 32  # wrenches that the search in closed form starts from
 
 
@@ -39,8 +39,9 @@ def task_margin(
 ) -> Measure:
     """The task margin [N].
 
-    The set W of producible wrenches is convex, so k is the minimum over all directions y of φ(y) = (height of
-    W over the load along y) / (largest y·w of the cone). There are two ways to find it:
+    The set W of producible wrenches is convex. Let φ(y) = (height of W along y, measured from the wrench that
+    balances the load) / (largest y·w of the cone). Then k is the minimum of φ over all directions y. There
+    are two ways to find it:
 
     1. With one bound on the normal forces, both parts of φ have a closed form, and :mod:`.inscribe` searches
        for the minimum from several faces of W.
@@ -56,7 +57,7 @@ def task_margin(
         direction: (6,) wrench of the task (force; torque over ℓ), of any length but 0.
         limits: Bounds of the forces.
         load: (6,) constant wrench on the object that the contacts must balance, such as its weight (force
-            [N]; torque about the reference point over ℓ [N]).
+            [N]; torque about the reference point, divided by ℓ [N]).
         half_angle: Half-angle of the cone, 0..π/2 [rad].
 
     Returns:

@@ -1,8 +1,8 @@
 """The wrenches that contacts can produce, given by their support function: how far they reach along a
 direction.
 
-The support function gives exact distances and margins with exact friction cones. A hull of support points is
-projected on by non-negative least squares, and grows where it is still too small.
+The support function gives exact distances and margins with exact friction cones. Points are projected on a
+hull of support points by non-negative least squares; the hull grows where it is still too small.
 """
 
 from __future__ import annotations
@@ -67,10 +67,9 @@ class WrenchSpace:
     def faces(self) -> Array:
         """(m, 6) outward normals of faces of the space with four-edged pyramids instead of cones.
 
-        L1: all faces; none where the space has no volume. L∞: the same, and directions that are perpendicular
-            to
-        five of the contacts' unit wrenches, as are the faces of a sum of flat sets (500 sets of five at
-        most).
+        With the L1 bound these are all faces, or none if the space has no volume. With the L∞ bound,
+        directions perpendicular to five of the contacts' unit wrenches are added (for at most 500 sets of
+        five), because the faces of a sum of flat sets have such normals.
         """
         from scipy.spatial import ConvexHull, QhullError
 
@@ -153,7 +152,7 @@ def hardest(axis: Array, half_angle: float, normals: Array) -> tuple[Array, Arra
         normals: (m, 6) directions.
 
     Returns:
-        (m,) how far it reaches, and the (m, 6) wrenches.
+        (m,) largest y·w along each direction y, and the (m, 6) wrenches w.
     """
     along = normals @ axis
     across = normals - along[:, None] * axis
