@@ -105,7 +105,7 @@ def export_(file: str, memory: str | None, as_json: bool) -> None:
 @memory_option
 @json_option
 def import_(file: str, memory: str | None, as_json: bool) -> None:
-    """Add the experiences in FILE to the memory; those already in the memory are skipped."""
+    """Add the experiences in FILE to the memory. Those already in it are skipped."""
     from ..memory import Memory
 
     with Memory.open(memory) as store:

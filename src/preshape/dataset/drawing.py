@@ -36,7 +36,7 @@ class ShardGrasps:
     Attributes:
         grasps: The grasps; the planner's answers are sorted by quality, best first.
         analyser: The closure analyser for this hand, object and task.
-        reason: Why there are fewer grasps than asked for; empty otherwise.
+        reason: Why there are fewer grasps than requested; empty otherwise.
     """
 
     grasps: tuple[Grip, ...]
@@ -53,7 +53,7 @@ def shard_grasps(
         hand: The hand.
         mesh: The object at its scale [m].
         task: The task to plan for.
-        count: Number of grasps asked for.
+        count: Number of grasps requested.
         seed: Seed of every random draw.
         settings: Settings of the dataset.
 

@@ -29,7 +29,7 @@ from ..objects.mesh import TriangleMesh
 from ..types import FIELD_MASS, FRICTION, Array, value
 
 PRESS = 10.0
-"""Sum of the normal forces of every squeeze [N]; less where the joint torques do not allow it."""
+"""Sum of the normal forces of every squeeze [N]; smaller if the joint torques do not suffice."""
 BATCH = 400
 """Number of candidates drawn in one round."""
 MAX_ROUNDS = 40

@@ -64,7 +64,7 @@ class Bin:
     """Grasps with neighbouring scores.
 
     Attributes:
-        low: Smallest score; minus infinity where it is undefined.
+        low: Smallest score; minus infinity if it is undefined.
         high: Largest score.
         count: Number of grasps.
         successes: Number of grasps that succeeded.

@@ -1,4 +1,4 @@
-"""The numbers printed in the paper; ``None`` where the scan is illegible."""
+"""The numbers printed in the paper; ``None`` if the scan is illegible."""
 
 from __future__ import annotations
 
