@@ -117,7 +117,7 @@ def compare(
         tasks: Number of tasks for each object.
         folds: Number of parts into which the objects are divided; each part is held out once.
         seeds: Seeds of tasks, folds and networks.
-        progress: Called with the completed fraction and what is being done.
+        progress: Called with the completed fraction and the current step.
 
     Returns:
         Plain JSON values. A share is its mean and the ends of its 95 % interval, 0..1.

@@ -23,7 +23,7 @@ _ROWS, _COLUMNS = 3, 6  # of the calibration plots
 
 
 def area_text(found: Figures) -> str:
-    """An area with its interval; a dash where all grasps have the same score.
+    """An area with its interval; a dash if all grasps have the same score.
 
     >>> area_text({"area": 0.8149, "interval": (0.79, 0.84)})
     '0.81 (0.79-0.84)'

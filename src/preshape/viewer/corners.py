@@ -29,7 +29,7 @@ def indexed(shape: Shape) -> tuple[Array, Array, IntArray]:
     vertices = np.asarray(shape.vertices, dtype=np.float32)
     triangles = np.asarray(shape.triangles, dtype=np.int32)
     normals = corner_normals(vertices, triangles, smooth=shape.smooth).reshape(-1, 3)
-    # Corners of one vertex become one where their normals agree to two degrees, which no eye can see.
+    # Corners of a vertex are merged if their normals agree to two degrees; no eye sees the difference.
     key = np.column_stack([triangles.reshape(-1), np.round(normals * 30).astype(np.int64)])
     _, first, new_index = np.unique(key, axis=0, return_index=True, return_inverse=True)
     corners = vertices[triangles.reshape(-1)[first]]

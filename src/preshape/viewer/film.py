@@ -54,7 +54,7 @@ class Film:
         verdict: Result in one sentence.
         passed: Whether the hand held the object.
         times: (n,) Time of each frame [s].
-        stages: Stages in their order, without gaps.
+        stages: Stages in order, without gaps.
         solids: (m) Shape of each solid in the frame of its body [m].
         is_object: (m) Whether each solid belongs to the object.
         poses: (n, m, 4, 4) Pose of each solid's body in the world frame.

@@ -1,4 +1,4 @@
-"""Pictures of a hand, and of many objects beside each other."""
+"""Pictures of a hand, and of many objects in a grid."""
 
 from __future__ import annotations
 

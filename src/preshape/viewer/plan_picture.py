@@ -136,7 +136,7 @@ def _space(sheet: Sheet, scene: PlanScene) -> None:
 
 
 def _shapes(scene: PlanScene) -> tuple[list[Shape], list[Shape]]:
-    """The solids of the grasp, which the picture must contain, and those of table and boxes."""
+    """The solids of the grasp, which the picture must contain, and the solids of table and boxes."""
     canvas = RecordingCanvas()
     draw_object(scene, canvas)
     draw_plan(scene, canvas)
@@ -169,7 +169,7 @@ def _pins(scene: PlanScene) -> list[tuple[str, Array, Colour]]:
 
 
 def _heading(sheet: Sheet, scene: PlanScene, title: str) -> None:
-    """Title, task and hand, what decided the plan, its status and its reasons."""
+    """Write title, task and hand, the numbers that decided the plan, its status and its reasons."""
     left, right = COLUMN
     width, y = right - left, 44.0
     for line in wrap(title, width, 20, lines=2, bold=True):

@@ -72,7 +72,7 @@ class PlanScene:
         net_wrench: (6,) Net wrench about the centre of gravity, lengths in U.
         adi: (6,) Agreement of task and net wrench in each dimension (ADI).
         match: TFVADI, 0..6.
-        quality: Grip quality, 0..6, for a real hand; ``None`` where TFVADI is the criterion.
+        quality: Grip quality, 0..6, for a real hand; ``None`` if TFVADI is the criterion.
         margins: (2,) Margins of a grip for the task's load and for pushes from any side; at 1, the grip just
             balances the load.
         press: Sum of the normal forces of a grip [N].
