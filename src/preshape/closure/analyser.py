@@ -46,8 +46,8 @@ STILL_GOOD = 0.95
 RECALL_EXAMINED, RECALL_FINISHED = 8, 2
 """Number of recalled grips that are examined, and of the best of these that are finished [C]."""
 ENOUGH_MARGIN, ENOUGH_CLOSED = 1.5, 100
-"""More candidates are drawn where the best margin is under the first or fewer than the second closed; the
-best are refined again where the margin is still under the first [C]."""
+"""Limits of a poor search [C]. More candidates are drawn if the best margin is below the first number, or if
+fewer than the second closed. The best are refined again while the margin is below the first number."""
 _CACHED_AIMS = 24
 
 

@@ -71,7 +71,7 @@ def turn_levers(mesh: TriangleMesh, cog: Array, length: float) -> list[tuple[flo
         length: ℓ, half the object's largest extent [m].
 
     Returns:
-        Pairs of a lever [m] and the (k, 6) wrenches with that lever; empty where no axis has a shorter lever
+        Pairs of a lever [m] and the (k, 6) wrenches with that lever; empty if no axis has a shorter lever
         than plain holding.
     """
     whole = min(LEVER, 1.5 * length)
@@ -90,7 +90,7 @@ def turn_levers(mesh: TriangleMesh, cog: Array, length: float) -> list[tuple[flo
 
 
 def inner_centre(field: DistanceField, mesh: TriangleMesh) -> Array:
-    """(3,) centre of mass of the solid [m], from the grid nodes inside; the COG where there are too few.
+    """(3,) centre of mass of the solid [m], from the grid nodes inside; the COG if they are too few.
 
     The object need not be watertight: the sign of the field is the winding number.
     """

@@ -23,7 +23,7 @@ from .hand_tables import cached, hand_tables
 from .preshapes import SELF_DEPTH, joint_ranges, posture_at
 
 WIDTHS = np.array([0.0, 3, 6, 10, 15, 20, 27, 35, 45, 60, 80, 100]) * 1e-3
-"""Edges of the width classes; each class gets :data:`PER_WIDTH` pinches where the hand has them [m] [C]."""
+"""Edges of the width classes [m]; each class gets up to :data:`PER_WIDTH` pinches [C]."""
 PER_WIDTH = 64
 """Pinches in each width class [C]."""
 FACING = 0.5
@@ -58,7 +58,7 @@ class Pinches:
         thumb_rate: (n, 3) derivative of ``thumb`` by the width, if the thumb takes half of the change.
         others_rate: (n, 3) derivative of ``others`` by the width, likewise.
         opposition: (n, 3) unit vector from the fingers towards the thumb.
-        pads: (n, f, 3) contact point of each finger [m], NaN where it does not close.
+        pads: (n, f, 3) contact point of each finger [m]; NaN if the finger does not close.
         open: (n, k, 3) fingertips and middles of the links before closing [m].
         palm: (p, 4) some spheres of the palm: centre and radius [m].
         tip: (1,) radius of the largest fingertip [m].

@@ -204,7 +204,7 @@ def _run_starts(counts: list[int]) -> IntArray:
 
 
 def _first_moving(path: Array, first: int, end: int) -> int:
-    """Index of a finger's first joint that the path moves; ``end`` where it moves none."""
+    """Index of a finger's first joint that the closing path moves; ``end`` if it moves none."""
     return next((j for j in range(first, end) if np.ptp(path[:, j]) > 0), end)
 
 

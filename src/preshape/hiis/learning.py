@@ -74,7 +74,7 @@ def explore(
         values: Approach values; by default the crisp ones and those between them.
 
     Returns:
-        The answer and the grasp to teach; ``None`` where no grasp was found.
+        The answer and the grasp to teach; ``None`` if no grasp was found.
     """
     found = analyser.explore(q, everywhere(sets, allowed, values))
     if not len(found):

@@ -134,7 +134,7 @@ def back_propagation(
         progress: Called every 100 epochs with epoch and error.
 
     Returns:
-        The epoch at which each target was reached, ``None`` where it was not, and the weights.
+        The epoch at which each target was reached (``None`` if it was not), and the weights.
     """
     _check_samples(x, y)
     rng = np.random.default_rng(seed)

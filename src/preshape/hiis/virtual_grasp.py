@@ -320,7 +320,7 @@ class RayAnalyser:
     def _spread(self, room: Array, half_t: Array) -> tuple[Array, BoolArray]:
         """(P, V, 5) offsets of the places along t [m], and (P, V, 3) whether 1, 2, 3 fingers fit.
 
-        Fingers stand at the hand's pitch, or closer where the object is narrower, but at least a fingertip's
+        Fingers stand at the hand's finger pitch, or closer on a narrower object, but at least one fingertip
         width apart [C].
         """
         width, pitch = self.layout.fingertip_width, self.layout.finger_pitch

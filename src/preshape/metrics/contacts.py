@@ -137,8 +137,7 @@ def _hints(contacts: Contacts, arms: Array, i: int) -> Iterator[Array]:
 
 
 def grasp_matrix(contacts: Contacts) -> Array:
-    """(6, n·d) grasp matrix G of unit forces along the normal and two tangents, and of the moment where d is
-    4.
+    """(6, n·d) grasp matrix G: unit forces along the normal and two tangents, and the moment if d is 4.
 
     The column of the moment is scaled to γ/ℓ, the moment that one newton of normal force can hold; it is zero
     for a hard finger [C].

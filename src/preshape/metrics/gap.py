@@ -34,7 +34,7 @@ def tdg_gap(contacts: Contacts, directions: ArrayLike | None = None) -> Measure:
 
     Args:
         contacts: The contacts of the grasp.
-        directions: (m, 6) wrenches of the task (force; torque over ℓ), none of length 0; by default
+        directions: (m, 6) wrenches of the task (force; torque divided by ℓ), none of length 0; by default
             :func:`force_directions`.
 
     Returns:

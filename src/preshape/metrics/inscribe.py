@@ -61,7 +61,7 @@ def phi(
         normals: (m, 6) directions y.
 
     Returns:
-        (m,) φ, ``inf`` where the cap never meets the plane, and the (m, 6) wrenches that meet it.
+        (m,) φ, ``inf`` if the cap never meets the plane, and the (m, 6) wrenches that meet the plane.
     """
     far, wrenches = hardest(axis, half_angle, normals)
     meets = far > 0.0

@@ -37,7 +37,7 @@ def finish(
     The steps are
 
     1. choose the touching contacts from the first forces, and for each one rim or whole cone;
-    2. at most ``_STEPS`` times: compute the residual, and stop where it vanishes; otherwise take a Newton
+    2. at most ``_STEPS`` times: compute the residual, and stop if it vanishes; otherwise take a Newton
        step;
     3. reject the solution if the residual is large, a contact pulls, or a force leaves its cone.
 

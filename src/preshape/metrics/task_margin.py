@@ -54,7 +54,7 @@ def task_margin(
 
     Args:
         contacts: The contacts of the grasp.
-        direction: (6,) wrench of the task (force; torque over ℓ), of any length but 0.
+        direction: (6,) wrench of the task (force; torque divided by ℓ), of any length but 0.
         limits: Bounds of the forces.
         load: (6,) constant wrench on the object that the contacts must balance, such as its weight (force
             [N]; torque about the reference point, divided by ℓ [N]).

@@ -1,8 +1,8 @@
-"""The wrenches that contacts can produce, given by their support function: how far they reach along a
-direction.
+"""The wrenches that contacts can produce, given by their support function.
 
-The support function gives exact distances and margins with exact friction cones. Points are projected on a
-hull of support points by non-negative least squares; the hull grows where it is still too small.
+The support function says how far these wrenches reach along a direction. It gives exact distances and margins
+with exact friction cones. Points are projected on a hull of support points by non-negative least squares; the
+hull grows where it is still too small.
 """
 
 from __future__ import annotations
