@@ -117,7 +117,7 @@ def _open_collision(hand: Hand, kinematics: HandKinematics) -> list[Finding]:
 def _closing_collisions(hand: Hand, kinematics: HandKinematics) -> list[Finding]:
     """Collisions while the thumb closes alone, and while the other fingers close together.
 
-    Contact between thumb and fingers is no fault: it is the purpose of closing.
+    Contact between thumb and fingers is not a fault, because it is the purpose of closing.
     """
     found = []
     model, owner = kinematics.model, {}

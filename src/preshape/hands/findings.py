@@ -53,7 +53,7 @@ class Finding:
 
 
 def fingers_of(data: Table) -> list[Table]:
-    """The fingers' tables; entries that are no tables are skipped."""
+    """The fingers' tables; entries that are not tables are skipped."""
     found = data.get("finger", [])
     return [entry for entry in found if isinstance(entry, dict)] if isinstance(found, list) else []
 

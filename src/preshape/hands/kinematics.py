@@ -83,7 +83,7 @@ def cross(a: Array, b: Array) -> Array:
 
 
 def _moves(model: Any) -> Array:
-    """(bodies, joints) 1 where the joint moves the body, else 0."""
+    """(bodies, joints) 1 if the joint moves the body, else 0."""
     moves = np.zeros((model.nbody, model.njnt))
     for body in range(1, model.nbody):
         moves[body] = moves[model.body_parentid[body]]
@@ -153,7 +153,7 @@ class HandKinematics:
         """All collision shapes in the palm frame, the palm first.
 
         Raises:
-            HandError: A shape is no capsule, sphere or box.
+            HandError: A shape is not a capsule, a sphere or a box.
         """
         return [self._shape(geom) for geom in range(self.model.ngeom)]
 

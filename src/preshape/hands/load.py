@@ -122,10 +122,10 @@ def read_description(path: Path) -> Table:
 
 
 def model_file(data: Table, path: Path) -> Path:
-    """The model that a description names, beside the description's own file.
+    """Path of the model that a description names, relative to the description's own file.
 
     Raises:
-        HandError: The description names none, or there is no such file.
+        HandError: The description names no model, or there is no such file.
     """
     named = data.get("model", data.get("mjcf"))
     if not isinstance(named, str):

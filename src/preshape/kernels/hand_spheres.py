@@ -18,7 +18,7 @@ import numpy as np
 from ..types import Array, BoolArray
 
 COARSE, FINE = 0.003, 0.0005
-"""Largest protrusion of a link from its spheres [m]: coarse for the search, fine for the answers [C]."""
+"""Largest protrusion of a link from its spheres [m], in the search and in the final answers [C]."""
 _CAPSULE = {COARSE: 0.0006, FINE: 0.00012}  # ... of a capsule [m]
 _BOX = {
     COARSE: 0.0026,

@@ -17,7 +17,7 @@ from .launch import in_parts, part_count, warp
 LEAST_CAPACITY = 64
 """Number of rows of a new array."""
 FIRST_ROW = object()
-"""Placeholder argument of a :class:`PackedLaunch`: the index of the first row of the launched part."""
+"""Argument of a :class:`PackedLaunch` that stands for the index of the first row of the launched part."""
 
 
 class DeviceRows:

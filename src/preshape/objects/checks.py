@@ -16,10 +16,10 @@ SMALLEST, LARGEST = 1e-4, 10.0
 """Accepted range of the largest extent [m]; outside it the unit is certainly wrong [C]."""
 
 FLATNESS = 1e-6
-"""Smallest extent of a solid body, as a share of the largest [C]."""
+"""Least ratio of smallest to largest extent of a solid body [C]."""
 
 SLIVER = 1e-12
-"""Height below which a triangle has no area, as a share of the largest extent: rounding noise [C]."""
+"""Height below which a triangle counts as having no area, as a share of the largest extent [C]."""
 
 
 def metres(unit: str, scale: float) -> float:
@@ -49,7 +49,7 @@ def has_faces(name: str, vertices: int, faces: int) -> None:
 
 
 def finite(name: str, vertices: Array, first: int) -> None:
-    """Refuse positions that are NaN or infinite; ``first`` is the format's number of the first vertex."""
+    """Refuse positions that are NaN or infinite; ``first`` is the number that the format starts at."""
     if not np.isfinite(vertices).all():
         bad = ~np.isfinite(vertices).all(axis=1)
         index = int(bad.argmax())

@@ -18,7 +18,7 @@ LEAST_ESTIMATE = 0.1
 WATER = 1000.0
 """Assumed density of an object of unknown mass [kg/m³]."""
 DENSEST, LIGHTEST = 25_000.0, 5.0
-"""Densities outside this range probably come from a wrong unit [kg/m³]: osmium has 22 600, foam rubber 20."""
+"""Densities outside this range probably come from a wrong unit [kg/m³]; osmium has 22 600, foam rubber 20."""
 SHEET = 1e-3
 """A mesh with less volume than this share of its bounding box is an open sheet, whose density is unknown."""
 

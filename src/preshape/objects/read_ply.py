@@ -1,6 +1,6 @@
 """PLY and OFF, read by trimesh as whole polygons, with checks for damaged files that trimesh accepts.
 
-A PLY without faces is a point cloud; its camera comes from an element of that name.
+A PLY without faces is a point cloud; its camera is read from the element ``camera``.
 
 trimesh reads lists of different lengths from text only, so a binary PLY that has them is converted to text
 first.
@@ -61,7 +61,7 @@ def read_off(name: str, data: bytes) -> RawMesh:
 
 
 def read_ply(name: str, data: bytes) -> RawMesh | RawCloud:
-    """Read a PLY file; its vertices are counted as they are, with one normal each [C].
+    """Read a PLY file; the stated vertices are counted, with one normal each [C].
 
     A file without faces and triangle strips is a point cloud.
 

@@ -118,11 +118,11 @@ class Lines:
 
         Args:
             chosen: (lines,) whether to read each line.
-            skip: Length of the first word, which is no number.
+            skip: Length of the first word, which is not a number.
             integers: Whether to read integers, and only the part before a slash (``1/2/3`` is 1).
 
         Raises:
-            ObjectError: A word of these lines is no number; the message quotes the line.
+            ObjectError: A word of these lines is not a number; the message quotes the line.
         """
         lines = np.flatnonzero(chosen)
         kind = np.int64 if integers else np.float64

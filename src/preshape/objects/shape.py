@@ -27,13 +27,13 @@ _THIRD: _Exponents = (
 _FOURTH: _Exponents = ((0, 2, 2), (2, 0, 2), (2, 2, 0))
 
 POSITION_MOMENTS: _Exponents = _FIRST + _SECOND + _THIRD + _FOURTH
-"""Exponents of the first 21 numbers, in their order: the mean of x^a y^b z^c for (a, b, c)."""
+"""Exponents of the first 21 numbers, in their order; (a, b, c) stands for the mean of x^a y^b z^c."""
 
 NORMAL_MOMENTS: _Exponents = _SECOND
-"""Exponents of the next 6 numbers: the means of these products of the unit normal's components."""
+"""Exponents of the next 6 numbers, the means of such products of the unit normal's components."""
 
 LENGTH = len(POSITION_MOMENTS) + len(NORMAL_MOMENTS) + 1
-"""Number of values of a descriptor: 28."""
+"""Number of values of a descriptor, 28."""
 
 # Six points of a triangle and weights that integrate polynomials up to the fourth degree exactly (Dunavant
 # 1985, High degree efficient symmetrical Gaussian quadrature rules for the triangle).

@@ -245,7 +245,7 @@ def read_grasps(path: str | Path) -> GraspSet:
     """Read grasp arrays from an npz.
 
     Raises:
-        InputError: The file is no npz of grasps; an array is missing or has the wrong shape.
+        InputError: The file is not an npz of grasps; an array is missing or has the wrong shape.
         EnvironmentFailure: The file cannot be read.
     """
     path = Path(path)

@@ -14,7 +14,7 @@ from ..exceptions import InputError
 from ..types import FIELD_MASS, FRICTION, Array, freeze, frozen_array, value
 
 PROBE_SETS = ("six", "all")
-"""``six``: forces along ±x, ±y, ±z. ``all``: 14 forces and 14 torques, along these and 8 diagonals [C]."""
+"""``six`` has forces along ±x, ±y, ±z; ``all`` has 14 forces, 14 torques, also along 8 diagonals [C]."""
 
 
 @value

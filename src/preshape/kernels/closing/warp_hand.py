@@ -19,7 +19,7 @@ FAR = wp.constant(1.0e6)
 
 @wp.struct
 class HandArrays:
-    """As :class:`preshape.kernels.tables.HandTables`."""
+    """The arrays of :class:`preshape.kernels.tables.HandTables`."""
 
     joint_start: wp.array(dtype=wp.int32)
     offset: wp.array(dtype=wp.vec3)
@@ -44,7 +44,7 @@ class HandArrays:
 
 @wp.struct
 class FieldArrays:
-    """As :class:`preshape.kernels.field.host.DistanceField`."""
+    """The arrays of :class:`preshape.kernels.field.host.DistanceField`."""
 
     distance: wp.array3d(dtype=wp.float32)
     origin: wp.vec3

@@ -18,7 +18,7 @@ wp.set_module_options({"enable_backward": False, "max_unroll": 1})
 
 @wp.struct
 class PinchArrays:
-    """As :class:`preshape.kernels.fitting.host.PinchRows`, with the spheres of the palm."""
+    """The arrays of :class:`preshape.kernels.fitting.host.PinchRows`, and the spheres of the palm."""
 
     palm: wp.array(dtype=wp.vec4)
     mask: wp.array(dtype=wp.int32)

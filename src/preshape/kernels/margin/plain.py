@@ -199,8 +199,8 @@ def margin_plain(
         wrenches: (m, 6) demanded wrenches; with a cone, the wrenches from which the search starts.
         base: (6,) wrench that is demanded all the time.
         bound: The search ends as soon as the residual is known to exceed this.
-        cone: (6,) unit axis and half-angle [rad]. With a cone, there is no residual, and the strength is that
-            against the whole cone.
+        cone: (6,) unit axis and half-angle [rad]. With a cone, there is no residual, and the whole cone is
+            demanded.
         restart: From this index on, an independent search starts from each wrench.
     """
     sizes = np.linalg.norm(wrenches, axis=1)

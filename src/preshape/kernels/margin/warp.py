@@ -27,7 +27,7 @@ vec7 = wp.types.vector(length=7, dtype=wp.float32)
 mat66 = wp.types.matrix(shape=(6, 6), dtype=wp.float32)
 mat76 = wp.types.matrix(shape=(7, 6), dtype=wp.float32)
 
-# Modes: what the present target serves. A candidate goes through them in this order.
+# Modes, which say what the current target is for. A candidate goes through them in this order.
 RESIDUAL = wp.constant(0)
 BASE = wp.constant(1)
 STRENGTH = wp.constant(2)

@@ -18,7 +18,7 @@ from .symmetry import Symmetry, symmetries
 NEAR = 8.0
 """A node that lies more than this number of spacings in free space is outside [C]."""
 PER_SPACING, MARGIN = 0.7, 8
-"""For points from all sides: edge of a cell in spacings, and cells of the margin on every side [C]."""
+"""Edge of a cell in spacings, and cells of the margin on every side, for points from all sides [C]."""
 ALL_ROUND = "all"
 """Value of a camera or view argument that stands for points from all sides."""
 

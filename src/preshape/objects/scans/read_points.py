@@ -53,7 +53,7 @@ def read_npy(name: str, data: bytes) -> RawCloud:
     """Read an array of shape (n, 3 or more) or (h, w, 3 or more); the first three columns are x, y, z.
 
     Raises:
-        ObjectError: The file is no NPY file, holds pickled content, or has another shape.
+        ObjectError: The file is not an NPY file, holds pickled content, or has another shape.
     """
     try:
         array = np.load(io.BytesIO(data), allow_pickle=False)

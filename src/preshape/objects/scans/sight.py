@@ -19,7 +19,7 @@ PIXELS = 200
 HOLE = 2.0
 """Gaps in the image up to this number of spacings are surface that the camera missed [C]."""
 RIM = 0.5
-"""Distance of the outline from the outermost points in spacings: half a pixel on average [C]."""
+"""Distance of the outline from the outermost points, in spacings; half a pixel on average [C]."""
 STEEPEST = 0.2
 """Least cosine of the angle between surface normal and ray; smaller ones count as this [C]."""
 HIDDEN, HIDDEN_DEPTH = 0.055, 0.25

@@ -31,8 +31,8 @@ from .report import HoldReport
 from .six_directions import HoldResult, HoldStatus, hold_test
 
 CHUNK = 8
-"""Number of grasps of one object that a process tests in succession: enough to share a compiled scene, and
-few enough to spread over the processes and to save results often."""
+"""Number of grasps of one object that a process tests in succession. They share a compiled scene; more grasps
+would spread less evenly over the processes and delay the saving of results."""
 
 
 @value

@@ -1,4 +1,4 @@
-"""The holding test: the hand squeezes the object, then loads push the object; does the hand hold it?
+"""The holding test, in which the hand squeezes the object and must hold it while loads push it.
 
 The steps of the test are
 

@@ -61,7 +61,7 @@ class GivenAnswers:
 
     @property
     def planned(self) -> bool:
-        """False: the poses are in the file."""
+        """False, because the poses are in the file."""
         return False
 
     @property
@@ -102,7 +102,7 @@ def read_task_grasps(path: str | Path) -> tuple[GraspSet, tuple[str, ...]]:
     """Grasps from a file, and the label of the task of each.
 
     Raises:
-        InputError: The file is no npz of grasps, has no array ``task``, or names an unknown task.
+        InputError: The file is not an npz of grasps, has no array ``task``, or names an unknown task.
         EnvironmentFailure: The file cannot be read.
     """
     grasps = read_grasps(path)

@@ -134,7 +134,7 @@ def liquid(mesh: TriangleMesh, up: Array) -> float:
     origins[:, [x, y]] = low[[x, y]] + (columns + 0.5) / shape * extents[[x, y]]
     origins[:, z] = mesh.cog[z] + up[z] * extents[z]
     fall = RayCaster(mesh).cast(origins, np.tile(-up, (len(columns), 1))).distance
-    ground = (1.5 * extents[z] - fall).reshape(shape)  # height over the lowest point; -inf beside the object
+    ground = (1.5 * extents[z] - fall).reshape(shape)  # height above the lowest point; -inf if missed
     depth = np.subtract(_liquid_level(ground), ground, out=np.zeros(shape), where=np.isfinite(ground))
     return float(depth.sum() / (depth.size * extents[z]))
 

@@ -1,4 +1,4 @@
-"""The task test: the hand moves the object along a task's screw, against a load; does the object follow?
+"""The task test, in which the hand must move the object along a task's screw, against a load.
 
 1. The hand moves from pregrasp to grasp to squeeze, as in the holding test; no load acts on the object.
 2. Load and weight rise linearly from zero, while the hand stands still.

@@ -69,7 +69,7 @@ def task_report(report: TaskReport, protocol: TaskProtocol, planner: str, versio
 
 
 def object_file(instance: TaskInstance) -> str:
-    """File name of the mesh of an instance's object, in the folder beside a list of instances."""
+    """File name of the mesh of an instance's object, in the folder that accompanies a list of instances."""
     return f"{short_name(instance.object_name)}.obj"
 
 
