@@ -45,7 +45,7 @@ class Candidates:
     Attributes:
         place: (n, 3) origin of the palm frame in the mesh frame [m].
         turn: (n, 4) orientation of the palm frame in the mesh frame, quaternion wxyz.
-        start: (n, j) joint angles at the beginning of the closing path, the preshape [rad].
+        start: (n, j) joint angles of the preshape, at the beginning of the closing path [rad].
         mask: (n,) bit f is set if finger f closes.
     """
 

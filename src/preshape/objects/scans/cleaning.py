@@ -10,7 +10,7 @@ from ...types import Array, IntArray, read_only
 LEAST = 100
 """Least number of points of a cloud [C]."""
 MOST = 200_000
-"""Number of points above which only every n-th point is used [C]."""
+"""Largest number of points; of a larger cloud only every n-th point is used [C]."""
 CELLS = 110
 """Cells along the cloud's longest side, in each of which the points are averaged [C]."""
 NEIGHBOURS = 8

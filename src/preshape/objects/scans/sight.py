@@ -17,14 +17,14 @@ from .cleaning import nearest, spacing_of
 PIXELS = 200
 """Pixels of the image along the longer side of the cloud [C]."""
 HOLE = 2.0
-"""Gaps in the image up to this number of spacings are surface that the camera missed [C]."""
+"""Gaps in the image up to this number of spacings count as surface that the camera missed [C]."""
 RIM = 0.5
 """Distance of the outline from the outermost points, in spacings; half a pixel on average [C]."""
 STEEPEST = 0.2
-"""Least cosine of the angle between surface normal and ray; smaller ones count as this [C]."""
+"""Least cosine of the angle between surface normal and ray; smaller cosines count as this one [C]."""
 HIDDEN, HIDDEN_DEPTH = 0.055, 0.25
-"""A point is hidden when it is behind others by more than the second number, a share of the cloud's depth.
-When the share of hidden points exceeds the first number, no single camera has seen all points [C]."""
+"""A point is hidden if it is behind others by more than ``HIDDEN_DEPTH`` times the cloud's depth. If the
+share of hidden points exceeds ``HIDDEN``, no single camera has seen all points [C]."""
 
 
 @value
