@@ -1,9 +1,9 @@
 """Finds the objects of grasps, and their size at scale 1.
 
 An object's name is searched in the folder of objects first, if one is given (``NAME/convex/``,
-``NAME/mesh.*``, ``NAME.*``). Otherwise it is a library object or a file. A plan stores the name or path of its
-object at the time of planning. It is searched in the folder of objects, in the library, as a file, and in the
-folder of the plan; in the two folders also by its file name alone.
+``NAME/mesh.*``, ``NAME.*``). Otherwise it is a library object or a file. A plan stores the name or path of
+its object at the time of planning. This object is searched in the folder of objects, in the library, as a
+file, and in the folder of the plan; in the two folders also by its file name alone.
 """
 
 from __future__ import annotations
