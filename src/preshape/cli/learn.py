@@ -132,7 +132,7 @@ def _line(row: dict[str, Any]) -> str:
         mark = "[yellow]![/]"
     if row["plane"] is None:
         return f"{mark} {row['object']:<14} {row['task']:<12} {row['reason']}"
-    lacking = f" gives nothing along {row['missing_motion']};" if row["missing_motion"] else ""
+    lacking = f" gives nothing along {row['missing_motion']}; " if row["missing_motion"] else ""
     return (
         f"{mark} {row['object']:<14} {row['task']:<12} plane {row['plane']:>2}  {row['score']}  "
         f"[dim]{lacking}{row['reason']}[/]"

@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     type=int,
     default=1,
     show_default=True,
-    help="Number of different answers, best first.",
+    help="Number of different answers: the answer, then others, best first.",
 )
 @click.option(
     "--verify",

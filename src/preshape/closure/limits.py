@@ -77,9 +77,9 @@ def shortfall(search: ClosureSearch, grip: Grip, demand: Demand) -> str:
             "lighter object (--mass), more friction (--friction), another task or another hand would help"
         )
     limit = strongest_press(grip, search.hand.torque_limits)
-    bound = "the joint torques" if limit <= settings.strongest else "the settings (press_most)"
+    bound = "the joint torques allow" if limit <= settings.strongest else "at this mass the planner allows"
     return (
-        f"the best grip would hold {most:.2g} kg, and {mass:.3g} kg is asked: {bound} allow a press of "
+        f"the best grip would hold {most:.2g} kg, and {mass:.3g} kg is asked: {bound} a press of "
         f"{min(limit, settings.strongest):.0f} N; a lighter object (--mass), more friction (--friction) or a "
         "stronger hand would help"
     )

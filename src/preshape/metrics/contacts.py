@@ -85,7 +85,7 @@ class Contacts:
 
     @property
     def dimension(self) -> int:
-        """Dimension of the friction cones: 3, or 4 if any contact is soft."""
+        """Dimension of the friction cones, which is 3, or 4 if any contact is soft."""
         return 4 if self.gamma.any() else 3
 
     @property

@@ -116,6 +116,10 @@ class PlanRequest:
             raise InputError("a TriangleMesh is in metres at its final size: unit and scale are for files")
         if isinstance(self.count, bool) or not isinstance(self.count, int) or self.count < 1:
             raise InputError(f"count, the number of answers, must be at least 1, got {self.count!r}")
+        for name, number in (("mass", self.stated_mass), ("friction", self.stated_friction)):
+            real = isinstance(number, int | float | np.number) and not isinstance(number, bool)
+            if number is not None and not (real and 0 < number < np.inf):
+                raise InputError(f"{name} must be a positive number, got {number!r}")
         if self.analyser == "rays":
             self._refuse_what_rays_ignore()
 
@@ -302,7 +306,7 @@ def analyser_of(analyser: str | None, hand: str | Hand) -> str:
     Raises:
         InputError: There is no analyser of that name.
     """
-    name = hand if isinstance(hand, str) else hand.name
+    name = hand.removesuffix(":right") if isinstance(hand, str) else hand.name
     chosen = analyser or ("rays" if name == RAY_HAND else "closure")
     if chosen not in ANALYSERS:
         raise InputError(f"no analyser {chosen!r}; known: {', '.join(ANALYSERS)}")

@@ -73,6 +73,8 @@ def summary(plan: PlanRecord, *, explain: bool = False) -> RenderableType:
 def headline_of(plan: PlanRecord) -> tuple[str, str]:
     """Colour and words of the result; they name the motion that a virtual grasp does not give."""
     colour, headline = _HEADLINES[plan.decision.status]
+    if plan.answer is not None and plan.verified is not None and not plan.verified.held:
+        return "red", "no answer held in physics"
     missing = missing_motion(plan, plan.answer) if plan.answer else ""
     if missing:
         return "yellow", f"{headline}, but it gives nothing along {missing}"
@@ -100,7 +102,7 @@ def _grid(*rows: tuple[str, str | Text]) -> Table:
 
 def _what(plan: PlanRecord) -> Table:
     mesh, task, request = plan.mesh, plan.decision.task, plan.request
-    size = " × ".join(f"{1000 * x:.0f}" for x in mesh.extents)
+    size = " × ".join(f"{1000 * x:.3g}" for x in mesh.extents)
     rows = [("object", f"{mesh.name}, {size} mm, {len(mesh.triangles)} triangles")]
     said = scan_trust(plan, plan.answer)
     if said is not None:
@@ -117,7 +119,7 @@ def _what(plan: PlanRecord) -> Table:
         height = request.table_height(mesh)
         scene.append("free space, no table" if height is None else f"table at z = {1000 * height:.0f} mm")
         if request.avoid:
-            scene.append(f"{len(request.avoid)} boxes to avoid")
+            scene.append(f"boxes to avoid: {len(request.avoid)}")
     if request.approaches:
         scene.append(f"approaches {request.approaches}")
     if scene:
