@@ -247,7 +247,7 @@ def test_asking_again_never_gives_a_worse_answer_with_rays(session: Session) -> 
 @pytest.mark.parametrize("name", ["box", "mug", "bottle", "bolt", "pear", "key", "pan", "sphere"])
 def test_asking_again_never_gives_a_worse_grip(session: Session, name: str) -> None:
     for task in entry(name).tasks[:3]:
-        for changes in ({}, {"table": "auto"}):
+        for changes in ({}, {"table": "auto"}, {"approaches": "-z"}):
             request = asked(name, task, **changes)
             first, again = session.run(request), session.run(request)
             if first.grasp is not None:

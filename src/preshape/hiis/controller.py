@@ -306,7 +306,11 @@ class Controller:
             steps.append(Transition(mode=3, outcome="learned", reason=learnt))
             if allowed.all():
                 own, verdict = self._self_test(pa, task.q, allowed)
-                best = own if own is not None and best.judged < threshold else best  # the judged one
+                if own is not None and best.judged < threshold:
+                    if own.judged > best.judged:
+                        best = own
+                    elif not verdict.reward:
+                        verdict = judge(best.judged, threshold, subject=pa.measure)
         given, verdict = self._better_of(pa, best, stored, verdict)
         best = best if given is None else given
         if not verdict.reward and (lacking := pa.shortfall(task.q, best)):
@@ -315,6 +319,9 @@ class Controller:
         if not verdict.reward:
             self.deadlock = True
             return decided(task, 3, Status.DEADLOCK, steps, None, best=best)
+        if may_learn and not allowed.all():
+            # The lesson is of all planes; the answer under the restriction is stored beside it.
+            self._store_grip(pa, task, best)
         return self._answer(pa, task, 3, best, steps, allowed, count, None)
 
     def _criticise(self, pa: Analyser, q: Array, found: Exploration) -> tuple[Grasp | None, Verdict]:
