@@ -64,18 +64,18 @@ def object_mass(mesh: TriangleMesh, given: float | None = None) -> ObjectMass:
     Raises:
         InputError: The given mass is not a positive, finite number.
     """
-    volume = abs(mesh.volume)
     if given is not None:
         if isinstance(given, bool) or not isinstance(given, int | float) or not 0 < given < math.inf:
             raise InputError(f"mass must be a positive number of kilograms, got {given!r}")
-        return ObjectMass(kg=float(given), source="given", warning=_density_warning(mesh, given, volume))
+        return ObjectMass(kg=float(given), source="given", warning=_density_warning(mesh, given))
     if mesh.mass is not None:
         return ObjectMass(kg=mesh.mass, source="known")
-    estimate = max(LEAST_ESTIMATE, WATER * volume)
+    estimate = max(LEAST_ESTIMATE, WATER * abs(mesh.volume))
     return ObjectMass(kg=estimate, source="volume")
 
 
-def _density_warning(mesh: TriangleMesh, kg: float, volume: float) -> str:
+def _density_warning(mesh: TriangleMesh, kg: float) -> str:
+    volume = abs(mesh.volume)
     if volume < SHEET * float(mesh.extents.prod()) or volume <= 0:
         return ""
     density = kg / volume

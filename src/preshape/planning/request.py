@@ -199,9 +199,9 @@ class PlanRequest:
         for box in sorted(map(tuple, self.avoid)):
             corners = np.round(1000 * (np.array(box).reshape(2, 3) - mesh.cog)).astype(int).ravel() + 0
             parts.append("box " + " ".join(map(str, corners.tolist())))
-        own = max(object_mass(mesh).kg, FIELD_MASS)
-        if self.stated_mass is not None and self.stated_mass > 1.01 * own:
-            parts.append(f"load {self.stated_mass:.2g} kg")
+        stated = self.stated_mass
+        if stated is not None and stated > 1.01 * max(object_mass(mesh).kg, FIELD_MASS):
+            parts.append(f"load {stated:.2g} kg")
         return "; ".join(parts)
 
     def wanted(self, mesh: TriangleMesh) -> int:
