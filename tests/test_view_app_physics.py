@@ -145,11 +145,10 @@ def test_a_run_is_cancelled_in_its_midst_and_the_next_one_works(opened, tmp_path
     tab(page, "Physics")
     rows = page.locator("tr:has(td:text-matches('^force [+-][xyz]$'))")
     cancel = page.get_by_role("button", name="Cancel")
-    press(page, "Simulate this answer")
-    saw(page, "pushing from six sides")
     (planner,) = _planners(tmp_path)
     os.kill(planner, signal.SIGSTOP)  # however fast the machine is, the run does not end now
-    assert cancel.is_visible()
+    press(page, "Simulate this answer")
+    cancel.wait_for()
     press(page, "Cancel")
     saw(page, "Everything that was learnt before is kept")
     cancel.wait_for(state="hidden")
@@ -168,10 +167,10 @@ def test_a_run_that_comes_after_another_answer_was_chosen_is_not_shown_with_it(o
     page = opened("hammer", "lift").page
     plan(page)
     tab(page, "Physics")
-    press(page, "Simulate this answer")
-    saw(page, "pushing from six sides")
     (planner,) = _planners(tmp_path)
-    os.kill(planner, signal.SIGSTOP)
+    os.kill(planner, signal.SIGSTOP)  # a fast machine would end the run before another answer is chosen
+    press(page, "Simulate this answer")
+    page.get_by_role("button", name="Cancel").wait_for()
     tab(page, "Answers")
     page.get_by_role("button", name="2 · plane").click()
     page.get_by_role("button", name="2 · plane").and_(page.locator("[style*=blue]")).wait_for()
