@@ -33,6 +33,10 @@ FRICTION = 0.6
 """Default sliding friction between hand and object, as in the field's tests."""
 FIELD_MASS = 0.1
 """Mass of every object in the field's holding tests [kg]."""
+LENGTH_UNIT = 4.0
+"""Unit of length in wrenches, torques and printed approach values, in U of the hand: 4U, the largest object
+size [R]. The paper's torques fit a cube of 72 mm and fingers 24 mm apart in this unit; in U the cube would
+measure 18 mm and the fingers would stand 6 mm apart."""
 GRAVITY = 9.81
 """Acceleration of gravity [m/s²]."""
 MODES = {0: "known", 1: "searched", 2: "task does not fit", 3: "new"}
@@ -140,7 +144,7 @@ class ContactCoefficients:
         ka: Tangential force along the approach axis, per unit normal force.
         ko: Tangential force along the transverse axis, per unit normal force.
         kn: Normal force.
-        mn: Moment about the inward normal, in units of force times U.
+        mn: Moment about the inward normal, in units of force times 4U.
 
     The defaults are the set of fig. 16 [P/R].
     """
@@ -153,6 +157,11 @@ class ContactCoefficients:
     def __post_init__(self) -> None:
         frozen_array([self.ka, self.ko, self.kn, self.mn], (4,), "contact coefficients")
 
+
+UNIT_NAME = "4U"
+"""Name of ``LENGTH_UNIT`` in memories and exports."""
+OLD_UNIT_NAME = "U"
+"""The unit of length before November 2026."""
 
 ANSWER_KIND = "grip"
 """Kind of the experiences that store an answer without teaching the estimator."""
@@ -175,7 +184,7 @@ class Experience:
         approach_value: Approach value v, -1..1 (§3).
         approach_set: Index of the fuzzy set of v, 0 = RWD-H … 6 = FWD-H.
         fingers: Number of virtual fingers, the thumb included, 2..4.
-        wrench: (6,) net wrench about the COG, axes x y z, lengths in U.
+        wrench: (6,) net wrench about the COG, axes x y z, lengths in ``length_unit``.
         match: TFVADI(task, wrench), 0..6.
         created: Time of storing, ISO 8601 in UTC; empty until stored.
         grip: (8 + j,) grip of a real hand with j joints, ``None`` for a virtual grasp: position of the palm
@@ -183,8 +192,10 @@ class Experience:
             bit k is set if finger k closes, and the joint angles of the preshape [rad].
         quality: Score that the critic judged, 0..6; ``None`` if that score is ``match``.
         outcome: Result of the physics test: ``held``, ``lost``, or empty without a test.
-        scene: Table and boxes that the lesson was learnt with, as text; empty for free space. Recognition
-            (mode 2) and recall (mode 0) use only lessons of the same scene.
+        scene: Table, boxes and unusual load that the lesson was learnt with, as text; empty for free space.
+            Recognition (mode 2) and recall (mode 0) use only lessons of the same scene.
+        length_unit: Unit of length of ``wrench``: ``4U``; ``U`` in lessons of earlier memories, whose wrench
+            and match no longer count.
     """
 
     kind: str
@@ -204,6 +215,12 @@ class Experience:
     quality: float | None = None
     outcome: str = ""
     scene: str = ""
+    length_unit: str = UNIT_NAME
+
+    @property
+    def outdated(self) -> bool:
+        """Whether wrench and match are of an earlier version's unit and contact model, and so are void."""
+        return self.length_unit != UNIT_NAME
 
     def __post_init__(self) -> None:
         freeze(

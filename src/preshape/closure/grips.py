@@ -10,7 +10,7 @@ import numpy as np
 from ..hiis.analyser import MAX_FINGERS, Exploration, Grasp, GraspContacts, Grip, HandLayout
 from ..hiis.fuzzy import FuzzySets, approaching_degrees
 from ..hiis.planes import plane
-from ..hiis.wrench import contact_wrenches, net_wrench, screw_measures
+from ..hiis.wrench import grasp_wrenches, net_wrench, screw_measures
 from ..objects.mesh import TriangleMesh
 from ..types import Array, BoolArray, ContactCoefficients, IntArray, value
 from .finish import FinishedGrip
@@ -96,11 +96,15 @@ def described(
         sets: Membership functions.
     """
     p = plane(finished.plane)
-    a, t = p.approach_axis, p.transverse_axis
-    arms = (finished.points - mesh.cog) / layout.u
-    signs = -np.sign(np.round(arms @ t, 9))
-    signs[0] = -1.0
-    wrenches = contact_wrenches(arms, finished.normals_in, a, t, signs, coefficients)
+    a = p.approach_axis
+    wrenches = grasp_wrenches(
+        finished.points,
+        finished.normals_in,
+        p,
+        cog=mesh.cog,
+        length_unit=layout.length_unit,
+        coefficients=coefficients,
+    )
     net = net_wrench(wrenches)
     adi = approaching_degrees(q, net, sets)
     stability, manipulability = screw_measures(wrenches)

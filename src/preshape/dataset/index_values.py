@@ -16,7 +16,7 @@ from ..closure.search import ClosureSearch
 from ..closure.settings import ClosureSettings
 from ..hiis.fuzzy import FuzzySets, approaching_degrees
 from ..hiis.planes import plane
-from ..hiis.wrench import contact_wrenches, net_wrench, screw_measures
+from ..hiis.wrench import grasp_wrenches, net_wrench, screw_measures
 from ..kernels.closing.host import Closings, Fate
 from ..kernels.margin.host import CONTACTS, margins
 from ..metrics import (
@@ -95,7 +95,7 @@ class IndexInput:
         centre: (3,) Centre of mass, the reference point of the torques in the metrics [m].
         cog: (3,) Centre of the bounding box, the reference point of the paper's wrenches [m].
         length: Length ℓ that torques are divided by [m].
-        u: The hand's unit of length U [m].
+        length_unit: The unit of length in the paper's wrenches, 4U of the hand [m].
         plane: Approach plane, 1..12.
     """
 
@@ -104,7 +104,7 @@ class IndexInput:
     centre: Array
     cog: Array
     length: float
-    u: float
+    length_unit: float
     plane: int
 
 
@@ -229,12 +229,13 @@ SIX_LIFTS = tuple(f"lift:{sign}{axis}" for axis in "xyz" for sign in "+-")
 
 def _paper_indices(grasp: IndexInput, q: Array) -> dict[str, Number]:
     """TFVADI, stability and manipulability, computed as the analyser does."""
-    p = plane(grasp.plane)
-    arms = (grasp.points - grasp.cog) / grasp.u
-    signs = -np.sign(np.round(arms @ p.transverse_axis, 9))
-    signs[0] = -1.0
-    wrenches = contact_wrenches(
-        arms, grasp.normals_in, p.approach_axis, p.transverse_axis, signs, ContactCoefficients()
+    wrenches = grasp_wrenches(
+        grasp.points,
+        grasp.normals_in,
+        plane(grasp.plane),
+        cog=grasp.cog,
+        length_unit=grasp.length_unit,
+        coefficients=ContactCoefficients(),
     )
     net = net_wrench(wrenches)
     sets = FuzzySets()

@@ -21,7 +21,7 @@ from ..physics.task.motion import task_motion
 from ..planning.answers import Answer
 from ..planning.hand_simulation import execute
 from ..tasks import Task, parse_task
-from ..types import value
+from ..types import LENGTH_UNIT, value
 from .drawing import ShardGrasps, shard_grasps
 from .index_values import INDICES, IndexInput, index_values, planner_score
 from .outcomes import Row, tested, untested
@@ -230,7 +230,7 @@ def _metrics(
         centre=analyser.middle,
         cog=mesh.cog,
         length=length,
-        u=hand.u,
+        length_unit=LENGTH_UNIT * hand.u,
         plane=grasp.plane.index,
     )
     values = index_values(

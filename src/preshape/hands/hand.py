@@ -85,7 +85,7 @@ class Hand:
         licence: Licence of the model.
         credit: Where the model and its sizes come from (``source`` in the TOML).
         side: ``right`` or ``left``.
-        u: Length of the middle finger's proximal phalanx, U [m]; the unit of length in wrenches.
+        u: Length of the middle finger's proximal phalanx, U [m].
         finger_pitch: Distance between the abduction axes of neighbouring fingers [m].
         fingertip_width: Least distance between the centres of two neighbouring fingertips [m].
         palm_body: Body of the palm in the MJCF; no joint moves it relative to the root body.

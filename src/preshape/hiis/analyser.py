@@ -9,17 +9,22 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Protocol, Self
+from typing import Literal, Protocol, Self
 
 import numpy as np
 
 from ..exceptions import InputError
 from ..objects.mesh import TriangleMesh
-from ..types import Array, BoolArray, ContactCoefficients, Experience, IntArray, value
+from ..types import LENGTH_UNIT, Array, BoolArray, ContactCoefficients, Experience, IntArray, value
 from .planes import PLANES, ApproachPlane
 
 MAX_FINGERS = 4
 """Largest number of virtual fingers, thumb included [P]."""
+
+FingerRule = Literal["up_to", "all"]
+FINGER_RULES: tuple[FingerRule, ...] = ("up_to", "all")
+"""Two readings of §2.2, where the extent along the transverse axis "determines" the number of fingers: as
+many virtual fingers ``up_to`` that number as match the task best, or ``all`` that fit."""
 
 
 @value
@@ -38,6 +43,11 @@ class HandLayout:
     finger_pitch: float
     fingertip_width: float
 
+    @property
+    def length_unit(self) -> float:
+        """Unit of length in wrenches, 4U [m]; also the largest extent of an object for the ray analyser."""
+        return LENGTH_UNIT * self.u
+
 
 @value
 class GraspContacts:
@@ -47,7 +57,7 @@ class GraspContacts:
         points: (n, 3) [m], mesh frame.
         normals_in: (n, 3) inward unit normals.
         triangles: (n,) index of the triangle that each contact lies on.
-        wrenches: (n, 6) wrench of each contact about the COG, axes x y z, lengths in U.
+        wrenches: (n, 6) wrench of each contact about the COG, axes x y z, lengths in 4U.
     """
 
     points: Array
@@ -67,7 +77,7 @@ class Grasp(ABC):
         approach_set: Index of the fuzzy set in which v has the largest membership.
         fingers: Number of virtual fingers, thumb included.
         contacts: Where the fingers touch.
-        net_wrench: (6,) about the COG, axes x y z, lengths in U (eq. 14).
+        net_wrench: (6,) about the COG, axes x y z, lengths in 4U (eq. 14).
         adi: (6,) ADI between wrench and task, for each component (eq. 19).
         tfvadi: Sum of the six ADIs (eq. 22).
         stability: rank(WU) - rank(TI), with one wrench per finger (§2.3).
@@ -273,7 +283,7 @@ class Exploration(ABC):
         flip: (k,) whether the thumb stands on the -o side.
         value: (k,) approach value.
         fingers: (k,) virtual fingers.
-        wrench: (k, 6) net wrench about the COG, lengths in U.
+        wrench: (k, 6) net wrench about the COG, lengths in 4U.
         match: (k,) score that the critic judges, 0..6.
         tried: Number of candidates that were tried.
         reason: Why no grasp was found; empty otherwise.
@@ -300,6 +310,16 @@ class Exploration(ABC):
         nearness = np.round(np.abs(self.value), 9)
         keys = (self.plane, self.flip, -self.fingers, nearness, -np.round(self.match, 9))
         return self.where(np.lexsort(keys))
+
+    def with_fingers(self, rule: FingerRule) -> Self:
+        """The grasps that a finger rule allows: all, or only those with most fingers at their aim."""
+        if rule == "up_to":
+            return self
+        aims = np.stack([self.plane, self.flip, self.value], axis=1)
+        _, aim = np.unique(aims, axis=0, return_inverse=True)
+        most = np.zeros(len(self) + 1, dtype=np.int64)
+        np.maximum.at(most, aim.ravel(), self.fingers)
+        return self.where(self.fingers == most[aim.ravel()])
 
     def where(self, keep: BoolArray | IntArray) -> Self:
         """The grasps selected by a mask or by indices, in that order."""
@@ -346,6 +366,9 @@ class Analyser(Protocol):
 
     def explore(self, q: Array, aim: Aim) -> Exploration:
         """All grasps of an aim, matched with the task, best first."""
+
+    def forget(self) -> None:
+        """Clear what was cached of earlier searches; later answers do not depend on them then."""
 
     def recall(self, q: Array, lessons: Sequence[Experience]) -> Sequence[Grasp]:
         """The stored grasps of this same object and task, evaluated again on the current mesh."""

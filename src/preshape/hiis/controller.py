@@ -24,9 +24,8 @@ import numpy as np
 
 from ..exceptions import InputError
 from ..memory import Memory
-from ..objects.library import load_library_object
 from ..objects.mesh import TriangleMesh
-from ..objects.shape import attribute_distance, described
+from ..objects.shape import described
 from ..tasks import Task, all_named_tasks
 from ..types import ANSWER_KIND, Array, Attributes, BoolArray, Experience, NetworkWeights
 from .analyser import Aim, Analyser, Exploration, Grasp, Grip, HandLayout
@@ -40,14 +39,15 @@ from .learning import (
     experiences_of,
     explore,
     first_guess,
-    grasp_key,
     learn,
     lesson_key,
     outcomes_of,
     search_values,
+    seed_cube,
     seed_experiences,
     training_set,
 )
+from .lessons import best_first, good_enough, not_yet_learnt, of_this_mesh, of_this_object
 from .planes import allowed_planes
 from .virtual_grasp import RayAnalyser
 
@@ -65,7 +65,8 @@ class Controller:
         layout: The hand.
         settings: The settings of meta control.
         prepare: Function that makes the performance element for an object; by default the ray analyser.
-        prepare_seed: The same for the first lesson, the cube; by default ``prepare``.
+        prepare_seed: The same for the first lesson; by default ``prepare``.
+        seed_object: The cube of the first lesson; by default that of the paper (:func:`.learning.seed_cube`).
         kind: Inputs that describe an object to the estimator and to recognition: ``paper``, or ``shape``,
             which does not depend on the triangulation.
         scene: Scene of the requests, as text. Lessons are stored with this scene, and an object counts as
@@ -83,6 +84,7 @@ class Controller:
         settings: Settings | None = None,
         prepare: Callable[[TriangleMesh], Analyser] | None = None,
         prepare_seed: Callable[[TriangleMesh], Analyser] | None = None,
+        seed_object: TriangleMesh | None = None,
         kind: InputKind = "paper",
         scene: str = "",
     ) -> None:
@@ -92,6 +94,7 @@ class Controller:
         self.deadlock = False
         self._prepare = prepare or self.ray_analyser
         self._prepare_seed = prepare_seed or self._prepare
+        self._seed_object = seed_object
         self._kind: InputKind = kind
         self._described: tuple[TriangleMesh, Attributes] | None = None
         self._experiences: tuple[Experience, ...] = ()
@@ -149,12 +152,15 @@ class Controller:
         pa = self._prepare(target) if isinstance(target, TriangleMesh) else target
         steps: list[Transition] = []
 
+        self._renew(pa, may_learn)
         stored = self._best_stored(pa, task, allowed)
         estimate, grasp, verdict = self._mode_0(pa, task.q, allowed, stored)
         steps.append(_step(0, verdict))
         if not verdict.reward:
             grasp, verdict = self._mode_1(pa, task.q, estimate)
             grasp, verdict = self._better_of(pa, grasp, stored, verdict)
+            if not verdict.reward:
+                grasp, verdict = self._where_taught(pa, task, allowed, estimate, grasp, verdict)
             steps.append(_step(1, verdict))
         if verdict.reward and grasp is not None:
             if may_learn and grasp is not stored:
@@ -176,6 +182,7 @@ class Controller:
         """Learn an object and a task immediately (mode 3), whether the object is known or not."""
         pa = self._prepare(target) if isinstance(target, TriangleMesh) else target
         allowed = allowed_planes(approaches)
+        self._renew(pa, True)
         return self._mode_3(pa, task, allowed, 1, [], True, self._best_stored(pa, task, allowed))
 
     def reset(self) -> None:
@@ -198,7 +205,12 @@ class Controller:
 
     def on_plane(self, pa: Analyser, q: Array, estimate: Estimate) -> Exploration:
         """The grasps that mode 1 chooses from: all on the estimated plane, best first."""
-        return pa.explore(q, Aim(planes=[estimate.plane], values=search_values(self.settings.sets)))
+        return self._on(pa, q, estimate.plane)
+
+    def _on(self, pa: Analyser, q: Array, number: int) -> Exploration:
+        """All grasps on one plane that the finger rule allows, best first."""
+        found = pa.explore(q, Aim(planes=[number], values=search_values(self.settings.sets)))
+        return found.with_fingers(self.settings.finger_rule)
 
     # The modes.
 
@@ -208,21 +220,43 @@ class Controller:
         A repeated request must never get a worse answer than the memory holds [C]. Grasps that lost the
         object in the physics test are left out.
         """
-        q, here = task.q.tobytes(), pa.mesh.attributes
-        own = [
+        own = of_this_mesh(self._of_task(task, allowed), pa.mesh.attributes)
+        found = pa.recall(task.q, best_first(own)[:STORED])
+        return max(found, key=lambda grasp: grasp.judged, default=None)
+
+    def _of_task(self, task: Task, allowed: BoolArray) -> list[Experience]:
+        """The lessons of a task and of this scene, on allowed planes, with any object."""
+        q = task.q.tobytes()
+        return [
             e
             for e in self._experiences
-            if e.task.tobytes() == q
-            and e.scene == self.scene
-            and allowed[e.plane - 1]
-            and np.allclose(e.attributes.extents, here.extents, rtol=1e-6)
-            and attribute_distance(here, e.attributes) < 1e-6
+            if e.task.tobytes() == q and e.scene == self.scene and allowed[e.plane - 1]
         ]
-        lost = {grasp_key(e) for e in own if e.outcome == "lost"}
-        lessons = {grasp_key(e): e for e in own if grasp_key(e) not in lost and e.kind != "landmark"}
-        likely = sorted(lessons.values(), key=lambda e: -(e.match if e.quality is None else e.quality))
-        found = pa.recall(task.q, likely[:STORED])
-        return max(found, key=lambda grasp: grasp.judged, default=None)
+
+    def _renew(self, pa: Analyser, may_learn: bool) -> None:
+        """Work out again what earlier versions stored of virtual grasps of this object.
+
+        Their net wrenches are in another unit, so only plane, thumb side, approach value and fingers count.
+        Grips of real hands need no wrench and stay as they are. A grasp that does not exist on the current
+        mesh stays outdated.
+        """
+        outdated = [e for e in self._experiences if e.outdated and e.grip is None]
+        renewed: list[tuple[Experience, Experience]] = []
+        for e in of_this_mesh(outdated, pa.mesh.attributes):
+            for grasp in pa.recall(e.task, [e]):
+                task = e.task if e.kind == "task" else grasp.net_wrench
+                again = experience_of(
+                    pa, e.object_name, e.kind, task, grasp, self.settings.sets, described(pa.mesh), e.outcome
+                )
+                renewed.append((e, replace(again, scene=e.scene, created=e.created)))
+        if not renewed:
+            return
+        new = {id(old): again for old, again in renewed}
+        self._experiences = tuple(new.get(id(e), e) for e in self._experiences)
+        self._weights = self._trained(self._experiences)
+        if may_learn and not self.memory.read_only:
+            self.memory.replace(renewed, self.weights)
+            self.memory_state = self.memory.state()
 
     def _better_of(
         self, pa: Analyser, grasp: Grasp | None, stored: Grasp | None, verdict: Verdict
@@ -242,7 +276,7 @@ class Controller:
         A stored virtual grasp replaces the estimated one only if the estimated one is good enough, so that
         the mode shows how good the estimate was, as in the paper.
         """
-        x = inputs(q, self._attributes(pa), self.layout.u, self._kind)
+        x = inputs(q, self._attributes(pa), self.layout.length_unit, self._kind)
         estimate = decode(predict(self.weights, x), allowed)
         if isinstance(stored, Grip):
             # Closing a hand takes time: the search runs only if the stored grip is not good enough.
@@ -258,15 +292,46 @@ class Controller:
         """Search approach value, fingers and thumb side on the estimated plane."""
         return self._criticise(pa, q, self.on_plane(pa, q, estimate))
 
+    def _where_taught(
+        self,
+        pa: Analyser,
+        task: Task,
+        allowed: BoolArray,
+        estimate: Estimate,
+        grasp: Grasp | None,
+        verdict: Verdict,
+    ) -> tuple[Grasp | None, Verdict]:
+        """The rest of mode 1: search the planes on which this task was taught with this object.
+
+        Mode 2 must never say that a task does not fit which was taught, and which a grasp on the taught plane
+        still meets on the current mesh; that may be a finer triangulation of the object.
+        """
+        taught = of_this_object(self._of_task(task, allowed), described(pa.mesh))
+        planes = {e.plane for e in best_first(taught)} - {estimate.plane}
+        for number in sorted(planes):
+            other, found = self._criticise(pa, task.q, self._on(pa, task.q, number))
+            if other is not None and (grasp is None or other.judged > grasp.judged + SLACK):
+                reason = f"on plane {number}, where this task was taught: {found.reason}"
+                grasp, verdict = other, replace(found, reason=reason)
+        return grasp, verdict
+
     def _mode_2(self, pa: Analyser) -> Recognition:
         """Whether the object is known."""
         s = self.settings
-        if self._kind == "shape":
-            learnt = [e for e in self._experiences if e.kind != ANSWER_KIND and e.scene == self.scene]
-            return recognise_shape(self._attributes(pa), learnt)
-        return recognise(
-            pa, [e for e in self._experiences if e.kind != ANSWER_KIND], s.thresholds.recognition, s.sets
-        )
+        if self._kind != "shape":
+            lessons = [e for e in self._experiences if e.kind != ANSWER_KIND]
+            return recognise(pa, lessons, s.thresholds.recognition, s.sets)
+        here = self._attributes(pa)
+        found = recognise_shape(here, good_enough(self._experiences, self.scene, s.thresholds.estimation))
+        if not found.verdict.reward:
+            other = recognise_shape(here, [e for e in self._experiences if e.kind != ANSWER_KIND])
+            if other.verdict.reward:
+                reason = (
+                    f"the memory knows {other.nearest} only with another load, friction, table or boxes, or "
+                    "with grips that are not good enough"
+                )
+                return replace(found, verdict=replace(found.verdict, reason=reason))
+        return found
 
     def _attributes(self, pa: Analyser) -> Attributes:
         """Attributes of the object that the estimator uses."""
@@ -288,7 +353,7 @@ class Controller:
     ) -> Decision:
         """Explore all allowed planes, learn, and self-test with the user's task: mode 0, then mode 1."""
         threshold = self.settings.thresholds.estimation
-        discovery = explore(pa, task.q, self.settings.sets, enough=threshold, allowed=allowed)
+        discovery = self._explore(pa, task, allowed)
         if discovery is None:
             found = pa.explore(task.q, everywhere(self.settings.sets, allowed))
             miss = found.nearest_miss
@@ -301,7 +366,7 @@ class Controller:
         verdict = judge(best.judged, threshold, subject=pa.measure)
         if may_learn and not self.memory.read_only:
             # A lesson learnt with restricted approaches would wrongly restrict later plans without them [C].
-            whole = None if allowed.all() else explore(pa, task.q, self.settings.sets, enough=threshold)
+            whole = None if allowed.all() else self._explore(pa, task, None)
             learnt = self._learn(pa, task, whole or discovery)
             steps.append(Transition(mode=3, outcome="learned", reason=learnt))
             if allowed.all():
@@ -324,6 +389,11 @@ class Controller:
             self._store_grip(pa, task, best)
         return self._answer(pa, task, 3, best, steps, allowed, count, None)
 
+    def _explore(self, pa: Analyser, task: Task, allowed: BoolArray | None) -> Discovery | None:
+        s = self.settings
+        enough = s.thresholds.estimation
+        return explore(pa, task.q, s.sets, enough=enough, allowed=allowed, finger_rule=s.finger_rule)
+
     def _criticise(self, pa: Analyser, q: Array, found: Exploration) -> tuple[Grasp | None, Verdict]:
         threshold = self.settings.thresholds.estimation
         if not len(found):
@@ -333,7 +403,10 @@ class Controller:
 
     def _learn(self, pa: Analyser, task: Task, discovery: Discovery) -> str:
         """Incremental learning (§3.5): experiences and new weights are stored together."""
-        new = experiences_of(pa, pa.mesh.name, task.q, discovery, self.settings.sets, self.scene)
+        found = experiences_of(pa, pa.mesh.name, task.q, discovery, self.settings.sets, self.scene)
+        new = not_yet_learnt(found, self._experiences)
+        if not new:
+            return f"{pa.mesh.name} with this task was learnt before; the memory holds these very lessons"
         weights = self._remember(new)
         return (
             f"{pa.mesh.name} on plane {discovery.taught.plane.index}, with this task and its best possible "
@@ -378,11 +451,16 @@ class Controller:
 
     def _remember(self, new: Sequence[Experience]) -> NetworkWeights:
         everything = (*self._experiences, *new)
-        weights = learn(everything, self.layout.u, self._weights, seed=self.settings.seed, kind=self._kind)
+        weights = self._trained(everything)
         self.memory.add(new, weights)
         self._experiences, self._weights = everything, weights
         self.memory_state = self.memory.state()
         return weights
+
+    def _trained(self, lessons: Sequence[Experience]) -> NetworkWeights:
+        """Weights trained on these lessons, from the current ones."""
+        unit = self.layout.length_unit
+        return learn(lessons, unit, self._weights, seed=self.settings.seed, kind=self._kind)
 
     def _self_test(self, pa: Analyser, q: Array, allowed: BoolArray) -> tuple[Grasp | None, Verdict]:
         estimate, grasp, verdict = self._mode_0(pa, q, allowed)
@@ -411,7 +489,7 @@ class Controller:
         self, pa: Analyser, q: Array, grasp: Grasp, allowed: BoolArray, count: int
     ) -> tuple[Grasp, ...]:
         """The best other answers that differ from each other and from the first (:meth:`Grasp.same_as`)."""
-        found = pa.explore(q, Aim(planes=_indices(allowed), values=search_values(self.settings.sets)))
+        found = pa.explore(q, everywhere(self.settings.sets, allowed)).with_fingers(self.settings.finger_rule)
         answers = [grasp]
         for i in range(len(found)):
             enough = judge(float(found.match[i]), self.settings.thresholds.estimation).reward
@@ -440,28 +518,28 @@ class Controller:
         return tuple(offers)
 
     def _load_memory(self) -> None:
-        """Read the memory; if it is empty, learn the cube first (§3.5)."""
+        """Read the memory; if it has no first lesson, learn the cube first (§3.5)."""
         self._experiences = self.memory.experiences(hand=self.layout.name)
         self._weights = self.memory.weights(self.layout.name)
-        if not self._experiences:
-            cube = self._prepare_seed(load_library_object("cube"))
-            seeds = tuple(
-                seed_experiences(cube, self.settings.sets, enough=self.settings.thresholds.estimation)
-            )
-            if not seeds:  # the hand cannot hold the cube, and the estimator still needs weights
-                self._weights = first_guess(cube, self.layout.u, self._kind, seed=self.settings.seed)
+        migrated = any(e.outdated and e.grip is None for e in self._experiences)
+        if not self._experiences or (migrated and not any(e.kind == "seed" for e in self._experiences)):
+            s, unit = self.settings, self.layout.length_unit
+            cube = self._prepare_seed(self._seed_object or seed_cube(self.layout))
+            seeds = seed_experiences(cube, s.sets, enough=s.thresholds.estimation, finger_rule=s.finger_rule)
+            if not seeds and not self._experiences:
+                # The hand cannot hold the cube, and the estimator still needs weights.
+                self._weights = first_guess(cube, unit, self._kind, seed=s.seed)
                 return
-            self._weights = learn(seeds, self.layout.u, None, seed=self.settings.seed, kind=self._kind)
-            if not self.memory.read_only:
+            self._experiences = (*seeds, *self._experiences)
+            self._weights = None
+            self._weights = self._trained(self._experiences)
+            if seeds and not self.memory.read_only:
                 self.memory.add(seeds, self._weights)
-            self._experiences = seeds
-        x, _ = training_set(self._experiences, self.layout.u, kind=self._kind)
+        x, _ = training_set(self._experiences, self.layout.length_unit, kind=self._kind)
         weights = self._weights
         if weights is None or weights.trained_on != len(x) or weights.w1.shape[1] != x.shape[1]:
             # Another process has learnt in the meantime, or experiences were imported.
-            self._weights = learn(
-                self._experiences, self.layout.u, weights, seed=self.settings.seed, kind=self._kind
-            )
+            self._weights = self._trained(self._experiences)
             if not self.memory.read_only:
                 self.memory.save_weights(self.layout.name, self._weights)
 

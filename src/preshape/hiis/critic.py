@@ -5,6 +5,7 @@ The critic only compares a score with a threshold and gives the reason.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 
 import numpy as np
@@ -18,8 +19,8 @@ from .fuzzy import FuzzySets, tfvadi
 SLACK = 1e-9
 """A match that is below a threshold by at most this slack still meets the threshold."""
 
-SAME_OBJECT = 0.05
-"""Two objects may be the same if the distance of their attributes is at most this [C]."""
+SAME_SIZE = -math.log(0.95)
+"""Two objects may be the same if their sizes differ by 5 % at most, as the logarithm of a scale [C]."""
 
 SAME_SHAPE = 0.045
 """Largest distance of the shape descriptors of two objects with the same extents and the same shape [C].
@@ -109,7 +110,7 @@ def recognise(
     sets: FuzzySets,
     *,
     distance: Callable[[Attributes, Attributes], float] = attribute_distance,
-    within: float = SAME_OBJECT,
+    within: float = SAME_SIZE,
 ) -> Recognition:
     """Mode 2: whether the memory knows the current object.
 
@@ -126,7 +127,7 @@ def recognise(
         within: Largest attribute distance of an experience that is compared.
     """
     here = analyser.mesh.attributes
-    near = [e for e in experiences if distance(here, e.attributes) <= within]
+    near = [e for e in experiences if not e.outdated and distance(here, e.attributes) <= within + SLACK]
     best, name = 0.0, None
     for e in _distinct(near):
         aim = Aim(planes=[e.plane], values=[e.approach_value], fingers=[e.fingers], flips=[e.flip])
@@ -175,7 +176,7 @@ def recognise_shape(
     shapes = np.array([shape for _, _, shape in known]).reshape(-1, LENGTH)
     with np.errstate(divide="ignore"):
         sizes = np.abs(np.log(extents / attributes.extents)).max(axis=1, initial=0.0)
-    near = np.flatnonzero(sizes <= SAME_OBJECT)
+    near = np.flatnonzero(sizes <= SAME_SIZE)
     if not len(near):
         reason = "no known object has its size"
         return Recognition(

@@ -5,9 +5,10 @@ from __future__ import annotations
 from dataclasses import field
 from enum import Enum
 
+from ..exceptions import InputError
 from ..tasks import Task
 from ..types import ContactCoefficients, value
-from .analyser import Grasp
+from .analyser import FINGER_RULES, FingerRule, Grasp
 from .critic import Thresholds
 from .estimator import Estimate
 from .fuzzy import FuzzySets
@@ -44,12 +45,21 @@ class Settings:
         sets: Membership functions.
         coefficients: Coefficients of the contact model.
         seed: Seed of fresh network weights and of the analysers.
+        finger_rule: Virtual fingers that the search for virtual grasps may use: ``up_to`` as many as fit, or
+            ``all`` that fit.
     """
 
     thresholds: Thresholds = field(default_factory=Thresholds)
     sets: FuzzySets = field(default_factory=FuzzySets)
     coefficients: ContactCoefficients = field(default_factory=ContactCoefficients)
     seed: int = 0
+    finger_rule: FingerRule = "up_to"
+
+    def __post_init__(self) -> None:
+        if self.finger_rule not in FINGER_RULES:
+            raise InputError(
+                f"a finger rule must be one of {', '.join(FINGER_RULES)}, got {self.finger_rule!r}"
+            )
 
 
 @value

@@ -24,7 +24,6 @@ InputKind = Literal["paper", "shape"]
 INPUT_COUNTS: dict[str, int] = {"paper": INPUTS, "shape": 6 + 3 + LENGTH}
 """Number of inputs of each kind: 13 and 37."""
 
-_LARGEST = 4.0  # largest extent of an object in U [P]
 _COUNT_DECADES = 6.0  # scales counts up to a million to about 1 [C]
 
 
@@ -47,17 +46,17 @@ class Estimate:
     outputs: Array
 
 
-def inputs(task: Array, attributes: Attributes, u: float, kind: InputKind = "paper") -> Array:
+def inputs(task: Array, attributes: Attributes, length_unit: float, kind: InputKind = "paper") -> Array:
     """The input vector IV (eq. 5), scaled to about unit range [C].
 
-    Extents are divided by 4 U, and the decimal logarithms of counts by 6. Task components are clipped at ±10,
+    Extents are divided by 4U, and the decimal logarithms of counts by 6. Task components are clipped at ±10,
     far beyond any value of a task. The kind ``shape`` has the shape descriptor instead of the counts, because
     the counts change with every new triangulation of the object [C].
 
     Args:
         task: (6,) Q.
         attributes: Attributes of the object [m].
-        u: The hand's U [m].
+        length_unit: 4U of the hand [m].
         kind: ``paper`` or ``shape``.
 
     Returns:
@@ -69,7 +68,7 @@ def inputs(task: Array, attributes: Attributes, u: float, kind: InputKind = "pap
     if kind not in INPUT_COUNTS:
         raise InputError(f"no kind of inputs {kind!r}; known: {', '.join(INPUT_COUNTS)}")
     counts = (attributes.vertices, attributes.vertex_normals, attributes.faces, attributes.triangles)
-    sizes = attributes.extents / (u * _LARGEST)
+    sizes = attributes.extents / length_unit
     if kind == "shape":
         if attributes.shape is None:
             raise InputError("inputs of kind shape need a shape descriptor, got none: use described(mesh)")

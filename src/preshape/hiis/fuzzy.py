@@ -161,7 +161,7 @@ def approaching_degrees(q: ArrayLike, w: ArrayLike, sets: FuzzySets | None = Non
 
     Args:
         q: (..., 6) task Q.
-        w: (..., 6) net wrench about the COG, axes x y z, lengths in U.
+        w: (..., 6) net wrench about the COG, axes x y z, lengths in 4U.
         sets: Membership functions; the paper's by default.
 
     Returns:

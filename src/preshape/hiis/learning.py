@@ -12,9 +12,10 @@ from dataclasses import replace
 import numpy as np
 
 from ..exceptions import InputError
+from ..objects.mesh import TriangleMesh, box_mesh
 from ..objects.shape import described
 from ..types import ANSWER_KIND, Array, Attributes, BoolArray, Experience, NetworkWeights, value
-from .analyser import Aim, Analyser, Exploration, Grasp, Grip
+from .analyser import Aim, Analyser, Exploration, FingerRule, Grasp, Grip, HandLayout
 from .critic import SLACK
 from .estimator import INPUT_COUNTS, OUTPUTS, InputKind, encode, inputs
 from .fuzzy import FuzzySets, approaching_degrees
@@ -55,6 +56,7 @@ def explore(
     enough: float,
     allowed: BoolArray | None = None,
     values: Array | None = None,
+    finger_rule: FingerRule = "up_to",
 ) -> Discovery | None:
     """The fuzzy explorer: search all planes, flips, sets and finger counts for the best match (mode 3).
 
@@ -72,11 +74,12 @@ def explore(
         enough: TFVADI or quality that is good enough.
         allowed: (12,) which planes may be used; all by default.
         values: Approach values; by default the crisp ones and those between them.
+        finger_rule: Virtual fingers that may be used; see :data:`~preshape.hiis.analyser.FINGER_RULES`.
 
     Returns:
         The answer and the grasp to teach; ``None`` if no grasp was found.
     """
-    found = analyser.explore(q, everywhere(sets, allowed, values))
+    found = analyser.explore(q, everywhere(sets, allowed, values)).with_fingers(finger_rule)
     if not len(found):
         return None
     crisp = np.isin(found.value, sets.crisp())
@@ -206,41 +209,51 @@ def seed_tasks() -> Array:
     return np.array(tasks)
 
 
-def first_guess(analyser: Analyser, u: float, kind: InputKind, *, seed: int = 0) -> NetworkWeights:
+def first_guess(analyser: Analyser, length_unit: float, kind: InputKind, *, seed: int = 0) -> NetworkWeights:
     """Weights for a hand that cannot hold the cube: each seed task on the plane that it belongs to [C]."""
     attributes = described(analyser.mesh)
-    x = np.array([inputs(q, attributes, u, kind) for q in seed_tasks()])
+    x = np.array([inputs(q, attributes, length_unit, kind) for q in seed_tasks()])
     y = np.array([encode(p.index, MIDDLE_SET, 3) for p in PLANES for _ in range(4)])
     return train(x, y, start=None, seed=seed)
 
 
+SEED_EDGE = 0.42
+"""Edge of the first training's cube in 4U (72 mm for ``utah_mit``): the paper's torques fit its half [R]."""
+
+
+def seed_cube(layout: HandLayout) -> TriangleMesh:
+    """The cube of the first training with virtual grasps: a box with an edge of 1.68 U of the hand [m]."""
+    return box_mesh("seed_cube", np.full(3, SEED_EDGE * layout.length_unit))
+
+
 def seed_experiences(
-    analyser: Analyser, sets: FuzzySets, *, enough: float, object_name: str = "cube"
+    analyser: Analyser, sets: FuzzySets, *, enough: float, finger_rule: FingerRule = "up_to"
 ) -> list[Experience]:
-    """The first lesson: the cube with the 48 seed tasks (§3.5)."""
+    """The first lesson: the analyser's object, a cube, with the 48 seed tasks (§3.5)."""
     seeds = []
     for q in seed_tasks():
-        discovery = explore(analyser, q, sets, enough=enough, values=sets.crisp())
+        discovery = explore(analyser, q, sets, enough=enough, values=sets.crisp(), finger_rule=finger_rule)
         if discovery is None:
             continue
-        first = experiences_of(analyser, object_name, q, discovery, sets)[0]
+        first = experiences_of(analyser, analyser.mesh.name, q, discovery, sets)[0]
         seeds.append(replace(first, kind="seed"))
     return seeds
 
 
 def training_set(
-    experiences: Sequence[Experience], u: float, *, kind: InputKind = "paper"
+    experiences: Sequence[Experience], length_unit: float, *, kind: InputKind = "paper"
 ) -> tuple[Array, Array]:
     """Inputs and output bits of the experiences that the estimator is trained on.
 
     Of several lessons of the same task on the same object, the latest counts. A lesson in free space comes
     before any with a table or boxes, because the estimator does not know the scene. A grasp that lost the
-    object in physics is not taught, and earlier lessons of the same task and grasp are dropped. For inputs of
+    object in physics is not taught, and earlier lessons of the same task and grasp are dropped. A best
+    possible task of an earlier version is left out, because it is a wrench in another unit. For inputs of
     kind ``shape``, experiences without a shape descriptor are left out.
 
     Args:
         experiences: Experiences of one hand, in the order in which they were stored.
-        u: The hand's U [m].
+        length_unit: 4U of the hand [m].
         kind: Kind of the inputs, ``paper`` or ``shape``.
 
     Returns:
@@ -254,9 +267,10 @@ def training_set(
     rows: dict[bytes, tuple[Array, Array, bytes]] = {}
     in_scene = set[bytes]()
     for e in experiences:
-        if e.kind in ("landmark", ANSWER_KIND) or (kind == "shape" and e.attributes.shape is None):
+        untaught = e.kind in ("landmark", ANSWER_KIND) or (e.kind == "best" and e.outdated)
+        if untaught or (kind == "shape" and e.attributes.shape is None):
             continue
-        x = inputs(e.task, e.attributes, u, kind)
+        x = inputs(e.task, e.attributes, length_unit, kind)
         key, bits = np.round(x, 6).tobytes(), encode(e.plane, e.approach_set, e.fingers)
         if e.scene and key in rows and key not in in_scene:
             continue
@@ -272,7 +286,7 @@ def training_set(
 
 def learn(
     experiences: Sequence[Experience],
-    u: float,
+    length_unit: float,
     start: NetworkWeights | None,
     *,
     seed: int = 0,
@@ -282,7 +296,7 @@ def learn(
 
     Args:
         experiences: Experiences of one hand, in the order in which they were stored.
-        u: The hand's U [m].
+        length_unit: 4U of the hand [m].
         start: The current weights; weights for another kind of inputs are ignored.
         seed: Seed of fresh weights.
         kind: Kind of the inputs, ``paper`` or ``shape``.
@@ -290,7 +304,7 @@ def learn(
     Raises:
         InputError: The kind is unknown, or there is nothing to train on.
     """
-    x, y = training_set(experiences, u, kind=kind)
+    x, y = training_set(experiences, length_unit, kind=kind)
     if start is not None and start.w1.shape[1] != x.shape[1]:
         start = None
     return train(x, y, start=start, seed=seed)

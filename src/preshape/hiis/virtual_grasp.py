@@ -1,9 +1,10 @@
 """The ray analyser: virtual grasps by ray casting (§2.3, §3.3), the paper's performance element.
 
 Each finger is a ray along the opposition axis, aimed at (v · half-extent along a, tᵢ along t). The thumb
-comes from the +o side at t = 0, the fingers from the -o side; in a flipped grasp the sides are exchanged. The
-contact is the point where the ray first hits the object from outside. A virtual grasp exists if the rays of
-all its fingers hit.
+comes from the +o side at t = 0, the fingers from the -o side; in a flipped grasp the sides are exchanged.
+The forefinger stands opposite the thumb, at t = 0 [P]; the next fingers stand beside it, at +t and then -t
+[C]. The contact is the point where the ray first hits the object from outside. A virtual grasp exists if
+the rays of all its fingers hit.
 """
 
 from __future__ import annotations
@@ -20,10 +21,7 @@ from ..types import Array, BoolArray, ContactCoefficients, Experience, IntArray,
 from .analyser import Aim, Exploration, Grasp, GraspContacts, HandLayout, VirtualGrasp
 from .fuzzy import FuzzySets, approaching_degrees
 from .planes import APPROACH_AXES, OPPOSITION_AXES, TRANSVERSE_AXES, plane
-from .wrench import contact_wrenches, net_wrench, screw_measures
-
-MAX_EXTENT = 4.0
-"""Largest extent of an object in U [P]."""
+from .wrench import FINGER, THUMB, contact_wrenches, net_wrench, screw_measures
 
 _CACHED_AIMS = 40
 """Number of cached aims: task correction alternates between the planes."""
@@ -32,23 +30,21 @@ _CACHED_AIMS = 40
 # the choice definite, a ray shifted by this fraction of the largest extent (1 to 2 µm) selects the triangle.
 _NUDGE = 1e-5 * np.array([0.62, 0.48, 0.62])
 
-# Places along t that a finger can aim at: the middle, two side by side, and two with one between them.
-_MIDDLE, _PAIR, _OUTER = [0], [1, 2], [3, 4]
-_PLACES = {2: _MIDDLE, 3: _PAIR, 4: [3, 0, 4]}
-_SIGNS = np.array([0, 1, -1, 1, -1])
+# Places along t that a finger can aim at: opposite the thumb, beside that at +t, and at -t.
+_PLACES = {2: [0], 3: [0, 1], 4: [0, 1, 2]}
 
 
 @value
 class _Field:
-    """Contacts at every place of an aim. Array axes: plane P, value V, side 2 (+o, -o), place 5."""
+    """Contacts at every place of an aim. Array axes: plane P, value V, side 2 (+o, -o), place 3."""
 
-    origin: Array  # (P, V, 2, 5, 3)
-    point: Array  # (P, V, 2, 5, 3)
-    normal: Array  # (P, V, 2, 5, 3)
-    triangle: IntArray  # (P, V, 2, 5)
-    hit: BoolArray  # (P, V, 2, 5)
+    origin: Array  # (P, V, 2, 3, 3)
+    point: Array  # (P, V, 2, 3, 3)
+    normal: Array  # (P, V, 2, 3, 3)
+    triangle: IntArray  # (P, V, 2, 3)
+    hit: BoolArray  # (P, V, 2, 3)
     fits: BoolArray  # (P, V, 3): whether 1, 2, 3 fingers fit side by side
-    as_finger: Array  # (P, V, 2, 5, 6): contact wrenches about the COG
+    as_finger: Array  # (P, V, 2, 3, 6): contact wrenches about the COG
     as_thumb: Array  # (P, V, 2, 6): of the middle place, as the thumb
 
 
@@ -266,8 +262,7 @@ class RayAnalyser:
         half = self.mesh.extents / 2
         half_a, half_o, half_t = (np.abs(axes) @ half for axes in (a, o, t))
         target = self.mesh.cog + (half_a[:, None] * values)[..., None] * a[:, None]  # (P, V, 3)
-        room = self._room(target, t, half_t)
-        offsets, fits = self._spread(room, half_t)
+        offsets, fits = self._spread(self._room(target, t, half_t))
         sides = np.stack([o, -o], axis=1)  # (P, 2, 3): where the rays come from
         start = sides * (2.0 * half_o)[:, None, None]
         origin = (
@@ -294,15 +289,15 @@ class RayAnalyser:
         )
 
     def _room(self, target: Array, t: Array, half_t: Array) -> Array:
-        """(P, V) half the object's width along t at each aim [m]; half its extent if the rays miss."""
+        """(P, V, 2) the object's reach along +t and -t from each aim [m]; half the extent if rays miss."""
         sides = np.stack([t, -t], axis=1)  # (P, 2, 3)
         origin = target[:, :, None] + (sides * (2.0 * half_t)[:, None, None])[:, None]
         direction = np.broadcast_to(-sides[:, None], origin.shape)
         point, triangle = self._hit(origin, direction)
         aside = np.einsum("pvsi,pvsi->pvs", point - target[:, :, None], -direction)
-        reach = aside.min(axis=2)  # the nearer side
-        met = (triangle != MISS).all(axis=2) & (reach > 0)
-        return np.where(met, reach, half_t[:, None])
+        met = (triangle != MISS).all(axis=2) & (aside > 0).all(axis=2)
+        whole = half_t[:, None, None]
+        return np.where(met[..., None], np.minimum(aside, whole), whole)
 
     def _hit(self, origin: Array, direction: Array) -> tuple[Array, IntArray]:
         """First hit point of each ray [m] and the triangle hit; if a ray misses, its origin and -1."""
@@ -317,34 +312,35 @@ class RayAnalyser:
         point = np.where(flat, origins + true * directions, aside + reach * directions)
         return np.where(hit, point, origins).reshape(origin.shape), picked.triangle.reshape(origin.shape[:-1])
 
-    def _spread(self, room: Array, half_t: Array) -> tuple[Array, BoolArray]:
-        """(P, V, 5) offsets of the places along t [m], and (P, V, 3) whether 1, 2, 3 fingers fit.
+    def _spread(self, reach: Array) -> tuple[Array, BoolArray]:
+        """(P, V, 3) offsets of the places along t [m], and (P, V, 3) whether 1, 2, 3 fingers fit.
 
-        Fingers stand at the hand's finger pitch, or closer on a narrower object, but at least one fingertip
-        width apart [C].
+        The fingers beside the forefinger stand at the hand's finger pitch, or closer where the object ends
+        sooner, but at least one fingertip width from it [C].
+
+        Args:
+            reach: (P, V, 2) the object's reach along +t and -t [m].
         """
         width, pitch = self.layout.fingertip_width, self.layout.finger_pitch
-        across = 2.0 * np.minimum(room, half_t[:, None])
-        pair = np.minimum(pitch, across - width)
-        triple = np.minimum(pitch, (across - width) / 2)
-        zero = np.zeros_like(pair)
-        offsets = np.stack([zero, pair / 2, -pair / 2, triple, -triple], axis=-1)
-        slack = 1e-9
-        fits = np.stack([zero == 0, pair >= width - slack, triple >= width - slack], axis=-1)
-        return offsets, fits
+        aside = np.minimum(pitch, reach - width / 2)
+        zero = np.zeros_like(aside[..., :1])
+        offsets = np.concatenate([zero, aside[..., :1], -aside[..., 1:]], axis=-1)
+        beside = aside >= width - 1e-9
+        one = np.ones_like(beside[..., :1])
+        return offsets, np.concatenate([one, beside[..., :1], beside.all(axis=-1, keepdims=True)], axis=-1)
 
     def _wrenches(self, point: Array, normal: Array, a: Array, t: Array) -> tuple[Array, Array]:
         """Contact wrenches about the COG: at every place for a finger, and at the middle for the thumb."""
-        r = (point - self.mesh.cog) / self.layout.u
+        r = (point - self.mesh.cog) / self.layout.length_unit
         axes = (a[:, None, None], t[:, None, None])
-        as_finger = contact_wrenches(r, normal, *axes, -_SIGNS, self.coefficients)
-        thumb = np.array([-1])
-        as_thumb = contact_wrenches(r[..., :1, :], normal[..., :1, :], *axes, thumb, self.coefficients)
+        as_finger = contact_wrenches(r, normal, *axes, np.array([FINGER]), self.coefficients)
+        middle = (r[..., :1, :], normal[..., :1, :])
+        as_thumb = contact_wrenches(*middle, *axes, np.array([THUMB]), self.coefficients)
         return as_finger, as_thumb[..., 0, :]
 
 
 def _refuse_large(mesh: TriangleMesh, layout: HandLayout) -> None:
-    limit = MAX_EXTENT * layout.u
+    limit = layout.length_unit
     largest = float(mesh.extents.max())
     if largest > limit * (1 + 1e-9):
         axis = "xyz"[int(np.argmax(mesh.extents))]

@@ -4,7 +4,7 @@ A soft-finger contact exerts a normal force, two tangential forces and a moment 
 the contact coefficients (eq. 9-12). The sum of all contact wrenches about the COG is the net wrench
 (eq. 13-14), the pattern that represents a virtual grasp.
 
-Lengths are in U here, forces in units of the normal force.
+Lengths are in 4U here (:data:`preshape.types.LENGTH_UNIT`), forces in units of the normal force.
 """
 
 from __future__ import annotations
@@ -14,6 +14,11 @@ from numpy.typing import ArrayLike
 
 from ..exceptions import InputError
 from ..types import Array, ContactCoefficients
+from .planes import ApproachPlane
+
+THUMB, FINGER = 1.0, -1.0
+"""Sign s of the force along the transverse axis: the paper prints +Ko for the thumb (eq. 11) and states that
+the wrenches of all fingers are the same [R]."""
 
 RANK_TOLERANCE = 1e-9
 """Singular values below this fraction of the largest count as zero."""
@@ -30,11 +35,11 @@ def contact_wrenches(
     """The soft-finger wrench of each contact about the COG.
 
     Args:
-        positions: (..., n, 3) contact positions relative to the COG, in U (eq. 7).
+        positions: (..., n, 3) contact positions relative to the COG, in 4U (eq. 7).
         normals_in: (..., n, 3) inward unit normals.
         approach_axis: (..., 3) a.
         transverse_axis: (..., 3) t.
-        transverse_sign: (..., n) s = -1 for the thumb; for a finger -sign(tᵢ), 0 at tᵢ = 0 [R, C].
+        transverse_sign: (..., n) s = +1 for the thumb, -1 for every finger (eq. 11) [R].
         coefficients: Ka, Ko, Kn, Mn.
 
     Returns:
@@ -52,6 +57,34 @@ def contact_wrenches(
     force = k.kn * normals_in + k.ka * tangential(a) + k.ko * sign * tangential(t)  # eq. 11-12
     moment = k.mn * normals_in
     return np.concatenate([force, moment + _cross(positions, force)], axis=-1)  # eq. 13
+
+
+def grasp_wrenches(
+    points: Array,
+    normals_in: Array,
+    plane: ApproachPlane,
+    *,
+    cog: Array,
+    length_unit: float,
+    coefficients: ContactCoefficients,
+) -> Array:
+    """The wrench of each contact of one grasp about the COG.
+
+    Args:
+        points: (n, 3) contacts, the thumb's first [m].
+        normals_in: (n, 3) inward unit normals.
+        plane: The approach plane.
+        cog: (3,) the object's COG [m].
+        length_unit: 4U of the hand [m].
+        coefficients: Ka, Ko, Kn, Mn.
+
+    Returns:
+        (n, 6) wrenches, axes x y z, lengths in 4U.
+    """
+    signs = np.full(len(points), FINGER)
+    signs[0] = THUMB
+    arms = (points - cog) / length_unit
+    return contact_wrenches(arms, normals_in, plane.approach_axis, plane.transverse_axis, signs, coefficients)
 
 
 def _cross(a: Array, b: Array) -> Array:
@@ -100,7 +133,7 @@ def soft_finger_basis(positions: ArrayLike, normals_in: ArrayLike) -> Array:
     """Four unit wrenches for each contact: three forces and the moment about the normal.
 
     Args:
-        positions: (n, 3) contacts relative to the COG, in U.
+        positions: (n, 3) contacts relative to the COG, in 4U.
         normals_in: (n, 3) inward unit normals.
 
     Returns:
@@ -138,7 +171,7 @@ def screw_measures(
 
     Args:
         wrenches: (n, 6) contact wrenches about the COG, one per finger.
-        positions: (n, 3) contacts relative to the COG, in U; needed for ``basis``.
+        positions: (n, 3) contacts relative to the COG, in 4U; needed for ``basis``.
         normals_in: (n, 3) inward unit normals; needed for ``basis``.
         reading: With ``net``, WU is the stacked contact wrenches, one per finger [P]; its rank is small for
             few fingers. With ``basis``, WU has all four wrenches that a soft finger can exert; its rank is 6

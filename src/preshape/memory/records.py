@@ -15,11 +15,15 @@ import numpy as np
 
 from ..exceptions import InputError
 from ..objects.shape import LENGTH as SHAPE_LENGTH
-from ..types import Array, Attributes, Experience, NetworkWeights
+from ..types import FIELD_MASS, OLD_UNIT_NAME, UNIT_NAME, Array, Attributes, Experience, NetworkWeights
 from .checks import exactly, grip, number, numbers, text, utc, vector, whole
 
 KINDS = ("seed", "task", "best", "landmark", "grip")
 OUTCOMES = ("", "held", "lost")
+SINCE_LENGTH_UNIT = 4
+"""Format version of exports since which wrenches have lengths in 4U."""
+OLD_SCENE = f"load {FIELD_MASS:.3g} kg"
+"""Scene of older lessons of real hands, which did not know the mass: all were planned at this load."""
 SCENE_LENGTH = 4000
 """Largest number of characters of a scene description."""
 
@@ -29,7 +33,7 @@ EXPERIENCE_COLUMNS = (
     *("task_tx", "task_ty", "task_tz", "task_rx", "task_ry", "task_rz"),
     *("plane", "flip", "approach_value", "approach_set", "fingers"),
     *("wrench_fx", "wrench_fy", "wrench_fz", "wrench_mx", "wrench_my", "wrench_mz"),
-    *("match", "created", "area", "volume", "shape", "grip", "quality", "outcome", "scene"),
+    *("match", "created", "area", "volume", "shape", "grip", "quality", "outcome", "scene", "length_unit"),
 )
 WEIGHT_COLUMNS = (
     *("hand", "inputs", "hidden", "outputs", "w1", "b1", "w2", "b2"),
@@ -39,8 +43,13 @@ _ATTRIBUTES = ("extents", "vertices", "vertex_normals", "faces", "triangles", "a
 _EXPERIENCE = (
     *("kind", "object_name", "hand", "attributes", "task", "plane", "flip", "approach_value"),
     *("approach_set", "fingers", "wrench", "match", "created", "grip", "quality", "outcome", "scene"),
+    "length_unit",
 )
-_SINCE: dict[int, dict[str, Any]] = {2: {"grip": None, "quality": None, "outcome": ""}, 3: {"scene": ""}}
+_SINCE: dict[int, dict[str, Any]] = {
+    2: {"grip": None, "quality": None, "outcome": ""},
+    3: {"scene": ""},
+    SINCE_LENGTH_UNIT: {"length_unit": OLD_UNIT_NAME},
+}
 """For each format version, the fields that it added, with their values for older documents."""
 _WEIGHTS = ("hand", "w1", "b1", "w2", "b2", "mean_square_error", "trained_on", "epochs")
 _MATCH_SLACK = 1e-9
@@ -79,6 +88,8 @@ def older_experience_from(fields: object, version: int) -> Experience:
     if version < 2:
         shape = exactly(shape, [name for name in _ATTRIBUTES if name != "shape"], "attributes")
         shape = {**shape, "shape": None}
+    if version < 3 and later.get("grip", found.get("grip")) is not None and found["kind"] != "seed":
+        later["scene"] = OLD_SCENE
     return experience_from({**found, **later, "attributes": shape})
 
 
@@ -101,6 +112,9 @@ def experience_from(fields: object) -> Experience:
         raise InputError(
             f"scene must be text of at most {SCENE_LENGTH} characters, got {found['scene']!r:.60}"
         )
+    if found["length_unit"] not in (UNIT_NAME, OLD_UNIT_NAME):
+        units = f"{UNIT_NAME} or {OLD_UNIT_NAME}"
+        raise InputError(f"length_unit must be {units}, got {found['length_unit']!r:.60}")
     extents = numbers(shape["extents"], "object extents")
     if any(extent < 0.0 for extent in extents):
         raise InputError(f"object extents must not be below 0, got {extents!r:.60}")
@@ -131,6 +145,7 @@ def experience_from(fields: object) -> Experience:
         quality=None if quality is None else number(quality, "quality", -_MATCH_SLACK, 6.0 + _MATCH_SLACK),
         outcome=found["outcome"],
         scene=found["scene"],
+        length_unit=found["length_unit"],
     )
 
 
@@ -156,7 +171,7 @@ def experience_row(experience: Experience, created: str) -> Row:
         *checked.wrench.tolist(),
         *(checked.match, checked.created, shape.area, shape.volume),
         *(_optional_blob(shape.shape), _optional_blob(checked.grip), checked.quality),
-        *(checked.outcome or None, checked.scene),
+        *(checked.outcome or None, checked.scene, checked.length_unit),
     )
 
 
@@ -177,6 +192,15 @@ def experience_from_row(row: Row) -> Experience:
     fields["grip"] = _optional_array(cell["grip"], "grip")
     fields["outcome"] = "" if cell["outcome"] is None else cell["outcome"]
     return experience_from(fields)
+
+
+def superseded(experience: Experience) -> bool:
+    """Whether an experience is an earlier version's first lesson with virtual grasps.
+
+    Its cube had half the paper's size and its grasps the earlier contact model, so the first lesson is learnt
+    again. Everything that a user taught stays.
+    """
+    return experience.kind == "seed" and experience.grip is None and experience.outdated
 
 
 def weights_fields(hand: str, weights: NetworkWeights) -> dict[str, Any]:

@@ -9,6 +9,8 @@ version what changed
 2       surface area [m²] and volume [m³] of the object, used by recognition
 3       the object's shape descriptor; the grip of a real hand, its quality, its outcome in physics
 4       the scene of the lesson: table and boxes, empty for free space
+5       the unit of length of the net wrench, ``U`` in older lessons; virtual grasps of these keep plane,
+        thumb side, approach value and fingers, while wrench and match are void until the object is met
 ======= ==================================================================================
 
 A file is inspected before it is opened for writing. A file that is not a memory, or that a newer version
@@ -29,10 +31,12 @@ from os import fspath, getpid
 from pathlib import Path
 
 from ..exceptions import EnvironmentFailure, MemoryFileError
+from ..types import OLD_UNIT_NAME
 from .failures import BUSY_SECONDS, ELSEWHERE, primary_code, transaction
+from .records import OLD_SCENE
 
 APPLICATION_ID = 0x70726573  # "pres"
-SCHEMA_VERSION = 4
+SCHEMA_VERSION = 5
 
 _VERSION_1 = (
     """CREATE TABLE experiences (
@@ -78,8 +82,25 @@ def _add_shape_and_grip(connection: sqlite3.Connection) -> None:
 
 
 def _add_scene(connection: sqlite3.Connection) -> None:
-    """Version 3 to 4: the scene; older lessons have none and count as learnt in free space."""
+    """Version 3 to 4: the scene; older lessons were learnt in free space, those of real hands at 0.1 kg."""
     connection.execute("ALTER TABLE experiences ADD COLUMN scene TEXT NOT NULL DEFAULT ''")
+    connection.execute(
+        "UPDATE experiences SET scene = ? WHERE grip IS NOT NULL AND kind <> 'seed'", (OLD_SCENE,)
+    )
+
+
+def _add_length_unit(connection: sqlite3.Connection) -> None:
+    """Version 4 to 5: the unit of length, 4U since then.
+
+    The first lesson with virtual grasps, whose cube had half the paper's size, and all weights are deleted,
+    because both are made again when the hand is used next. Lessons of real hands were learnt at 0.1 kg; their
+    scene says so now.
+    """
+    connection.execute(
+        f"ALTER TABLE experiences ADD COLUMN length_unit TEXT NOT NULL DEFAULT '{OLD_UNIT_NAME}'"
+    )
+    connection.execute("DELETE FROM experiences WHERE kind = 'seed' AND grip IS NULL")
+    connection.execute("DELETE FROM weights")
 
 
 _SMALLEST_DATABASE = 512  # bytes
@@ -89,6 +110,7 @@ MIGRATIONS: dict[int, Callable[[sqlite3.Connection], None]] = {
     1: _add_area_and_volume,
     2: _add_shape_and_grip,
     3: _add_scene,
+    4: _add_length_unit,
 }
 """For each version the migration to the next one, which runs inside a transaction."""
 

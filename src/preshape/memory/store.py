@@ -19,6 +19,10 @@ from .summary import MemoryStatistics, ObjectSummary
 
 _COLUMNS = ", ".join(records.EXPERIENCE_COLUMNS)
 _INSERT = f"INSERT INTO experiences ({_COLUMNS}) VALUES ({', '.join('?' * len(records.EXPERIENCE_COLUMNS))})"
+_REPLACE = (
+    f"UPDATE experiences SET {', '.join(f'{name} = ?' for name in records.EXPERIENCE_COLUMNS)}"
+    f" WHERE {' AND '.join(f'{name} IS ?' for name in records.EXPERIENCE_COLUMNS)}"
+)
 _WEIGHT_COLUMNS = ", ".join(records.WEIGHT_COLUMNS)
 _UPSERT = (
     f"INSERT INTO weights ({_WEIGHT_COLUMNS}) VALUES ({', '.join('?' * len(records.WEIGHT_COLUMNS))})"
@@ -130,6 +134,33 @@ class Memory:
             if trained is not None:
                 self._connection.execute(_UPSERT, trained)
         return numbers
+
+    def replace(
+        self, renewed: Sequence[tuple[Experience, Experience]], weights: NetworkWeights | None = None
+    ) -> int:
+        """Put a new experience in the place of each stored one, in one transaction.
+
+        Args:
+            renewed: Pairs of a stored experience, as it was read, and the one that replaces it. A pair whose
+                first is no longer stored is left out.
+            weights: Weights for the hand of these experiences; see :meth:`save_weights`.
+
+        Returns:
+            Number of experiences replaced.
+
+        Raises:
+            InputError: An experience is out of range.
+        """
+        pairs = [
+            (records.experience_row(new, old.created), records.experience_row(old, old.created))
+            for old, new in renewed
+        ]
+        trained = [records.weights_row(old.hand, weights) for old, _ in renewed[:1] if weights is not None]
+        with self._writing():
+            done = sum(self._connection.execute(_REPLACE, (*new, *old)).rowcount for new, old in pairs)
+            for row in trained:
+                self._connection.execute(_UPSERT, row)
+        return done
 
     def experiences(
         self, hand: str | None = None, kinds: Collection[str] | None = None, *, gripped: bool = False

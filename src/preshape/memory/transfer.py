@@ -4,7 +4,7 @@
 
     {
       "format": "preshape-memory",
-      "version": 3,
+      "version": 4,
       "experiences": [
         {
           "kind": "task", "object_name": "cube", "hand": "utah_mit",
@@ -16,7 +16,8 @@
           "created": "2025-01-31T12:00:00.000000+00:00",
           "grip": [x, y, z, w, x, y, z, fingers, joint angles …] or null,
           "quality": 0..6 or null, "outcome": "", "held" or "lost",
-          "scene": "" or the table and boxes of the lesson
+          "scene": "" or the table, boxes and unusual load of the lesson,
+          "length_unit": "4U", the unit of the wrench, or "U" of older lessons
         }
       ],
       "weights": [
@@ -28,7 +29,8 @@
 Experiences are in the order in which they were stored. The fields are exactly those of
 :class:`~preshape.types.Experience` and :class:`~preshape.types.NetworkWeights`. Numbers have enough digits to
 give the same double when read. Older versions are read too: version 1 has neither shape, grip, quality nor
-outcome, version 2 has no scene.
+outcome, version 2 has no scene, version 3 no unit of length. Of versions before 4, the weights and the first
+lessons with virtual grasps are left out, because they are made again with the new unit.
 """
 
 from __future__ import annotations
@@ -44,7 +46,7 @@ from ..types import Experience, NetworkWeights
 from . import checks, records
 
 FORMAT_NAME = "preshape-memory"
-FORMAT_VERSION = 3
+FORMAT_VERSION = 4
 
 _KEYS = ("format", "version", "experiences", "weights")
 _T = TypeVar("_T")
@@ -108,6 +110,9 @@ def read_document(
         weights = _each(document["weights"], "weights", records.weights_from)
         if len({hand for hand, _ in weights}) != len(weights):
             raise InputError("a hand has more than one set of weights")
+        if version < records.SINCE_LENGTH_UNIT:
+            weights = ()
+            experiences = tuple(e for e in experiences if not records.superseded(e))
     except InputError as error:
         raise MemoryFileError(f"{path}: {error}; nothing was imported") from error
     return experiences, weights

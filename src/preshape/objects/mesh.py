@@ -132,3 +132,11 @@ class TriangleMesh:
             area=self.area,
             volume=abs(self.volume),
         )
+
+
+def box_mesh(name: str, extents: Array) -> TriangleMesh:
+    """A centred box of 12 triangles with outward normals; extents [m]."""
+    corner = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
+    quads = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
+    triangles = [triangle for a, b, c, d in quads for triangle in ((a, b, c), (a, c, d))]
+    return TriangleMesh(name=name, vertices=corner * extents, triangles=np.array(triangles))

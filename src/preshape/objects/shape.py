@@ -142,13 +142,15 @@ def shape_distance(a: Array, b: Array) -> float:
 
 
 def attribute_distance(a: Attributes, b: Attributes) -> float:
-    """Distance of two objects' attributes: the largest logarithmic ratio of W, H, D, area and volume [C].
+    r"""Distance of two objects' attributes: how far their scales differ, as the logarithm of a ratio [C].
 
-    The counts of table 2 are left out, because they change with every new export of the same object. The
-    volume is also left out if both are below a thousandth of the bounding box (open sheets).
+    It is the largest logarithmic ratio of W, H and D, half that of the areas and a third of that of the
+    volumes, so that an object scaled by s has the distance \|log s\|. The counts of table 2 are left out,
+    because they change with every new export of the same object. The volume is also left out if both are
+    below a thousandth of the bounding box (open sheets).
     """
-    ratios = [np.abs(np.log(a.extents / b.extents)).max(), abs(np.log(a.area / b.area))]
+    ratios = [np.abs(np.log(a.extents / b.extents)).max(), abs(np.log(a.area / b.area)) / 2]
     box_a, box_b = float(np.prod(a.extents)), float(np.prod(b.extents))
     if a.volume > 1e-3 * box_a or b.volume > 1e-3 * box_b:
-        ratios.append(abs(np.log(max(a.volume, 1e-6 * box_a) / max(b.volume, 1e-6 * box_b))))
+        ratios.append(abs(np.log(max(a.volume, 1e-6 * box_a) / max(b.volume, 1e-6 * box_b))) / 3)
     return float(max(ratios))

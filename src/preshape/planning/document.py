@@ -1,8 +1,9 @@
 """Plans as JSON: the format that other programs read (``schema/plan.schema.json``).
 
 Points and poses are in the mesh file's frame, in metres after scaling. Wrenches are about the COG in the
-paper's units (lengths in U). Quaternions are w x y z. Version 2 contains the request. A document without the
-key ``schema`` is version 1 and was made for 0.1 kg, friction 0.6 and free space.
+paper's units (lengths in 4U, the ``length_unit``). Quaternions are w x y z. Version 2 contains the
+request. A document without the key ``schema`` is version 1 and was made for 0.1 kg, friction 0.6 and free
+space.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from ..hiis.critic import Thresholds
 from ..hiis.decision import Settings
 from ..hiis.fuzzy import SET_NAMES
 from ..tasks import family_names
-from ..types import FIELD_MASS, FRICTION
+from ..types import FIELD_MASS, FRICTION, LENGTH_UNIT
 from .answers import Answer, PlanRecord, missing_motion, scan_trust, shortfalls
 from .hand_simulation import HandPose
 from .request import SCHEMA, PlanRequest, analyser_of
@@ -205,6 +206,7 @@ def _answer(plan: PlanRecord, answer: Answer | None) -> Document:
         "heaviest_mass": answer.heaviest if answer else None,
         "cog": mesh.cog.tolist(),
         "U": plan.hand.u,
+        "length_unit": LENGTH_UNIT * plan.hand.u,
         "contacts": _contacts(plan, answer) if answer else [],
         "warnings": [*plan.warnings, *(shortfalls(plan, answer) if answer else ())],
         "missing_motion": missing_motion(plan, answer) if answer else "",

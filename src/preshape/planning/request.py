@@ -28,7 +28,7 @@ from ..objects.mesh import TriangleMesh
 from ..tasks import Task, parse_task, task_from_numbers
 from ..tasks.task import from_json as task_from_json
 from ..tasks.task import to_json as task_to_json
-from ..types import FIELD_MASS, FRICTION, Array, ContactCoefficients, freeze, frozen_array, value
+from ..types import FRICTION, Array, ContactCoefficients, freeze, frozen_array, value
 
 SCHEMA = 2
 """Version of plan.json. Version 1 is a plan without the key ``schema``; it does not contain its request."""
@@ -188,7 +188,8 @@ class PlanRequest:
     def scene(self, mesh: TriangleMesh) -> str:
         """The scene as text, for comparing lessons; empty for free space and the usual load.
 
-        A mass above the object's own is part of the scene: lessons for its own mass do not apply then.
+        A mass other than the object's own and a friction other than the default are part of the scene,
+        because lessons for another load say nothing certain about this one.
         Heights are relative to the object's lowest point and boxes relative to its COG, rounded to 1 mm. So
         the same object in another file has the same scene, and similar objects on a table share one.
         """
@@ -199,9 +200,11 @@ class PlanRequest:
         for box in sorted(map(tuple, self.avoid)):
             corners = np.round(1000 * (np.array(box).reshape(2, 3) - mesh.cog)).astype(int).ravel() + 0
             parts.append("box " + " ".join(map(str, corners.tolist())))
-        stated = self.stated_mass
-        if stated is not None and stated > 1.01 * max(object_mass(mesh).kg, FIELD_MASS):
-            parts.append(f"load {stated:.2g} kg")
+        stated, own = self.stated_mass, object_mass(mesh).kg
+        if stated is not None and abs(stated - own) > 0.01 * own:
+            parts.append(f"load {stated:.3g} kg")
+        if abs(self.stated_friction - FRICTION) > 1e-9:
+            parts.append(f"friction {self.stated_friction:.3g}")
         return "; ".join(parts)
 
     def wanted(self, mesh: TriangleMesh) -> int:
@@ -250,6 +253,7 @@ class PlanRequest:
             "seed": s.seed,
             "thresholds": {"estimation": s.thresholds.estimation, "recognition": s.thresholds.recognition},
             "sets": {"corners": s.sets.corners.tolist(), "shape": s.sets.shape},
+            "finger_rule": s.finger_rule,
             "coefficients": {f.name: getattr(s.coefficients, f.name) for f in fields(s.coefficients)},
             "search": {name: getattr(self.search, name) for name in _SEARCH},
             "memory": self.memory,
@@ -275,6 +279,7 @@ class PlanRequest:
                 ),
                 coefficients=ContactCoefficients(**data["coefficients"]),
                 seed=int(data["seed"]),
+                finger_rule=data.get("finger_rule", "up_to"),
             )
             read: dict[str, Any] = {
                 "source": str(thing["source"]),

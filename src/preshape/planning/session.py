@@ -25,6 +25,7 @@ from ..hiis.analyser import Analyser, Grasp, HandLayout
 from ..hiis.controller import Controller
 from ..hiis.decision import Decision, Settings
 from ..memory import Memory
+from ..objects.library import load_library_object
 from ..objects.load import load_object
 from ..objects.mass import ObjectMass, object_mass
 from ..objects.mesh import TriangleMesh
@@ -407,6 +408,7 @@ def closure_controller(
         settings=settings,
         prepare=prepare,
         prepare_seed=prepare_seed,
+        seed_object=load_library_object("cube"),
         kind="shape",
         scene=scene,
     )

@@ -11,13 +11,13 @@ import numpy as np
 from ..hiis.analyser import Aim, Analyser
 from ..hiis.decision import Settings
 from ..hiis.fuzzy import tfvadi
-from ..objects.mesh import TriangleMesh
+from ..objects.mesh import TriangleMesh, box_mesh
 from ..report import Cell, Figure, Table
 from ..types import Array, ContactCoefficients
 from . import printed
 from .experiment import Experiment, Progress, Section, joined, numbers_text
 from .plots import COMPONENTS, OURS, PAPER, THIRD, Canvas, grouped_bars
-from .setup import Q1, Data, Setup, box_mesh, grasp_data, run_case, teach
+from .setup import Q1, Data, Setup, grasp_data, run_case, teach
 
 BOX_IN_U = (1.0, 0.4, 1.0)
 """Extents of the box with the paper's proportions [U]: half-height 0.2 along plane 5's opposition axis

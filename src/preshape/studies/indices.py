@@ -41,7 +41,7 @@ from ..physics.task.instances import TaskInstance, make_instances
 from ..physics.task.protocol import TaskProtocol, TaskStatus
 from ..physics.task.runner import run_tasks
 from ..planning.grasp_sets import palm_grasps
-from ..types import value
+from ..types import LENGTH_UNIT, value
 from .experiment import Progress
 
 HANDS = ("shadow", "allegro", "leap")
@@ -193,7 +193,7 @@ def _indexed(
             centre=drawn.search.cog,
             cog=mesh.cog,
             length=float(mesh.extents.max()) / 2,
-            u=own.u,
+            length_unit=LENGTH_UNIT * own.u,
             plane=one.plane,
         )
         indices = index_values(

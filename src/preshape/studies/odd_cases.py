@@ -25,11 +25,11 @@ import numpy as np
 from ..exceptions import ObjectError
 from ..files import write_json
 from ..hiis.decision import Settings, Status
-from ..hiis.virtual_grasp import MAX_EXTENT
 from ..objects.library import load_library_object, names
 from ..planning.hand_simulation import HandStatus, execute
 from ..planning.session import Session
 from ..tasks import Task, all_named_tasks
+from ..types import LENGTH_UNIT
 from .experiment import Progress
 from .setup import Data, Setup
 
@@ -45,7 +45,7 @@ def measure(setup: Setup, part: Path, progress: Progress) -> Data:
     runs, each = (QUICK_RUNS, QUICK_EACH) if setup.quick else (RUNS, EACH)
     rows = _stored(part)
     largest = {name: float(load_library_object(name).extents.max()) for name in names()}
-    limit = MAX_EXTENT * setup.hand.u * (1 + 1e-9)
+    limit = LENGTH_UNIT * setup.hand.u * (1 + 1e-9)
     fitting = {name: [s for s in SCALES if s * size <= limit] for name, size in largest.items()}
     objects = [name for name in names() if fitting[name]]
     tasks = all_named_tasks()

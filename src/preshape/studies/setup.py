@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from typing import Any, TypeAlias
 
-import numpy as np
-
 from ..hands.load import load_hand
 from ..hiis.analyser import Grasp
 from ..hiis.critic import recognise
@@ -16,7 +14,7 @@ from ..objects.mesh import TriangleMesh
 from ..planning.request import RAY_HAND, PlanRequest
 from ..planning.session import Prepared, Session
 from ..tasks import Task, task_from_numbers
-from ..types import Array, Experience, NetworkWeights
+from ..types import Experience, NetworkWeights
 from . import printed
 
 Data: TypeAlias = dict[str, Any]
@@ -80,14 +78,6 @@ class Setup:
         return system.prepare(
             PlanRequest(source=source, task=task, hand=self.hand, scale=scale, settings=settings)
         )
-
-
-def box_mesh(name: str, extents: Array) -> TriangleMesh:
-    """A centred box of 12 triangles with outward normals; extents [m]."""
-    corner = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
-    quads = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
-    triangles = [triangle for a, b, c, d in quads for triangle in ((a, b, c), (a, c, d))]
-    return TriangleMesh(name=name, vertices=corner * extents, triangles=np.array(triangles))
 
 
 def grasp_data(grasp: Grasp | None) -> Data | None:

@@ -69,7 +69,7 @@ class PlanScene:
         newtons: (n,) Magnitude of each contact force of a grip [N].
         friction: Friction coefficient of the cones that are drawn.
         ray_origins: (n, 3) Origins of the virtual grasp's rays [m].
-        net_wrench: (6,) Net wrench about the centre of gravity, lengths in U.
+        net_wrench: (6,) Net wrench about the centre of gravity, lengths in 4U.
         adi: (6,) Agreement of task and net wrench in each dimension (ADI).
         match: TFVADI, 0..6.
         quality: Grip quality, 0..6, for a real hand; ``None`` if TFVADI is the criterion.
