@@ -178,7 +178,12 @@ def file_of_version(path: Path, version: int, content: list[Experience]) -> None
     with Memory.open(path) as memory:
         memory.add(content)
     connection = sqlite3.connect(path, isolation_level=None)
-    later = {1: ("area", "volume"), 2: ("shape", "grip", "quality", "outcome"), 3: ("scene",)}
+    later = {
+        1: ("area", "volume"),
+        2: ("shape", "grip", "quality", "outcome"),
+        3: ("scene",),
+        4: ("length_unit",),
+    }
     for name in (name for since, names in later.items() if since >= version for name in names):
         connection.execute(f"ALTER TABLE experiences DROP COLUMN {name}")
     connection.execute(f"PRAGMA user_version = {version}")
@@ -192,7 +197,7 @@ def columns(path: Path) -> list[Any]:
     return found
 
 
-@pytest.mark.parametrize("version", [1, 2, 3])
+@pytest.mark.parametrize("version", [1, 2, 3, 4])
 def test_an_older_file_is_migrated_and_a_copy_kept(tmp_path: Path, version: int) -> None:
     path, fresh = tmp_path / "memory.sqlite", tmp_path / "fresh.sqlite"
     old = [experience(object_name="old")]
@@ -243,25 +248,27 @@ def document_of(tmp_path: Path, content: Experience) -> dict[str, Any]:
 
 def older_version(document: dict[str, Any], version: int = 1) -> dict[str, Any]:
     (one,) = document["experiences"]
-    later = ("grip", "quality", "outcome", "scene") if version == 1 else ("scene",)
+    since = {2: ("grip", "quality", "outcome"), 3: ("scene",), 4: ("length_unit",)}
+    later = [name for added, names in since.items() if added > version for name in names]
     plain = {name: one[name] for name in one if name not in later}
     if version == 1:
         plain["attributes"] = {name: one["attributes"][name] for name in one["attributes"] if name != "shape"}
     return {**document, "version": version, "experiences": [plain]}
 
 
-@pytest.mark.parametrize("version", [1, 2])
+@pytest.mark.parametrize("version", [1, 2, 3])
 def test_a_document_of_an_older_version_is_read(tmp_path: Path, version: int) -> None:
     document = document_of(tmp_path, experience())
-    assert document["version"] == FORMAT_VERSION == 3
+    assert document["version"] == FORMAT_VERSION == 4
     (tmp_path / "in.json").write_text(json.dumps(older_version(document, version)))
     with Memory.open(":memory:") as memory:
         assert memory.import_(tmp_path / "in.json") == 1
         assert [bits(e) for e in memory.experiences()] == [PLAIN]
-        assert memory.import_(tmp_path / "out.json") == 0  # the same experience in today's format
+        assert all(e.outdated for e in memory.experiences())
+        assert memory.import_(tmp_path / "in.json") == 0  # the same experience
 
 
-@pytest.mark.parametrize("name", ["grip", "quality", "outcome", "shape", "scene"])
+@pytest.mark.parametrize("name", ["grip", "quality", "outcome", "shape", "scene", "length_unit"])
 def test_each_version_has_exactly_its_fields(tmp_path: Path, name: str) -> None:
     document = document_of(tmp_path, experience(grip=GRIP, shape=SHAPE, quality=3.0, outcome="held"))
     old = older_version(document)

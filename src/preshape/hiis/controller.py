@@ -244,7 +244,7 @@ class Controller:
         renewed: list[tuple[Experience, Experience]] = []
         for e in of_this_mesh(outdated, pa.mesh.attributes):
             for grasp in pa.recall(e.task, [e]):
-                task = e.task if e.kind == "task" else grasp.net_wrench
+                task = grasp.net_wrench if e.kind in ("best", "landmark") else e.task
                 again = experience_of(
                     pa, e.object_name, e.kind, task, grasp, self.settings.sets, described(pa.mesh), e.outcome
                 )
@@ -276,7 +276,7 @@ class Controller:
         A stored virtual grasp replaces the estimated one only if the estimated one is good enough, so that
         the mode shows how good the estimate was, as in the paper.
         """
-        x = inputs(q, self._attributes(pa), self.layout.length_unit, self._kind)
+        x = inputs(q, self._attributes(pa), self.layout.u, self._kind)
         estimate = decode(predict(self.weights, x), allowed)
         if isinstance(stored, Grip):
             # Closing a hand takes time: the search runs only if the stored grip is not good enough.
@@ -459,8 +459,8 @@ class Controller:
 
     def _trained(self, lessons: Sequence[Experience]) -> NetworkWeights:
         """Weights trained on these lessons, from the current ones."""
-        unit = self.layout.length_unit
-        return learn(lessons, unit, self._weights, seed=self.settings.seed, kind=self._kind)
+        seed = self.settings.seed
+        return learn(lessons, self.layout.u, self._weights, seed=seed, kind=self._kind)
 
     def _self_test(self, pa: Analyser, q: Array, allowed: BoolArray) -> tuple[Grasp | None, Verdict]:
         estimate, grasp, verdict = self._mode_0(pa, q, allowed)
@@ -523,19 +523,19 @@ class Controller:
         self._weights = self.memory.weights(self.layout.name)
         migrated = any(e.outdated and e.grip is None for e in self._experiences)
         if not self._experiences or (migrated and not any(e.kind == "seed" for e in self._experiences)):
-            s, unit = self.settings, self.layout.length_unit
+            s, u = self.settings, self.layout.u
             cube = self._prepare_seed(self._seed_object or seed_cube(self.layout))
             seeds = seed_experiences(cube, s.sets, enough=s.thresholds.estimation, finger_rule=s.finger_rule)
             if not seeds and not self._experiences:
                 # The hand cannot hold the cube, and the estimator still needs weights.
-                self._weights = first_guess(cube, unit, self._kind, seed=s.seed)
+                self._weights = first_guess(cube, u, self._kind, seed=s.seed)
                 return
             self._experiences = (*seeds, *self._experiences)
             self._weights = None
             self._weights = self._trained(self._experiences)
             if seeds and not self.memory.read_only:
                 self.memory.add(seeds, self._weights)
-        x, _ = training_set(self._experiences, self.layout.length_unit, kind=self._kind)
+        x, _ = training_set(self._experiences, self.layout.u, kind=self._kind)
         weights = self._weights
         if weights is None or weights.trained_on != len(x) or weights.w1.shape[1] != x.shape[1]:
             # Another process has learnt in the meantime, or experiences were imported.

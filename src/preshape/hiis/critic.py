@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from ..exceptions import InputError
-from ..objects.shape import LENGTH, attribute_distance
+from ..objects.shape import LENGTH, attribute_distance, described, shape_distance
 from ..types import Attributes, Experience, freeze, frozen_array, value
 from .analyser import Aim, Analyser
 from .fuzzy import FuzzySets, tfvadi
@@ -19,7 +19,7 @@ from .fuzzy import FuzzySets, tfvadi
 SLACK = 1e-9
 """A match that is below a threshold by at most this slack still meets the threshold."""
 
-SAME_SIZE = -math.log(0.95)
+SAME_OBJECT = -math.log(0.95)
 """Two objects may be the same if their sizes differ by 5 % at most, as the logarithm of a scale [C]."""
 
 SAME_SHAPE = 0.045
@@ -110,13 +110,15 @@ def recognise(
     sets: FuzzySets,
     *,
     distance: Callable[[Attributes, Attributes], float] = attribute_distance,
-    within: float = SAME_SIZE,
+    within: float = SAME_OBJECT,
 ) -> Recognition:
     """Mode 2: whether the memory knows the current object.
 
-    For each experience of an object within the attribute distance, the analyser makes the stored virtual
-    grasp (plane, flip, approach value, fingers) on the **current** mesh. The score of recognition is the
-    largest TFVADI between a new net wrench and the stored one; it is 0 if the new grasp has no contact [R].
+    Experiences count whose object lies within the attribute distance and whose shape descriptor, where
+    one is stored, is that of the same shape: stretched to equal extents, some different objects have
+    almost equal net wrenches [C]. For each of them, the analyser makes the stored virtual grasp (plane,
+    flip, approach value, fingers) on the **current** mesh. The score of recognition is the largest TFVADI
+    between a new net wrench and the stored one; it is 0 if the new grasp has no contact [R].
 
     Args:
         analyser: Analyser of the current object.
@@ -128,6 +130,9 @@ def recognise(
     """
     here = analyser.mesh.attributes
     near = [e for e in experiences if not e.outdated and distance(here, e.attributes) <= within + SLACK]
+    if any(e.attributes.shape is not None for e in near):
+        seen = described(analyser.mesh)
+        near = [e for e in near if same_shape(seen, e.attributes)]
     best, name = 0.0, None
     for e in _distinct(near):
         aim = Aim(planes=[e.plane], values=[e.approach_value], fingers=[e.fingers], flips=[e.flip])
@@ -143,6 +148,13 @@ def recognise(
         )
     verdict = judge(best, threshold, subject=f"recognition as {name or near[0].object_name}:")
     return Recognition(verdict=verdict, candidates=len(near), nearest=name)
+
+
+def same_shape(a: Attributes, b: Attributes) -> bool:
+    """Whether two shape descriptors are close enough for the same object; True if one is unknown."""
+    if a.shape is None or b.shape is None:
+        return True
+    return shape_distance(a.shape, b.shape) <= SAME_SHAPE + SLACK
 
 
 def recognise_shape(
@@ -176,7 +188,7 @@ def recognise_shape(
     shapes = np.array([shape for _, _, shape in known]).reshape(-1, LENGTH)
     with np.errstate(divide="ignore"):
         sizes = np.abs(np.log(extents / attributes.extents)).max(axis=1, initial=0.0)
-    near = np.flatnonzero(sizes <= SAME_SIZE)
+    near = np.flatnonzero(sizes <= SAME_OBJECT)
     if not len(near):
         reason = "no known object has its size"
         return Recognition(

@@ -13,7 +13,7 @@ import numpy as np
 
 from ..exceptions import InputError
 from ..objects.shape import LENGTH
-from ..types import Array, Attributes, BoolArray, IntArray, NetworkWeights, value
+from ..types import LENGTH_UNIT, Array, Attributes, BoolArray, IntArray, NetworkWeights, value
 
 INPUTS, HIDDEN, OUTPUTS = 13, 45, 9
 LAYERS = (INPUTS, HIDDEN, OUTPUTS)
@@ -46,7 +46,7 @@ class Estimate:
     outputs: Array
 
 
-def inputs(task: Array, attributes: Attributes, length_unit: float, kind: InputKind = "paper") -> Array:
+def inputs(task: Array, attributes: Attributes, u: float, kind: InputKind = "paper") -> Array:
     """The input vector IV (eq. 5), scaled to about unit range [C].
 
     Extents are divided by 4U, and the decimal logarithms of counts by 6. Task components are clipped at ±10,
@@ -56,7 +56,7 @@ def inputs(task: Array, attributes: Attributes, length_unit: float, kind: InputK
     Args:
         task: (6,) Q.
         attributes: Attributes of the object [m].
-        length_unit: 4U of the hand [m].
+        u: The hand's U [m].
         kind: ``paper`` or ``shape``.
 
     Returns:
@@ -68,7 +68,7 @@ def inputs(task: Array, attributes: Attributes, length_unit: float, kind: InputK
     if kind not in INPUT_COUNTS:
         raise InputError(f"no kind of inputs {kind!r}; known: {', '.join(INPUT_COUNTS)}")
     counts = (attributes.vertices, attributes.vertex_normals, attributes.faces, attributes.triangles)
-    sizes = attributes.extents / length_unit
+    sizes = attributes.extents / (LENGTH_UNIT * u)
     if kind == "shape":
         if attributes.shape is None:
             raise InputError("inputs of kind shape need a shape descriptor, got none: use described(mesh)")

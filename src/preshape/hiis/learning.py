@@ -209,10 +209,10 @@ def seed_tasks() -> Array:
     return np.array(tasks)
 
 
-def first_guess(analyser: Analyser, length_unit: float, kind: InputKind, *, seed: int = 0) -> NetworkWeights:
+def first_guess(analyser: Analyser, u: float, kind: InputKind, *, seed: int = 0) -> NetworkWeights:
     """Weights for a hand that cannot hold the cube: each seed task on the plane that it belongs to [C]."""
     attributes = described(analyser.mesh)
-    x = np.array([inputs(q, attributes, length_unit, kind) for q in seed_tasks()])
+    x = np.array([inputs(q, attributes, u, kind) for q in seed_tasks()])
     y = np.array([encode(p.index, MIDDLE_SET, 3) for p in PLANES for _ in range(4)])
     return train(x, y, start=None, seed=seed)
 
@@ -241,7 +241,7 @@ def seed_experiences(
 
 
 def training_set(
-    experiences: Sequence[Experience], length_unit: float, *, kind: InputKind = "paper"
+    experiences: Sequence[Experience], u: float, *, kind: InputKind = "paper"
 ) -> tuple[Array, Array]:
     """Inputs and output bits of the experiences that the estimator is trained on.
 
@@ -253,7 +253,7 @@ def training_set(
 
     Args:
         experiences: Experiences of one hand, in the order in which they were stored.
-        length_unit: 4U of the hand [m].
+        u: The hand's U [m].
         kind: Kind of the inputs, ``paper`` or ``shape``.
 
     Returns:
@@ -270,7 +270,7 @@ def training_set(
         untaught = e.kind in ("landmark", ANSWER_KIND) or (e.kind == "best" and e.outdated)
         if untaught or (kind == "shape" and e.attributes.shape is None):
             continue
-        x = inputs(e.task, e.attributes, length_unit, kind)
+        x = inputs(e.task, e.attributes, u, kind)
         key, bits = np.round(x, 6).tobytes(), encode(e.plane, e.approach_set, e.fingers)
         if e.scene and key in rows and key not in in_scene:
             continue
@@ -286,7 +286,7 @@ def training_set(
 
 def learn(
     experiences: Sequence[Experience],
-    length_unit: float,
+    u: float,
     start: NetworkWeights | None,
     *,
     seed: int = 0,
@@ -296,7 +296,7 @@ def learn(
 
     Args:
         experiences: Experiences of one hand, in the order in which they were stored.
-        length_unit: 4U of the hand [m].
+        u: The hand's U [m].
         start: The current weights; weights for another kind of inputs are ignored.
         seed: Seed of fresh weights.
         kind: Kind of the inputs, ``paper`` or ``shape``.
@@ -304,7 +304,7 @@ def learn(
     Raises:
         InputError: The kind is unknown, or there is nothing to train on.
     """
-    x, y = training_set(experiences, length_unit, kind=kind)
+    x, y = training_set(experiences, u, kind=kind)
     if start is not None and start.w1.shape[1] != x.shape[1]:
         start = None
     return train(x, y, start=start, seed=seed)

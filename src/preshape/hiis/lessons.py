@@ -6,9 +6,9 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from ..objects.shape import LENGTH, attribute_distance
+from ..objects.shape import attribute_distance
 from ..types import ANSWER_KIND, Array, Attributes, Experience
-from .critic import SAME_SHAPE, SAME_SIZE, SLACK
+from .critic import SAME_OBJECT, SLACK, same_shape
 from .learning import grasp_key, lesson_key
 
 _THE_VERY_OBJECT = 1e-6
@@ -31,15 +31,8 @@ def of_this_object(experiences: Iterable[Experience], here: Attributes) -> list[
         experiences: Lessons.
         here: Attributes of the current object; with a shape descriptor, shapes are compared too.
     """
-    near = [e for e in experiences if attribute_distance(here, e.attributes) <= SAME_SIZE + SLACK]
+    near = [e for e in experiences if attribute_distance(here, e.attributes) <= SAME_OBJECT + SLACK]
     return [e for e in near if same_shape(here, e.attributes)]
-
-
-def same_shape(a: Attributes, b: Attributes) -> bool:
-    """Whether two shape descriptors are close enough for the same object; True if one is unknown."""
-    if a.shape is None or b.shape is None or len(a.shape) != LENGTH or len(b.shape) != LENGTH:
-        return True
-    return float(np.linalg.norm(a.shape - b.shape)) <= SAME_SHAPE
 
 
 def best_first(lessons: Sequence[Experience]) -> list[Experience]:

@@ -322,12 +322,12 @@ class RayAnalyser:
             reach: (P, V, 2) the object's reach along +t and -t [m].
         """
         width, pitch = self.layout.fingertip_width, self.layout.finger_pitch
-        aside = np.minimum(pitch, reach - width / 2)
+        aside = np.minimum(pitch, np.maximum(width, reach - width / 2))
         zero = np.zeros_like(aside[..., :1])
         offsets = np.concatenate([zero, aside[..., :1], -aside[..., 1:]], axis=-1)
-        beside = aside >= width - 1e-9
-        one = np.ones_like(beside[..., :1])
-        return offsets, np.concatenate([one, beside[..., :1], beside.all(axis=-1, keepdims=True)], axis=-1)
+        across = 2.0 * reach.min(axis=-1)
+        fits = np.stack([across >= k * width - 1e-9 for k in (0, 2, 3)], axis=-1)
+        return offsets, fits
 
     def _wrenches(self, point: Array, normal: Array, a: Array, t: Array) -> tuple[Array, Array]:
         """Contact wrenches about the COG: at every place for a finger, and at the middle for the thumb."""
