@@ -45,10 +45,12 @@ BESIDE = {
 }
 """The only imports between siblings of a level: (importer, imported)."""
 HIIS = (
-    "estimator fuzzy planes wrench",
-    "analyser training",
+    "estimator fuzzy planes",
+    "analyser training wrench",
     "critic virtual_grasp",
     "decision learning",
+    "lessons",
+    "knowledge",
     "controller",
 )
 """The levels within ``hiis``; no file imports one of its own level."""

@@ -145,13 +145,20 @@ def test_a_turn_or_a_mirror_carries_every_virtual_grasp_along(seed: int, symmetr
     mesh, A, q = blobs.blob(seed), SYMMETRIES[symmetry], parse_task(task).q
     there = moved(mesh, A)
     same, upright = expected(found_in(mesh, q), A)
-    found = found_in(there, turned(q, A))
+
+    def carried(found: Found) -> Found:
+        """Two fingers stand beside each other at +t, which a mirror or a turn of the thumb's side reverses."""
+        turned_only = np.linalg.det(A) > 0
+        return {key: row for key, row in found.items() if key[3] != 3 or (turned_only and key[0] in upright)}
+
+    same, found = carried(same), carried(found_in(there, turned(q, A)))
     assert len(same.keys() & found.keys()) > 0.995 * len(same.keys() | found.keys())
     if np.linalg.det(A) > 0:
         a, b = ({key: row for key, row in some.items() if key[0] in upright} for some in (same, found))
         assert not upright or share_alike(a, b, 1e-9) > 0.95
     plain, _ = expected(found_in(mesh, q, coefficients=NO_SIDE), A)
-    assert share_alike(plain, found_in(there, turned(q, A), coefficients=NO_SIDE), 1e-9) > 0.95
+    there_plain = found_in(there, turned(q, A), coefficients=NO_SIDE)
+    assert share_alike(carried(plain), carried(there_plain), 1e-9) > 0.95
 
 
 @few

@@ -32,22 +32,15 @@ from .analyser import Aim, Analyser, Exploration, Grasp, Grip, HandLayout
 from .critic import SLACK, Recognition, Verdict, judge, recognise, recognise_shape
 from .decision import Decision, Offer, Settings, Status, Transition, decided
 from .estimator import Estimate, InputKind, decode, inputs, predict
+from .knowledge import Knowledge
 from .learning import (
     Discovery,
     everywhere,
-    experience_of,
-    experiences_of,
     explore,
-    first_guess,
-    learn,
-    lesson_key,
-    outcomes_of,
     search_values,
     seed_cube,
-    seed_experiences,
-    training_set,
 )
-from .lessons import best_first, good_enough, not_yet_learnt, of_this_mesh, of_this_object
+from .lessons import best_first, good_enough, of_this_mesh, of_this_object
 from .planes import allowed_planes
 from .virtual_grasp import RayAnalyser
 
@@ -73,7 +66,7 @@ class Controller:
             known only by lessons of the same scene.
 
     Attributes:
-        memory_state: State of the memory when this controller last used it (:meth:`Memory.state`).
+        knowledge: What the hand has learnt, in main memory and on disk.
     """
 
     def __init__(
@@ -88,30 +81,31 @@ class Controller:
         kind: InputKind = "paper",
         scene: str = "",
     ) -> None:
-        self.memory, self.scene = memory, scene
-        self.layout = layout
+        self.memory, self.layout = memory, layout
         self.settings = settings or Settings()
         self.deadlock = False
         self._prepare = prepare or self.ray_analyser
-        self._prepare_seed = prepare_seed or self._prepare
-        self._seed_object = seed_object
         self._kind: InputKind = kind
         self._described: tuple[TriangleMesh, Attributes] | None = None
-        self._experiences: tuple[Experience, ...] = ()
-        self._weights: NetworkWeights | None = None
-        self._load_memory()
-        self.memory_state = memory.state()
+        first = prepare_seed or self._prepare
+        self.knowledge = Knowledge(
+            memory,
+            layout,
+            self.settings,
+            kind=kind,
+            scene=scene,
+            first_lesson=lambda: first(seed_object or seed_cube(layout)),
+        )
 
     @property
     def weights(self) -> NetworkWeights:
         """The current weights of the approach estimator."""
-        assert self._weights is not None
-        return self._weights
+        return self.knowledge.weights
 
     @property
     def experiences(self) -> tuple[Experience, ...]:
         """All experiences of this hand, in the order in which they were stored."""
-        return self._experiences
+        return self.knowledge.experiences
 
     def ray_analyser(self, mesh: TriangleMesh) -> RayAnalyser:
         """The paper's performance element for an object."""
@@ -152,7 +146,7 @@ class Controller:
         pa = self._prepare(target) if isinstance(target, TriangleMesh) else target
         steps: list[Transition] = []
 
-        self._renew(pa, may_learn)
+        self.knowledge.renew(pa, may_learn=may_learn)
         stored = self._best_stored(pa, task, allowed)
         estimate, grasp, verdict = self._mode_0(pa, task.q, allowed, stored)
         steps.append(_step(0, verdict))
@@ -164,7 +158,7 @@ class Controller:
             steps.append(_step(1, verdict))
         if verdict.reward and grasp is not None:
             if may_learn and grasp is not stored:
-                self._store_grip(pa, task, grasp)
+                self.knowledge.store_grip(pa, task, grasp)
             return self._answer(pa, task, len(steps) - 1, grasp, steps, allowed, count, estimate)
 
         recognition = self._mode_2(pa)
@@ -182,8 +176,12 @@ class Controller:
         """Learn an object and a task immediately (mode 3), whether the object is known or not."""
         pa = self._prepare(target) if isinstance(target, TriangleMesh) else target
         allowed = allowed_planes(approaches)
-        self._renew(pa, True)
+        self.knowledge.renew(pa, may_learn=True)
         return self._mode_3(pa, task, allowed, 1, [], True, self._best_stored(pa, task, allowed))
+
+    def learn_outcomes(self, pa: Analyser, task: Task, tried: Sequence[tuple[Grasp, bool]]) -> None:
+        """Store what the physics test said of grasps; see :meth:`.knowledge.Knowledge.learn_outcomes`."""
+        self.knowledge.learn_outcomes(pa, task, tried)
 
     def reset(self) -> None:
         """Reset a deadlock, as meta control does; the next run starts at mode 0."""
@@ -220,43 +218,9 @@ class Controller:
         A repeated request must never get a worse answer than the memory holds [C]. Grasps that lost the
         object in the physics test are left out.
         """
-        own = of_this_mesh(self._of_task(task, allowed), pa.mesh.attributes)
+        own = of_this_mesh(self.knowledge.of_task(task, allowed), pa.mesh.attributes)
         found = pa.recall(task.q, best_first(own)[:STORED])
         return max(found, key=lambda grasp: grasp.judged, default=None)
-
-    def _of_task(self, task: Task, allowed: BoolArray) -> list[Experience]:
-        """The lessons of a task and of this scene, on allowed planes, with any object."""
-        q = task.q.tobytes()
-        return [
-            e
-            for e in self._experiences
-            if e.task.tobytes() == q and e.scene == self.scene and allowed[e.plane - 1]
-        ]
-
-    def _renew(self, pa: Analyser, may_learn: bool) -> None:
-        """Work out again what earlier versions stored of virtual grasps of this object.
-
-        Their net wrenches are in another unit, so only plane, thumb side, approach value and fingers count.
-        Grips of real hands need no wrench and stay as they are. A grasp that does not exist on the current
-        mesh stays outdated.
-        """
-        outdated = [e for e in self._experiences if e.outdated and e.grip is None]
-        renewed: list[tuple[Experience, Experience]] = []
-        for e in of_this_mesh(outdated, pa.mesh.attributes):
-            for grasp in pa.recall(e.task, [e]):
-                task = grasp.net_wrench if e.kind in ("best", "landmark") else e.task
-                again = experience_of(
-                    pa, e.object_name, e.kind, task, grasp, self.settings.sets, described(pa.mesh), e.outcome
-                )
-                renewed.append((e, replace(again, scene=e.scene, created=e.created)))
-        if not renewed:
-            return
-        new = {id(old): again for old, again in renewed}
-        self._experiences = tuple(new.get(id(e), e) for e in self._experiences)
-        self._weights = self._trained(self._experiences)
-        if may_learn and not self.memory.read_only:
-            self.memory.replace(renewed, self.weights)
-            self.memory_state = self.memory.state()
 
     def _better_of(
         self, pa: Analyser, grasp: Grasp | None, stored: Grasp | None, verdict: Verdict
@@ -306,7 +270,7 @@ class Controller:
         Mode 2 must never say that a task does not fit which was taught, and which a grasp on the taught plane
         still meets on the current mesh; that may be a finer triangulation of the object.
         """
-        taught = of_this_object(self._of_task(task, allowed), described(pa.mesh))
+        taught = of_this_object(self.knowledge.of_task(task, allowed), described(pa.mesh))
         planes = {e.plane for e in best_first(taught)} - {estimate.plane}
         for number in sorted(planes):
             other, found = self._criticise(pa, task.q, self._on(pa, task.q, number))
@@ -319,12 +283,14 @@ class Controller:
         """Whether the object is known."""
         s = self.settings
         if self._kind != "shape":
-            lessons = [e for e in self._experiences if e.kind != ANSWER_KIND]
+            lessons = [e for e in self.experiences if e.kind != ANSWER_KIND]
             return recognise(pa, lessons, s.thresholds.recognition, s.sets)
         here = self._attributes(pa)
-        found = recognise_shape(here, good_enough(self._experiences, self.scene, s.thresholds.estimation))
+        found = recognise_shape(
+            here, good_enough(self.experiences, self.knowledge.scene, s.thresholds.estimation)
+        )
         if not found.verdict.reward:
-            other = recognise_shape(here, [e for e in self._experiences if e.kind != ANSWER_KIND])
+            other = recognise_shape(here, [e for e in self.experiences if e.kind != ANSWER_KIND])
             if other.verdict.reward:
                 reason = (
                     f"the memory knows {other.nearest} only with another load, friction, table or boxes, or "
@@ -386,7 +352,7 @@ class Controller:
             return decided(task, 3, Status.DEADLOCK, steps, None, best=best)
         if may_learn and not allowed.all():
             # The lesson is of all planes; the answer under the restriction is stored beside it.
-            self._store_grip(pa, task, best)
+            self.knowledge.store_grip(pa, task, best)
         return self._answer(pa, task, 3, best, steps, allowed, count, None)
 
     def _explore(self, pa: Analyser, task: Task, allowed: BoolArray | None) -> Discovery | None:
@@ -403,64 +369,14 @@ class Controller:
 
     def _learn(self, pa: Analyser, task: Task, discovery: Discovery) -> str:
         """Incremental learning (§3.5): experiences and new weights are stored together."""
-        found = experiences_of(pa, pa.mesh.name, task.q, discovery, self.settings.sets, self.scene)
-        new = not_yet_learnt(found, self._experiences)
-        if not new:
+        weights = self.knowledge.learn(pa, task, discovery)
+        if weights is None:
             return f"{pa.mesh.name} with this task was learnt before; the memory holds these very lessons"
-        weights = self._remember(new)
         return (
             f"{pa.mesh.name} on plane {discovery.taught.plane.index}, with this task and its best possible "
             f"task; {weights.trained_on} samples, "
             f"mean-square error {weights.mean_square_error:.1e}"
         )
-
-    def _store_grip(self, pa: Analyser, task: Task, grasp: Grasp) -> None:
-        """Store a real hand's grip of mode 0 or 1; the estimator is not taught with it [C]."""
-        if not isinstance(grasp, Grip) or self.memory.read_only:
-            return
-        lesson = experience_of(
-            pa,
-            pa.mesh.name,
-            ANSWER_KIND,
-            task.q,
-            grasp,
-            self.settings.sets,
-            self._attributes(pa),
-            scene=self.scene,
-        )
-        if lesson_key(lesson) not in map(lesson_key, self._experiences):
-            self.memory.add([lesson])
-            self._experiences = (*self._experiences, lesson)
-            self.memory_state = self.memory.state()
-
-    def learn_outcomes(self, pa: Analyser, task: Task, tried: Sequence[tuple[Grasp, bool]]) -> None:
-        """Store the outcomes of grasps in the physics test, and train the estimator accordingly.
-
-        The estimator learns a grasp that held for this object and task. A grasp that lost the object is
-        neither learnt nor recalled again [C].
-
-        Args:
-            pa: Performance element of the object.
-            task: The task of the grasps.
-            tried: Each grasp with True if it held, in the order of the tests.
-        """
-        outcomes = {lesson_key(e): e.outcome for e in self._experiences if e.outcome}
-        found = outcomes_of(pa, task.q, tried, self.settings.sets, self.scene)
-        if any(outcomes.get(lesson_key(e)) != e.outcome for e in found):
-            self._remember(found)
-
-    def _remember(self, new: Sequence[Experience]) -> NetworkWeights:
-        everything = (*self._experiences, *new)
-        weights = self._trained(everything)
-        self.memory.add(new, weights)
-        self._experiences, self._weights = everything, weights
-        self.memory_state = self.memory.state()
-        return weights
-
-    def _trained(self, lessons: Sequence[Experience]) -> NetworkWeights:
-        """Weights trained on these lessons, from the current ones."""
-        seed = self.settings.seed
-        return learn(lessons, self.layout.u, self._weights, seed=seed, kind=self._kind)
 
     def _self_test(self, pa: Analyser, q: Array, allowed: BoolArray) -> tuple[Grasp | None, Verdict]:
         estimate, grasp, verdict = self._mode_0(pa, q, allowed)
@@ -516,32 +432,6 @@ class Controller:
             if len(offers) == OFFERS:
                 break
         return tuple(offers)
-
-    def _load_memory(self) -> None:
-        """Read the memory; if it has no first lesson, learn the cube first (§3.5)."""
-        self._experiences = self.memory.experiences(hand=self.layout.name)
-        self._weights = self.memory.weights(self.layout.name)
-        migrated = any(e.outdated and e.grip is None for e in self._experiences)
-        if not self._experiences or (migrated and not any(e.kind == "seed" for e in self._experiences)):
-            s, u = self.settings, self.layout.u
-            cube = self._prepare_seed(self._seed_object or seed_cube(self.layout))
-            seeds = seed_experiences(cube, s.sets, enough=s.thresholds.estimation, finger_rule=s.finger_rule)
-            if not seeds and not self._experiences:
-                # The hand cannot hold the cube, and the estimator still needs weights.
-                self._weights = first_guess(cube, u, self._kind, seed=s.seed)
-                return
-            self._experiences = (*seeds, *self._experiences)
-            self._weights = None
-            self._weights = self._trained(self._experiences)
-            if seeds and not self.memory.read_only:
-                self.memory.add(seeds, self._weights)
-        x, _ = training_set(self._experiences, self.layout.u, kind=self._kind)
-        weights = self._weights
-        if weights is None or weights.trained_on != len(x) or weights.w1.shape[1] != x.shape[1]:
-            # Another process has learnt in the meantime, or experiences were imported.
-            self._weights = self._trained(self._experiences)
-            if not self.memory.read_only:
-                self.memory.save_weights(self.layout.name, self._weights)
 
 
 def _step(mode: int, verdict: Verdict, *, met: str = "reward", missed: str = "penalty") -> Transition:

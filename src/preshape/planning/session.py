@@ -162,6 +162,8 @@ class Session:
         wanted = request.wanted(ready.mesh)
         started = time.perf_counter()
         self._tell("modes 0 to 3: looking for grasps that serve the task", 35)
+        # What an earlier request made the analyser search must not change the answer to this one.
+        ready.element.forget()
         decision = ready.controller.run(
             ready.element,
             request.asked,
@@ -198,6 +200,7 @@ class Session:
         ready = self.prepare(request)
         started = time.perf_counter()
         self._tell("mode 3: exploring all planes and learning", 35)
+        ready.element.forget()
         decision = ready.controller.teach(ready.element, request.asked, approaches=request.approaches)
         ready.controller.reset()
         return self._executed(ready, decision, started, None)
@@ -273,7 +276,7 @@ class Session:
         known = self.memory.state()
         if self._controller is not None and self._controller[0] == (*key, scene):
             controller = self._controller[1]
-            if controller.memory_state == known:
+            if controller.knowledge.memory_state == known:
                 return controller
         if request.analyser == "rays":
             controller = Controller(self.memory, layout_of(hand), settings=request.settings)
