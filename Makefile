@@ -12,11 +12,11 @@ STAMP := $(VENV)/.installed
 OLD_MUJOCO := $(VENV)/mujoco-4.0.0
 OUT ?= out
 
-.PHONY: help setup demo browser test lint format bench reproduce pictures docs fuzz harden clean
+.PHONY: help setup demo browser test lint format bench reproduce pictures docs fuzz harden mutants clean
 
 help:
 	@sed -n '1,/^$$/p' Makefile | sed 's/^# \{0,1\}//'
-	@echo "  make lint | bench | reproduce | pictures | docs | fuzz | harden | clean"
+	@echo "  make lint | bench | reproduce | pictures | docs | fuzz | harden | mutants | clean"
 
 setup: $(STAMP)
 
@@ -76,6 +76,9 @@ harden: setup
 	@$(BIN)/python -m hardening.kill
 	@$(BIN)/python -m hardening.grips $(OBJECTS)
 	@test -z "$(OBJECTS)" || $(BIN)/python -m hardening.objects $(OBJECTS)
+
+mutants: setup
+	@$(BIN)/python -m hardening.mutants $(ARGS)
 
 docs: setup
 	@$(BIN)/python -c 'import sphinx, furo' 2>/dev/null || \
