@@ -168,7 +168,7 @@ def approaching_degrees(q: ArrayLike, w: ArrayLike, sets: FuzzySets | None = Non
         (..., 6) degrees, 0..1.
     """
     sets = sets or FuzzySets()
-    q, w = np.asarray(q, dtype=np.float64), np.asarray(w, dtype=np.float64)
+    q, w = np.asarray(q), np.asarray(w)
     dimensions = max(q.ndim, w.ndim)
     q, w = (x.reshape(*[1] * (dimensions - x.ndim), *x.shape) for x in (q, w))
     return adi(sets.layers(q), sets.layers(w))
