@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import product
 
 import numpy as np
@@ -13,6 +14,7 @@ from numpy.typing import NDArray
 from preshape.exceptions import InputError
 from preshape.hiis.estimator import (
     HIDDEN,
+    INPUT_COUNTS,
     INPUTS,
     LAYERS,
     OUTPUTS,
@@ -24,6 +26,7 @@ from preshape.hiis.estimator import (
     sigmoid,
 )
 from preshape.objects import library
+from preshape.objects.shape import LENGTH
 from preshape.types import Attributes, NetworkWeights
 
 Array = NDArray[np.float64]
@@ -146,6 +149,28 @@ def test_inputs_in_order_and_scaled() -> None:
         area=4.0, volume=8.0,
     )  # fmt: skip
     assert inputs(q, double, 2 * U) == pytest.approx(x)
+
+
+def test_tasks_are_clipped_far_beyond_any_task_for_both_kinds_of_inputs() -> None:
+    shape = np.linspace(0.0, 1.0, LENGTH)
+    a = Attributes(
+        extents=np.array([0.043, 0.086, 0.172]), vertices=1, vertex_normals=0, faces=10, triangles=100,
+        area=1.0, volume=1.0, shape=shape,
+    )  # fmt: skip
+    task = np.array([1e9, -1e9, 9.5, -9.5, 10.5, -10.5])
+    clipped = [10.0, -10.0, 9.5, -9.5, 10.0, -10.0]
+    # A count of one or of none is 0 on the scale of logarithms.
+    assert inputs(task, a, U) == pytest.approx([*clipped, 0.25, 0.5, 1.0, 0, 0, 1 / 6, 2 / 6])
+    assert inputs(task, a, U, "shape") == pytest.approx([*clipped, 0.25, 0.5, 1.0, *shape])
+    assert {kind: len(inputs(task, a, U, kind)) for kind in INPUT_COUNTS} == INPUT_COUNTS  # type: ignore[arg-type]
+
+
+def test_an_unknown_kind_of_inputs_or_a_missing_descriptor_is_refused() -> None:
+    a = library.load_library_object("cube").attributes
+    with pytest.raises(InputError, match="no kind of inputs 'size'; known: paper, shape"):
+        inputs(np.zeros(6), a, U, "size")  # type: ignore[arg-type]
+    with pytest.raises(InputError, match="need a shape descriptor, got none"):
+        inputs(np.zeros(6), replace(a, shape=None), U, "shape")
 
 
 def test_a_count_of_zero_is_no_infinity() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Sequence
 from itertools import pairwise
 
@@ -178,6 +179,15 @@ def test_tfvadi_equals_the_scalar_definition(q: tuple[float, ...], w: tuple[floa
     assert float(approaching_degrees(q, w, sets).sum()) == pytest.approx(found, abs=1e-12)
 
 
+@pytest.mark.parametrize("shape", SHAPES)
+def test_a_set_without_width_is_a_spike_and_no_division_by_zero(shape: str) -> None:
+    spikes = [[j / 4] * 4 for j in range(-3, 4)]
+    sets = FuzzySets(corners=spikes, shape=shape)
+    assert sets.membership(np.arange(-3, 4) / 4).tolist() == np.eye(7).tolist()
+    assert sets.membership([-0.7, 0.1, 0.7]).tolist() == np.zeros((3, 7)).tolist()
+    assert sets.membership([-9.0, 9.0]).tolist() == [np.eye(7)[0].tolist(), np.eye(7)[6].tolist()]
+
+
 def test_any_legal_corners_even_steps_equal_the_scalar_definition() -> None:
     rng = np.random.default_rng(8)
     for _ in range(300):
@@ -297,7 +307,20 @@ def test_crisp_is_the_midpoint_of_the_core_clipped_for_changed_sets() -> None:
     crisp = FuzzySets().changed({"FWD-L": (0.1, 0.2, 0.5, 0.6), "FWD-H": (0.6, 0.7, 1.2, 1.2)}).crisp()
     assert crisp[4] == pytest.approx(0.35)
     assert crisp[6] == pytest.approx((0.7 + 0.95) / 2)
-    assert np.abs(FuzzySets().changed({"FWD-H": (0.9, 1.0, 1.2, 1.2)}).crisp()).max() <= 0.95
+    # The cores of the outermost sets end at the limit, not at the feet.
+    narrow = {"RWD-H": (-1.2, -0.94, -0.9, -0.75), "FWD-H": (0.75, 0.9, 0.94, 1.2)}
+    assert FuzzySets().changed(narrow).crisp()[[0, 6]] == pytest.approx([-0.92, 0.92], abs=1e-12)
+    wide = {"RWD-H": (-1.2, -1.2, -1.0, -0.9), "FWD-H": (0.9, 1.0, 1.2, 1.2)}
+    assert FuzzySets().changed(wide).crisp()[[0, 6]].tolist() == [-0.95, 0.95]
+
+
+@pytest.mark.parametrize("bad", [1.0, [], [1.0] * 5, np.ones((6, 7))])
+def test_what_is_not_six_numbers_is_refused(bad: object) -> None:
+    shape = re.escape(str(np.shape(bad)))
+    with pytest.raises(InputError, match=f"a task must be six numbers, got shape {shape}"):
+        tfvadi(bad, Q1)
+    with pytest.raises(InputError, match=f"a wrench must be six numbers, got shape {shape}"):
+        tfvadi(Q1, bad)
 
 
 @pytest.mark.parametrize("bad", [(1, 1, 1, 1, 1, np.nan), (1, 1, 1, 1, 1, np.inf)])
