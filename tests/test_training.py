@@ -163,6 +163,17 @@ def test_the_seed_set_is_learnt_with_every_code_read_right(
         assert (found.plane, found.approach_set, found.fingers) == (e.plane, e.approach_set, e.fingers)
 
 
+def test_initial_weights_spread_by_one_over_the_root_of_the_fan_in() -> None:
+    layers = (100, 400, 25)
+    w = initial_weights(3, layers)
+    for found, fan_in in ((w.w1, 100), (w.b1, 100), (w.w2, 400)):
+        error = 4 / np.sqrt(found.size)  # four standard errors of the mean; of the spread it is less
+        assert abs(found.mean()) * np.sqrt(fan_in) < error
+        assert found.std() * np.sqrt(fan_in) == pytest.approx(1, abs=error)
+    assert not w.b2.any()
+    assert (w.mean_square_error, w.trained_on, w.epochs) == (1.0, 0, 0)
+
+
 def test_same_seed_same_weights_bit_for_bit(seed_set: tuple[Array, Array]) -> None:
     x, y = seed_set
     first, second, other = train(x, y, seed=3), train(x, y, seed=3), train(x, y, seed=4)
