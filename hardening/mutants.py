@@ -75,7 +75,10 @@ _PEAKS = "peak_low, peak_high = self.corners[0, 2], self.corners[-1, 1]"
 _CRISP = "return np.clip(np.round(middle, 12), -CLIP, CLIP)"
 _NAME = 'return ("+" if axis[i] > 0 else "-") + "xyz"[i]'
 _ALLOWED = "return (APPROACH_AXES @ wanted.T > 0.5).any(axis=1)"
+_GRASP = "def grasp(self, index: int = 0) -> Grasp:"
 EQUIVALENT: dict[tuple[str, str, str], str] = {
+    ("analyser.py", _GRASP, _GRASP.replace("0", "1")): "The method is abstract.",
+    ("analyser.py", _GRASP, _GRASP.replace("0", "(-1)")): "The method is abstract.",
     ("estimator.py", _LOG, _LOG.replace("1 - p", "0 - p")): _ODDS,
     ("estimator.py", _LOG, _LOG.replace("1 - p", "2 - p")): _ODDS,
     ("estimator.py", "odds = np.exp(log - log.max())", "odds = np.exp((log + log.max()))"): _ODDS,
