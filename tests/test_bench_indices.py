@@ -227,7 +227,7 @@ def pinch(normals: float = 1.0, centre: tuple[float, float, float] = (0.0, 0, 0)
         centre=np.array(centre),
         cog=np.zeros(3),
         length=0.05,
-        u=0.043,
+        length_unit=0.172,
         plane=1,
     )
 
@@ -309,7 +309,7 @@ def test_paper_indices_are_the_analysers_own() -> None:
             centre=analyser.middle,
             cog=mesh.cog,
             length=analyser.search.length,
-            u=hand.u,
+            length_unit=4 * hand.u,
             plane=grasp.plane.index,
         )
         motion = task_motion(task, mesh.cog, analyser.search.length)

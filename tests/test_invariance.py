@@ -147,7 +147,7 @@ def test_a_turn_or_a_mirror_carries_every_virtual_grasp_along(seed: int, symmetr
     same, upright = expected(found_in(mesh, q), A)
 
     def carried(found: Found) -> Found:
-        """Two fingers stand beside each other at +t, which a mirror or a turn of the thumb's side reverses."""
+        """Two fingers stand beside each other at +t, which a mirror or another thumb side reverses."""
         turned_only = np.linalg.det(A) > 0
         return {key: row for key, row in found.items() if key[3] != 3 or (turned_only and key[0] in upright)}
 

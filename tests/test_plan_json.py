@@ -15,14 +15,17 @@ import numpy as np
 import pytest
 
 from preshape.files import dumps
+from preshape.hands.load import load_hand
 from preshape.hiis.decision import Settings
 from preshape.hiis.fuzzy import SET_NAMES
+from preshape.hiis.learning import seed_cube
 from preshape.hiis.planes import PLANES
 from preshape.objects.library import load_library_object
 from preshape.planner import plan
 from preshape.planning.document import GRASP_KEYS, error_to_json, plan_schema, plan_to_json
 from preshape.planning.hand_simulation import HandStatus
 from preshape.planning.plan import Plan
+from preshape.planning.session import layout_of
 
 EXAMPLE = Path(__file__).parent.parent / "docs" / "plan.example.json"
 PROMISED = {
@@ -68,13 +71,17 @@ def corners_only():
     )
 
 
+CUBE = seed_cube(layout_of(load_hand("utah_mit")))
+"""The cube of the first lesson, which every memory knows."""
+
+
 @pytest.fixture(scope="module")
 def plans() -> dict[str, Plan]:
     strict = Settings.__dataclass_fields__["thresholds"].default_factory
     thresholds = type(strict())
     return {
-        "mode 0": made("cube", "1 1 .1 .05 .8 .05"),
-        "mode 2": made("cube", "0 0 0 2 2 2"),  # the cube is known, and no grasp of it does this
+        "mode 0": made(CUBE, "1 1 .1 .05 .8 .05"),
+        "mode 2": made(CUBE, "0 0 0 2 2 2"),  # the cube is known, and no grasp of it does this
         "mode 3": made(count=2),
         "two fingers": made("pen", "insert", learn=False, count=4),
         "deadlock": made("dolphin", settings=Settings(thresholds=thresholds(estimation=5.99))),
