@@ -317,7 +317,7 @@ def test_a_shard_is_known_by_its_content_and_not_by_how_much_else_is_asked() -> 
 
 
 def test_a_damaged_file_is_no_shard() -> None:
-    facts = {"format": "preshape dataset 2", "shard": "a", "rows": 0}
+    facts = {"format": "preshape dataset 3", "shard": "a", "rows": 0}
     whole = parquet_bytes([], facts)
     assert whole == parquet_bytes([], dict(reversed(facts.items())))
     assert facts_of(whole) == facts

@@ -13,6 +13,7 @@ from ..exceptions import EnvironmentFailure, InputError
 from ..files import locked, write_bytes, write_json
 from ..hands.load import load_hand
 from ..tasks import parse_task
+from ..types import LENGTH_UNIT
 from .making import MadeShard, versions
 from .schema import FORMAT, facts_of
 from .settings import DatasetSettings, Shard, hand_digest, task_label
@@ -36,7 +37,11 @@ def manifest(shards: Sequence[Shard], settings: DatasetSettings) -> dict[str, An
         "settings": settings.to_json(),
         "objects": {f"{s.object_name}@{s.scale:g}": s.mesh for s in shards},
         "hands": {
-            hand.name: {"joints": list(hand.joints), "digest": hand_digest(text)}
+            hand.name: {
+                "joints": list(hand.joints),
+                "digest": hand_digest(text),
+                "length_unit": LENGTH_UNIT * hand.u,
+            }
             for text, hand in hands.items()
         },
         "tasks": {task_label(task): task.q.tolist() for task in tasks.values()},

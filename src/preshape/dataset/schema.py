@@ -16,7 +16,7 @@ from ..physics.protocol import HoldProtocol
 from ..types import value
 from .index_values import INDICES
 
-FORMAT = "preshape dataset 2"
+FORMAT = "preshape dataset 3"
 META = b"preshape"
 """Key of a shard's facts (JSON text) in the Parquet metadata."""
 DIRECTIONS = tuple(probe.name.removeprefix("force ") for probe in HoldProtocol().loads())

@@ -51,7 +51,7 @@ OBJECTS = (
 )  # fmt: skip
 """Library objects that can be cut quickly into few convex pieces."""
 COUNT = 2000
-FORMAT = "preshape indices 1"
+FORMAT = "preshape indices 2"
 
 
 @value
