@@ -49,8 +49,8 @@ REFUSED: dict[str, list[tuple[Any, str]]] = {
     "mass": [(0, "mass"), (-1.0, "mass"), (NAN, "mass"), ("1", "mass"), (True, "mass"), (HUGE, "mass"),
              ([1.0], "mass")],
     "friction": [(0, "friction"), (-1.0, "friction"), (INF, "friction"), ("1", "friction"), (1j, "friction")],
-    "table": [("high", "auto or none"), (NAN, "auto or none"), (True, "auto or none"), ([0.0], "auto or none"),
-              (HUGE, "auto or none"), (1e9, "at most")],
+    "table": [("high", "auto or none"), (NAN, "auto or none"), (True, "auto or none"),
+              ([0.0], "auto or none"), (HUGE, "auto or none"), (1e9, "at most")],
     "avoid": [(5, "list of boxes"), ("x", "six numbers"), (None, "list of boxes"), ([5], "six numbers"),
               (BOX, "six numbers"), ([BOX[:5]], "six numbers"), ([[*BOX[:5], "a"]], "six numbers"),
               ([[*BOX[:5], NAN]], "finite"), ([BOX[::-1]], "lower corner"), ([[*BOX[:5], 1e9]], "at most")],
@@ -115,8 +115,7 @@ def test_any_value_is_used_or_refused(name: str) -> None:
     for junk in JUNK:
         try:
             made = request(**{name: junk})
-        except InputError as error:
-            assert str(error)
+        except InputError:
             continue
         document = json.loads(json.dumps(made.to_json(), allow_nan=False))
         assert PlanRequest.from_json(document).to_json() == document
@@ -133,7 +132,8 @@ def places(part: Any, path: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
 
 
 IN_JSON: list[Any] = [
-    None, True, 0, -1, 1.5, NAN, INF, HUGE, "", "x", "\0", [], {}, [1], [[]], {"a": 1}, [None] * 3, [HUGE] * 6,
+    None, True, 0, -1, 1.5, NAN, INF, HUGE, "", "x", "\0", [], {}, [1], [[]], {"a": 1}, [None] * 3,
+    [HUGE] * 6,
 ]  # fmt: skip
 
 
@@ -154,8 +154,7 @@ def test_any_json_is_a_request_or_refused() -> None:
                 document = junk
             try:
                 made = PlanRequest.from_json(document)
-            except InputError as error:
-                assert str(error)
+            except InputError:
                 refused += 1
                 continue
             assert json.loads(json.dumps(made.to_json(), allow_nan=False))
