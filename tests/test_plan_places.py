@@ -55,12 +55,15 @@ def rays(source: Any = "cube", **changes: Any) -> PlanRequest:
         ("a\\b:c*?", "a_b_c__"), ("\0\n", "__"), ("Gehäuse 2", "Gehäuse 2"), (".hidden", "hidden"),
     ],
 )  # fmt: skip
-def test_a_plan_of_a_mesh_of_any_name_stays_in_its_folder(name: str, stem: str, tmp_path: Path) -> None:
+def test_any_name_makes_a_file_name(name: str, stem: str) -> None:
     assert file_stem(name) == stem
+
+
+@pytest.mark.parametrize("name", ["../../up", ".."])
+def test_a_plan_of_a_mesh_of_any_name_stays_in_its_folder(name: str, tmp_path: Path) -> None:
     folder = tmp_path / "in" / "out"
-    made = preshape.plan(block(name), Q1, memory=":memory:")
-    files = made.save(folder)
-    assert files[-1] == folder / f"{stem}-surface.obj"
+    files = preshape.plan(block(name), Q1, memory=":memory:").save(folder)
+    assert files[-1] == folder / f"{file_stem(name)}-surface.obj"
     assert sorted(path for path in tmp_path.rglob("*") if path.is_file()) == sorted(files)
     document = json.loads((folder / "plan.json").read_text())
     assert document["object"]["source"] == files[-1].name

@@ -477,6 +477,7 @@ def _element_key(request: PlanRequest, hand: Hand, mesh: TriangleMesh, mass: Obj
         "seed",
         "thresholds",
         "sets",
+        "finger_rule",
         "coefficients",
     )
     wanted = request.wanted(mesh) if request.analyser == "closure" else 0
