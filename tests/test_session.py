@@ -16,8 +16,10 @@ from preshape.cli.main import run
 from preshape.closure.settings import ClosureSettings
 from preshape.exceptions import Cancelled, InputError, ObjectError
 from preshape.hiis.analyser import Aim, Grip
+from preshape.hiis.critic import Thresholds
 from preshape.hiis.decision import Settings, Status
 from preshape.memory import Memory
+from preshape.memory.records import SCENE_LENGTH
 from preshape.objects.library import entry, load_library_object, names
 from preshape.objects.mass import object_mass
 from preshape.objects.mesh import TriangleMesh
@@ -117,6 +119,45 @@ def test_a_box_out_of_reach_is_told(session: Session) -> None:
     assert far.warnings[0] in plan_to_json(far)["warnings"]
 
 
+GRID = [
+    [x / 50 - 0.2, y / 50 - 0.2, -0.4, x / 50 - 0.19, y / 50 - 0.19, -0.38]
+    for x in range(20)
+    for y in range(10)
+]
+"""200 boxes under the object, out of the hand's way."""
+
+
+def test_the_scene_of_many_boxes_is_a_digest_that_is_the_same_everywhere() -> None:
+    mug = load_library_object("mug")
+    scene = asked(avoid=GRID, table="auto", mass=0.5).scene(mug)
+    assert scene == "table 0 mm under the object; 200 boxes 2e096fa4bf54228b692b95aa2609c0eb; load 0.5 kg"
+    assert asked(avoid=GRID[::-1], table="auto", mass=0.5).scene(mug) == scene
+    assert asked(avoid=[*GRID[1:], [*GRID[0][:5], -0.37]], table="auto", mass=0.5).scene(mug) != scene
+    assert asked(avoid=GRID[1:], table="auto", mass=0.5).scene(mug) != scene
+    shift = np.array([0.3, -0.2, 0.1])
+    moved = TriangleMesh(name="mug", vertices=mug.vertices + shift, triangles=mug.triangles, mass=0.3)
+    there = (np.array(GRID).reshape(-1, 2, 3) + shift).reshape(-1, 6)
+    assert asked(avoid=there, table="auto", mass=0.5).scene(moved) == scene
+    # A text that the memory can store stays as it always was, so that its lessons are found again.
+    few = asked(avoid=GRID[:100]).scene(mug)
+    assert few.startswith("box -200 -200 -400 -190 -190 -380; box ")
+    assert few.count("box ") == 100
+    assert max(len(asked(avoid=GRID[:k]).scene(mug)) for k in range(100, 200)) <= SCENE_LENGTH
+
+
+def test_lessons_among_many_boxes_are_found_again(tmp_path: Path) -> None:
+    request = asked("box", "lift", avoid=GRID)
+    with Session(tmp_path / "m.sqlite") as session:
+        first = session.teach(request)
+        assert first.decision.mode == 3
+        again = session.run(request)
+    assert again.decision.mode == 0
+    assert again.decision.reason.startswith("known:")
+    with Memory.open(tmp_path / "m.sqlite", read_only=True) as store:
+        lessons = [e for e in store.experiences() if e.object_name == "box"]
+    assert {e.scene for e in lessons} == {request.scene(first.mesh)}
+
+
 # -- the mass -------------------------------------------------------------------------------------------
 
 
@@ -152,6 +193,40 @@ def test_an_absurd_density_names_the_unit(mass: float, word: str) -> None:
     assert word in warning
     assert "kilograms" in warning
     assert not object_mass(load_library_object("mug"), 0.3).warning
+
+
+def test_an_absurd_density_is_told_whatever_the_mass_comes_from(session: Session) -> None:
+    mug = load_library_object("mug")
+
+    def warned(size: float, mass: float | None = None, given: float | None = None) -> str:
+        mesh = TriangleMesh(name="part", vertices=size * mug.vertices, triangles=mug.triangles, mass=mass)
+        return object_mass(mesh, given).warning
+
+    assert not warned(1.0)
+    assert not warned(0.5)  # 15 cm³ at the least mass of 0.1 kg is as dense as steel
+    assert "the assumed mass of 0.1 kg" in warned(0.01)
+    assert "--unit" in warned(0.01)
+    assert "denser" in warned(0.01)
+    assert "filled with water weighs" in warned(10.0)  # 117 kg
+    assert not warned(9.0)
+    assert "check the mass of the object" in warned(1.0, mass=1e4)
+    assert "lighter" in warned(1.0, mass=1e-5)
+    assert not warned(1.0, mass=0.3)
+    assert "check --mass" in warned(1.0, mass=0.3, given=1e4)
+    assert not any(object_mass(load_library_object(name)).warning for name in names())
+    tiny = TriangleMesh(name="tiny", vertices=0.02 * mug.vertices, triangles=mug.triangles)
+    plan = session.run(asked(tiny, "lift"))
+    assert "denser than any metal" in plan.warnings[0]
+    assert plan.warnings[0] in plan_to_json(plan)["warnings"]
+
+
+def test_a_sheet_has_at_least_the_density_of_its_box() -> None:
+    corners = np.array([[0, 0, 0], [1, 0, 0.5], [1, 1, 0.5], [0, 1, 0]])
+    for size, word in ((0.1, ""), (0.001, "denser")):
+        sheet = TriangleMesh(name="sheet", vertices=size * corners, triangles=[[0, 1, 2], [2, 3, 0]])
+        assert word in object_mass(sheet).warning
+        assert bool(object_mass(sheet).warning) == bool(word)
+        assert not object_mass(sheet, 1e-12).warning  # nobody can say how light the body is
 
 
 @pytest.mark.parametrize("mass", [0, -1, float("nan"), float("inf"), True, "1"])
@@ -340,6 +415,45 @@ def test_a_plan_of_version_1_is_read_with_its_old_assumptions() -> None:
         request = request_of(document)
         assert (request.analyser, request.table, request.avoid) == (analyser, None, ())
         assert planned_load(document) == (0.1, 0.6)
+
+
+def old(plan: preshape.Plan) -> dict[str, Any]:
+    """The plan as version 1 had it, without its request."""
+    new = ("schema", "request", "mass", "mass_source", "heaviest_mass", "best", "way_in")
+    document = json.loads(json.dumps(plan_to_json(plan)))
+    return {key: content for key, content in document.items() if key not in new}
+
+
+@pytest.mark.parametrize(
+    ("hand", "analyser", "changes"),
+    [
+        ("shadow", "rays", {}),
+        ("shadow", "rays", {"settings": Settings(thresholds=Thresholds(estimation=6.0))}),
+        ("shadow", "closure", {}),
+        ("utah_mit", "closure", {}),
+        ("utah_mit", "closure", {"mass": 3.0}),
+        ("utah_mit", "rays", {}),
+    ],
+)
+def test_a_plan_of_version_1_shows_which_analyser_made_it(
+    hand: str, analyser: str, changes: dict[str, Any], session: Session
+) -> None:
+    search = {"search": ClosureSettings()} if analyser == "rays" else {}
+    plan = session.run(asked("box", "lift", hand=hand, analyser=analyser, learn=False, **search, **changes))
+    assert (plan.answer is None) == bool(changes)
+    request = request_of(old(plan))
+    assert (request.analyser, request.mass) == (analyser, 0.1 if analyser == "closure" else None)
+
+
+def test_a_plan_of_version_1_with_nothing_to_tell_is_the_hand_s() -> None:
+    document = json.loads((DATA / "plan_version_1.json").read_text())
+    document |= {"plane": None, "alternatives": [], "hand": {**document["hand"], "name": "shadow"}}
+    silent = [{"mode": 2, "outcome": "unknown", "reason": "no known object has its size and shape"}]
+    assert request_of({**document, "transitions": silent}).analyser == "closure"
+    tried = [{"mode": 0, "outcome": "penalty", "reason": "no virtual grasp: of 208 hands tried, 32 close"}]
+    document["hand"]["name"] = "utah_mit"
+    assert request_of({**document, "transitions": silent}).analyser == "rays"
+    assert request_of({**document, "transitions": tried}).analyser == "closure"
 
 
 def test_a_plan_of_a_newer_version_is_refused(tmp_path: Path) -> None:

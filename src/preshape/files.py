@@ -23,6 +23,38 @@ def dumps(document: Any) -> str:
     return json.dumps(document, allow_nan=False, indent=2)
 
 
+def file_stem(name: str, longest: int = 50) -> str:
+    """A file name without its suffix, made from a name that may hold anything.
+
+    Args:
+        name: Any text, such as the name of a mesh.
+        longest: Largest number of characters, so that a file system takes the name with a suffix.
+
+    >>> file_stem("cup/v 2"), file_stem(".."), file_stem("")
+    ('cup_v 2', 'unnamed', 'unnamed')
+    """
+    safe = "".join(c if c.isalnum() or c in " ._-" else "_" for c in name)
+    return safe[:longest].strip(" .") or "unnamed"
+
+
+def file_state(path: str | Path) -> tuple[int, ...] | None:
+    """A value that changes whenever a file is written or replaced; ``None`` if there is no such file.
+
+    The first two numbers, device and inode, change only if another file takes its place.
+    """
+    try:
+        found = os.stat(path)
+    except (OSError, ValueError):
+        return None
+    return found.st_dev, found.st_ino, found.st_size, found.st_mtime_ns, found.st_ctime_ns
+
+
+def file_place(path: str | Path) -> tuple[int, ...] | None:
+    """A value that changes when another file takes the place of this one; ``None`` if there is none."""
+    state = file_state(path)
+    return None if state is None else state[:2]
+
+
 def write_whole(path: Path, write: Callable[[Path], None]) -> None:
     """Write a file whole or not at all: a temporary file beside it is written and then renamed.
 

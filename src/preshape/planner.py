@@ -24,6 +24,7 @@ from .planning.plan import Plan
 from .planning.request import RAY_HAND, PlanRequest
 from .planning.session import Session
 from .tasks import Task
+from .types import whole_number
 
 if TYPE_CHECKING:
     import trimesh
@@ -81,14 +82,17 @@ def plan(
         InputError: An argument that cannot be used; the message says what to change.
         EnvironmentFailure: A file could not be read or written.
     """
-    chosen = settings or Settings(seed=seed)
+    seed = whole_number(seed, "seed", 0)
+    chosen = Settings(seed=seed) if settings is None else settings
+    if seed and isinstance(chosen, Settings):
+        chosen = replace(chosen, seed=seed)
     if not isinstance(thing, str | Path | TriangleMesh):
         thing, unit, scale = mesh_from(thing, unit, scale), "m", 1.0
     request = PlanRequest(
         source=thing,
         task=task,
         hand=hand,
-        analyser=analyser or "",
+        analyser="" if analyser is None else analyser,
         scale=scale,
         unit=unit,
         view=view,
@@ -100,8 +104,8 @@ def plan(
         count=count,
         learn=learn,
         verify=verify,
-        settings=replace(chosen, seed=seed) if seed else chosen,
-        search=closure or ClosureSettings(),
+        settings=chosen,
+        search=ClosureSettings() if closure is None else closure,
         memory=_file_of(memory),
     )
     with Session(memory, learn=learn) as session:

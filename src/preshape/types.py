@@ -13,6 +13,7 @@ preshape.exceptions.InputError: point must be finite, got [ 1.  2. nan]
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, fields
 from typing import Any, TypeVar, dataclass_transform
@@ -85,6 +86,8 @@ def frozen_array(data: ArrayLike, shape: tuple[int | None, ...], name: str) -> A
         InputError: The data are not numbers, have another shape, or are not finite.
     """
     try:
+        if np.iscomplexobj(data):  # NumPy would only warn that it drops the imaginary part
+            raise TypeError("complex numbers")
         array = np.array(data, dtype=np.float64)
     except (TypeError, ValueError, OverflowError) as error:
         raise InputError(f"{name} must be numbers, got {data!r:.80}") from error
@@ -98,6 +101,53 @@ def frozen_array(data: ArrayLike, shape: tuple[int | None, ...], name: str) -> A
     if not np.isfinite(array).all():
         raise InputError(f"{name} must be finite, got {array!s:.80}")
     return read_only(array)
+
+
+def finite_number(given: object, name: str, wanted: str = "a finite number") -> float:
+    """A finite number as a float. Numeric NumPy scalars are numbers; booleans and text are not.
+
+    Args:
+        given: What the caller gave.
+        name: Its name in the message.
+        wanted: What is expected, for the message.
+
+    Raises:
+        InputError: It is not a finite number.
+
+    >>> finite_number(np.int64(3), "mass")
+    3.0
+    """
+    try:
+        if isinstance(given, int | float | np.integer | np.floating) and not isinstance(given, bool):
+            number = float(given)
+            if math.isfinite(number):
+                return number
+    except OverflowError:  # a whole number of hundreds of digits
+        pass
+    raise InputError(f"{name} must be {wanted}, got {given!r:.60}")
+
+
+def positive_number(given: object, name: str, wanted: str = "a positive, finite number") -> float:
+    """A finite number above zero as a float; see :func:`finite_number`.
+
+    Raises:
+        InputError: It is not a positive, finite number.
+    """
+    number = finite_number(given, name, wanted)
+    if not number > 0:
+        raise InputError(f"{name} must be {wanted}, got {given!r:.60}")
+    return number
+
+
+def whole_number(given: object, name: str, least: int) -> int:
+    """A whole number as an int. NumPy integers are whole numbers; booleans and floats are not.
+
+    Raises:
+        InputError: It is not a whole number, or is below ``least``.
+    """
+    if isinstance(given, bool) or not isinstance(given, int | np.integer) or given < least:
+        raise InputError(f"{name} must be a whole number of at least {least}, got {given!r:.60}")
+    return int(given)
 
 
 def freeze(instance: Any, **fields: Any) -> None:
@@ -155,7 +205,10 @@ class ContactCoefficients:
     mn: float = 0.80
 
     def __post_init__(self) -> None:
-        frozen_array([self.ka, self.ko, self.kn, self.mn], (4,), "contact coefficients")
+        for f in fields(self):
+            freeze(
+                self, **{f.name: finite_number(getattr(self, f.name), f"the contact coefficient {f.name}")}
+            )
 
 
 UNIT_NAME = "4U"

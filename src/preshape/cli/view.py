@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -154,24 +153,29 @@ def _found(document: dict[str, Any], folder: Path, changes: dict[str, Any]) -> P
     Raises:
         InputError: The document is no plan, or its object is not found.
     """
-    from ..objects.load import load_object
+    from ..objects.load import IN_MEMORY, load_object
     from ..physics.locate import object_extent, plan_object
     from ..planning.document import request_of, version_of
 
-    request = request_of(document, **changes)
     extent = max(float(x) for x in document["object"]["extents"])
     if version_of(document) >= 2:
-        source = plan_object(request.object_name, None, folder)
-        try:
-            mesh = load_object(source, unit=request.unit, scale=request.scale, view=request.view)
-            if abs(float(mesh.extents.max()) / extent - 1.0) < 0.01:
-                return replace(request, source=source)
-        except PreshapeError:
-            pass  # the mesh was made in Python; the plan names a file beside it with the mesh
+        asked = str(document["request"]["object"]["source"])
+        if not asked.endswith(IN_MEMORY):
+            source = plan_object(asked, None, folder)
+            request = request_of(document, **{**changes, "source": source})
+            try:
+                mesh = load_object(source, unit=request.unit, scale=request.scale, view=request.view)
+                if abs(float(mesh.extents.max()) / extent - 1.0) < 0.01:
+                    return request
+            except PreshapeError:
+                pass  # the object's file is gone; the plan may name a file beside it with the surface
+        elif document["mass_source"] == "known" and document["request"]["analyser"] == "closure":
+            changes = {"mass": document["mass"], **changes}  # the file with the surface has no mass
     source = plan_object(str(document["object"]["source"]), None, folder)
     size = object_extent(source, None)
     if size is None:
         raise InputError(
             f"the plan's object {source!r:.80} is neither here nor built in; run from its folder"
         )
-    return replace(request, source=source, unit="m", scale=extent / size, view=None)
+    place = {"source": source, "unit": "m", "scale": extent / size, "view": None}
+    return request_of(document, **(changes | place))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import re
 from dataclasses import field
 
@@ -10,18 +9,12 @@ import numpy as np
 
 from ..exceptions import InputError
 from ..kernels.closing.host import Obstacles
-from ..types import FIELD_MASS, FRICTION, GRAVITY, freeze, value
+from ..types import FIELD_MASS, FRICTION, GRAVITY, finite_number, freeze, value, whole_number
 
 _DEVICE = re.compile(r"cpu|cuda(:[0-9]+)?")
 _NUMBERS = ("friction", "torsion", "friction_share", "press_least", "press_most", "safety", "hold")
 _COUNTS = ("at_aim", "on_plane", "everywhere", "elite", "children", "finished", "threads")
 _COUNTS_FROM_ZERO = ("persistence", "rounds")
-
-
-def _number(given: object, name: str) -> float:
-    if isinstance(given, bool) or not isinstance(given, int | float | np.number) or not math.isfinite(given):
-        raise InputError(f"{name} must be a finite number, got {given!r}")
-    return float(given)
 
 
 @value
@@ -79,15 +72,14 @@ class ClosureSettings:
 
     def __post_init__(self) -> None:
         for name in _NUMBERS:
-            freeze(self, **{name: _number(getattr(self, name), name)})
+            freeze(self, **{name: finite_number(getattr(self, name), name)})
         if self.mass is not None:
-            freeze(self, mass=_number(self.mass, "mass"))
+            freeze(self, mass=finite_number(self.mass, "mass"))
         for name in (*_COUNTS, *_COUNTS_FROM_ZERO):
-            number, least = getattr(self, name), int(name in _COUNTS)
-            if number is None and name == "threads":
-                continue
-            if isinstance(number, bool) or not isinstance(number, int | np.integer) or number < least:
-                raise InputError(f"{name} must be a whole number of {least} or more, got {number!r}")
+            if name != "threads" or self.threads is not None:
+                freeze(self, **{name: whole_number(getattr(self, name), name, int(name in _COUNTS))})
+        if not isinstance(self.obstacles, Obstacles):
+            raise InputError(f"obstacles must be a value of Obstacles, got {self.obstacles!r:.60}")
         if not isinstance(self.device, str) or not _DEVICE.fullmatch(self.device):
             raise InputError(f"device must be cpu, cuda or cuda:N, got {self.device!r}")
         if self.press_least > self.press_most:

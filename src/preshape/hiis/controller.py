@@ -64,6 +64,8 @@ class Controller:
             which does not depend on the triangulation.
         scene: Scene of the requests, as text. Lessons are stored with this scene, and an object counts as
             known only by lessons of the same scene.
+        may_store: Whether the first lesson and newly trained weights are stored when the memory is read;
+            False for a request that may not learn.
 
     Attributes:
         knowledge: What the hand has learnt, in main memory and on disk.
@@ -80,6 +82,7 @@ class Controller:
         seed_object: TriangleMesh | None = None,
         kind: InputKind = "paper",
         scene: str = "",
+        may_store: bool = True,
     ) -> None:
         self.memory, self.layout = memory, layout
         self.settings = settings or Settings()
@@ -95,6 +98,7 @@ class Controller:
             kind=kind,
             scene=scene,
             first_lesson=lambda: first(seed_object or seed_cube(layout)),
+            may_store=may_store,
         )
 
     @property

@@ -37,6 +37,7 @@ class Knowledge:
         kind: Inputs that describe an object to the estimator.
         scene: The scene of the requests; lessons are stored with it.
         first_lesson: Function that prepares the cube of the first lesson.
+        may_store: Whether the first lesson and newly trained weights are stored when the memory is read.
 
     Attributes:
         memory_state: State of the memory when it was last read or written here (:meth:`Memory.state`).
@@ -52,9 +53,11 @@ class Knowledge:
         kind: InputKind,
         scene: str,
         first_lesson: Callable[[], Analyser],
+        may_store: bool = True,
     ) -> None:
         self.memory, self.layout, self.settings, self.scene = memory, layout, settings, scene
         self._kind: InputKind = kind
+        self._may_store = may_store and not memory.read_only
         self.experiences: tuple[Experience, ...] = ()
         self._weights: NetworkWeights | None = None
         # The state is taken first: what another process writes from now on makes it differ.
@@ -181,7 +184,7 @@ class Knowledge:
                 return
             self.experiences, self._weights = (*seeds, *self.experiences), None
             self._weights = self._trained(self.experiences)
-            if seeds and not self.memory.read_only:
+            if seeds and self._may_store:
                 with self._writing():
                     self.memory.add(seeds, self._weights)
         x, _ = training_set(self.experiences, self.layout.u, kind=self._kind)
@@ -189,6 +192,6 @@ class Knowledge:
         if weights is None or weights.trained_on != len(x) or weights.w1.shape[1] != x.shape[1]:
             # Another process has learnt in the meantime, or experiences were imported.
             self._weights = self._trained(self.experiences)
-            if not self.memory.read_only:
+            if self._may_store:
                 with self._writing():
                     self.memory.save_weights(self.layout.name, self._weights)

@@ -5,13 +5,14 @@ from __future__ import annotations
 import os
 import sqlite3
 from collections.abc import Collection, Iterable, Iterator, Sequence
-from contextlib import closing, contextmanager
+from contextlib import closing, contextmanager, suppress
 from datetime import UTC, datetime
 from pathlib import Path
 from types import TracebackType
 from typing import Self
 
 from ..exceptions import EnvironmentFailure, InputError, MemoryFileError
+from ..files import file_place
 from ..types import Experience, NetworkWeights
 from . import records, schema, summary, transfer
 from .failures import ELSEWHERE, one_line, transaction, translated
@@ -57,6 +58,7 @@ class Memory:
         self._connection = connection
         self.where = where
         self.read_only = read_only
+        self._place = file_place(where)
 
     @classmethod
     def open(cls, path: Path | str | None = None, *, read_only: bool = False) -> Self:
@@ -90,8 +92,15 @@ class Memory:
             return cls(schema.open_readable(file), str(file), read_only=True)
 
     def close(self) -> None:
-        """Close the memory; may be called twice. The last process to close writes the log into the file."""
+        """Close the memory; may be called twice. The last process to close writes the log into the file.
+
+        If another file has taken the place of the memory's file, SQLite would leave the log beside that file,
+        which would then be read with it. So the log is first written into the file that it belongs to.
+        """
         with translated(self.where):
+            if not self.read_only and file_place(self.where) != self._place:
+                with suppress(sqlite3.Error):
+                    self._connection.execute("PRAGMA wal_checkpoint(TRUNCATE)")
             self._connection.close()
 
     def __enter__(self) -> Self:

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from ..exceptions import InputError, ObjectError
-from ..types import Array, IntArray
+from ..types import Array, IntArray, positive_number
 
 UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "inch": 0.0254}
 """Length of each unit of a file [m]."""
@@ -28,13 +26,9 @@ def metres(unit: str, scale: float) -> float:
     Raises:
         InputError: The unit is unknown, or the scale is not a positive, finite number.
     """
-    if unit not in UNITS:
-        raise InputError(f"unknown unit {unit!r}; known: {', '.join(UNITS)}")
-    if isinstance(scale, bool) or not isinstance(scale, int | float | np.number):
-        raise InputError(f"scale must be a positive, finite number, got {scale!r}")
-    if not (math.isfinite(scale) and scale > 0):
-        raise InputError(f"scale must be a positive, finite number, got {scale}")
-    return UNITS[unit] * float(scale)
+    if not isinstance(unit, str) or unit not in UNITS:
+        raise InputError(f"unknown unit {unit!r:.60}; known: {', '.join(UNITS)}")
+    return UNITS[unit] * positive_number(scale, "scale")
 
 
 def has_faces(name: str, vertices: int, faces: int) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import stat
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -41,6 +41,9 @@ _CLOUD_READERS: dict[str, _Reader] = {
 
 CLOUD_SUFFIXES = tuple(_CLOUD_READERS)
 """Suffixes of files that hold points only."""
+
+IN_MEMORY = " (in memory)"
+"""End of the source of an object that was a mesh in Python; nothing can be found under such a name."""
 
 _ALL_READERS = {**_READERS, **_CLOUD_READERS}
 
@@ -125,6 +128,26 @@ def load_object(
             f"{name}: no {suffix[1:].upper()} {_noun(suffix)}, or a damaged one ({reason}); "
             f"re-export it or convert it to {'PLY' if suffix in CLOUD_SUFFIXES else 'OBJ'}"
         ) from error
+
+
+def stored_source(source: str | Path | TriangleMesh) -> tuple[str, float]:
+    """What a document states so that another program finds the object again.
+
+    A library object keeps its name. A file gets its absolute path, so that it means the same in every folder.
+    A mesh in memory cannot be found again and gets its name with ``IN_MEMORY``, unless it is an unchanged
+    library object.
+
+    Returns:
+        The text, and the factor on the size of a library object that was scaled in Python, otherwise 1.
+    """
+    from .library import load_library_object, names
+
+    if not isinstance(source, TriangleMesh):
+        source = str(source)
+        return (str(Path(source).absolute()) if _is_file(source) else source), 1.0
+    if source.name in names() and source.same_as(load_library_object(source.name, scale=source.scale)):
+        return source.name, source.scale
+    return source.name + IN_MEMORY, 1.0
 
 
 def _is_file(source: str | Path) -> bool:
@@ -251,15 +274,17 @@ def mesh_from(other: Any, unit: str = "m", scale: float = 1.0) -> TriangleMesh:
             "an object is a file, the name of a built-in object, a TriangleMesh or a trimesh.Trimesh, "
             f"got {type(other).__name__}"
         )
-    name = str(getattr(other, "metadata", {}).get("file_name") or "mesh")
+    factor, metadata = checks.metres(unit, scale), getattr(other, "metadata", None)
+    name = str((metadata.get("file_name") if isinstance(metadata, Mapping) else None) or "mesh")
     points = frozen_array(vertices, (None, 3), f"{name}: vertices")
-    triangles = np.asarray(faces)
-    if triangles.ndim != 2 or triangles.shape[1] != 3 or not len(triangles):
-        raise ObjectError(f"{name}: a mesh needs triangles, n×3 indices, got shape {triangles.shape}")
-    triangles = triangles.astype(np.int64)
+    indices = frozen_array(faces, (None, 3), f"{name}: the corners of the triangles")
+    indices = np.clip(indices, -1, 2.0**53)  # a larger number has no int64; the check of the range refuses it
+    triangles = indices.astype(np.int64)
+    if not len(triangles) or (triangles != indices).any():
+        raise ObjectError(f"{name}: a mesh needs triangles, n×3 whole numbers; give a surface mesh")
     checks.in_range(name, triangles.ravel(), np.full(len(triangles), 3), len(points), 0, None)
     raw = RawMesh(vertices=points, triangles=triangles, normals=len(points), faces=len(triangles))
-    return _finish(name, Path(name).stem, raw, checks.metres(unit, scale), float(scale))
+    return _finish(name, Path(name).stem or "mesh", raw, factor, float(scale))
 
 
 def _finish(name: str, stem: str, raw: RawMesh, factor: float, scale: float) -> TriangleMesh:

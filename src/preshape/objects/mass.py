@@ -7,10 +7,7 @@ assumption.
 
 from __future__ import annotations
 
-import math
-
-from ..exceptions import InputError
-from ..types import value
+from ..types import positive_number, value
 from .mesh import TriangleMesh
 
 LEAST_ESTIMATE = 0.1
@@ -19,6 +16,8 @@ WATER = 1000.0
 """Assumed density of an object of unknown mass [kg/m³]."""
 DENSEST, LIGHTEST = 25_000.0, 5.0
 """Densities outside this range probably come from a wrong unit [kg/m³]; osmium has 22 600, foam rubber 20."""
+HEAVIEST_ESTIMATE = 100.0
+"""An estimate above this probably comes from a wrong unit [kg]; no hand lifts as much [C]."""
 SHEET = 1e-3
 """A mesh with less volume than this share of its bounding box is an open sheet, whose density is unknown."""
 
@@ -30,7 +29,7 @@ class ObjectMass:
     Attributes:
         kg: The mass [kg].
         source: ``given`` by the caller, ``known`` of the object, or ``volume`` (an estimate).
-        warning: One sentence when the density is absurd, else empty.
+        warning: One sentence when density or estimate is absurd, with what to check; otherwise empty.
     """
 
     kg: float
@@ -54,6 +53,13 @@ _SOURCES = {
 }
 
 
+_CHECKS = {
+    "given": "check --mass, which is in kilograms, and the --unit of the file",
+    "known": "check the mass of the object, which is in kilograms, and its size",
+    "volume": "check --unit and --scale of the file, and state --mass",
+}
+
+
 def object_mass(mesh: TriangleMesh, given: float | None = None) -> ObjectMass:
     """The mass used in planning with a mesh.
 
@@ -65,24 +71,30 @@ def object_mass(mesh: TriangleMesh, given: float | None = None) -> ObjectMass:
         InputError: The given mass is not a positive, finite number.
     """
     if given is not None:
-        if isinstance(given, bool) or not isinstance(given, int | float) or not 0 < given < math.inf:
-            raise InputError(f"mass must be a positive number of kilograms, got {given!r}")
-        return ObjectMass(kg=float(given), source="given", warning=_density_warning(mesh, given))
-    if mesh.mass is not None:
-        return ObjectMass(kg=mesh.mass, source="known")
-    estimate = max(LEAST_ESTIMATE, WATER * abs(mesh.volume))
-    return ObjectMass(kg=estimate, source="volume")
+        kg, source = positive_number(given, "mass", "a positive number of kilograms"), "given"
+    elif mesh.mass is not None:
+        kg, source = mesh.mass, "known"
+    else:
+        kg, source = max(LEAST_ESTIMATE, WATER * abs(mesh.volume)), "volume"
+    return ObjectMass(kg=kg, source=source, warning=_mass_warning(mesh, kg, source))
 
 
-def _density_warning(mesh: TriangleMesh, kg: float) -> str:
-    volume = abs(mesh.volume)
-    if volume < SHEET * float(mesh.extents.prod()) or volume <= 0:
-        return ""
-    density = kg / volume
-    if LIGHTEST <= density <= DENSEST:
+def _mass_warning(mesh: TriangleMesh, kg: float, source: str) -> str:
+    """What is absurd about a mass, and what to check; empty if nothing is."""
+    box, volume = float(mesh.extents.prod()), abs(mesh.volume)
+    if source == "volume" and kg > HEAVIEST_ESTIMATE:
+        return (
+            f"the object's volume of {volume:.3g} m³ filled with water weighs {kg:.3g} kg: {_CHECKS[source]}"
+        )
+    # The volume of a sheet is not that of its body, which is at most that of the bounding box.
+    sheet = volume < SHEET * box
+    volume = box if sheet else volume
+    density = kg / volume if volume > 0 else 0.0
+    if (sheet and density <= DENSEST) or LIGHTEST <= density <= DENSEST:
         return ""
     side = "denser than any metal" if density > DENSEST else "lighter than any foam"
+    subject = "the assumed mass" if source == "volume" else "a mass"
     return (
-        f"a mass of {kg:.3g} kg in {1e6 * volume:.3g} cm³ is {density:.2g} kg/m³, {side}: "
-        "check --mass, which is in kilograms, and the --unit of the file"
+        f"{subject} of {kg:.3g} kg in {1e6 * volume:.3g} cm³ is {density:.2g} kg/m³, {side}: "
+        f"{_CHECKS[source]}"
     )

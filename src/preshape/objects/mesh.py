@@ -7,8 +7,8 @@ from functools import cached_property
 
 import numpy as np
 
-from ..exceptions import ObjectError
-from ..types import Array, Attributes, IntArray, read_only, rebuilt
+from ..exceptions import InputError, ObjectError
+from ..types import Array, Attributes, IntArray, freeze, positive_number, read_only, rebuilt
 from .scans.scan import Scan
 
 
@@ -30,8 +30,8 @@ class TriangleMesh:
         scan: How the object was seen, for a mesh made from a point cloud; otherwise ``None``.
 
     Raises:
-        ObjectError: An array has the wrong shape, no triangle, a position that is not finite, or an index
-            that is out of range.
+        ObjectError: The name is empty or no text; an array has the wrong shape, no triangle, a position that
+            is not finite, or an index that is out of range; or mass or scale is not a positive number.
     """
 
     name: str
@@ -43,6 +43,7 @@ class TriangleMesh:
     scan: Scan | None = None
 
     def __post_init__(self) -> None:
+        _check_name(self.name)
         try:
             vertices = np.array(self.vertices, dtype=np.float64)
             triangles = np.array(self.triangles, dtype=np.int64)
@@ -61,10 +62,25 @@ class TriangleMesh:
                 f"{self.name}: triangles must refer to vertices 0 to {len(vertices) - 1}, "
                 f"got {triangles.min()} to {triangles.max()}"
             )
-        object.__setattr__(self, "vertices", read_only(vertices))
-        object.__setattr__(self, "triangles", read_only(triangles))
+        try:
+            mass = None if self.mass is None else positive_number(self.mass, f"{self.name}: mass")
+            scale = positive_number(self.scale, f"{self.name}: scale")
+        except InputError as error:
+            raise ObjectError(str(error)) from error
+        freeze(self, mass=mass, scale=scale, vertices=read_only(vertices), triangles=read_only(triangles))
 
     __reduce__ = rebuilt
+
+    def same_as(self, other: TriangleMesh) -> bool:
+        """Whether planning cannot tell this mesh from another: same content, point clouds excluded."""
+        plain = ("name", "counts", "mass", "scale")
+        return (
+            self.scan is None
+            and other.scan is None
+            and all(getattr(self, name) == getattr(other, name) for name in plain)
+            and np.array_equal(self.vertices, other.vertices)
+            and np.array_equal(self.triangles, other.triangles)
+        )
 
     @cached_property
     def corners(self) -> Array:
@@ -140,3 +156,18 @@ def box_mesh(name: str, extents: Array) -> TriangleMesh:
     quads = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
     triangles = [triangle for a, b, c, d in quads for triangle in ((a, b, c), (a, c, d))]
     return TriangleMesh(name=name, vertices=corner * extents, triangles=np.array(triangles))
+
+
+def _check_name(name: object) -> None:
+    """Refuse a name that the memory could not store after the search.
+
+    Raises:
+        ObjectError: The name is empty, or no valid Unicode text.
+    """
+    try:
+        if isinstance(name, str) and name.strip():
+            name.encode()
+            return
+    except UnicodeEncodeError:
+        pass
+    raise ObjectError(f"an object's name must be text that is not empty, got {name!a:.60}; give or rename it")

@@ -2,12 +2,14 @@
 
 An object's name is searched in the folder of objects first, if one is given (``NAME/convex/``,
 ``NAME/mesh.*``, ``NAME.*``). Otherwise it is a library object or a file. A plan stores the name or path of
-its object at the time of planning. This object is searched in the folder of objects, in the library, as a
-file, and in the folder of the plan; in the two folders also by its file name alone.
+its object at the time of planning. This object is searched in the folder of objects, in the library, in the
+folder of the plan, and then as a file from the working directory; in the two folders also by its file name
+alone. An absolute path is first searched as it stands.
 """
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import numpy as np
@@ -53,20 +55,24 @@ def plan_object(source: str, folder: str | Path | None, beside: Path | None) -> 
     Args:
         source: Library object or file, as the plan names it.
         folder: Folder of objects, searched first; ``None`` for none.
-        beside: Folder of the plan, searched last; ``None`` for none.
+        beside: Folder of the plan, searched before the working directory; ``None`` for none.
     """
     from ..objects.library import names
+    from ..objects.load import IN_MEMORY
 
     bare = Path(source)
     if folder is not None:
-        for name in (source, bare.stem):
+        named = source.removesuffix(IN_MEMORY)  # somebody may have saved the mesh under its name
+        for name in (named, Path(named).stem):
             if not Path(name).is_absolute() and (
                 (Path(folder) / name / "convex").is_dir() or mesh_in(folder, name)
             ):
                 return name
-    if source in names() or bare.is_file() or beside is None:
+    if source in names() or beside is None:
         return source
-    return next((str(file) for file in (beside / bare, beside / bare.name) if file.is_file()), source)
+    # Joined to a folder, an absolute path stays as it is.
+    places = (beside / bare, bare, beside / bare.name)
+    return next((str(file) for file in places if os.path.isfile(file)), source)
 
 
 def object_extent(name: str, folder: str | Path | None) -> float | None:

@@ -11,6 +11,7 @@ from ..closure.finish import margin_of
 from ..hands.hand import Hand
 from ..hiis.analyser import Grasp, Grip
 from ..hiis.decision import Decision, Settings
+from ..objects.load import stored_source
 from ..objects.mass import ObjectMass
 from ..objects.mesh import TriangleMesh
 from ..objects.scans.trust import Trust, seen_weight, trust_of
@@ -92,8 +93,8 @@ class PlanRecord:
 
     @property
     def source(self) -> str:
-        """The file or library name of the object."""
-        return self.request.object_name
+        """The object as documents state it; see :func:`~preshape.objects.load.stored_source`."""
+        return stored_source(self.request.source)[0]
 
     @property
     def settings(self) -> Settings:

@@ -9,6 +9,7 @@ space.
 from __future__ import annotations
 
 import json
+import re
 import sys
 from importlib import resources
 from pathlib import Path
@@ -104,8 +105,9 @@ def version_of(document: Document) -> int:
 def request_of(document: Document, **changes: Any) -> PlanRequest:
     """The request that a plan answered.
 
-    A plan of version 1 does not contain its request: it is read as 0.1 kg, friction 0.6 and free space. The
-    caller derives ``scale`` from the object's extents and passes it among the changes.
+    A plan of version 1 does not contain its request: it is read as 0.1 kg, friction 0.6 and free space, and
+    its content shows which analyser made it. The caller derives ``scale`` from the object's extents and
+    passes it among the changes.
 
     Args:
         document: The plan.
@@ -121,7 +123,7 @@ def request_of(document: Document, **changes: Any) -> PlanRequest:
         known = str(task["name"]).partition(":")[0] in family_names()
         limits = document.get("thresholds") or {}
         hand = str(document["hand"]["name"])
-        analyser = analyser_of("closure" if document.get("grip") else "", hand)
+        analyser = _analyser_of_version_1(document) or analyser_of("", hand)
         read: Document = {
             "source": str(document["object"]["source"]),
             "task": str(task["name"]) if known else [float(x) for x in task["q"]],
@@ -136,6 +138,21 @@ def request_of(document: Document, **changes: Any) -> PlanRequest:
             f"this is no plan of preshape ({type(error).__name__}: {error!s:.80}); "
             "give a plan.json that preshape plan --out wrote"
         ) from error
+
+
+def _analyser_of_version_1(document: Document) -> str:
+    """The analyser that made a plan of version 1; empty if the plan does not show it.
+
+    An answer of the closure analyser has a grip. Without an answer, the reasons of the steps name the score
+    that the analyser gives or the hands that it closed.
+    """
+    answers = answers_in(document)
+    if answers:
+        return "closure" if any(answer.get("grip") for answer in answers) else "rays"
+    reasons = " ".join(str(step["reason"]) for step in document.get("transitions", []))
+    if "the grip's quality" in reasons or re.search(r"\d hands (tried|closed)", reasons):
+        return "closure"
+    return "rays" if "TFVADI" in reasons or "virtual grasps" in reasons else ""
 
 
 def planned_load(document: Document) -> tuple[float, float]:

@@ -7,9 +7,9 @@ import tempfile
 from html import escape
 from pathlib import Path
 
-from ..files import make_folder, write_json, write_text, write_whole
+from ..files import file_stem, make_folder, write_json, write_text, write_whole
 from ..hiis.analyser import VirtualGrasp
-from ..objects.mesh import TriangleMesh
+from ..objects.load import IN_MEMORY
 from .answers import PlanRecord, answers_of
 from .document import Document, plan_to_json
 
@@ -35,8 +35,8 @@ def save_plan(plan: PlanRecord, folder: Path, document: Document | None = None) 
     make_folder(folder)
     document = document or plan_to_json(plan)
     files = [folder / "plan.json", folder / "plan.png", folder / "plan.html"]
-    if plan.mesh.scan is not None or isinstance(plan.request.source, TriangleMesh):
-        surface = folder / f"{plan.mesh.name}-surface.obj"
+    if plan.mesh.scan is not None or plan.source.endswith(IN_MEMORY):
+        surface = folder / f"{file_stem(plan.mesh.name)}-surface.obj"
         write_text(surface, mesh_text(plan.mesh))
         files.append(surface)
         # The surface that planning used is beside the plan, in metres; other commands find it there.

@@ -7,7 +7,8 @@ simulated, exported and repeated without any further input.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import hashlib
+from collections.abc import Iterable, Mapping, Sequence, Set
 from dataclasses import field, fields, replace
 from pathlib import Path
 from typing import Any
@@ -23,12 +24,27 @@ from ..hiis.decision import Settings
 from ..hiis.fuzzy import FuzzySets
 from ..hiis.planes import allowed_planes
 from ..kernels.closing.host import Obstacles
+from ..memory.records import SCENE_LENGTH
+from ..objects.checks import metres
+from ..objects.load import IN_MEMORY, stored_source
 from ..objects.mass import object_mass
 from ..objects.mesh import TriangleMesh
+from ..objects.scans.complete import ALL_ROUND
 from ..tasks import Task, parse_task, task_from_numbers
+from ..tasks.task import axis_vector
 from ..tasks.task import from_json as task_from_json
 from ..tasks.task import to_json as task_to_json
-from ..types import FRICTION, Array, ContactCoefficients, freeze, frozen_array, value
+from ..types import (
+    FRICTION,
+    Array,
+    ContactCoefficients,
+    finite_number,
+    freeze,
+    frozen_array,
+    positive_number,
+    value,
+    whole_number,
+)
 
 SCHEMA = 2
 """Version of plan.json. Version 1 is a plan without the key ``schema``; it does not contain its request."""
@@ -41,11 +57,31 @@ ON_CLOUDS = 8
 """Number of answers computed on a point cloud; those with contacts on seen surface are preferred."""
 AUTO = "auto"
 """Value of ``table`` that means a table at the object's lowest point."""
+FARTHEST = 1e6
+"""Largest coordinate of a table or a box to avoid [m]; the kernels count nothing beyond it as solid."""
 _SEARCH = (
     "torsion", "friction_share", "press_least", "press_most", "safety", "hold", "at_aim", "on_plane",
     "everywhere", "persistence", "elite", "children", "rounds", "finished", "device", "threads",
 )  # fmt: skip
 """The closure settings that belong to the search; friction, mass and obstacles belong to the request."""
+_PLAIN = (
+    "hand", "analyser", "mass", "friction", "table", "avoid", "gravity", "approaches", "count", "learn",
+    "verify", "memory",
+)  # fmt: skip
+"""The fields that stand in JSON as they are."""
+_KINDS: tuple[tuple[str, Any, str], ...] = (
+    ("source", str | TriangleMesh, "a file, the name of a library object, or a TriangleMesh"),
+    ("hand", str | Hand, "the name of a hand, its description file, or a loaded hand"),
+    ("analyser", str | None, f"{' or '.join(ANALYSERS)}, or empty for the hand's default"),
+    ("approaches", str | None, "text of approach axes such as +z,-x, or None for all"),
+    ("learn", bool | np.bool_, "True or False"),
+    ("verify", bool | np.bool_, "True or False"),
+    ("settings", Settings, "a value of Settings"),
+    ("search", ClosureSettings, "a value of ClosureSettings"),
+    ("memory", str | None, "the path of a file, :memory:, or None for the user's"),
+)
+"""Types of fields, and what the message asks for; :class:`PlanRequest` says what they mean."""
+_SIX = "six numbers (lower, then upper corner, in metres)"
 
 
 @value
@@ -103,23 +139,30 @@ class PlanRequest:
     memory: str | None = None
 
     def __post_init__(self) -> None:
+        for name in ("source", "hand", "memory"):
+            if isinstance(given := getattr(self, name), Path):
+                freeze(self, **{name: str(given)})
+        for name, kinds, wanted in _KINDS:
+            if not isinstance(given := getattr(self, name), kinds):
+                raise InputError(f"{name} must be {wanted}, got {given!r:.60}")
         task = self.task
         if not isinstance(task, Task):
             task = parse_task(task) if isinstance(task, str) else task_from_numbers(task)
-        boxes = tuple(tuple(_box(box).ravel().tolist()) for box in self.avoid)
-        gravity = task.gravity if self.gravity is None else frozen_array(self.gravity, (3,), "gravity")
-        freeze(self, task=task, avoid=boxes, gravity=gravity, analyser=analyser_of(self.analyser, self.hand))
-        freeze(self, source=str(self.source) if isinstance(self.source, Path) else self.source)
-        freeze(self, table=_table(self.table))
+        freeze(
+            self, task=task, settings=_settings(self.settings), analyser=analyser_of(self.analyser, self.hand)
+        )
+        freeze(self, gravity=task.gravity if self.gravity is None else _gravity(self.gravity))
+        freeze(self, table=_table(self.table), avoid=_boxes(self.avoid), view=_view(self.view))
+        freeze(self, learn=bool(self.learn), verify=bool(self.verify))
         allowed_planes(self.approaches)
+        metres(self.unit, self.scale)
+        freeze(self, scale=float(self.scale))
         if isinstance(self.source, TriangleMesh) and (self.unit != "m" or self.scale != 1.0):
             raise InputError("a TriangleMesh is in metres at its final size: unit and scale are for files")
-        if isinstance(self.count, bool) or not isinstance(self.count, int) or self.count < 1:
-            raise InputError(f"count, the number of answers, must be at least 1, got {self.count!r}")
-        for name, number in (("mass", self.stated_mass), ("friction", self.stated_friction)):
-            real = isinstance(number, int | float | np.number) and not isinstance(number, bool)
-            if number is not None and not (real and 0 < number < np.inf):
-                raise InputError(f"{name} must be a positive number, got {number!r}")
+        freeze(self, count=whole_number(self.count, "count, the number of answers,", 1))
+        for name in ("mass", "friction"):
+            if (given := getattr(self, name)) is not None:
+                freeze(self, **{name: positive_number(given, name)})
         if self.analyser == "rays":
             self._refuse_what_rays_ignore()
 
@@ -127,7 +170,7 @@ class PlanRequest:
         """Refuse obstacles and loads for the ray analyser, which would ignore them without notice."""
         if self.table is not None or self.avoid:
             raise InputError("a table and boxes to avoid need the closure analyser (--analyser closure)")
-        if not self.verify and (self.stated_mass is not None or self.stated_friction != FRICTION):
+        if not self.verify and (self.stated_mass is not None or not self._usual_friction):
             raise InputError(
                 "friction and mass need the closure analyser (--analyser closure), "
                 "or a test in physics (--verify)"
@@ -157,7 +200,12 @@ class PlanRequest:
     @property
     def stated_friction(self) -> float:
         """The friction coefficient that is planned for."""
-        return self.search.friction if self.friction is None else float(self.friction)
+        return self.search.friction if self.friction is None else self.friction
+
+    @property
+    def _usual_friction(self) -> bool:
+        # The float32 of 0.6 counts as the float64.
+        return abs(self.stated_friction - FRICTION) < 1e-6
 
     def table_height(self, mesh: TriangleMesh) -> float | None:
         """Height of the table along z [m]; ``None`` without one.
@@ -192,20 +240,30 @@ class PlanRequest:
         because lessons for another load say nothing certain about this one.
         Heights are relative to the object's lowest point and boxes relative to its COG, rounded to 1 mm. So
         the same object in another file has the same scene, and similar objects on a table share one.
+
+        A text of more boxes than the memory can store names their number and, in place of the boxes, the
+        first 32 digits of the SHA-256 of their text. The text consists of whole numbers in sorted order, so
+        it is the same on every platform.
         """
-        parts = []
+        table, load = [], []
         height = self.table_height(mesh)
         if height is not None:
-            parts.append(f"table {round(1000 * (float(mesh.bounds[0, 2]) - height))} mm under the object")
-        for box in sorted(map(tuple, self.avoid)):
-            corners = np.round(1000 * (np.array(box).reshape(2, 3) - mesh.cog)).astype(int).ravel() + 0
-            parts.append("box " + " ".join(map(str, corners.tolist())))
+            table = [f"table {round(1000 * (float(mesh.bounds[0, 2]) - height))} mm under the object"]
         stated, own = self.stated_mass, object_mass(mesh).kg
         if stated is not None and abs(stated - own) > 0.01 * own:
-            parts.append(f"load {stated:.3g} kg")
-        if abs(self.stated_friction - FRICTION) > 1e-9:
-            parts.append(f"friction {self.stated_friction:.3g}")
-        return "; ".join(parts)
+            load = [f"load {stated:.3g} kg"]
+        if not self._usual_friction:
+            load.append(f"friction {self.stated_friction:.3g}")
+        centre = [*mesh.cog.tolist(), *mesh.cog.tolist()]
+        corners = sorted(
+            [round(1000 * (x - c)) for x, c in zip(box, centre, strict=True)] for box in self.avoid
+        )
+        boxes = ["box " + " ".join(map(str, row)) for row in corners]
+        text = "; ".join([*table, *boxes, *load])
+        if len(text) <= SCENE_LENGTH:
+            return text
+        digest = hashlib.sha256("; ".join(boxes).encode()).hexdigest()[:32]
+        return "; ".join([*table, f"{len(boxes)} boxes {digest}", *load])
 
     def wanted(self, mesh: TriangleMesh) -> int:
         """Number of answers to compute; physics, or the seen part of a cloud, selects among them."""
@@ -231,12 +289,13 @@ class PlanRequest:
     def to_json(self) -> dict[str, Any]:
         """The request as plain JSON values; :meth:`from_json` gives the same request back."""
         s, view = self.settings, self.view
+        source, scale = stored_source(self.source)
         return {
             "object": {
-                "source": self.object_name,
+                "source": source,
                 "unit": self.unit,
-                "scale": self.scale,
-                "view": view if view is None or isinstance(view, str) else [float(x) for x in view],
+                "scale": self.scale * scale,
+                "view": list(view) if isinstance(view, tuple) else view,
             },
             "task": task_to_json(self.asked),
             "hand": self.hand_name,
@@ -268,7 +327,8 @@ class PlanRequest:
             changes: Fields of the request that differ from the document, such as another ``source``.
 
         Raises:
-            InputError: The document is not a request, or one of its values cannot be used.
+            InputError: The document is not a request, one of its values cannot be used, or its object was a
+                mesh in memory and the changes have no ``source``.
         """
         try:
             thing, limits, sets = data["object"], data["thresholds"], data["sets"]
@@ -278,26 +338,27 @@ class PlanRequest:
                     corners=frozen_array(sets["corners"], (7, 4), "membership functions"), shape=sets["shape"]
                 ),
                 coefficients=ContactCoefficients(**data["coefficients"]),
-                seed=int(data["seed"]),
+                seed=data["seed"],
                 finger_rule=data.get("finger_rule", "up_to"),
             )
             read: dict[str, Any] = {
-                "source": str(thing["source"]),
-                "unit": str(thing["unit"]),
-                "scale": float(thing["scale"]),
-                "view": thing["view"],
+                **{name: thing[name] for name in ("source", "unit", "scale", "view")},
                 "task": task_from_json(data["task"]),
-                "hand": str(data["hand"]),
                 "settings": settings,
                 "search": ClosureSettings(**{name: data["search"][name] for name in _SEARCH}),
             }
-            plain = ("analyser", "mass", "friction", "table", "avoid", "gravity", "approaches", "count")
-            read |= {name: data[name] for name in (*plain, "learn", "verify", "memory")}
+            read |= {name: data[name] for name in _PLAIN}
         except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
             raise InputError(
                 f"this is no request of preshape ({type(error).__name__}: {error!s:.80}); "
                 "give a plan.json that preshape plan wrote"
             ) from error
+        if "source" not in changes and str(read["source"]).endswith(IN_MEMORY):
+            raise InputError(
+                f"the object of this request, {read['source']!r:.80}, was a mesh in Python, which plan.json "
+                "does not contain; give the mesh or its file as source (Plan.save writes its surface beside "
+                "plan.json)"
+            )
         return cls(**(read | changes))
 
 
@@ -318,16 +379,88 @@ def analyser_of(analyser: str | None, hand: str | Hand) -> str:
     return chosen
 
 
-def _box(box: Sequence[float]) -> Array:
-    """(2, 3) lower and upper corner [m].
+def _items(given: object, wanted: str) -> tuple[Any, ...]:
+    """The items of a sequence or an array.
 
     Raises:
-        InputError: There are not six finite numbers, or the lower corner is not below the upper one.
+        InputError: It is neither; the message says what is wanted.
     """
-    corners = frozen_array(box, (6,), "a box to avoid")
-    if not (corners[:3] < corners[3:]).all():
-        raise InputError(f"a box to avoid is its lower corner, then its upper, got {list(box)}")
-    return corners.reshape(2, 3)
+    if not isinstance(given, Iterable) or isinstance(given, str | bytes | Mapping | Set):
+        raise InputError(f"{wanted}, got {given!r:.60}")
+    try:
+        return tuple(given)
+    except TypeError as error:  # an array without a dimension
+        raise InputError(f"{wanted}, got {given!r:.60}") from error
+
+
+def _numbers(given: object, count: int, wanted: str) -> tuple[float, ...]:
+    """So many finite numbers.
+
+    Raises:
+        InputError: There are more or fewer, or one is not a finite number.
+    """
+    items = _items(given, wanted)
+    if len(items) != count:
+        raise InputError(f"{wanted}, got {len(items)} items")
+    return tuple(finite_number(item, f"{wanted}; each") for item in items)
+
+
+def _boxes(avoid: object) -> tuple[tuple[float, ...], ...]:
+    """The boxes to avoid, six numbers each [m].
+
+    Raises:
+        InputError: A box is not six numbers within ``FARTHEST``, or its lower corner is not below its upper.
+    """
+    boxes = []
+    for item in _items(avoid, f"avoid must be a list of boxes, {_SIX} each"):
+        box = _numbers(item, 6, f"a box to avoid must be {_SIX}")
+        if not all(low < high for low, high in zip(box[:3], box[3:], strict=True)):
+            raise InputError(f"a box to avoid is its lower corner, then its upper, got {list(box)}")
+        if max(map(abs, box)) > FARTHEST:
+            raise InputError(f"a box to avoid is in metres, at most {FARTHEST:g}, got {list(box)}")
+        boxes.append(box)
+    return tuple(boxes)
+
+
+def _gravity(gravity: object) -> Array:
+    """(3,) direction of gravity; zeros mean none.
+
+    Raises:
+        InputError: There are not three numbers, or their length is neither one nor zero.
+    """
+    wanted = "gravity must be a unit vector of three numbers, or 0 0 0 for none"
+    vector = frozen_array(_numbers(gravity, 3, wanted), (3,), "gravity")
+    if not vector.any():
+        return vector
+    length = float(np.linalg.norm(vector))
+    if not abs(length - 1.0) < 1e-3:
+        raise InputError(f"{wanted}, got the length {length:g}; divide the vector by its length")
+    return axis_vector(vector)
+
+
+def _view(view: object) -> tuple[float, ...] | str | None:
+    """The camera's position, ``all`` or ``None``.
+
+    Raises:
+        InputError: It is anything else.
+    """
+    if view is None or (isinstance(view, str) and view == ALL_ROUND):
+        return view
+    return _numbers(view, 3, f"a view must be a camera's position, three numbers, or {ALL_ROUND}")
+
+
+def _settings(settings: Settings) -> Settings:
+    """The settings with their seed as an int.
+
+    Raises:
+        InputError: The seed is not a whole number of zero or more, or a part is of another type.
+    """
+    parts = {"thresholds": Thresholds, "sets": FuzzySets, "coefficients": ContactCoefficients}
+    for name, kind in parts.items():
+        if not isinstance(given := getattr(settings, name), kind):
+            raise InputError(f"{name} of the settings must be a value of {kind.__name__}, got {given!r:.60}")
+    seed = whole_number(settings.seed, "seed", 0)
+    return settings if type(settings.seed) is int else replace(settings, seed=seed)
 
 
 def _table(table: float | str | None) -> float | str | None:
@@ -336,14 +469,17 @@ def _table(table: float | str | None) -> float | str | None:
     Raises:
         InputError: The value is anything else.
     """
+    wanted = "its height in metres, auto or none"
     if table is None or (isinstance(table, str) and table.strip().lower() == "none"):
         return None
     if isinstance(table, str) and table.strip().lower() == AUTO:
         return AUTO
-    try:
-        height = float(table)
-    except (TypeError, ValueError):
-        height = np.nan
-    if not np.isfinite(height):
-        raise InputError(f"a table is its height in metres, auto or none, got {table!r}")
+    if isinstance(table, str):
+        try:
+            table = float(table)
+        except ValueError as error:
+            raise InputError(f"a table must be {wanted}, got {table!r:.60}") from error
+    height = finite_number(table, "a table", wanted)
+    if abs(height) > FARTHEST:
+        raise InputError(f"a table must be {wanted}, at most {FARTHEST:g}, got {height:g}")
     return height

@@ -18,13 +18,14 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 
 from ..closure.settings import ClosureSettings
-from ..exceptions import Cancelled
+from ..exceptions import Cancelled, EnvironmentFailure, InputError
+from ..files import file_place, file_state
 from ..hands.hand import Hand
 from ..hands.load import load_hand
 from ..hiis.analyser import Analyser, Grasp, HandLayout
 from ..hiis.controller import Controller
 from ..hiis.decision import Decision, Settings
-from ..memory import Memory
+from ..memory import Memory, default_path
 from ..objects.library import load_library_object
 from ..objects.load import load_object
 from ..objects.mass import ObjectMass, object_mass
@@ -77,12 +78,14 @@ class Session:
 
     Args:
         memory: An open memory, or the file of one (``None`` for the user's, ``":memory:"`` for a transient
-            one). The session closes a memory only if it opened that memory itself.
+            one). The session closes a memory only if it opened that memory itself. It opens such a memory
+            again if another file has taken the place of the memory's file since.
         learn: Whether the session may write to a memory that it opens itself.
         progress: Called as the work advances.
         cancel: Event; once it is set, the session stops at its next step and raises ``Cancelled``.
 
     Raises:
+        InputError: The memory is neither an open memory nor a path.
         EnvironmentFailure: The memory cannot be opened.
         MemoryFileError: The file is no memory.
     """
@@ -95,10 +98,15 @@ class Session:
         progress: Progress | None = None,
         cancel: threading.Event | None = None,
     ) -> None:
-        self._own = not isinstance(memory, Memory)
+        if not isinstance(memory, Memory | str | Path | None):
+            raise InputError(f"memory must be a file, an open memory or None, got {memory!r:.60}")
+        self._own, self._learn = not isinstance(memory, Memory), learn
         self.memory = memory if isinstance(memory, Memory) else Memory.open(memory, read_only=not learn)
+        # The path as it was given: a link in it may later lead to another file.
+        self._file = Path(default_path() if memory is None else str(memory)).expanduser().absolute()
+        self._place = file_place(self._file)
         self._progress, self._cancel = progress, cancel
-        self._hand: tuple[Any, Hand] | None = None
+        self._hand: Hand | None = None
         self._mesh: tuple[Any, TriangleMesh] | None = None
         self._controller: tuple[Any, Controller] | None = None
         self._element: tuple[Any, Analyser] | None = None
@@ -116,6 +124,15 @@ class Session:
         if self._own:
             self.memory.close()
 
+    def _open_again(self) -> None:
+        """Open the session's own memory again if another file has taken its place."""
+        if not self._own or self.memory.where == ":memory:" or file_place(self._file) == self._place:
+            return
+        self._controller = self._element = None
+        self.memory.close()
+        self.memory = Memory.open(self._file, read_only=not self._learn)
+        self._place = file_place(self._file)
+
     def prepare(self, request: PlanRequest) -> Prepared:
         """Load hand and object, and make analyser and controller for them.
 
@@ -125,6 +142,7 @@ class Session:
         """
         start = time.perf_counter()
         self._tell("reading object, task and hand", 5)
+        self._open_again()
         hand, mesh = self.hand(request), self.mesh(request)
         mass = object_mass(mesh, request.stated_mass)
         warnings = [mass.warning] if mass.warning else []
@@ -193,10 +211,20 @@ class Session:
         """Learn an object with its task at once (mode 3), whether or not it is known.
 
         Raises:
-            InputError: Something in the request cannot be used.
-            EnvironmentFailure: A file cannot be read or written.
+            InputError: Something in the request cannot be used, or it says ``learn=False``.
+            EnvironmentFailure: A file cannot be read or written, or the memory is open for reading only.
             Cancelled: ``cancel`` was set.
         """
+        if not request.learn:
+            raise InputError(
+                "to teach is to learn, and the request says learn=False; leave it out, or use run"
+            )
+        self._open_again()
+        if self.memory.read_only:
+            raise EnvironmentFailure(
+                f"nothing can be learnt: the memory {self.memory.where} is open for reading only; "
+                "check its permissions or choose another file with --memory OTHER"
+            )
         ready = self.prepare(request)
         started = time.perf_counter()
         self._tell("mode 3: exploring all planes and learning", 35)
@@ -215,19 +243,26 @@ class Session:
         """The request's hand."""
         if isinstance(request.hand, Hand):
             return request.hand
-        if self._hand is None or self._hand[0] != request.hand:
-            self._hand = request.hand, load_hand(request.hand)
-        return self._hand[1]
+        from ..closure.hand_tables import digest
+
+        # A named hand comes from a cache. A file is read at every request, because it or a file that it names
+        # may have changed; what was prepared for the hand stays if its content is the same.
+        hand, last = load_hand(request.hand), self._hand
+        if last is None or last.source != hand.source or digest(last, "") != digest(hand, ""):
+            self._hand = last = hand
+        return last
 
     def mesh(self, request: PlanRequest) -> TriangleMesh:
         """The request's object [m]."""
         if isinstance(request.source, TriangleMesh):
             return request.source
-        key = _file_key(request)
-        if self._mesh is None or self._mesh[0] != key:
+        key, last = _file_key(request), self._mesh
+        # A glTF file may name files with its vertices, which may have changed instead.
+        if last is None or last[0] != key or str(request.source).lower().endswith((".gltf", ".glb")):
             made = load_object(request.source, unit=request.unit, scale=request.scale, view=request.view)
-            self._mesh = key, made
-        return self._mesh[1]
+            if last is None or last[0] != key or not last[1].same_as(made):
+                self._mesh = last = key, made
+        return last[1]
 
     def _executed(self, ready: Prepared, decision: Decision, started: float, partial: Partial | None) -> Plan:
         """The hand on each grasp of a decision."""
@@ -272,14 +307,16 @@ class Session:
         self, request: PlanRequest, hand: Hand, mesh: TriangleMesh, mass: ObjectMass, key: Any
     ) -> Controller:
         """The controller of a request; the last one is used again if the memory has not changed since."""
-        scene = request.scene(mesh)
-        known = self.memory.state()
-        if self._controller is not None and self._controller[0] == (*key, scene):
+        scene, known = request.scene(mesh), self.memory.state()
+        key = (*key, scene, request.learn)
+        if self._controller is not None and self._controller[0] == key:
             controller = self._controller[1]
             if controller.knowledge.memory_state == known:
                 return controller
         if request.analyser == "rays":
-            controller = Controller(self.memory, layout_of(hand), settings=request.settings)
+            controller = Controller(
+                self.memory, layout_of(hand), settings=request.settings, may_store=request.learn
+            )
         else:
             controller = closure_controller(
                 self.memory,
@@ -288,8 +325,9 @@ class Session:
                 closure=request.closure(mesh, mass.kg),
                 gravity=np.asarray(request.gravity),
                 scene=scene,
+                may_store=request.learn,
             )
-        self._controller = (*key, scene), controller
+        self._controller = key, controller
         return controller
 
     def _tell(self, words: str, share: float) -> None:
@@ -358,6 +396,7 @@ def closure_controller(
     closure: ClosureSettings,
     gravity: Array | Sequence[float],
     scene: str = "",
+    may_store: bool = True,
 ) -> Controller:
     """The paper's controller over the closure analyser.
 
@@ -368,6 +407,7 @@ def closure_controller(
         closure: Friction, load and size of the search.
         gravity: (3,) unit direction of gravity in the mesh frame; zeros mean none.
         scene: The scene as text (:meth:`PlanRequest.scene`).
+        may_store: Whether the first lesson may be stored; see :class:`Controller`.
     """
     from ..closure.analyser import ClosureAnalyser
 
@@ -414,20 +454,15 @@ def closure_controller(
         seed_object=load_library_object("cube"),
         kind="shape",
         scene=scene,
+        may_store=may_store,
     )
     return controller
 
 
 def _file_key(request: PlanRequest) -> tuple[Any, ...]:
     """Key of a loaded object in the cache; a file that was written again is another object."""
-    path = Path(str(request.source))
-    try:
-        stat = path.stat()
-        written: tuple[int, int] | None = (stat.st_mtime_ns, stat.st_size)
-    except (OSError, ValueError):
-        written = None
-    view = request.view if request.view is None or isinstance(request.view, str) else tuple(request.view)
-    return str(request.source), request.unit, request.scale, view, written
+    source = str(request.source)
+    return source, request.unit, request.scale, request.view, file_state(source)
 
 
 def _element_key(request: PlanRequest, hand: Hand, mesh: TriangleMesh, mass: ObjectMass) -> tuple[Any, ...]:
@@ -442,6 +477,7 @@ def _element_key(request: PlanRequest, hand: Hand, mesh: TriangleMesh, mass: Obj
         "seed",
         "thresholds",
         "sets",
+        "finger_rule",
         "coefficients",
     )
     wanted = request.wanted(mesh) if request.analyser == "closure" else 0

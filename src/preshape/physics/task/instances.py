@@ -30,6 +30,7 @@ from ...exceptions import InputError
 from ...objects.library import names
 from ...objects.load import load_object
 from ...objects.mesh import TriangleMesh
+from ...objects.read_text import printable
 from ...spatial import transform_points
 from ...tasks import FAMILIES, Task, named_task
 from ...tasks.families import directions
@@ -252,7 +253,7 @@ def instance_to_json(instance: TaskInstance, mass: float) -> dict[str, Any]:
 
 def mesh_text(mesh: TriangleMesh) -> str:
     """A mesh as Wavefront OBJ text, in metres and without rounding."""
-    lines = [f"# {mesh.name}, metres"]
+    lines = [f"# {printable(mesh.name)}, metres"]
     lines += [f"v {x!r} {y!r} {z!r}" for x, y, z in mesh.vertices.tolist()]
     lines += [f"f {a} {b} {c}" for a, b, c in (mesh.triangles + 1).tolist()]
     return "\n".join(lines) + "\n"
