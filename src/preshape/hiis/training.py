@@ -20,8 +20,8 @@ from .lbfgs import minimise
 TARGET_ERROR = 5e-4
 """Mean-square error at which training stops: the smallest of table 4 [P]."""
 
-RATE, TARGETS, WITHIN = 0.04, (0.1, 0.9), 0.1
-"""Back-propagation: learning rate, outputs for the bits 0 and 1, and limit of the first weights [R]."""
+TARGETS, WITHIN = (0.1, 0.9), 0.1
+"""Back-propagation: outputs for the bits 0 and 1, and limit of the first weights [R]."""
 
 _DECAYS = (1e-5, 1e-6, 1e-7)
 """Weight decays, tried in this order until the target error is met. A larger decay makes the network more
@@ -140,20 +140,27 @@ def train(
 
 
 def back_propagation(
-    x: Array, y: Array, networks: Sequence[NetworkWeights], *, seeds: Sequence[int], epochs: int
+    x: Array,
+    y: Array,
+    networks: Sequence[NetworkWeights],
+    *,
+    seeds: Sequence[int],
+    rates: Sequence[float],
+    epochs: int,
 ) -> tuple[Array, list[NetworkWeights]]:
     """Continue the paper's training of several networks at once: online back-propagation, as for table 4 [P].
 
     Each epoch presents every sample once, in a random order of each network's own, and changes the weights
     after each sample, without momentum. The networks do not influence each other, and it changes nothing how
-    the epochs are divided into calls. Rate, targets and first weights (:data:`WITHIN`) reproduce table 4
-    [R]: with targets of 0 and 1, a network can stall with an output saturated at the wrong bit.
+    the epochs are divided into calls. Targets and first weights (:data:`WITHIN`) are those that reproduce
+    table 4 [R]: with targets of 0 and 1, a network can stall with an output saturated at the wrong bit.
 
     Args:
         x: (n, i) inputs.
         y: (n, 9) bits, for which the outputs are to be 0.1 or 0.9.
         networks: m networks.
         seeds: m seeds of the orders.
+        rates: m learning rates: factors on the gradient of half the sum of a sample's squared errors.
         epochs: Number of epochs.
 
     Returns:
@@ -166,6 +173,7 @@ def back_propagation(
     inputs = np.column_stack([x, np.ones(len(x))])
     w1 = np.array([np.column_stack([w.w1, w.b1]) for w in networks])
     w2 = np.array([np.column_stack([w.w2, w.b2]) for w in networks])
+    rate = np.array(rates)[:, None]
     hidden = np.ones((len(networks), w2.shape[2]))
     units = hidden[:, :-1]
     wrong = np.empty((len(x), len(networks), y.shape[1]))
@@ -181,7 +189,7 @@ def back_propagation(
             units[:] = sigmoid(np.einsum("mhi,mi->mh", w1, sample))
             out = sigmoid(np.einsum("moh,mh->mo", w2, hidden))
             off[:] = out - target
-            delta2 = RATE * off * out * (1 - out)
+            delta2 = rate * off * out * (1 - out)
             delta1 = np.einsum("moh,mo->mh", w2[:, :, :-1], delta2) * units * (1 - units)
             w2 -= delta2[:, :, None] * hidden[:, None]
             w1 -= delta1[:, :, None] * sample[:, None]

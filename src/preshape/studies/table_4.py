@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import statistics
 import time
 from collections.abc import Iterator, Sequence
@@ -14,21 +15,26 @@ import numpy as np
 from ..files import write_json
 from ..hiis.estimator import LAYERS
 from ..hiis.learning import seed_tasks, training_set
-from ..hiis.training import RATE, TARGETS, WITHIN, back_propagation, initial_weights, train
+from ..hiis.training import TARGETS, WITHIN, back_propagation, initial_weights, train
 from ..report import Cell, Figure, Table
 from ..types import Array, NetworkWeights
 from . import printed
-from .experiment import Experiment, Progress, Section
-from .plots import OURS, PAPER, QUIET, Canvas
+from .experiment import Experiment, Progress, Section, joined
+from .plots import OURS, PAPER, QUIET, THIRD, Canvas
 from .setup import Data, Setup
 
+RATES = (0.04, 0.02)
+"""Learning rates; the paper gives none. Halving the rate about doubles the epochs."""
+
 NETWORKS, QUICK_NETWORKS = 6, 1
-LIMIT, QUICK_LIMIT = 60_000, 500
+"""Networks at each rate."""
+
+LIMIT, QUICK_LIMIT = 50_000, 500
 """Epochs after which training ends in any case."""
 
 _BLOCK = 250
 """Epochs between two stored states."""
-_RECORDED = {round(1.1**k) for k in range(116)}
+_RECORDED = {round(1.1**k) for k in range(114)}
 """Epochs of the learning curve: 1.1^k, up to the limit."""
 
 
@@ -36,8 +42,9 @@ def _measure(setup: Setup, part: Path, progress: Progress) -> Data:
     controller = setup.prepare(setup.system(), "cube").controller
     x, y = training_set(controller.experiences, setup.hand.u)
     networks, limit = (QUICK_NETWORKS, QUICK_LIMIT) if setup.quick else (NETWORKS, LIMIT)
-    seeds = range(setup.seed, setup.seed + networks)
-    measured = reach(x, y, printed.ERRORS, seeds=seeds, limit=limit, part=part, progress=progress)
+    rates = RATES[:1] if setup.quick else RATES
+    planned = [(rate, setup.seed + i) for rate in rates for i in range(networks)]
+    measured = reach(x, y, printed.ERRORS, planned, limit=limit, part=part, progress=progress)
     start = time.perf_counter()
     trained = train(x, y, seed=setup.seed)
     return measured | {
@@ -56,13 +63,13 @@ def reach(
     x: Array,
     y: Array,
     targets: Sequence[float],
+    planned: Sequence[tuple[float, int]],
     *,
-    seeds: Sequence[int],
     limit: int,
     part: Path,
     progress: Progress,
 ) -> Data:
-    """Train one network for each seed until it has reached all targets.
+    """Train networks until each has reached all targets.
 
     The state is stored in ``part`` every 250 epochs, and training continues from a stored state.
 
@@ -70,22 +77,24 @@ def reach(
         x: (n, 13) inputs.
         y: (n, 9) bits.
         targets: Mean-square errors, largest first.
-        seeds: Seeds of the first weights and of the orders of the samples.
+        planned: Each network's learning rate, and seed of its first weights and orders of the samples.
         limit: Number of epochs after which training ends in any case.
         part: File of the state.
         progress: Called with the completed share of the limit and the current step.
 
     Returns:
-        ``seconds``, and ``runs`` with the seed, the epoch at which each target was reached (``None`` if it
-        was not), the last error and the learning curve of each network.
+        ``seconds``, and ``runs`` with each network's rate and seed, the epoch at which it reached each target
+        (``None`` if it did not), its last error and its learning curve.
     """
     state = _stored(part)
     if state is None:
-        first = [initial_weights(seed, within=WITHIN) for seed in seeds]
         runs = [
-            {"seed": seed, "reached": [None] * len(targets), "error": 1.0, "curve": [], "network": _plain(w)}
-            for seed, w in zip(seeds, first, strict=True)
-        ]
+            {
+                "rate": rate, "seed": seed, "reached": [None] * len(targets), "error": 1.0, "curve": [],
+                "network": _plain(initial_weights(seed, within=WITHIN)),
+            }
+            for rate, seed in planned
+        ]  # fmt: skip
         state = {"epochs": 0, "seconds": 0.0, "runs": runs}
     while active := [run for run in state["runs"] if None in run["reached"] and state["epochs"] < limit]:
         error = max(run["error"] for run in active)
@@ -94,9 +103,8 @@ def reach(
         start, done = time.perf_counter(), state["epochs"]
         epochs = min(_BLOCK, limit - done)
         networks = [_network(run["network"], len(x), done) for run in active]
-        errors, networks = back_propagation(
-            x, y, networks, seeds=[run["seed"] for run in active], epochs=epochs
-        )
+        seeds, rates = [run["seed"] for run in active], [run["rate"] for run in active]
+        errors, networks = back_propagation(x, y, networks, seeds=seeds, rates=rates, epochs=epochs)
         for run, course, network in zip(active, errors, networks, strict=True):
             for k, target in enumerate(targets):
                 met = np.flatnonzero(course <= target)
@@ -135,22 +143,22 @@ def _network(plain: list[Data], samples: int, epochs: int) -> NetworkWeights:
 
 
 def _present(data: Data) -> Section:
-    runs, limit = data["runs"], data["limit"]
-    theirs = [[run[k][0] for run in printed.TABLE_4] for k in range(len(printed.ERRORS))]
-    ours = [[run["reached"][k] for run in runs] for k in range(len(printed.ERRORS))]
+    limit, paper = data["limit"], [[run[k][0] for run in printed.TABLE_4] for k in range(len(printed.ERRORS))]
+    ours = {rate: _columns(data, rate) for rate in dict.fromkeys(run["rate"] for run in data["runs"])}
     rows: list[tuple[Cell, ...]] = [
         (f"paper, run {i}", *(f"{epochs} ({seconds} s)" for epochs, seconds in run))
         for i, run in enumerate(printed.TABLE_4, start=1)
     ]
-    rows += [
-        (f"preshape, seed {run['seed']}", *(_epochs_text(epochs, limit) for epochs in run["reached"]))
-        for run in runs
-    ]
-    rows += [
-        ("paper, median (range)", *map(_spread, theirs)),
-        ("preshape, median (range)", *(_spread(c) if None not in c else "not reached by all" for c in ours)),
-        ("preshape's median / the paper's", *(f"{r:.2f}" if r else None for r in map(_ratio, ours, theirs))),
-    ]
+    rows.append(("paper, median (range)", *(_spread(column, limit) for column in paper)))
+    for run in data["runs"]:
+        label = f"preshape, rate {run['rate']:g}, seed {run['seed']}"
+        rows.append((label, *(_epochs_text(epochs or math.inf, limit) for epochs in run["reached"])))
+    for rate, columns in ours.items():
+        ratios = [_ratio(column, theirs) for column, theirs in zip(columns, paper, strict=True)]
+        rows += [
+            (f"preshape, rate {rate:g}, median (range)", *(_spread(column, limit) for column in columns)),
+            ("its median / the paper's", *(f"{r:.2f}" if r < math.inf else None for r in ratios)),
+        ]
     trainer = data["trainer"]
     rows.append(
         (
@@ -158,18 +166,22 @@ def _present(data: Data) -> Section:
             f"{trainer['iterations']} iterations to {trainer['error']:.1e} ({trainer['seconds']:.2g} s)",
         )
     )  # fmt: skip
-    reached = [epochs for epochs in ours[-1] if epochs is not None]
-    after = f" after {_spread(reached)} epochs" if reached else f" within {limit} epochs"
+    outcomes = []
+    for rate, (*_, last) in ours.items():
+        count = sum(epochs < math.inf for epochs in last)
+        after = f", after {_spread(last, limit)} epochs" if count else f" within {limit} epochs"
+        outcomes.append(f"{count} of {len(last)} at rate {rate:g}{after}")
     return Section(
-        headline=f"{len(reached)} of {len(runs)} networks reach {printed.ERRORS[-1]:.1e}{after}; the paper's "
-        f"three after {_spread(theirs[-1])}.",
+        headline=f"{printed.ERRORS[-1]:.1e} is reached by {joined(outcomes)}; by the paper's three networks "
+        f"after {_spread(paper[-1], limit)}.",
         text=(
             f"{'-'.join(str(n) for n in LAYERS)} networks with logistic activations are trained by online "
-            "back-propagation: one sample at a time, without momentum, at the learning rate "
-            f"{RATE:g}, to the outputs {TARGETS[0]:g} and {TARGETS[1]:g} for the bits 0 and 1, from weights "
-            f"within ±{WITHIN:g}. The paper gives none of these settings. The training set has the Q1- and "
-            f"Q2-type tasks of the twelve planes on the cube, with both signs: {data['tasks']} tasks, "
-            f"{data['samples']} different ones. The networks are trained side by side, in {data['seconds']:.0f} s for all.",
+            "back-propagation: one sample at a time, without momentum, to the outputs "
+            f"{TARGETS[0]:g} and {TARGETS[1]:g} for the bits 0 and 1, from weights within ±{WITHIN:g}. The "
+            "training set has the Q1- and Q2-type tasks of the twelve planes on the cube, with both signs: "
+            f"{data['tasks']} tasks, {data['samples']} different ones. The paper gives none of these "
+            "settings, nor its learning rate, to which the epochs are about inversely proportional. The "
+            f"networks are trained side by side, in {data['seconds']:.0f} s for all.",
             "Everything else in preshape uses the trainer of the last line, which reaches the same error, "
             "against 0 and 1.",
         ),
@@ -188,45 +200,58 @@ def _present(data: Data) -> Section:
                 draw=partial(_draw, data),
             ),
         ),
-        remarks=tuple(_disagreements(ours, theirs, limit)),
+        remarks=tuple(_disagreements(ours, paper, limit)),
     )
 
 
-def _disagreements(ours: list[list[int | None]], theirs: list[list[int]], limit: int) -> Iterator[str]:
-    for error, found, wanted in zip(printed.ERRORS, ours, theirs, strict=True):
-        ratio = _ratio(found, wanted)
-        if late := found.count(None):
+def _columns(data: Data, rate: float) -> list[list[float]]:
+    """Epochs to each error of the networks at a rate; infinite if it was not reached."""
+    runs = [run["reached"] for run in data["runs"] if run["rate"] == rate]
+    return [[epochs or math.inf for epochs in column] for column in zip(*runs, strict=True)]
+
+
+def _disagreements(ours: dict[float, list[list[float]]], paper: list[list[int]], limit: int) -> Iterator[str]:
+    """One sentence for each rate, on the errors at which it does not give the paper's epochs."""
+    for rate, columns in ours.items():
+        outside = [
+            f"{_epochs_text(statistics.median(column), limit)} at {error:.1e}"
+            for error, column, theirs in zip(printed.ERRORS, columns, paper, strict=True)
+            if not min(theirs) <= statistics.median(column) <= max(theirs)
+        ]
+        if outside:
+            yield f"At rate {rate:g}, these medians are outside the range of the paper: {joined(outside)}."
+        if late := columns[-1].count(math.inf):
             yield (
-                f"{late} of {len(found)} networks of preshape do not reach {error:.1e} within {limit} epochs."
-            )
-        elif ratio and not min(wanted) <= ratio * statistics.median(wanted) <= max(wanted):
-            yield (
-                f"At {error:.1e}, the median of preshape is {ratio:.2f} times the paper's, and outside the "
-                "range of the paper's three runs. The settings that the paper does not give affect it."
+                f"At rate {rate:g}, {late} of {len(columns[-1])} networks do not reach "
+                f"{printed.ERRORS[-1]:.1e} within {limit} epochs."
             )
 
 
-def _epochs_text(epochs: int | None, limit: int) -> str:
-    return f"not within {limit}" if epochs is None else str(epochs)
+def _epochs_text(epochs: float, limit: int) -> str:
+    return f"{epochs:.0f}" if epochs < math.inf else f"not within {limit}"
 
 
-def _ratio(ours: list[int | None], theirs: list[int]) -> float | None:
-    """Our median over the paper's; ``None`` unless all networks got there."""
-    reached = [epochs for epochs in ours if epochs is not None]
-    return statistics.median(reached) / statistics.median(theirs) if len(reached) == len(ours) else None
+def _ratio(ours: Sequence[float], theirs: Sequence[float]) -> float:
+    """Our median over the paper's."""
+    return statistics.median(ours) / statistics.median(theirs)
 
 
-def _spread(epochs: Sequence[int | None]) -> str:
+def _spread(epochs: Sequence[float], limit: int) -> str:
     """Median and range."""
-    numbers = [n for n in epochs if n is not None]
-    return f"{statistics.median(numbers):.0f} ({min(numbers)} to {max(numbers)})"
+    median, first, last = (
+        _epochs_text(n, limit) for n in (statistics.median(epochs), min(epochs), max(epochs))
+    )
+    return f"{median} ({first} to {last})"
 
 
 def _draw(data: Data, path: Path) -> None:
     with Canvas(path, size=(8.0, 4.2)) as axes:
-        for i, run in enumerate(data["runs"]):
-            label = "preshape" if i == 0 else None
-            axes.plot(*zip(*run["curve"], strict=True), color=OURS, lw=1.2, label=label)
+        shown = set[float]()
+        for run in data["runs"]:
+            colour, style = (OURS, "-") if run["rate"] == RATES[0] else (THIRD, "--")
+            label = None if run["rate"] in shown else f"preshape, rate {run['rate']:g}"
+            shown.add(run["rate"])
+            axes.plot(*zip(*run["curve"], strict=True), style, color=colour, lw=1.2, label=label)
         for i, points in enumerate(printed.TABLE_4):
             epochs = [point[0] for point in points]
             label = "paper" if i == 0 else None
