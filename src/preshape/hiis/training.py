@@ -75,10 +75,8 @@ def loss_and_gradient(theta: Array, x: Array, y: Array, *, decay: float = 0.0) -
         decay: Factor on half the sum of the squared weights.
     """
     w1, b1, w2, b2 = _unpack(theta, x.shape[1], y.shape[1])
-    inputs, bits = (
-        np.ascontiguousarray(x.T),
-        np.ascontiguousarray(y.T),
-    )  # samples last: the fastest for einsum
+    # Samples last: the fastest order for einsum.
+    inputs, bits = np.ascontiguousarray(x.T), np.ascontiguousarray(y.T)
     hidden = sigmoid(weighted_sums(w1, b1, inputs))
     z = weighted_sums(w2, b2, hidden)
     out = sigmoid(z)
