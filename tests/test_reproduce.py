@@ -148,7 +148,7 @@ def test_table_4_in_its_quick_form_ends_before_the_errors_of_the_paper(run: Run)
     data = run.data("table4")
     (only,) = data["runs"]
     assert only["reached"] == [None, None, None]
-    assert printed.ERRORS[0] < only["error"] < 0.5 * only["curve"][0][1]
+    assert printed.ERRORS[0] < only["error"] < 0.8 * only["curve"][0][1]
     assert only["curve"][0][0] == 1
     headline = table_4._present(data).headline
     assert headline.startswith("5.0e-04 is reached by 0 of 1 at rate 0.04 within 500 epochs; by the paper's")
