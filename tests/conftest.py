@@ -90,11 +90,15 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
-    skipped = terminalreporter.stats.get("skipped", [])
-    reason = "PRESHAPE_REFERENCE is not set"
-    count = sum(reason in str(report.longrepr) for report in skipped)
-    if count:
-        terminalreporter.write_line(
-            f"{count} checks against reference data were left out: "
-            "set PRESHAPE_REFERENCE to the folder with them"
-        )
+    skipped = [str(report.longrepr) for report in terminalreporter.stats.get("skipped", [])]
+    for reason, what in {
+        "PRESHAPE_REFERENCE is not set": "checks against reference data were left out: "
+        "set PRESHAPE_REFERENCE to the folder with them",
+        "there is no scan of the paper": "checks against the paper's text were left out: "
+        "put paper.txt beside the folder PRESHAPE_REFERENCE",
+        "one kernel of BLAS and NumPy": "checks that weights do not depend on the kernels were left out: "
+        "this machine has only one",
+    }.items():
+        count = sum(reason in text for text in skipped)
+        if count:
+            terminalreporter.write_line(f"{count} {what}")

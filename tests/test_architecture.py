@@ -45,7 +45,7 @@ BESIDE = {
 }
 """The only imports between siblings of a level: (importer, imported)."""
 HIIS = (
-    "estimator fuzzy planes",
+    "estimator fuzzy lbfgs planes",
     "analyser training wrench",
     "critic virtual_grasp",
     "decision learning",

@@ -173,6 +173,17 @@ def test_an_unknown_kind_of_inputs_or_a_missing_descriptor_is_refused() -> None:
         inputs(np.zeros(6), replace(a, shape=None), U, "shape")
 
 
+def test_last_bits_do_not_reach_the_inputs() -> None:
+    a = library.load_library_object("mug").attributes
+    q = np.array([1.0, -0.37, 1 / 3, 0.05, 0.8, -0.8])
+    for kind in ("paper", "shape"):
+        shaped = replace(a, shape=np.linspace(0.1, 1.0, LENGTH) if a.shape is None else a.shape)
+        other = replace(shaped, extents=a.extents * (1 + 4e-16), shape=shaped.shape * (1 - 4e-16))
+        x = inputs(q, shaped, U, kind)
+        assert np.array_equal(inputs(q * (1 + 4e-16), other, U, kind), x)
+        assert not np.array_equal(inputs(q * (1 + 1e-7), shaped, U, kind), x)
+
+
 def test_a_count_of_zero_is_no_infinity() -> None:
     a = Attributes(
         extents=np.full(3, 0.05), vertices=3, vertex_normals=0, faces=1, triangles=1, area=1.0, volume=0.0

@@ -6,6 +6,7 @@ the approach value, and the number of virtual fingers, each in binary.
 
 from __future__ import annotations
 
+from decimal import Decimal
 from functools import cache
 from typing import Literal
 
@@ -25,6 +26,8 @@ INPUT_COUNTS: dict[str, int] = {"paper": INPUTS, "shape": 6 + 3 + LENGTH}
 """Number of inputs of each kind: 13 and 37."""
 
 _COUNT_DECADES = 6.0  # scales counts up to a million to about 1 [C]
+_DECIMALS = 9  # of the inputs
+_LIMIT, _PARTS = 40, 256  # range and resolution of the table of exponentials
 
 
 @value
@@ -51,7 +54,8 @@ def inputs(task: Array, attributes: Attributes, u: float, kind: InputKind = "pap
 
     Extents are divided by 4U, and the decimal logarithms of counts by 6. Task components are clipped at ±10,
     far beyond any value of a task. The kind ``shape`` has the shape descriptor instead of the counts, because
-    the counts change with every new triangulation of the object [C].
+    the counts change with every new triangulation of the object [C]. All inputs are rounded to nine decimals:
+    the last bits of logarithms and wrenches differ between processors, and must not reach the weights.
 
     Args:
         task: (6,) Q.
@@ -72,10 +76,10 @@ def inputs(task: Array, attributes: Attributes, u: float, kind: InputKind = "pap
     if kind == "shape":
         if attributes.shape is None:
             raise InputError("inputs of kind shape need a shape descriptor, got none: use described(mesh)")
-        return np.concatenate([np.clip(task, -10.0, 10.0), sizes, attributes.shape])
-    return np.concatenate(
-        [np.clip(task, -10.0, 10.0), sizes, np.log10(np.maximum(counts, 1)) / _COUNT_DECADES]
-    )
+        described = attributes.shape
+    else:
+        described = np.log10(np.maximum(counts, 1)) / _COUNT_DECADES
+    return np.round(np.concatenate([np.clip(task, -10.0, 10.0), sizes, described]), _DECIMALS)
 
 
 def encode(plane: int, approach_set: int, fingers: int) -> Array:
@@ -123,13 +127,55 @@ def decode(outputs: Array, allowed: BoolArray | None = None) -> Estimate:
 
 def predict(weights: NetworkWeights, x: Array) -> Array:
     """(..., 9) outputs of the network for inputs (..., n) of the kind that it was trained on."""
-    hidden = sigmoid(x @ weights.w1.T + weights.b1)
-    return sigmoid(hidden @ weights.w2.T + weights.b2)
+    samples = np.ascontiguousarray(x.reshape(-1, x.shape[-1]).T)
+    hidden = sigmoid(weighted_sums(weights.w1, weights.b1, samples))
+    outputs = sigmoid(weighted_sums(weights.w2, weights.b2, hidden))
+    return outputs.T.reshape(*x.shape[:-1], -1)
+
+
+def weighted_sums(weights: Array, biases: Array, x: Array) -> Array:
+    """(h, n) what h units receive from (i, n) inputs, for (h, i) weights and (h,) biases.
+
+    ``einsum`` adds in the same order on every x86-64 processor; the matrix product is BLAS, which does not.
+    """
+    return np.einsum("hi,in->hn", weights, x) + biases[:, None]
 
 
 def sigmoid(x: Array) -> Array:
-    """Logistic activation 1 / (1 + exp(-x)) [P], without overflow."""
-    return 0.5 * (1.0 + np.tanh(0.5 * x))
+    """Logistic activation 1 / (1 + exp(-x)) [P], without overflow, to the last bit the same on every machine.
+
+    NumPy's ``exp`` and ``tanh`` round differently on different processors. Here, exp(-x) is a table's value
+    at the nearest 256th times the Padé approximant n / d of the rest r, |r| ≤ 1/512, whose error r⁵/720 is
+    below 4e-17, with d = 12 - 6r + r² and n = d + 12r. This needs only operations that are rounded correctly
+    everywhere.
+    """
+    rest = np.minimum(np.maximum(-_PARTS * x, -_PARTS * _LIMIT), _PARTS * _LIMIT)
+    nearest = np.rint(rest)
+    rest -= nearest
+    exponential = _exponentials()[nearest.astype(np.intp)]
+    # d and n times 256², computed in place: this is the most time-consuming part of training.
+    below = rest * rest
+    below += 12.0 * _PARTS**2
+    rest *= 6.0 * _PARTS
+    below -= rest
+    rest *= 2.0
+    rest += below
+    exponential *= rest
+    exponential += below
+    return np.divide(below, exponential, out=exponential)
+
+
+@cache
+def _exponentials() -> Array:
+    """(20481,) exp(k / 256) at index k, for k from 0 to 10240 and, as indices from the end, from -10240.
+
+    The two ends are ∞ and 0, because the activation is 0 or 1 there.
+    """
+    whole = np.array([float(Decimal(k).exp()) for k in range(-_LIMIT, _LIMIT)])
+    parts = np.array([float((Decimal(k) / _PARTS).exp()) for k in range(_PARTS)])
+    table = np.append(np.outer(whole, parts), np.inf)
+    table[0] = 0.0
+    return np.roll(table, -_PARTS * _LIMIT)
 
 
 def _bits(number: int, width: int) -> Array:

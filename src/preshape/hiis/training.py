@@ -5,33 +5,55 @@ The reported error is always the paper's: the squared error, averaged over sampl
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
+from collections.abc import Sequence
 from dataclasses import replace
+from decimal import Context, Decimal
 
 import numpy as np
 
 from ..exceptions import InputError
 from ..types import Array, NetworkWeights
-from .estimator import LAYERS, predict, sigmoid
+from .estimator import LAYERS, predict, sigmoid, weighted_sums
+from .lbfgs import minimise
 
 TARGET_ERROR = 5e-4
 """Mean-square error at which training stops: the smallest of table 4 [P]."""
 
+TARGETS, WITHIN = (0.1, 0.9), 0.1
+"""Back-propagation: outputs for the bits 0 and 1, and limit of the first weights [R]."""
+
 _DECAYS = (1e-5, 1e-6, 1e-7)
 """Weight decays, tried in this order until the target error is met. A larger decay makes the network more
 tolerant of disturbed tasks [C]."""
+_PRECISION = Context(prec=17)
+_LN2 = float(_PRECISION.ln(Decimal(2)))
 _SURE = 0.45  # largest distance of an output from its bit; at 0.5 the code would be read wrongly
 
 
-def initial_weights(seed: int, layers: tuple[int, int, int] = LAYERS) -> NetworkWeights:
-    """Random weights: normally distributed, with standard deviation 1 / √fan-in."""
+def initial_weights(
+    seed: int, layers: tuple[int, int, int] = LAYERS, *, within: float | None = None
+) -> NetworkWeights:
+    """Random weights, uniformly distributed: a normal draw needs logarithms, which differ between machines.
+
+    Args:
+        seed: Seed of the draws.
+        layers: Numbers of inputs, hidden units and outputs.
+        within: Limit of all weights and biases; by default √(3 / fan-in), for a standard deviation of
+            1 / √fan-in, and 0 for the biases of the outputs.
+    """
     rng = np.random.default_rng(seed)
     n_in, n_hidden, n_out = layers
+
+    def draw(limit: float, *shape: int) -> Array:
+        return limit * (2.0 * rng.random(shape) - 1.0)
+
+    first, second = (math.sqrt(3 / n) if within is None else within for n in (n_in, n_hidden))
     return NetworkWeights(
-        w1=rng.normal(0, n_in**-0.5, (n_hidden, n_in)),
-        b1=rng.normal(0, n_in**-0.5, n_hidden),
-        w2=rng.normal(0, n_hidden**-0.5, (n_out, n_hidden)),
-        b2=np.zeros(n_out),
+        w1=draw(first, n_hidden, n_in),
+        b1=draw(first, n_hidden),
+        w2=draw(second, n_out, n_hidden),
+        b2=draw(within or 0.0, n_out),
         mean_square_error=1.0,
         trained_on=0,
         epochs=0,
@@ -43,37 +65,44 @@ def mean_square_error(weights: NetworkWeights, x: Array, y: Array) -> float:
     return float(np.mean((predict(weights, x) - y) ** 2))
 
 
-def loss_and_gradient(
-    theta: Array, x: Array, y: Array, *, loss: str, decay: float = 0.0
-) -> tuple[float, Array]:
-    """Loss of the network and its exact gradient.
+def loss_and_gradient(theta: Array, x: Array, y: Array, *, decay: float = 0.0) -> tuple[float, Array]:
+    """Mean cross-entropy of the network and its exact gradient, the same on every x86-64 processor.
 
     Args:
         theta: (p,) all weights: w1, b1, w2, b2, flattened.
         x: (n, i) inputs.
         y: (n, 9) bits.
-        loss: ``squared`` for the mean-square error, or ``entropy`` for the mean cross-entropy.
         decay: Factor on half the sum of the squared weights.
     """
-    n_in, n_out = x.shape[1], y.shape[1]
-    w1, b1, w2, b2 = _unpack(theta, n_in, n_out)
-    hidden = sigmoid(x @ w1.T + b1)
-    z = hidden @ w2.T + b2
+    w1, b1, w2, b2 = _unpack(theta, x.shape[1], y.shape[1])
+    # Samples last: the fastest order for einsum.
+    inputs, bits = np.ascontiguousarray(x.T), np.ascontiguousarray(y.T)
+    hidden = sigmoid(weighted_sums(w1, b1, inputs))
+    z = weighted_sums(w2, b2, hidden)
     out = sigmoid(z)
-    if loss == "squared":
-        value = float(np.mean((out - y) ** 2))
-        delta2 = 2.0 * (out - y) * out * (1 - out) / y.size
-    elif loss == "entropy":
-        # log(1 + exp(-|z|)) + max(z, 0) - z·y is the cross-entropy without overflow.
-        value = float(np.mean(np.log1p(np.exp(-np.abs(z))) + np.maximum(z, 0) - z * y))
-        delta2 = (out - y) / y.size
-    else:
-        raise InputError(f"a loss must be squared or entropy, got {loss!r}")
-    delta1 = (delta2 @ w2) * hidden * (1 - hidden)
+    # log(1 + exp(-|z|)) + max(z, 0) - z·y is the cross-entropy without overflow.
+    value = (float(np.sum(np.maximum(z, 0) - z * bits)) - _sum_of_logs(np.maximum(out, 1 - out))) / y.size
+    delta2 = (out - bits) / y.size
+    delta1 = np.einsum("oh,on->hn", w2, delta2) * hidden * (1 - hidden)
     gradient = np.concatenate(
-        [(delta1.T @ x).ravel(), delta1.sum(axis=0), (delta2.T @ hidden).ravel(), delta2.sum(axis=0)]
-    )
-    return value + 0.5 * decay * float(theta @ theta), gradient + decay * theta
+        [
+            np.einsum("hn,in->hi", delta1, inputs).ravel(), delta1.sum(axis=1),
+            np.einsum("on,hn->oh", delta2, hidden).ravel(), delta2.sum(axis=1),
+        ]
+    )  # fmt: skip
+    return value + 0.5 * decay * float(np.sum(theta * theta)), gradient + decay * theta
+
+
+def _sum_of_logs(numbers: Array) -> float:
+    """Sum of the logarithms of numbers in 0.5..1, as that of their product, which needs only one logarithm.
+
+    The logarithm is that of ``decimal``, which is rounded correctly; those of NumPy and C are not.
+    """
+    # A thousand factors do not underflow; between the thousands, the exponents are kept apart.
+    products = np.multiply.reduceat(numbers.ravel(), np.arange(0, numbers.size, 1000))
+    mantissas, exponents = np.frexp(products)
+    mantissa = Decimal(float(np.multiply.reduce(mantissas)))
+    return float(_PRECISION.ln(mantissa)) + int(exponents.sum()) * _LN2
 
 
 def train(
@@ -111,106 +140,81 @@ def train(
 def back_propagation(
     x: Array,
     y: Array,
+    networks: Sequence[NetworkWeights],
     *,
-    targets: tuple[float, ...],
-    seed: int = 0,
-    rate: float = 0.5,
-    momentum: float = 0.0,
-    max_epochs: int = 200_000,
-    progress: Callable[[int, float], None] | None = None,
-) -> tuple[list[int | None], NetworkWeights]:
-    """Plain back-propagation on the squared error, sample by sample, as for table 4 [P].
+    seeds: Sequence[int],
+    rates: Sequence[float],
+    epochs: int,
+) -> tuple[Array, list[NetworkWeights]]:
+    """Continue the paper's training of several networks at once: online back-propagation, as for table 4 [P].
 
-    Each epoch uses every sample once, in a new random order.
+    Each epoch presents every sample once, in a random order of each network's own, and changes the weights
+    after each sample, without momentum. The networks do not influence each other, and it changes nothing how
+    the epochs are divided into calls. Targets and first weights (:data:`WITHIN`) are those that reproduce
+    table 4 [R]: with targets of 0 and 1, a network can stall with an output saturated at the wrong bit.
 
     Args:
-        x: (n, 13) inputs.
-        y: (n, 9) bits.
-        targets: Mean-square errors, largest first.
-        seed: Seed of the initial weights and of the orders.
-        rate: Learning rate.
-        momentum: Share of the previous step that is added.
-        max_epochs: Number of epochs after which training ends in any case.
-        progress: Called every 100 epochs with epoch and error.
+        x: (n, i) inputs.
+        y: (n, 9) bits, for which the outputs are to be 0.1 or 0.9.
+        networks: m networks.
+        seeds: m seeds of the orders.
+        rates: m learning rates: factors on the gradient of half the sum of a sample's squared errors.
+        epochs: Number of epochs.
 
     Returns:
-        The epoch at which each target was reached (``None`` if it was not), and the weights.
+        (m, epochs) mean-square error against 0.1 and 0.9, over the samples as they are presented, and the m
+        networks, with their errors after the last epoch.
     """
     _check_samples(x, y)
-    rng = np.random.default_rng(seed)
-    begin = initial_weights(seed, (x.shape[1], LAYERS[1], y.shape[1]))
-    w1, b1, w2, b2 = (np.array(w) for w in (begin.w1, begin.b1, begin.w2, begin.b2))
-    v1, c1, v2, c2 = (np.zeros_like(w) for w in (w1, b1, w2, b2))
-    reached: list[int | None] = [None] * len(targets)
-    error, epoch = 1.0, 0
-    for epoch in range(1, max_epochs + 1):
-        total = 0.0
-        for i in rng.permutation(len(x)):
-            hidden = sigmoid(w1 @ x[i] + b1)
-            out = sigmoid(w2 @ hidden + b2)
-            wrong = out - y[i]
-            total += float(wrong @ wrong)
-            delta2 = wrong * out * (1 - out)
-            delta1 = (delta2 @ w2) * hidden * (1 - hidden)
-            v2 = momentum * v2 - rate * np.outer(delta2, hidden)
-            c2 = momentum * c2 - rate * delta2
-            v1 = momentum * v1 - rate * np.outer(delta1, x[i])
-            c1 = momentum * c1 - rate * delta1
-            w1 += v1
-            b1 += c1
-            w2 += v2
-            b2 += c2
-        error = total / y.size
-        for k, target in enumerate(targets):
-            if reached[k] is None and error <= target:
-                reached[k] = epoch
-        if progress is not None and epoch % 100 == 0:
-            progress(epoch, error)
-        if all(r is not None for r in reached):
-            break
-    return reached, _measured(w1, b1, w2, b2, x, y, epoch)
-
-
-class _Reached(Exception):
-    """Stops the optimiser at the target."""
-
-    def __init__(self, theta: Array) -> None:
-        self.theta = theta
+    wanted = TARGETS[0] + (TARGETS[1] - TARGETS[0]) * y
+    # A last input of 1 makes the biases weights like the others.
+    inputs = np.column_stack([x, np.ones(len(x))])
+    w1 = np.array([np.column_stack([w.w1, w.b1]) for w in networks])
+    w2 = np.array([np.column_stack([w.w2, w.b2]) for w in networks])
+    rate = np.array(rates)[:, None]
+    hidden = np.ones((len(networks), w2.shape[2]))
+    units = hidden[:, :-1]
+    wrong = np.empty((len(x), len(networks), y.shape[1]))
+    errors = np.empty((len(networks), epochs))
+    for epoch in range(epochs):
+        orders = np.transpose(
+            [
+                np.random.default_rng([seed, w.epochs + epoch]).permutation(len(x))
+                for seed, w in zip(seeds, networks, strict=True)
+            ]
+        )
+        for sample, target, off in zip(inputs[orders], wanted[orders], wrong, strict=True):
+            units[:] = sigmoid(np.einsum("mhi,mi->mh", w1, sample))
+            out = sigmoid(np.einsum("moh,mh->mo", w2, hidden))
+            off[:] = out - target
+            delta2 = rate * off * out * (1 - out)
+            delta1 = np.einsum("moh,mo->mh", w2[:, :, :-1], delta2) * units * (1 - units)
+            w2 -= delta2[:, :, None] * hidden[:, None]
+            w1 -= delta1[:, :, None] * sample[:, None]
+        errors[:, epoch] = [np.mean(wrong[:, m] ** 2) for m in range(len(networks))]
+    done = [
+        _measured(a[:, :-1], a[:, -1], b[:, :-1], b[:, -1], x, wanted, w.epochs + epochs)
+        for a, b, w in zip(w1, w2, networks, strict=True)
+    ]
+    return errors, done
 
 
 def _descend(x: Array, y: Array, begin: NetworkWeights, target: float, decay: float) -> NetworkWeights:
-    from scipy.optimize import minimize
-    from threadpoolctl import threadpool_limits
-
-    n_in, n_out = x.shape[1], y.shape[1]
+    """L-BFGS from given weights, until the samples are learnt or nothing is left to gain."""
     iterations = 0
 
     def pack(theta: Array) -> NetworkWeights:
-        return _measured(*_unpack(theta, n_in, n_out), x, y, iterations)
+        return _measured(*_unpack(theta, x.shape[1], y.shape[1]), x, y, iterations)
 
-    def check(theta: Array) -> None:
+    def finished(theta: Array, iteration: int) -> bool:
         nonlocal iterations
-        iterations += 1
-        if iterations % 5 == 0 and _learned(pack(theta), x, y, target):
-            raise _Reached(theta.copy())
+        iterations = iteration
+        return iteration % 5 == 0 and _learned(pack(theta), x, y, target)
 
     theta = np.concatenate([w.ravel() for w in (begin.w1, begin.b1, begin.w2, begin.b2)])
     if _learned(pack(theta), x, y, target):
         return pack(theta)
-    try:
-        # For matrices this small, a second BLAS thread costs more than it gains.
-        with threadpool_limits(1, user_api="blas"):
-            theta = minimize(  # type: ignore[call-overload]
-                lambda now: loss_and_gradient(now, x, y, loss="entropy", decay=decay),
-                theta,
-                jac=True,
-                method="L-BFGS-B",
-                callback=check,
-                options={"maxiter": 250, "maxfun": 400, "maxcor": 20, "ftol": 0.0, "gtol": 1e-9},
-            ).x
-    except _Reached as stop:
-        theta = stop.theta
-    return pack(theta)
+    return pack(minimise(lambda now: loss_and_gradient(now, x, y, decay=decay), theta, finished=finished))
 
 
 def _measured(w1: Array, b1: Array, w2: Array, b2: Array, x: Array, y: Array, epochs: int) -> NetworkWeights:
