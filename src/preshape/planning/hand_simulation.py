@@ -92,11 +92,26 @@ class HandResult:
 
     @classmethod
     def of_grip(cls, hand: Hand, grip: Grip) -> HandResult:
-        """The hand on a grip; the closure analyser has already computed all postures."""
+        """The hand on a grip; the closure analyser has already computed all postures.
+
+        The hand of a grip that was refused stands open and backed off.
+        """
 
         def pose(q: Array) -> HandPose:
             return HandPose(palm_pose=grip.palm_pose, q=q)
 
+        if grip.refused:
+            away = grip.palm_pose - np.append(_STAND_OFF * grip.approach, np.zeros(4))
+            return HandResult(
+                status=HandStatus.BLOCKED,
+                reason=grip.refused,
+                fingers=grip.fingers_touching,
+                joints=hand.joints,
+                grasp=None,
+                pregrasp=None,
+                squeeze=None,
+                retracted=HandPose(palm_pose=away, q=grip.pregrasp),
+            )
         return HandResult(
             status=HandStatus.REACHED,
             reason=f"{len(grip.fingers_touching)} fingers closed until they touched; the squeeze balances "
