@@ -20,7 +20,7 @@ from .options import (
 )
 
 if TYPE_CHECKING:
-    from ..planning.plan import Plan
+    from ..planning.document import Document
 
 
 @click.command(
@@ -109,19 +109,19 @@ def plan(
 
         emit(document)
     else:
-        _show(made, written, explain=explain)
+        _show(document, written, explain=explain)
     failed = made.verified is not None and not made.verified.held
     return 0 if made.answer is not None and not failed else 1
 
 
-def _show(made: Plan, written: list[Path], *, explain: bool) -> None:
+def _show(document: Document, written: list[Path], *, explain: bool) -> None:
     from rich.console import Console
 
     from ..planning.summary import after_words, summary
 
     console = Console()
-    console.print(summary(made, explain=explain), highlight=False)
-    for sentence in after_words(made):
+    console.print(summary(document, explain=explain), highlight=False)
+    for sentence in after_words(document):
         console.print(sentence, highlight=False)
     for path in written:
         console.print(f"wrote {path}", highlight=False, markup=False, soft_wrap=True)

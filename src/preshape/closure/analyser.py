@@ -334,7 +334,7 @@ class ClosureAnalyser:
                 clause = f"{rule} is in the closed hand's way"
                 grips = [replace(g, refused=clause) for g in grips if g.refused not in (INSIDE, OVERLAP)]
             if grips:
-                best = max(grips, key=lambda grip: (rule == LOAD and not grip.refused, grip.margin))
+                best = max(grips, key=lambda g: (not g.refused, g.refused not in (INSIDE, OVERLAP), g.margin))
                 return self.grips(q, [best])[0]
         return None
 

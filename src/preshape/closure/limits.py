@@ -25,7 +25,8 @@ def remedy(rules: Sequence[str], best: Grip | None = None) -> str:
 
     Args:
         rules: The table, boxes, load and way in as far as they refused candidates, the costliest first.
-        best: The best grip; if the hand can execute it, its :func:`shortfall` says what helps with the load.
+        best: The best of what was refused; if the hand can execute it, its :func:`shortfall` says what would
+            help with the load.
 
     >>> remedy(["box 2", "the load"])
     '; most are refused because of box 2: moving it or making it smaller (--avoid) would help'
@@ -39,6 +40,8 @@ def remedy(rules: Sequence[str], best: Grip | None = None) -> str:
         helps = "a lower table (--table HEIGHT) or another pose of the object on it"
     elif rules[0] == WAY_IN:
         helps = "more approach axes (--approach), if they are restricted, or a smaller hand"
+        if best is not None and ("the table" in best.refused or "a box" in best.refused):
+            helps = f"more room around the object (--table, --avoid), {helps}"
     return f"; most are refused because of {rules[0]}: {helps} would help"
 
 

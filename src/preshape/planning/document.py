@@ -198,6 +198,7 @@ def _answer(plan: PlanRecord, answer: Answer | None) -> Document:
         "reason": decision.reason,
         "mode": decision.mode,
         "deadlock": decision.deadlock,
+        "known": plan.known,
         **(_grasp(answer.grasp) if answer else dict.fromkeys(GRASP_KEYS)),
         "way_in": answer.way_in.tolist() if answer else None,
         "fingers_touching": len(answer.hand_result.fingers) if answer else None,

@@ -15,7 +15,7 @@ from ..physics.pieces import decompose
 from ..physics.protocol import HoldProtocol
 from ..physics.scene import build_scene
 from ..types import FRICTION
-from .answers import Verified, answers_of
+from .answers import Verified, answers_of, chosen
 from .grasp_sets import palm_grasps, poses_of
 from .hand_simulation import HandResult
 from .plan import Plan
@@ -34,7 +34,7 @@ def verified_plan(plan: Plan, *, keep: int) -> tuple[Plan, list[tuple[Grasp, boo
     """
     answers = list(answers_of(plan)[: max(keep, VERIFIED)])
     if not answers:
-        return plan, []
+        return replace(plan, verified=Verified(held=False, tried=0, reason="there is no answer to test")), []
     rules = HoldProtocol(friction=plan.request.stated_friction, mass=plan.mass.kg, stop_early=True)
     results = hold_until_held(plan.hand, plan.mesh, [a.hand_result for a in answers], protocol=rules)
     reached = [k for k, a in enumerate(answers) if a.hand_result.grasp is not None]
@@ -52,7 +52,8 @@ def verified_plan(plan: Plan, *, keep: int) -> tuple[Plan, list[tuple[Grasp, boo
     said = Verified(held=True, tried=len(results), reason=results[-1].reason)
     # An answer that was tested and lost the object is not offered as an alternative.
     rest = tuple(answers[first + 1 : first + keep])
-    return replace(plan, answer=answers[first], alternatives=rest, verified=said), tried
+    plan = replace(plan, alternatives=rest, verified=said)
+    return chosen(plan, answers[first], "the first answer that held in physics"), tried
 
 
 def hold_until_held(

@@ -286,7 +286,7 @@ def _draw_case(row: Data, size: tuple[int, int], path: Path) -> None:
     from ..planning.document import plan_to_json
     from ..planning.output import ray_origins
     from ..viewer.plan_picture import plan_picture
-    from ..viewer.readings import answers_of
+    from ..viewer.words import answers_of
 
     setup = Setup()
     ready = setup.prepare(setup.system(), row["object"], parse_task(row["task"]), scale=row["scale"])

@@ -38,7 +38,6 @@ from .plan_scene import (
     view_direction,
 )
 from .raycast import Camera, Image, Shape, project, render, visible
-from .readings import mode_words
 from .shapes import hand_shape
 from .sheet import Sheet, new_sheet
 
@@ -187,7 +186,7 @@ def _heading(sheet: Sheet, scene: PlanScene, title: str) -> None:
     y += 66
     _rule(sheet, y)
     y += 20
-    for line in wrap(f"{scene.status}  ·  {mode_words(scene.mode)}", width, 11.5, lines=2, bold=True):
+    for line in wrap(scene.status, width, 11.5, lines=2, bold=True):
         sheet.text(left, y, line, 11.5, weight="bold")
         y += 20
     y += 4

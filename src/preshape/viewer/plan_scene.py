@@ -52,8 +52,7 @@ class PlanScene:
         task_name: Name of the task to display.
         hand_name: Name of the hand to display.
         task: (6,) Task Q.
-        mode: Execution mode, 0..3.
-        status: Status of the plan in a few words.
+        status: Result and execution mode of the plan in a few words.
         reasons: Reasons, one sentence each.
         plane: The answer's approach plane.
         way_in: (3,) Unit vector along which the hand moves to the object; ``None`` stands for the plane's
@@ -93,7 +92,6 @@ class PlanScene:
     task_name: str
     hand_name: str
     task: Array
-    mode: int | None
     status: str
     reasons: tuple[str, ...] = ()
     plane: PlaneCard | None = None
