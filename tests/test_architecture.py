@@ -501,6 +501,12 @@ def test_every_all_is_real(path: Path) -> None:
         assert all(hasattr(module, entry) for entry in listed[0])
 
 
+def test_every_class_has_a_name_of_its_own() -> None:
+    names = [n.name for path in MODULES for n in ast.walk(tree_of(path)) if isinstance(n, ast.ClassDef)]
+    assert len(names) > 100
+    assert not {name for name in names if names.count(name) > 1}
+
+
 def lines_of_code(path: Path) -> int:
     """Lines that hold code; docstrings, comments and blank lines do not count, so that nobody saves words."""
     text, documented = path.read_text(encoding="utf-8"), set()

@@ -34,7 +34,6 @@ def test_a_grip_is_headed_by_its_quality_and_a_virtual_grasp_by_its_match() -> N
         task_name="lift",
         hand_name="shadow",
         task=np.eye(6)[2],
-        mode=0,
         status="answer",
     )
 

@@ -65,7 +65,6 @@ def scene(index: int = 5) -> plan_picture.PlanScene:
         task_name="Q1",
         hand_name="utah_mit",
         task=[1, 1, 0.1, 0.05, 0.8, 0.05],
-        mode=0,
         status="success",
         reasons=("it fits",),
         plane=chosen,
@@ -384,7 +383,6 @@ def test_what_is_not_there_is_not_drawn_and_long_names_do_no_harm() -> None:
         task_name="日本 " * 30,
         hand_name="h" * 300,
         task=np.zeros(6),
-        mode=None,
         status="deadlock " * 40,
         reasons=("because " * 200,) * 5,
     )

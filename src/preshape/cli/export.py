@@ -95,8 +95,8 @@ def export(
 ) -> int:
     """Write PLAN for other programs. PLAN is a plan.json, or - for standard input.
 
-    moveit: moveit_msgs/msg/Grasp, one for each answer, best first (docs/ros.md). mjcf: a MuJoCo scene with
-    hand and object at the grasp. npz: grasp arrays (docs/grasp-file.md).
+    moveit: moveit_msgs/msg/Grasp, one for each answer, the plan's own first (docs/ros.md). mjcf: a MuJoCo
+    scene with hand and object at the grasp. npz: grasp arrays (docs/grasp-file.md).
 
     Exit code 0: written. 2: bad input, such as a plan whose hand has no posture. 3: a file or a package is
     missing.
@@ -138,6 +138,9 @@ def export(
         "mass": first.mass,
         "friction": first.friction,
         "answers": [grasp.number for grasp in grasps],
+        "best": bool(first.lacking),
+        "executable": not first.lacking,
+        "lacking": first.lacking,
         "left_out": [{"answer": each.number, "reason": each.reason} for each in left_out],
         "obstacles_left_out": obstacles_of(document),
     }
@@ -185,10 +188,10 @@ def _moveit(
     link, _ = parent_link(grasps[0], options)
     text = messages_yaml(
         messages,
-        f"moveit_msgs/msg/Grasp, {_count(len(messages))}, best first\n"
+        f"moveit_msgs/msg/Grasp, {_count(len(messages))}, the answer first, then the alternatives\n"
         f"from {Path(file).name} by preshape {__version__}\n"
         f"planned for {grasps[0].mass:g} kg, friction {grasps[0].friction:g}\n"
-        f"grasp_pose: {link} in {options.frame}, the object's own frame [m]",
+        f"grasp_pose: {link} in {options.frame}, the object's own frame [m]\n{grasps[0].warning}",
     )
     for path in paths:
         if path.suffix.lower() == ".mcap":
@@ -233,6 +236,10 @@ def _tell(report: dict[str, Any], left_out: tuple[LeftOut, ...], paths: list[Pat
         click.echo(f"answer {each.number} is left out, its hand has no posture: {each.reason}", err=True)
     if report["obstacles_left_out"]:
         click.echo(f"left out, though planned with: {report['obstacles_left_out']}", err=True)
+    if report["best"]:
+        click.echo(
+            f"this is the best grasp found, not an answer; executable: false; {report['lacking']}", err=True
+        )
     if as_json or not paths:
         return
     for path in paths:

@@ -43,6 +43,8 @@ def show(memory: str | None, as_json: bool) -> None:
                         "experiences": o.experiences,
                         "tasks": o.tasks,
                         "best_match": o.best_match,
+                        "best_quality": o.best_quality,
+                        "seed": o.seed,
                         "last_seen": o.last_seen,
                     }
                     for o in known
@@ -60,16 +62,15 @@ def show(memory: str | None, as_json: bool) -> None:
             ("object", False),
             ("experiences", True),
             ("tasks", True),
-            ("best TFVADI", True),
+            ("best", False),
             ("last seen (UTC)", False),
             ("hand", False),
         ):
             table.add_column(heading, justify="right" if right else "left")
         for o in known:
             when = o.last_seen[:19].replace("T", " ")
-            table.add_row(
-                o.name, str(o.experiences), str(o.tasks), f"{o.best_match:.2f}", when, " ".join(o.hands)
-            )
+            name = f"{o.name} (first lesson)" if o.seed else o.name
+            table.add_row(name, str(o.experiences), str(o.tasks), o.best, when, " ".join(o.hands))
         console.print(table, highlight=False)
     if numbers.path != ":memory:" and not Path(numbers.path).exists():
         console.print(

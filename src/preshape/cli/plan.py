@@ -39,7 +39,8 @@ if TYPE_CHECKING:
     type=int,
     default=1,
     show_default=True,
-    help="Number of different answers: the answer, then others, best first.",
+    help="Number of different answers: the answer, then others by score. One of them may be better than the "
+    "answer: mode 0 accepts a stored or estimated grasp that is good enough.",
 )
 @click.option(
     "--verify",

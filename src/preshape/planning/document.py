@@ -157,20 +157,6 @@ def planned_load(document: Document) -> tuple[float, float]:
     return mass, friction
 
 
-def answers_in(document: Document, *, best: bool = False) -> list[Document]:
-    """The answers of a plan that have a grasp, best first.
-
-    Args:
-        document: The plan.
-        best: Whether a plan without an answer gives the best grasp found.
-    """
-    answers = [document, *document.get("alternatives", [])]
-    found = [answer for answer in answers if answer.get("plane") is not None]
-    if not found and best and document.get("best"):
-        return [document["best"]]
-    return found
-
-
 def obstacles_of(document: Document) -> str:
     """Table and boxes of a plan in words, such as ``the table and 2 boxes``; empty for free space."""
     request = document.get("request") or {}

@@ -16,6 +16,7 @@ from ..physics.grasps import STAGES, Fault, GraspSet, read_grasps
 from ..physics.hand import PhysicsHand
 from ..physics.locate import object_extent, plan_object
 from ..types import FIELD_MASS, FRICTION, Array, value
+from ..viewer.words import answers_of
 from .document import obstacles_of, planned_load
 from .hand_simulation import HandResult
 
@@ -109,9 +110,7 @@ def grasps_from_plans(
         try:
             mass, friction = planned_load(document)
             load = PlannedFor(mass=mass, friction=friction, obstacles=obstacles_of(document))
-            thing, answers = document["object"], [document, *document.get("alternatives", [])]
-            if best and document.get("best"):
-                answers = [document["best"]]
+            thing, answers = document["object"], answers_of(document, best=best) or [document]
             source = plan_object(str(thing["source"]), folder, beside)
             if source not in extents:  # a missing object gets an arbitrary extent; the test reports it
                 extents[source] = object_extent(source, folder) or 1.0
@@ -122,7 +121,7 @@ def grasps_from_plans(
                 missing = [stage for stage in STAGES if hand[stage] is None]
                 if missing:
                     why = hand.get("reason") or document.get("reason")
-                    if document.get("best"):
+                    if document.get("best") and not best:
                         why = f"{why}; --best takes the best grasp that was found, which is not good enough"
                     faults.append(Fault(row=len(rows), reason=f"the plan has no {missing[0]}: {why}"))
                 rows.append({"object": source, "scale": scale, **_postures(hand)})

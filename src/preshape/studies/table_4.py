@@ -14,7 +14,7 @@ from ..report import Cell, Figure, Table
 from ..types import Array
 from . import printed
 from .experiment import Experiment, Progress, Section, joined
-from .plots import OURS, PAPER, QUIET, THIRD, Canvas
+from .plots import OURS, PAPER, QUIET, THIRD, PlotCanvas
 from .setup import Data, Setup
 
 RATE, SLOW_RATE = 0.5, 0.02
@@ -183,7 +183,7 @@ def _times(ratio: float) -> str:
 
 
 def _draw(data: Data, path: Path) -> None:
-    with Canvas(path, size=(8.0, 4.2)) as axes:
+    with PlotCanvas(path, size=(8.0, 4.2)) as axes:
         for rate, colour, style in ((RATE, OURS, "-"), (SLOW_RATE, THIRD, "--")):
             runs = [run for run in data["runs"] if run["rate"] == rate]
             for i, run in enumerate(runs):

@@ -23,7 +23,7 @@ ASIDE = 20.0
 """Angle between way in and approach axis above which both are stated [degrees]."""
 _RESULTS = {
     "answer": ("✓", "good", "Grasp found"),
-    "task_correction": ("?", "warn", "The object is known, but this task does not fit it"),
+    "task_correction": ("?", "warn", "The known object does not fit this task"),
     "deadlock": ("✕", "bad", "Deadlock: no grasp is good enough"),
     "no_grasp": ("✕", "bad", "No grasp found"),
 }
