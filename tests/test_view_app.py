@@ -25,7 +25,7 @@ from preshape.pictures import document_html, document_motion, light_mesh, plan_s
 from preshape.planning.hand_simulation import hand_geometry
 from preshape.planning.output import ray_origins
 from preshape.planning.request import PlanRequest
-from preshape.viewer.canvas import NullCanvas, RecordingCanvas
+from preshape.viewer.canvas import RecordingCanvas
 from preshape.viewer.draw import GROUPS, draw_hand, draw_object, draw_plan
 from preshape.viewer.hand_motion import STEPS
 from preshape.viewer.reduce import MAX_TRIANGLES
@@ -256,7 +256,7 @@ def test_every_group_is_drawn_for_every_answer_and_one_card_for_each_plane(plann
         assert np.allclose(middles, made.grasp.contacts.points, atol=1e-6)
         drawn.remove("planes")
         assert not any(name.startswith("planes") for name in (*drawn.solids, *drawn.labels))
-        draw_plan(scene, NullCanvas())
+        draw_plan(scene, RecordingCanvas())
 
 
 def test_the_hand_passes_through_its_planned_poses(planned) -> None:

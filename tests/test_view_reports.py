@@ -250,7 +250,7 @@ def test_a_grip_is_told_by_what_decided_it_and_the_paper_s_indices_are_folded_la
     assert "quality 5.09 of 6, where 3 is enough" in words(readings.why(gripped, [gripped], 0))
     assert f"{len(gripped['contacts'])} fingers" in plan_words.answer_words(gripped)
     headline = words(readings.headline(gripped))
-    assert f"quality 5.1 of 6 · task margin 3.4 · hold margin 2.0 · press {press:.0f} N" in headline
+    assert f"quality 5.09 of 6 · task margin 3.4 · hold margin 2.0 · press {press:.0f} N" in headline
     # the paper's hand is told by the paper's measure, openly
     open_parts = readings.answer_parts(document, [document], 0)
     assert "match (TFVADI)" in words(open_parts[1])

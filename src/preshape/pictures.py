@@ -205,9 +205,7 @@ def _answer(
         "friction": drawn_friction(document, answer),
         "ray_origins": None if rays is None else np.array(rays, dtype=np.float64).reshape(-1, 3),
         "facts": tuple(fact_rows(document, answer)),
-        "match": answer["tfvadi"],
-        "stability": answer["stability"],
-        "manipulability": answer["manipulability"],
+        "figures": tuple((f"{name} {unit}", number) for name, number, unit in words.figures(answer)),
     }
     if not grip:
         forces = np.array([c["wrench"][:3] for c in contacts]).reshape(-1, 3)
@@ -215,13 +213,7 @@ def _answer(
     # The arrows of a grip show its contact forces divided by the strongest one.
     newtons = np.array(grip["forces"], dtype=np.float64).reshape(-1, 3)
     strengths = np.linalg.norm(newtons, axis=1)
-    return drawn | {
-        "forces": newtons / max(float(strengths.max(initial=0.0)), 1e-9),
-        "newtons": strengths,
-        "quality": grip["quality"],
-        "margins": (grip["task_margin"], grip["hold_margin"]),
-        "press": words.press(answer),
-    }
+    return drawn | {"forces": newtons / max(float(strengths.max(initial=0.0)), 1e-9), "newtons": strengths}
 
 
 def _pose(posed: Document) -> tuple[Array, Array]:

@@ -22,6 +22,7 @@ from .options import (
     probes_option,
     workers_option,
 )
+from .printing import emit, name_files
 from .progress import GOES_ON, duration, steps
 
 if TYPE_CHECKING:
@@ -170,8 +171,6 @@ def holds(
             if file is not None:
                 file.unlink(missing_ok=True)
     if as_json:
-        from .main import emit
-
         emit({**document, "files": [str(path) for path in written]})
         return 2 if document["status"] == "error" else 0
     _show(reports, seconds, written)
@@ -328,5 +327,4 @@ def _show(reports: list[tuple[Group, HoldReport]], seconds: float, written: list
             console.print(Text(f"! {sentence}", style="yellow"))
     tested = sum(report.figures().tested for _, report in reports)
     console.print(f"{tested} grasps tested in {duration(seconds)}")
-    for path in written:
-        console.print(f"wrote {path}", markup=False, soft_wrap=True)
+    name_files(written)

@@ -9,11 +9,12 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ..exceptions import InputError
-from .options import best_option, json_option
+from .options import best_option, json_option, numbers_in
+from .printing import emit, name_files
 
 if TYPE_CHECKING:
     from ..export.moveit import MoveItOptions
-    from ..export.planned import LeftOut, PlannedGrasp
+    from ..export.planned import PlannedGrasp
 
 FORMATS = ("moveit", "mjcf", "npz")
 
@@ -141,7 +142,7 @@ def export(
         "best": bool(first.lacking),
         "executable": not first.lacking,
         "lacking": first.lacking,
-        "left_out": [{"answer": each.number, "reason": each.reason} for each in left_out],
+        "left_out": [{"answer": each.row, "reason": each.reason} for each in left_out],
         "obstacles_left_out": obstacles_of(document),
     }
     if kind == "moveit":
@@ -150,12 +151,10 @@ def export(
         text, more = _other(kind, document, grasps, objects, paths, file)
     report |= {**more, "files": [str(path) for path in paths]}
     if as_json:
-        from .main import emit
-
         emit(report)
     elif not paths:
         click.echo(text, nl=False)
-    _tell(report, left_out, paths, as_json)
+    _tell(report, paths, as_json)
     return 0
 
 
@@ -230,10 +229,12 @@ def _other(
     return text, {"keyframes": ["pregrasp", "grasp", "squeeze"]}
 
 
-def _tell(report: dict[str, Any], left_out: tuple[LeftOut, ...], paths: list[Path], as_json: bool) -> None:
+def _tell(report: dict[str, Any], paths: list[Path], as_json: bool) -> None:
     """Report what was written and, on standard error, what was left out."""
-    for each in left_out:
-        click.echo(f"answer {each.number} is left out, its hand has no posture: {each.reason}", err=True)
+    for each in report["left_out"]:
+        click.echo(
+            f"answer {each['answer']} is left out, its hand has no posture: {each['reason']}", err=True
+        )
     if report["obstacles_left_out"]:
         click.echo(f"left out, though planned with: {report['obstacles_left_out']}", err=True)
     if report["best"]:
@@ -242,8 +243,7 @@ def _tell(report: dict[str, Any], left_out: tuple[LeftOut, ...], paths: list[Pat
         )
     if as_json or not paths:
         return
-    for path in paths:
-        click.echo(f"wrote {path}")
+    name_files(paths)
     what = f"{_count(len(report['answers']))} of {report['object']} with the hand {report['hand']}"
     what += f", planned for {report['mass']:g} kg and friction {report['friction']:g}"
     if report["format"] == "moveit":
@@ -264,10 +264,7 @@ def _seven(text: str | None) -> Any:
     """
     if text is None:
         return None
-    try:
-        numbers = [float(word) for word in text.replace(",", " ").split()]
-    except ValueError:
-        numbers = []
+    numbers = numbers_in(text)
     if len(numbers) != 7:
         raise InputError(f"--mount is seven numbers x y z w x y z, got {text!r}")
     return numbers

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from .options import json_option
+from .printing import emit
 
 if TYPE_CHECKING:
     from ..hands.hand import Hand
@@ -35,8 +36,6 @@ def hands(ctx: click.Context, out: str | None, as_json: bool) -> None:
     pictures = {hand.name: draw_hand(hand, Path(out)) for hand in found} if out is not None else {}
     rows = [_row(hand, pictures.get(hand.name)) for hand in found]
     if as_json:
-        from .main import emit
-
         emit({"status": "answer", "hands": rows})
         return
     for row in rows:
@@ -61,8 +60,6 @@ def check(file: str, out: str | None, as_json: bool) -> int:
     found, hand = inspect_hand(file)
     picture = draw_hand(hand, Path(out)) if out is not None and hand is not None else None
     if as_json:
-        from .main import emit
-
         emit(
             {
                 "status": "findings" if found else "fine",

@@ -7,6 +7,7 @@ from typing import Any
 import click
 
 from .options import json_option
+from .printing import emit
 
 
 @click.command(epilog="Example: preshape objects")
@@ -29,8 +30,6 @@ def objects(as_json: bool) -> None:
             }
         )
     if as_json:
-        from .main import emit
-
         emit({"status": "answer", "objects": rows})
         return
     from rich.table import Table
@@ -67,8 +66,6 @@ def tasks(as_json: bool) -> None:
             }
         )
     if as_json:
-        from .main import emit
-
         emit({"status": "answer", "tasks": rows})
         return
     from rich.table import Table

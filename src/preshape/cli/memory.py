@@ -8,6 +8,7 @@ from pathlib import Path
 import click
 
 from .options import json_option, memory_option
+from .printing import emit
 
 
 @click.group(epilog="Example: preshape memory show")
@@ -25,8 +26,6 @@ def show(memory: str | None, as_json: bool) -> None:
     with Memory.open(memory, read_only=True) as store:
         known, numbers = store.objects(), store.statistics()
     if as_json:
-        from .main import emit
-
         emit(
             {
                 "status": "answer",
@@ -141,8 +140,6 @@ def reset(memory: str | None, hand: str | None, yes: bool, as_json: bool) -> Non
 
 def _done(as_json: bool, document: dict[str, object], sentence: str) -> None:
     if as_json:
-        from .main import emit
-
         emit({"status": "answer", **document})
     else:
         click.echo(sentence)

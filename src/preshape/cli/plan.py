@@ -15,9 +15,11 @@ from .options import (
     closure_options,
     json_option,
     memory_option,
+    numbers_in,
     object_options,
     request_from,
 )
+from .printing import emit, name_files
 
 if TYPE_CHECKING:
     from ..planning.document import Document
@@ -106,8 +108,6 @@ def plan(
 
         written = save_plan(made, Path(out), document)
     if as_json:
-        from .main import emit
-
         emit(document)
     else:
         _show(document, written, explain=explain)
@@ -124,8 +124,7 @@ def _show(document: Document, written: list[Path], *, explain: bool) -> None:
     console.print(summary(document, explain=explain), highlight=False)
     for sentence in after_words(document):
         console.print(sentence, highlight=False)
-    for path in written:
-        console.print(f"wrote {path}", highlight=False, markup=False, soft_wrap=True)
+    name_files(written)
 
 
 def _view(text: str | None) -> list[float] | str | None:
@@ -136,10 +135,7 @@ def _view(text: str | None) -> list[float] | str | None:
     """
     if text is None or text.strip() == "all":
         return None if text is None else "all"
-    try:
-        numbers = [float(part) for part in text.replace(",", " ").split()]
-    except ValueError:
-        numbers = []
+    numbers = numbers_in(text)
     if len(numbers) != 3 or not all(map(math.isfinite, numbers)):
         raise InputError(f"--view takes a camera's position x,y,z or all, got {text!r}")
     return numbers

@@ -9,8 +9,8 @@ import numpy as np
 from ..exceptions import InputError
 from ..hands.hand import Hand
 from ..hands.load import load_hand, recorded_hand
-from ..planning.document import Document, no_answer, planned_load, version_of
-from ..tasks import Task, parse_task
+from ..physics.grasps import Fault
+from ..planning.document import Document, no_answer, planned_load, request_of
 from ..types import Array, freeze, frozen_array, value
 from ..viewer.words import answers_of
 
@@ -109,19 +109,6 @@ class PlannedGrasp:
         frozen_array(self.quality, (), "the quality")
 
 
-@value
-class LeftOut:
-    """An answer that cannot be exported.
-
-    Attributes:
-        number: 0 for the plan's answer, from 1 for its alternatives.
-        reason: Why the hand has no posture for this answer.
-    """
-
-    number: int
-    reason: str
-
-
 def planned_grasps(
     document: Document,
     name: str,
@@ -129,7 +116,7 @@ def planned_grasps(
     hand: str | None = None,
     answer: int | None = None,
     best: bool = False,
-) -> tuple[tuple[PlannedGrasp, ...], tuple[LeftOut, ...]]:
+) -> tuple[tuple[PlannedGrasp, ...], tuple[Fault, ...]]:
     """The grasps of a plan that can be exported, in the plan's order, and the answers that cannot.
 
     Args:
@@ -160,7 +147,7 @@ def planned_grasps(
     except (KeyError, TypeError, ValueError, AttributeError, IndexError, OverflowError) as error:
         raise InputError(f"{name} is not a plan of this program ({type(error).__name__}: {error})") from error
     grasps = tuple(each for each in candidates if isinstance(each, PlannedGrasp))
-    left_out = tuple(each for each in candidates if isinstance(each, LeftOut))
+    left_out = tuple(each for each in candidates if isinstance(each, Fault))
     if not grasps:
         which = "its best grasp has no" if "lacking" in facts else f"answer {candidates[0].number} has no"
         which = "none of its answers has a" if len(candidates) > 1 else which
@@ -173,11 +160,11 @@ def planned_grasps(
 
 def _planned(
     answer: Document, number: int, hand: Hand, facts: dict[str, Any], name: str
-) -> PlannedGrasp | LeftOut:
+) -> PlannedGrasp | Fault:
     tried = answer["hand"]
     grip: Any = answer.get("grip") or {}
     if any(tried[stage] is None for stage in ("pregrasp", "grasp", "squeeze")):
-        return LeftOut(number=number, reason=str(tried["reason"] or tried["status"]))
+        return Fault(row=number, reason=str(tried["reason"] or tried["status"]))
     if set(tried["joints"]) != set(hand.joints):
         raise InputError(
             f"{name} was planned for the joints {', '.join(tried['joints'])}; "
@@ -228,17 +215,5 @@ def _efforts(hand: Hand, ahead: Array) -> Array:
 
 def _up(document: Document) -> Array:
     """(3,) Unit vector against the plan's gravity; +z if it has none."""
-    if version_of(document) >= 2:
-        gravity = frozen_array(document["request"]["gravity"], (3,), "gravity")
-    else:
-        gravity = _gravity(str(document["task"]["name"]))
+    gravity = np.asarray(request_of(document).gravity, dtype=np.float64)
     return 0.0 - gravity if gravity.any() else np.array([0.0, 0.0, 1.0])
-
-
-def _gravity(label: str) -> Array:
-    """(3,) Unit direction of gravity of the task with a label; an unknown label counts as a custom task."""
-    try:
-        task = parse_task(label)
-    except InputError:
-        task = Task(name="custom", q=np.zeros(6))
-    return np.asarray(task.gravity, dtype=np.float64)

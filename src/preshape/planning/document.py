@@ -43,11 +43,6 @@ def plan_to_json(plan: PlanRecord) -> Document:
     return document
 
 
-def error_to_json(reason: str) -> dict[str, str]:
-    """JSON for standard output instead of a plan, after an error of the input or the environment."""
-    return {"status": "error", "reason": reason}
-
-
 def plan_schema() -> Document:
     """The JSON Schema of a plan."""
     text = (resources.files("preshape") / "schema" / "plan.schema.json").read_text(encoding="utf-8")

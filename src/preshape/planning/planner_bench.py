@@ -66,7 +66,7 @@ class Planned:
 
     Attributes:
         case: The case.
-        answers: The answers, best first; empty if there is none.
+        answers: The answers in the plan's order; empty if there is none.
         mode: The controller's mode, or -1 if the object was refused.
         reason: The controller's reason, or why the object was refused.
         seconds: Times as in a plan [s]; ``search`` is the time from the prepared object to the answers.
@@ -215,8 +215,6 @@ def bench_planner(
     count: int = 1,
     seed: int = 0,
     workers: int | None = None,
-    pieces: Mapping[str, ConvexPieces] | None = None,
-    planned: Sequence[Planned] | None = None,
     progress: Progress | None = None,
 ) -> PlannerReport:
     """Plan the cases, then run the holding test on the answers.
@@ -232,8 +230,6 @@ def bench_planner(
         count: Number of answers asked for of each case.
         seed: Seed of the planner.
         workers: Number of processes of the test.
-        pieces: Convex pieces of objects that are already cut, by source.
-        planned: Answers planned earlier, to be tested under another protocol.
         progress: Called as the work advances.
 
     Raises:
@@ -241,26 +237,24 @@ def bench_planner(
         EnvironmentFailure: A file cannot be read, or a process was killed.
     """
     rules = protocol or HoldProtocol(stop_early=True)
-    if planned is None:
-        planned = plan_cases(
-            cases,
-            hand,
-            task=task,
-            analyser=analyser,
-            count=count,
-            seed=seed,
-            mass=None if own_mass else rules.mass,
-            progress=progress,
-        )
+    planned = plan_cases(
+        cases,
+        hand,
+        task=task,
+        analyser=analyser,
+        count=count,
+        seed=seed,
+        mass=None if own_mass else rules.mass,
+        progress=progress,
+    )
     grasps = grasps_of(planned, hand)
     masses = tuple(p.mass if own_mass else rules.mass for p in planned for _ in p.answers)
     holds = None
     if grasps is not None:
-        cut = dict(pieces or {})
+        cut = dict[str, ConvexPieces]()
         wanted = {p.case.source: p.case for p in planned if p.answers}
         for number, (source, case) in enumerate(wanted.items(), start=1):
-            if source not in cut:
-                cut[source] = case.load_pieces()
+            cut[source] = case.load_pieces()
             if progress is not None:
                 progress("cut into convex pieces", number, len(wanted))
         holds = _tested(grasps, masses, physics_hand(hand), rules, cut, workers, progress)

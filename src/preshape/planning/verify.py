@@ -1,8 +1,8 @@
-"""``--verify``: run the holding test on planned answers, best first, until one holds."""
+"""``--verify``: run the holding test on planned answers, in their order, until one holds."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 from ..hands.hand import Hand
@@ -62,7 +62,6 @@ def hold_until_held(
     answers: Sequence[HandResult],
     *,
     protocol: HoldProtocol,
-    progress: Callable[[int], None] | None = None,
 ) -> list[HoldResult]:
     """Test answers in their order until one holds.
 
@@ -73,7 +72,6 @@ def hold_until_held(
         mesh: The object, at the size that planning used.
         answers: The hand on each grasp; hands that did not reach their grasp are left out.
         protocol: Settings of the holding test.
-        progress: Called with the number of answers tested so far.
 
     Returns:
         A result for each answer that was tested; only the last one may have held.
@@ -92,16 +90,8 @@ def hold_until_held(
     scene = build_scene(physical, pieces, 1.0, protocol)
     results: list[HoldResult] = []
     for row, (index, _) in enumerate(reached):
-        result = hold_test(
-            scene,
-            grasps.poses(row),
-            protocol,
-            row=index,
-            object_name=mesh.name,
-        )
+        result = hold_test(scene, grasps.poses(row), protocol, row=index, object_name=mesh.name)
         results.append(result)
-        if progress is not None:
-            progress(len(results))
         if result.held:
             break
     return results

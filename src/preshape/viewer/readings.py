@@ -14,6 +14,7 @@ from .words import (
     Document,
     answer_words,
     answers_of,
+    figures,
     fingers_words,
     load_words,
     mass_words,
@@ -97,7 +98,7 @@ def headline(document: Document) -> str:
     lines = [" · ".join((document["object"]["name"], asked, document["hand"]["name"]))]
     shown = answers_of(document)
     if shown and shown[0].get("grip"):
-        lines.append(" · ".join(f"{name} {text}" for name, text in figures(shown[0])))
+        lines.append(" · ".join(" ".join(part).rstrip() for part in figures(shown[0])))
     seconds = float(document.get("seconds", {}).get("total", 0.0))
     time = f" · {seconds:.1f}\u00a0s" if seconds else ""
     lines.append(f"{plan_mode(document)}: {_MODE_SENTENCES.get(document['mode'], '')}{time}")
@@ -111,17 +112,6 @@ def headline(document: Document) -> str:
         lines.append(str(document["reason"]))
     text = "<br>".join(escape(line) for line in lines)
     return f'<div class="head {kind}"><b>{sign} {escape(title)}</b>{text}</div>'
-
-
-def figures(answer: Document) -> list[tuple[str, str]]:
-    """Names and values of the four numbers that decided a grip."""
-    grip = answer["grip"]
-    return [
-        ("quality", f"{grip['quality']:.1f} of 6"),
-        ("task margin", f"{grip['task_margin']:.1f}"),
-        ("hold margin", f"{grip['hold_margin']:.1f}"),
-        ("press", f"{press(answer):.0f} N"),
-    ]
 
 
 def transitions(document: Document) -> str:

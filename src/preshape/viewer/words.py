@@ -127,6 +127,21 @@ def press(answer: Document) -> float:
     return sum(_dot(force, c["normal_in"]) for force, c in zip(forces, contacts, strict=True))
 
 
+def figures(answer: Document) -> list[tuple[str, str, str]]:
+    """Name, value and unit of the few numbers that decided an answer."""
+    grip = answer.get("grip")
+    if grip:
+        return [
+            ("quality", f"{grip['quality']:.2f}", "of 6"),
+            ("task margin", f"{grip['task_margin']:.1f}", ""),
+            ("hold margin", f"{grip['hold_margin']:.1f}", ""),
+            ("press", f"{press(answer):.0f}", "N"),
+        ]
+    indices = [("TFVADI", f"{answer['tfvadi']:.2f}"), ("stability", f"{answer['stability']}")]
+    indices.append(("manipulability", f"{answer['manipulability']}"))
+    return [(*index, "of 6") for index in indices]
+
+
 def score_name(answer: Document) -> str:
     """Name of the number that the critic judges: quality of a grip, match of a virtual grasp."""
     return "quality" if answer.get("grip") else "match"
