@@ -10,7 +10,7 @@ from ..exceptions import InputError
 from ..hands.hand import Hand
 from ..hands.load import load_hand, recorded_hand
 from ..physics.grasps import Fault
-from ..planning.document import Document, no_answer, planned_load, request_of
+from ..planning.document import Document, no_answer, planned_load, request_of, version_of
 from ..types import Array, freeze, frozen_array, value
 from ..viewer.words import answers_of
 
@@ -149,7 +149,7 @@ def planned_grasps(
     grasps = tuple(each for each in candidates if isinstance(each, PlannedGrasp))
     left_out = tuple(each for each in candidates if isinstance(each, Fault))
     if not grasps:
-        which = "its best grasp has no" if "lacking" in facts else f"answer {candidates[0].number} has no"
+        which = "its best grasp has no" if "lacking" in facts else f"answer {chosen[0]} has no"
         which = "none of its answers has a" if len(candidates) > 1 else which
         raise InputError(
             f"{name}: {which} posture that the hand can execute ({left_out[0].reason}); "
@@ -215,5 +215,6 @@ def _efforts(hand: Hand, ahead: Array) -> Array:
 
 def _up(document: Document) -> Array:
     """(3,) Unit vector against the plan's gravity; +z if it has none."""
-    gravity = np.asarray(request_of(document).gravity, dtype=np.float64)
+    request = document["request"] if version_of(document) >= 2 else request_of(document).to_json()
+    gravity = frozen_array(request["gravity"], (3,), "gravity")
     return 0.0 - gravity if gravity.any() else np.array([0.0, 0.0, 1.0])
