@@ -353,8 +353,9 @@ def test_learn_then_show_export_reset_import(run, run_json, tmp_path, own_memory
     code, out, _ = run("memory", "show")
     assert code == 0
     assert all(name in out for name in ("mug", "pen", "TFVADI", str(shown["experiences"])))
-    assert "cube (first lesson)" in out
-    assert "mug (first" not in out
+    assert "cube *" in out
+    assert "mug *" not in out
+    assert "* the first lesson" in out
 
     learnt = tmp_path / "sub" / "learnt.json"
     code, exported = run_json("memory", "export", learnt)

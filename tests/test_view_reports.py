@@ -200,7 +200,7 @@ def test_why_this_plane_names_plane_worth_threshold_and_the_best_other_plane(doc
         mode: words(readings.why({**document, "mode": mode}, answers, 0)).split(":")[0] for mode in (0, 1, 3)
     }
     assert len(set(found.values())) == 3
-    assert "All allowed planes were tried" in found[3]
+    assert "all allowed planes were explored" in found[3]
     assert "This is answer 2: plane" in words(readings.why(document, answers, 1))
 
 

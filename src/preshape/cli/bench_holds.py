@@ -297,14 +297,12 @@ def _document(reports: list[tuple[Group, HoldReport]]) -> dict[str, Any]:
 def _write(document: dict[str, Any], reports: list[tuple[Group, HoldReport]], out: str | None) -> list[Path]:
     if out is None:
         return []
-    from ..files import write_json
     from ..physics.hold.tables import hold_report
     from ..report import write_report
 
     versions = f"MuJoCo {document['mujoco']}, preshape {document['version']}."
     chapters = [(group.title, group.protocol, report) for group, report in reports]
-    write_json(Path(out) / "report.json", document)
-    return [Path(out) / "report.json", *write_report(Path(out), hold_report(chapters, versions))]
+    return write_report(Path(out), hold_report(chapters, versions), document)
 
 
 def _show(reports: list[tuple[Group, HoldReport]], seconds: float, written: list[Path]) -> None:

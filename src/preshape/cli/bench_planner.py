@@ -82,7 +82,7 @@ def planner(
     from ..hands.load import load_hand
     from ..physics.grasps import write_grasps
     from ..physics.protocol import HoldProtocol
-    from ..planning.planner_bench import bench_planner, grasps_of
+    from ..planning.planner_bench import bench_planner, grasps_of, plan_cases
     from ..types import FIELD_MASS
 
     check_folder(out)
@@ -97,15 +97,22 @@ def planner(
         stop_early=not ladder,
     )
     with steps("this bench keeps nothing before its end") as shown:
-        report = bench_planner(
+        planned = plan_cases(
             cases,
             model,
-            protocol=protocol,
-            own_mass=kg is None,
             task=task,
             analyser=analyser,
             count=count,
             seed=seed,
+            mass=kg,
+            progress=shown.step,
+        )
+        report = bench_planner(
+            planned,
+            model,
+            protocol=protocol,
+            own_mass=kg is None,
+            asked=count,
             workers=workers,
             progress=shown.step,
         )

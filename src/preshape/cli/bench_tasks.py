@@ -200,15 +200,13 @@ def _write(
 ) -> list[Path]:
     if out is None:
         return []
-    from ..files import write_json
     from ..physics.task.grasps import write_task_grasps
     from ..physics.task.tables import task_report
     from ..report import write_report
 
     folder = Path(out)
     versions = f"MuJoCo {document['mujoco']}, preshape {document['version']}."
-    write_json(folder / "report.json", document)
-    written = [folder / "report.json", *write_report(folder, task_report(report, protocol, who, versions))]
+    written = write_report(folder, task_report(report, protocol, who, versions), document)
     grasps, labels = report.planned_grasps()
     if len(grasps):
         written.append(folder / "grasps.npz")

@@ -147,24 +147,20 @@ def _row(hand: Hand, picture: Path | None) -> dict[str, Any]:
 
 def _show(row: dict[str, Any]) -> None:
     from rich.console import Console
-    from rich.markup import escape
-    from rich.table import Table
 
-    table = Table.grid(padding=(0, 2))
-    table.add_column(style="dim", no_wrap=True)
-    table.add_column()
-    table.add_row(f"[bold default]{escape(row['name'])}[/]", escape(row["title"]))
+    from ..report.terminal import fact_grid
+
     drives = f", {row['actuators']} drives" if row["actuators"] != row["joints"] else ""
-    table.add_row("fingers", escape(", ".join(row["fingers"])) + f"; {row['joints']} joints{drives}")
-    table.add_row("U", f"{1000 * row['U']:.4g} mm, the middle finger's proximal phalanx")
-    table.add_row("objects", f"up to {1000 * row['largest_object']:.0f} mm (4U) with the ray analyser")
-    table.add_row("fingertips", f"radius {1000 * row['fingertip_radius']:.3g} mm")
-    table.add_row("palm frame", f"in body {escape(row['palm_frame']['body'])}; {_place(row)}")
-    table.add_row("source", escape(row["source"]))
-    table.add_row("licence", escape(row["licence"]))
-    if "picture" in row:
-        table.add_row("picture", escape(row["picture"]))
-    Console().print(table, highlight=False)
+    facts = {
+        row["name"]: row["title"],
+        "fingers": f"{', '.join(row['fingers'])}; {row['joints']} joints{drives}",
+        "U": f"{1000 * row['U']:.4g} mm, the middle finger's proximal phalanx",
+        "objects": f"up to {1000 * row['largest_object']:.0f} mm (4U) with the ray analyser",
+        "fingertips": f"radius {1000 * row['fingertip_radius']:.3g} mm",
+        "palm frame": f"in body {row['palm_frame']['body']}; {_place(row)}",
+        **{key: row[key] for key in ("source", "licence", "picture") if key in row},
+    }
+    Console().print(fact_grid(*facts.items()), highlight=False)
 
 
 def _place(row: dict[str, Any]) -> str:

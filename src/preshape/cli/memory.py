@@ -8,7 +8,7 @@ from pathlib import Path
 import click
 
 from .options import json_option, memory_option
-from .printing import emit
+from .printing import emit, print_rows
 
 
 @click.group(epilog="Example: preshape memory show")
@@ -51,38 +51,31 @@ def show(memory: str | None, as_json: bool) -> None:
             }
         )
         return
-    from rich.console import Console
-    from rich.table import Table
-
-    console = Console()
     if known:
-        table = Table(box=None, header_style="bold", pad_edge=False)
-        for heading, right in (
-            ("object", False),
-            ("experiences", True),
-            ("tasks", True),
-            ("best", False),
-            ("last seen (UTC)", False),
-            ("hand", False),
-        ):
-            table.add_column(heading, justify="right" if right else "left")
-        for o in known:
-            when = o.last_seen[:19].replace("T", " ")
-            name = f"{o.name} (first lesson)" if o.seed else o.name
-            table.add_row(name, str(o.experiences), str(o.tasks), o.best, when, " ".join(o.hands))
-        console.print(table, highlight=False)
-    if numbers.path != ":memory:" and not Path(numbers.path).exists():
-        console.print(
-            f"there is no memory yet at {numbers.path}", highlight=False, markup=False, soft_wrap=True
+        counts = {"object": "left", "experiences": "right", "tasks": "right"}
+        print_rows(
+            counts | {"best": "left", "last seen (UTC)": "left", "hand": "wrapped"},
+            [
+                (
+                    f"{o.name} *" if o.seed else o.name,
+                    str(o.experiences),
+                    str(o.tasks),
+                    o.best,
+                    o.last_seen[:19].replace("T", " "),
+                    " ".join(o.hands),
+                )
+                for o in known
+            ],
         )
+    if any(o.seed for o in known):
+        click.echo("* the first lesson, which every hand gets")
+    if numbers.path != ":memory:" and not Path(numbers.path).exists():
+        click.echo(f"there is no memory yet at {numbers.path}")
         return
     trained = ", ".join(f"{hand}: {n} samples" for hand, n in numbers.trained) or "not trained yet"
-    console.print(
+    click.echo(
         f"{numbers.experiences} experiences of {numbers.objects} objects; network {trained}\n{numbers.path} "
-        f"(version {numbers.version}, {numbers.size / 1024:.0f} KiB)",
-        highlight=False,
-        markup=False,
-        soft_wrap=True,
+        f"(version {numbers.version}, {numbers.size / 1024:.0f} KiB)"
     )
 
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import json
 import sys
+from dataclasses import asdict
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -197,7 +198,7 @@ def _answer(plan: PlanRecord, answer: Answer | None) -> Document:
         ],
         "hand": _hand(plan, answer),
         "grip": _grip(answer.grasp) if answer else None,
-        "verified": _verified(plan) if answer is plan.answer else None,
+        "verified": asdict(plan.verified) if plan.verified and answer is plan.answer else None,
         "cloud": _cloud(plan, answer),
         "best": None,
         "alternatives": [],
@@ -215,10 +216,7 @@ def _answer(plan: PlanRecord, answer: Answer | None) -> Document:
             "triangles": attributes.triangles,
         },
         "task": {"name": task.label, "q": task.q.tolist(), "means": task.means},
-        "thresholds": {
-            "estimation": plan.settings.thresholds.estimation,
-            "recognition": plan.settings.thresholds.recognition,
-        },
+        "thresholds": asdict(plan.settings.thresholds),
         "request": plan.request.to_json(),
         "seconds": {key: round(second, 6) for key, second in plan.seconds.items()},
         "version": __version__,
@@ -256,11 +254,6 @@ def _grip(grip: Grasp) -> Document | None:
         "quality": grip.quality,
         "clearance": grip.clearance,
     }
-
-
-def _verified(plan: PlanRecord) -> Document | None:
-    said = plan.verified
-    return None if said is None else {"held": said.held, "tried": said.tried, "reason": said.reason}
 
 
 def _cloud(plan: PlanRecord, answer: Answer | None) -> Document | None:

@@ -11,6 +11,7 @@ from rich.table import Table
 from rich.text import Text
 
 from ..hiis.decision import Status
+from ..report.terminal import fact_grid
 from ..tasks import task_from_numbers
 from ..tasks.task import COMPONENTS
 from ..types import STEPS
@@ -59,20 +60,11 @@ def summary(document: Document, *, explain: bool = False) -> RenderableType:
     said = document["verified"]
     if said is not None:
         style = "green" if said["held"] else "red"
-        parts += ["", _grid(("physics", Text(f"{said['reason']} ({said['tried']} tried)", style=style)))]
+        parts += ["", fact_grid(("physics", Text(f"{said['reason']} ({said['tried']} tried)", style=style)))]
     if document["alternatives"]:
         parts += ["", _alternatives(document)]
     title = f"[bold {colour}]{headline}[/] · {words.plan_mode(document)}"
     return Panel(Group(*parts), title=title, title_align="left", border_style=colour)
-
-
-def _grid(*rows: Row) -> Table:
-    grid = Table.grid(padding=(0, 2))
-    grid.add_column(style="bold", no_wrap=True)
-    grid.add_column()
-    for heading, content in rows:  # names and paths must not be read as markup
-        grid.add_row(heading, Text(content) if isinstance(content, str) else content)
-    return grid
 
 
 def _what(document: Document) -> Table:
@@ -88,7 +80,7 @@ def _what(document: Document) -> Table:
     rows.append(("task", f"{task['name']}: {motion}. {task['means']}"))
     rows.append(("hand", f"{document['hand']['name']}, U = {1000 * document['U']:.0f} mm"))
     scene = words.scene_words(document)
-    return _grid(*rows, *([("scene", scene)] if scene else []))
+    return fact_grid(*rows, *([("scene", scene)] if scene else []))
 
 
 def _answer(answer: Document) -> Table:
@@ -116,7 +108,7 @@ def _answer(answer: Document) -> Table:
     if hand["grasp"] is not None:
         x, y, z = (1000 * x for x in hand["grasp"]["palm_pose"][:3])
         rows.append(("palm", f"at {x:.0f}, {y:.0f}, {z:.0f} mm in the object's frame"))
-    return _grid(*rows)
+    return fact_grid(*rows)
 
 
 def _plane(answer: Document) -> str:
@@ -126,7 +118,7 @@ def _plane(answer: Document) -> str:
 
 
 def _indices(answer: Document) -> Table:
-    return _grid(
+    return fact_grid(
         ("value", f"approach value {answer['approach_value']:+.2f} ({answer['approach_set']})"),
         (
             "indices",
@@ -156,7 +148,7 @@ def _why(document: Document) -> Table:
         text = Text(t["outcome"], style=_COLOURS.get(t["outcome"], "default"))
         text.append(f": {t['reason']}", style="default")
         rows.append((f"{STEPS[t['mode']].lower()} ({t['mode']})", text))
-    return _grid(*rows)
+    return fact_grid(*rows)
 
 
 def _offers(document: Document) -> Table:
@@ -165,7 +157,7 @@ def _offers(document: Document) -> Table:
         match = f"{words.mode_words(offer['mode'])}, {offer['tfvadi']:.2f} of 6"
         motion = task_from_numbers(offer["q"]).describe()
         rows.append(("fits", f"--task {offer['task']:<14} {motion} ({match})"))
-    return _grid(*rows)
+    return fact_grid(*rows)
 
 
 def _alternatives(document: Document) -> Table:
@@ -173,7 +165,7 @@ def _alternatives(document: Document) -> Table:
         (f"answer {number}", f"{words.answer_words(other)}; {words.plane_words(other)}")
         for number, other in enumerate(document["alternatives"], start=2)
     ]
-    return _grid(*rows)
+    return fact_grid(*rows)
 
 
 def after_words(document: Document) -> Sequence[str]:

@@ -23,7 +23,7 @@ from . import readings
 from .camera import Camera
 from .canvas import RecordingCanvas, group_of
 from .corners import indexed
-from .draw import GROUPS, HIDDEN, draw_hand, draw_object, draw_plan
+from .draw import GROUPS, HIDDEN, draw_hand, recorded
 from .framing import framing
 from .hand_motion import HandMotion
 from .plan_scene import PlanScene
@@ -111,9 +111,7 @@ def _view(
     geometries: dict[str, Document],
 ) -> Document:
     """One answer as data for the page's script."""
-    canvas = RecordingCanvas()
-    draw_object(view.scene, canvas)
-    draw_plan(view.scene, canvas)
+    canvas = recorded(view.scene)
     solids = [_solid(name, shape, geometries) for name, shape in canvas.solids.items()]
     motion = None
     if view.motion is not None:

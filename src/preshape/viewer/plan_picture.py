@@ -9,7 +9,7 @@ import numpy as np
 
 from ..exceptions import InputError
 from ..types import Array
-from .canvas import RecordingCanvas, group_of
+from .canvas import group_of
 from .colours import (
     APPROACH,
     AVOID,
@@ -25,7 +25,7 @@ from .colours import (
     Colour,
     finger_colour,
 )
-from .draw import draw_object, draw_plan
+from .draw import recorded
 from .labels import Label, draw_labels, text_width, wrap
 from .picture_file import Target, check_target, write_png
 from .plan_scene import (
@@ -136,9 +136,7 @@ def _space(sheet: Sheet, scene: PlanScene) -> None:
 
 def _shapes(scene: PlanScene) -> tuple[list[Shape], list[Shape]]:
     """The solids of the grasp, which the picture must contain, and the solids of table and boxes."""
-    canvas = RecordingCanvas()
-    draw_object(scene, canvas)
-    draw_plan(scene, canvas)
+    canvas = recorded(scene)
     solids = [(group_of(name), shape) for name, shape in canvas.solids.items()]
     grasp = [shape for group, shape in solids if group in SHOWN and group != "scene"]
     if scene.hand:

@@ -34,9 +34,9 @@ from .words import (
 COMPONENTS = ("Tx", "Ty", "Tz", "Rx", "Ry", "Rz")
 _MODE_SENTENCES = {
     0: "a stored grasp or the network's estimate is good enough",
-    1: "the network named the plane, which was searched",
+    1: "the network named the plane, and the whole plane was searched",
     2: "the object is known, another task is asked for",
-    3: "all planes were explored",
+    3: "all allowed planes were explored",
 }
 OUTCOMES = {"reward": "good", "learned": "good", "explored": "good", "known": "warn", "unknown": "warn"}
 
@@ -130,7 +130,6 @@ def why(document: Document, answers: Sequence[Document], shown: int) -> str:
     answer = answers[shown]
     name, need = score_name(answer), document["thresholds"]["estimation"]
     points = f"{name} {score(answer):.2f} of 6, where {need:g} is enough"
-    met = "The object is known" if document.get("known", True) else "No lesson of this object is stored"
     if not document.get("plane"):
         but = f", but {refused(answer)}" if refused(answer) else ""
         first = (
@@ -139,18 +138,10 @@ def why(document: Document, answers: Sequence[Document], shown: int) -> str:
         )
     elif shown:
         first = f"This is answer {shown + 1}: plane {answer['plane']}, {points}."
-    elif document["mode"] == 0:
-        first = (
-            f"{met}. A stored grasp or the network's estimate, on plane {answer['plane']}, was tried and is "
-            f"good enough: {points}."
-        )
-    elif document["mode"] == 1:
-        first = (
-            f"{met}. The network named plane {answer['plane']}; its first grasp was not good enough, so the "
-            f"whole plane was searched. The best found there: {points}."
-        )
     else:
-        first = f"All allowed planes were tried; the best grasp lies on plane {answer['plane']}: {points}."
+        met = "The object is known" if document.get("known", True) else "No lesson of this object is stored"
+        how = _MODE_SENTENCES.get(document["mode"], "")
+        first = f"{met}; {how}: plane {answer['plane']}, {points}."
     others = [a for a in answers if a["plane"] != answer["plane"]]
     second = ""
     if others and not shown:
