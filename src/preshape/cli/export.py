@@ -187,7 +187,7 @@ def _moveit(
     link, _ = parent_link(grasps[0], options)
     text = messages_yaml(
         messages,
-        f"moveit_msgs/msg/Grasp, {_count(len(messages))}, the answer first, then the alternatives\n"
+        f"moveit_msgs/msg/Grasp, {_count(len(messages))}{', the answer first' if len(messages) > 1 else ''}\n"
         f"from {Path(file).name} by preshape {__version__}\n"
         f"planned for {grasps[0].mass:g} kg, friction {grasps[0].friction:g}\n"
         f"grasp_pose: {link} in {options.frame}, the object's own frame [m]\n{grasps[0].warning}",
