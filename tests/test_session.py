@@ -309,7 +309,8 @@ def test_a_deadlock_names_mass_shortfall_and_remedy_and_carries_the_best(
 
 def test_an_answer_is_known_only_if_the_object_was_met_before() -> None:
     with Session(":memory:") as one:
-        first = one.run(PlanRequest(source="box", task="lift"))
+        first = one.run(PlanRequest(source="box", task="lift", learn=False))
+        one.teach(PlanRequest(source="box", task="lift"))
         again = one.run(PlanRequest(source="box", task="lift"))
         scaled = one.run(PlanRequest(source="box", task="lift", scale=0.9, learn=False))
         assert [made.known for made in (first, again, scaled)] == [False, True, False]
