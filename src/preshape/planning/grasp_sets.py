@@ -16,7 +16,6 @@ from ..physics.grasps import STAGES, Fault, GraspSet, read_grasps
 from ..physics.hand import PhysicsHand
 from ..physics.locate import object_extent, plan_object
 from ..types import FIELD_MASS, FRICTION, Array, value
-from ..viewer.words import answers_of
 from .document import obstacles_of, planned_load
 from .hand_simulation import HandResult
 
@@ -110,7 +109,9 @@ def grasps_from_plans(
         try:
             mass, friction = planned_load(document)
             load = PlannedFor(mass=mass, friction=friction, obstacles=obstacles_of(document))
-            thing, answers = document["object"], answers_of(document, best=best) or [document]
+            thing, answers = document["object"], [document, *document.get("alternatives", [])]
+            if best and document.get("best"):
+                answers = [document["best"]]
             source = plan_object(str(thing["source"]), folder, beside)
             if source not in extents:  # a missing object gets an arbitrary extent; the test reports it
                 extents[source] = object_extent(source, folder) or 1.0

@@ -186,6 +186,7 @@ def run_clouds(
     run: CloudRun,
     *,
     folder: Path | None = None,
+    pieces: dict[str, ConvexPieces] | None = None,
     workers: int | None = None,
     progress: Progress | None = None,
 ) -> list[dict[str, Any]]:
@@ -194,6 +195,7 @@ def run_clouds(
     Args:
         run: Settings of the study.
         folder: Folder in which rows are stored at once; a run with the same settings resumes from them.
+        pieces: Convex pieces that are already known, by the source of the object.
         workers: Number of processes for the test.
         progress: Called after each object and hand.
 
@@ -203,7 +205,7 @@ def run_clouds(
     """
     store = None if folder is None else folder / "rows.json"
     rows = [] if store is None else _stored_rows(store, run.key)
-    cut = dict[str, ConvexPieces]()
+    cut = dict(pieces or {})
     jobs = [(hand, case) for hand in run.hands for case in run.cases]
     done = {(row["hand"], row["case"]) for row in rows}
     models = {hand: load_hand(hand) for hand in run.hands}
