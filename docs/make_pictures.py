@@ -5,19 +5,27 @@ from __future__ import annotations
 import io
 import shutil
 import tempfile
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from PIL import Image
+from matplotlib.font_manager import findfont
+from PIL import Image, ImageDraw, ImageFont
 from scipy.spatial import cKDTree
 
 import preshape
 from preshape.cli.bench_planner import planner
 from preshape.cli.simulate import simulate
 from preshape.objects.library import load_library_object, names
+from preshape.objects.mesh import TriangleMesh
 from preshape.planning.hand_simulation import hand_geometry
-from preshape.viewer.gallery import contact_sheet, hand_picture
+from preshape.viewer.colours import INK, PAPER, SKY_TOP, to_bytes
+from preshape.viewer.gallery import hand_picture, portrait
+from preshape.viewer.labels import FONT, wrap
+from preshape.viewer.shapes import object_shape
 
+VIEW = (0.62, -0.72, 0.46)
+"""Direction from an object towards the eye."""
 OUT = Path(__file__).parent / "pictures"
 LARGEST = 200_000
 """Largest size of a picture [bytes]."""
@@ -40,6 +48,36 @@ def main() -> None:
     for path in sorted(OUT.glob("*.png")):
         small(path)
         print(f"wrote {path.relative_to(OUT.parent.parent)} ({path.stat().st_size // 1024} KiB)")
+
+
+def contact_sheet(
+    objects: Sequence[tuple[TriangleMesh, str]], target: Path, columns: int = 4, *, cell: int = 300
+) -> None:
+    """Draw a grid of objects, each with its label beneath.
+
+    Args:
+        objects: Objects and their labels.
+        target: The file.
+        columns: Number of pictures in a row.
+        cell: Width of one picture [pixels].
+    """
+    columns = min(columns, len(objects))
+    points = max(8.0, cell / 30)
+    line = round(points * 1.9)
+    texts = [wrap(label, cell * 0.9, points, lines=2) for _, label in objects]
+    height = cell + line * max(len(text) for text in texts) + line // 2
+    rows = -(-len(objects) // columns)
+    sheet = Image.new("RGB", (columns * cell, rows * height), to_bytes(PAPER))
+    draw = ImageDraw.Draw(sheet)
+    font = ImageFont.truetype(findfont(FONT), points * 100 / 72)
+    for i, ((mesh, _), text) in enumerate(zip(objects, texts, strict=True)):
+        x, y = i % columns * cell, i // columns * height
+        sheet.paste(Image.fromarray(portrait(object_shape(mesh), (cell, cell), VIEW)), (x, y))
+        draw.rectangle([x, y, x + cell - 1, y + height - 1], outline=to_bytes(SKY_TOP))
+        for row, words in enumerate(text):
+            at = (x + cell / 2, y + cell + line * (row + 0.75))
+            draw.text(at, words, font=font, fill=to_bytes(INK), anchor="mm")
+    sheet.save(target)
 
 
 def saved_picture(plan: preshape.Plan, folder: Path, path: Path) -> Path:

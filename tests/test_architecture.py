@@ -296,7 +296,11 @@ def test_the_studies_are_imported_late_and_by_the_command_line_only() -> None:
 
 
 def test_only_what_draws_imports_the_viewer() -> None:
-    assert {unit_of(f.source) for f in imports_of(ROOT) if unit_of(f.target) == "viewer"} <= DRAWING
+    """Its words about a plan are text, which the planner and the exports use too."""
+    drawing = [f for f in imports_of(ROOT) if unit_of(f.target) == "viewer" and f.target != "viewer.words"]
+    assert {unit_of(f.source) for f in drawing} <= DRAWING
+    inside = {f.target for f in imports_of(ROOT) if f.source == "viewer.words"}
+    assert inside == {"objects.mass", "types"}
 
 
 def test_the_viewer_knows_values_objects_hands_and_report_styles_only() -> None:
@@ -495,6 +499,12 @@ def test_every_all_is_real(path: Path) -> None:
         name = ".".join(("preshape", *path.relative_to(ROOT).with_suffix("").parts)).removesuffix(".__init__")
         module = __import__(name, fromlist=["_"])
         assert all(hasattr(module, entry) for entry in listed[0])
+
+
+def test_every_class_has_a_name_of_its_own() -> None:
+    names = [n.name for path in MODULES for n in ast.walk(tree_of(path)) if isinstance(n, ast.ClassDef)]
+    assert len(names) > 100
+    assert not {name for name in names if names.count(name) > 1}
 
 
 def lines_of_code(path: Path) -> int:

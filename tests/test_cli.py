@@ -352,7 +352,10 @@ def test_learn_then_show_export_reset_import(run, run_json, tmp_path, own_memory
     assert shown["trained_on"] == {"utah_mit": samples[-1]}
     code, out, _ = run("memory", "show")
     assert code == 0
-    assert all(name in out for name in ("cube", "mug", "pen", str(shown["experiences"])))
+    assert all(name in out for name in ("mug", "pen", "TFVADI", str(shown["experiences"])))
+    assert "cube *" in out
+    assert "mug *" not in out
+    assert "* the first lesson" in out
 
     learnt = tmp_path / "sub" / "learnt.json"
     code, exported = run_json("memory", "export", learnt)

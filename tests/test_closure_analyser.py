@@ -210,7 +210,7 @@ def test_hands_like_those_that_cannot_be_executed_are_not_refined_again(
     rounds: list[Candidates] = []
 
     def refuse(found: RankedCandidates, demand: object, options: FinishOptions) -> list[object]:
-        if options.balanced and not options.firm:
+        if not options.anyway and not options.firm:
             rounds.append(found.drawn.candidates)
         return []
 

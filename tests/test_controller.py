@@ -15,7 +15,7 @@ import pytest
 from preshape.exceptions import InputError, ObjectError
 from preshape.hands.load import load_hand
 from preshape.hiis.controller import OFFERS, Controller
-from preshape.hiis.critic import Thresholds
+from preshape.hiis.critic import Thresholds, Verdict
 from preshape.hiis.decision import Decision, Settings, Status
 from preshape.hiis.learning import seed_cube
 from preshape.hiis.planes import allowed_planes
@@ -629,3 +629,18 @@ def test_two_controllers_learn_into_one_file_and_nothing_is_lost(fresh):
         assert weights is not None
         assert weights.trained_on == c.weights.trained_on
         assert weights.w1.tolist() == c.weights.w1.tolist()
+
+
+@pytest.mark.parametrize("held", [True, False])
+def test_the_last_reason_judges_the_grasp_that_is_given(held: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The self-test may find another grasp than the one that was explored, which is the answer."""
+    with Memory.open(":memory:") as memory:
+        controller = Controller(memory, LAYOUT)
+        told = Verdict(reward=held, match=3.01, reason="self-test at mode 0: TFVADI 3.01")
+        monkeypatch.setattr(controller, "_self_test", lambda *_: (None, told))
+        decision = controller.teach(prepared("bottle"), parse_task("lift"))
+    assert decision.status is (Status.ANSWER if held else Status.DEADLOCK)
+    assert decision.best is not None
+    assert decision.best.judged > 3.1
+    assert decision.reason.startswith(f"TFVADI {decision.best.judged:.2f} meets the threshold 3.00")
+    assert "self-test at mode 0: TFVADI 3.01" in decision.reason

@@ -622,7 +622,16 @@ def test_the_best_grasp_of_a_plan_without_an_answer(tmp_path: Path) -> None:
     assert "has no grasp (deadlock: too weak); --best takes the best grasp" in err
     code, out, _ = run("export", str(file), "--format", "moveit", "--best")
     assert code == 0
-    assert yaml_read(out) == messages_of(RAYS)[:1]
+    (message,) = yaml_read(out)
+    assert message["id"].endswith("/best")
+    assert {**message, "id": ""} == {**messages_of(RAYS)[0], "id": ""}
+    said = "best grasp of a plan without an answer; executable: false; too weak"
+    assert f"# {said}\n" in out
+    report = json.loads(run("export", str(file), "--format", "moveit", "--best", "--json")[1])
+    assert (report["best"], report["executable"], report["lacking"]) == (True, False, "too weak")
+    assert "executable: false; too weak" in run("export", str(file), "--format", "moveit", "--best")[2]
+    scene = run("export", str(file), "--format", "mjcf", "--best")[1]
+    assert f"<!-- {said} -->" in scene
     file.write_text(json.dumps(RAYS))  # a plan with an answer is written as without the option
     assert yaml_read(run("export", str(file), "--format", "moveit", "--best")[1]) == messages_of(RAYS)
 
@@ -673,7 +682,7 @@ def test_an_answer_without_a_posture_is_left_out_and_said(tmp_path: Path) -> Non
 NOWHERE = {"status": "no_grasp", "reason": "no fingers find it", "plane": None, "alternatives": []}
 BAD = {
     "no posture": (unreached(CLOSURE, 0, 1, 2), (), "none of its answers has a posture.*thumb out of reach"),
-    "this answer": (unreached(CLOSURE, 1), ("--answer", "1"), "answer 1 has not a posture"),
+    "this answer": (unreached(CLOSURE, 1), ("--answer", "1"), "answer 1 has no posture"),
     "no such answer": (CLOSURE, ("--answer", "3"), "--answer must be 0 to 2"),
     "negative": (CLOSURE, ("--answer", "-1"), "--answer must be 0 to 2"),
     "no grasp": ({**CLOSURE, **NOWHERE}, (), "has no grasp .no_grasp: no fingers find it."),

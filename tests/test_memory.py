@@ -343,6 +343,7 @@ def test_objects_and_statistics() -> None:
         bottle, cube = memory.objects()
         assert (bottle.name, bottle.experiences, bottle.tasks, bottle.best_match) == ("bottle", 1, 1, 6.0)
         assert (cube.name, cube.experiences, cube.tasks, cube.best_match) == ("cube", 3, 2, 3.5)
+        assert (cube.best, cube.best_quality, cube.seed) == ("TFVADI 3.50", None, False)
         assert (cube.hands, cube.last_seen) == (("a,b", "utah_mit"), "2003-01-01T00:00:00Z")
         assert [(one.name, one.experiences) for one in memory.objects("a,b")] == [("cube", 1)]
         facts = memory.statistics()

@@ -90,6 +90,23 @@ def test_what_is_stored_and_exported_comes_back_with_every_bit(
         assert other.import_(document) == 0  # the same ones, known as such
 
 
+def test_an_object_is_summed_up_by_the_quality_of_its_grips_and_the_first_lesson_is_marked() -> None:
+    with Memory.open(":memory:") as memory:
+        memory.add(
+            [
+                experience(grip=GRIP, quality=3.5, match=1.2),
+                experience(grip=GRIP, quality=4.25, match=6.0, kind="best"),
+                experience(grip=GRIP, quality=5.0, object_name="seed", kind="seed"),
+                experience(match=4.5, object_name="both", hand="utah_mit"),
+                experience(grip=GRIP, quality=3.0, match=6.0, object_name="both"),
+            ]
+        )
+        both, cube, seed = memory.objects()
+        assert (cube.best, cube.best_quality, cube.best_match) == ("quality 4.25", 4.25, 6.0)
+        assert both.best == "quality 3.00, TFVADI 4.50"
+        assert [one.seed for one in (both, cube, seed)] == [False, False, True]
+
+
 def test_what_is_not_known_is_null() -> None:
     with Memory.open(":memory:") as memory:
         memory.add([experience(), experience(grip=GRIP, shape=SHAPE, quality=2, outcome="held")])

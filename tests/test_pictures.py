@@ -13,6 +13,7 @@ from PIL import Image
 
 from preshape.objects.library import load_library_object
 from preshape.viewer.plan_picture import PlanScene, plan_image
+from preshape.viewer.words import figures
 
 ROOT = Path(__file__).parent.parent
 
@@ -27,23 +28,34 @@ def make_pictures():
 
 
 def test_a_grip_is_headed_by_its_quality_and_a_virtual_grasp_by_its_match() -> None:
+    grip = {"quality": 5.12, "task_margin": 3.4, "hold_margin": 2.0, "forces": [[0, 0, 12.0]]}
+    answer = {"tfvadi": 2.33, "stability": 2, "manipulability": 5, "contacts": [{"normal_in": [0, 0, 1]}]}
+    assert figures({**answer, "grip": grip}) == [  # a TFVADI of 2.33 would look like a failure beside 3
+        ("quality", "5.12", "of 6"), ("task margin", "3.4", ""), ("hold margin", "2.0", ""),
+        ("press", "12", "N"),
+    ]  # fmt: skip
+    assert figures(answer) == [
+        ("TFVADI", "2.33", "of 6"), ("stability", "2", "of 6"), ("manipulability", "5", "of 6"),
+    ]  # fmt: skip
+
+
+def test_the_picture_shows_the_figures_of_its_scene() -> None:
     cube = load_library_object("cube")
     scene = PlanScene(
-        mesh=cube,
-        cog=cube.cog,
-        task_name="lift",
-        hand_name="shadow",
-        task=np.eye(6)[2],
-        mode=0,
-        status="answer",
+        mesh=cube, cog=cube.cog, task_name="lift", hand_name="shadow", task=np.eye(6)[2], status="answer"
     )
+    heads = [(("quality of 6", "5.12"),), (("TFVADI of 6", "5.12"),), (("quality of 6", "5.13"),)]
+    drawn = {plan_image(replace(scene, figures=head), size=(700, 450)).tobytes() for head in heads}
+    assert len(drawn) == 3
 
-    def drawn(quality: float | None, match: float | None) -> bytes:
-        return plan_image(replace(scene, quality=quality, match=match), size=(700, 450)).tobytes()
 
-    grip = drawn(5.12, 2.33)
-    assert grip == drawn(5.12, None)  # a match of 2.33 would look like a failure beside a threshold of 3
-    assert grip != drawn(None, 5.12)  # the same number under another name
+def test_a_contact_sheet_has_a_cell_for_each_object(make_pictures, tmp_path: Path) -> None:
+    cube = load_library_object("cube")
+    make_pictures.contact_sheet([(cube, "a cube")] * 3, tmp_path / "sheet.png", 2, cell=80)
+    with Image.open(tmp_path / "sheet.png") as image:
+        assert image.size[0] == 160
+        first, second = (np.asarray(image.crop((x, 0, x + 80, 80))) for x in (0, 80))
+    assert (first[1:-1, 1:-1] == second[1:-1, 1:-1]).all()
 
 
 def test_few_colours_keep_a_thin_arrow_green_and_a_sky_smooth(make_pictures) -> None:

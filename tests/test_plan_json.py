@@ -22,7 +22,7 @@ from preshape.hiis.learning import seed_cube
 from preshape.hiis.planes import PLANES
 from preshape.objects.library import load_library_object
 from preshape.planner import plan
-from preshape.planning.document import GRASP_KEYS, error_to_json, plan_schema, plan_to_json
+from preshape.planning.document import GRASP_KEYS, plan_schema, plan_to_json
 from preshape.planning.hand_simulation import HandStatus
 from preshape.planning.plan import Plan
 from preshape.planning.session import layout_of
@@ -234,7 +234,7 @@ def test_a_value_out_of_its_range_is_refused(documents, path, to):
 
 
 def test_an_error_is_no_plan_and_a_plan_no_error():
-    error = error_to_json("no object 'mugg'")
+    error = {"status": "error", "reason": "no object 'mugg'"}
     assert error == {"status": "error", "reason": "no object 'mugg'"}
     assert valid(error, OUTPUT)
     assert not valid(error)

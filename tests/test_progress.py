@@ -124,7 +124,7 @@ def test_the_planner_s_bench_says_how_far_it_came(monkeypatch, capsys) -> None:
         progress("planned", 1, len(cases))
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(planner_bench, "bench_planner", interrupted)
+    monkeypatch.setattr(planner_bench, "plan_cases", interrupted)
     assert cli.run(["bench", "planner", "mug", "box"]) == 130
     said = capsys.readouterr().err.splitlines()
     assert said[:2] == [

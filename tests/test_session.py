@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import threading
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +27,8 @@ from preshape.objects.mesh import TriangleMesh
 from preshape.planning.document import plan_to_json, planned_load, read_plan, request_of
 from preshape.planning.request import PlanRequest
 from preshape.planning.session import CLOSURE_SUFFIX, Session
+from preshape.planning.summary import summary_text
+from preshape.viewer.words import scene_words
 
 QUICK = ClosureSettings(everywhere=300, on_plane=120, at_aim=60, persistence=0, rounds=1, elite=8, finished=3)
 DATA = Path(__file__).parent / "data"
@@ -377,6 +380,36 @@ def test_a_deadlock_names_mass_shortfall_and_remedy_and_carries_the_best(
     words = ["plan", "mug", "--task", "lift", "--hand", "shadow", "--mass", "2", "--memory", ":memory:"]
     assert run([*words, "--json"]) == 1
     assert json.loads(capsys.readouterr().out)["best"]["executable"] is False
+
+
+def test_an_answer_is_known_only_if_the_object_was_met_before() -> None:
+    with Session(":memory:") as one:
+        first = one.run(PlanRequest(source="box", task="lift", learn=False))
+        one.teach(PlanRequest(source="box", task="lift"))
+        again = one.run(PlanRequest(source="box", task="lift"))
+        scaled = one.run(PlanRequest(source="box", task="lift", scale=0.9, learn=False))
+        assert [made.known for made in (first, again, scaled)] == [False, True, False]
+        assert again.decision.mode == 0
+        assert "known (mode 0)" in str(again)
+        assert plan_to_json(again)["known"] is True
+        never_met = [made for made in (first, scaled) if made.decision.mode == 0]
+        for other in names():
+            made = one.run(PlanRequest(source=other, task="lift", learn=False))
+            never_met += [made] * (made.decision.mode == 0 and not made.known)
+        assert never_met
+        assert all("estimated (mode 0)" in str(made) for made in never_met)
+
+
+def test_a_summary_states_the_scene_of_a_test_in_physics_and_explains_quality(session: Session) -> None:
+    loaded = PlanRequest(source="cube", task="lift", friction=0.45, verify=True)
+    untested = replace(loaded, verify=False, friction=None)
+    scenes = [scene_words({"request": request.to_json()}) for request in (loaded, untested)]
+    assert scenes == ["friction 0.45", ""]
+    gripped = session.run(asked("box", "lift", mass=0.2))
+    plain, explained = (summary_text(gripped, explain=explain, width=160) for explain in (False, True))
+    assert "2^-m" in explained
+    assert "2^-m" not in plain
+    assert "for 0.2 kg at a press of" in plain
 
 
 def test_where_nothing_touches_there_is_no_best(session: Session) -> None:

@@ -18,6 +18,7 @@ from preshape.physics.pieces import ConvexPieces
 from preshape.physics.protocol import HoldProtocol
 from preshape.planner import plan
 from preshape.planning import verify as verifying
+from preshape.planning.document import plan_to_json
 from preshape.planning.plan import Plan
 
 QUICK = ClosureSettings(everywhere=800, elite=12, rounds=2, finished=4, persistence=1)
@@ -84,6 +85,10 @@ def test_the_first_that_holds_is_the_answer(fresh, monkeypatch: pytest.MonkeyPat
         assert second.verified is not None
         assert (second.verified.held, second.verified.tried) == (True, 2)
         assert second.answer.grasp is not first.answer.grasp
+        last = second.decision.transitions[-1]
+        assert last.reason == second.decision.reason
+        assert last.reason.startswith(second.answer.grasp.score_text)
+        assert len(second.decision.transitions) == len(first.decision.transitions) + 1
         assert outcomes(memory) == ["lost", "held"]
 
 
@@ -94,6 +99,16 @@ def test_none_holds(fresh, monkeypatch: pytest.MonkeyPatch) -> None:
         assert made.verified is not None
         assert not made.verified.held
         assert outcomes(memory) == ["lost"] * made.verified.tried
+
+
+def test_without_an_answer_it_is_said_that_nothing_was_tested(fresh) -> None:
+    with fresh() as memory:
+        made = planned(memory, mass=40.0, learn=False)
+    assert made.answer is None
+    assert made.verified is not None
+    assert (made.verified.held, made.verified.tried) == (False, 0)
+    assert plan_to_json(made)["verified"]["reason"] == "there is no answer to test"
+    assert "there is no answer to test" in str(made)
 
 
 def test_a_simulation_that_broke_says_nothing_of_the_grip(fresh, monkeypatch: pytest.MonkeyPatch) -> None:

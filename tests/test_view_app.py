@@ -25,11 +25,11 @@ from preshape.pictures import document_html, document_motion, light_mesh, plan_s
 from preshape.planning.hand_simulation import hand_geometry
 from preshape.planning.output import ray_origins
 from preshape.planning.request import PlanRequest
-from preshape.viewer.canvas import NullCanvas, RecordingCanvas
+from preshape.viewer.canvas import RecordingCanvas
 from preshape.viewer.draw import GROUPS, draw_hand, draw_object, draw_plan
 from preshape.viewer.hand_motion import STEPS
-from preshape.viewer.readings import answers_of
 from preshape.viewer.reduce import MAX_TRIANGLES
+from preshape.viewer.words import answers_of
 from view_app_page import (
     SMALL,
     Watched,
@@ -104,7 +104,7 @@ def test_a_person_plans_reads_corrects_and_teaches(browser, serve, tmp_path: Pat
     page.get_by_text("Thresholds and search").click()
     set_number(page, "good enough", "4")
     press(page, "Plan")
-    saw(page, "The object is known, but this task does not fit it")
+    saw(page, "The known object does not fit this task")
     keep(page, "app-correction")
     page.get_by_role("button", name=re.compile(r"^Try .* instead")).first.click()
     saw(page, "Grasp found")
@@ -256,7 +256,7 @@ def test_every_group_is_drawn_for_every_answer_and_one_card_for_each_plane(plann
         assert np.allclose(middles, made.grasp.contacts.points, atol=1e-6)
         drawn.remove("planes")
         assert not any(name.startswith("planes") for name in (*drawn.solids, *drawn.labels))
-        draw_plan(scene, NullCanvas())
+        draw_plan(scene, RecordingCanvas())
 
 
 def test_the_hand_passes_through_its_planned_poses(planned) -> None:

@@ -15,7 +15,7 @@ from preshape.viewer.camera import project
 from preshape.viewer.canvas import RecordingCanvas
 from preshape.viewer.draw import draw_plan
 from preshape.viewer.framing import fitting
-from preshape.viewer.readings import answers_of
+from preshape.viewer.words import answers_of
 from view_app_page import (
     Watched,
     answer_buttons,

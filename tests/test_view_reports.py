@@ -28,6 +28,7 @@ from preshape.report.markdown import markdown
 from preshape.report.page import base_style, html_page
 from preshape.report.terminal import print_table, report_console
 from preshape.viewer import page, readings
+from preshape.viewer import words as plan_words
 from preshape.viewer.canvas import RecordingCanvas
 from preshape.viewer.draw import draw_plan
 from preshape.viewer.plan_scene import approach_arrow
@@ -199,8 +200,8 @@ def test_why_this_plane_names_plane_worth_threshold_and_the_best_other_plane(doc
         mode: words(readings.why({**document, "mode": mode}, answers, 0)).split(":")[0] for mode in (0, 1, 3)
     }
     assert len(set(found.values())) == 3
-    assert "all twelve planes" in found[3]
-    assert "answer 2 in order of match" in words(readings.why(document, answers, 1))
+    assert "all allowed planes were explored" in found[3]
+    assert "This is answer 2: plane" in words(readings.why(document, answers, 1))
 
 
 @pytest.fixture
@@ -209,7 +210,13 @@ def gripped(document) -> dict:
     made = copy.deepcopy(document)
     forces = [[10.0 * x for x in c["normal_in"]] for c in made["contacts"]]
     grip = {"quality": 5.09, "task_margin": 3.4, "hold_margin": 2.0, "clearance": 0.006, "forces": forces}
-    request = {**made["request"], "friction": 0.3, "table": "auto", "avoid": [[0.2, 0, 0, 0.3, 0.1, 0.1]]}
+    request = {
+        **made["request"],
+        "analyser": "closure",
+        "friction": 0.3,
+        "table": "auto",
+        "avoid": [[0.2, 0, 0, 0.3, 0.1, 0.1]],
+    }
     load = {"mass": 0.31, "mass_source": "given", "heaviest_mass": 0.74}
     made |= {"tfvadi": 1.74, "grip": grip, "request": request, "missing_motion": "", **load}
     made["alternatives"] = []
@@ -221,10 +228,10 @@ def test_a_grip_is_told_by_what_decided_it_and_the_paper_s_indices_are_folded_la
     press = 10 * len(gripped["contacts"])
     order = [
         "quality 5.09 of 6, 3 is enough",
-        "task margin 3.40 ×",
+        f"task margin 3.40 × the task's load, for 0.31 kg at a press of {press:.0f} N",
         "hold margin 2.00 ×",
         f"press {press:.1f} N",
-        "mass 0.31 kg (as given); this grip holds up to 0.74 kg",
+        "mass 0.31 kg (as given); this grip holds up to 0.74 kg at its strongest press",
         "friction 0.3, table under the object, 1 box to avoid",
         "clearance 6.0 mm",
         "comes in along -Z",
@@ -241,9 +248,9 @@ def test_a_grip_is_told_by_what_decided_it_and_the_paper_s_indices_are_folded_la
     assert "A real hand is judged by its grip" in explained
     assert "1.74 of 6, 3 is enough" not in words("".join(parts))
     assert "quality 5.09 of 6, where 3 is enough" in words(readings.why(gripped, [gripped], 0))
-    assert f"{len(gripped['contacts'])} fingers" in readings.answer_words(gripped)
+    assert f"{len(gripped['contacts'])} fingers" in plan_words.answer_words(gripped)
     headline = words(readings.headline(gripped))
-    assert f"quality 5.1 of 6 · task margin 3.4 · hold margin 2.0 · press {press:.0f} N" in headline
+    assert f"quality 5.09 of 6 · task margin 3.4 · hold margin 2.0 · press {press:.0f} N" in headline
     # the paper's hand is told by the paper's measure, openly
     open_parts = readings.answer_parts(document, [document], 0)
     assert "match (TFVADI)" in words(open_parts[1])
@@ -260,34 +267,39 @@ def test_a_headline_says_the_mode_in_plain_words_and_what_the_grasp_does_not_giv
     assert 'class="head good"' in plain
     names = {0: "known (mode 0)", 1: "searched (mode 1)", 2: "task does not fit (mode 2)", 3: "new (mode 3)"}
     for mode, name in names.items():
-        assert name in words(readings.headline({**document, "mode": mode}))
+        assert name in words(readings.headline({**document, "mode": mode, "known": True}))
+    never_met = words(readings.headline({**document, "mode": 0, "known": False}))
+    assert "estimated (mode 0)" in never_met
+    assert "known" not in never_met
+    failed = {**document, "verified": {"held": False, "tried": 3, "reason": "lost"}}
+    assert "No answer held in physics" in words(readings.headline(failed))
 
 
 @pytest.mark.parametrize(
     ("way", "said"),
     [
         ([0.0, 0.0, -1.0], "comes in along -Z"),
-        ([0.0, 0.2, -0.98], "comes in along -Z, 12° off"),
-        ([0.0, 0.8, -0.6], "comes in along +Y, 37° off; 53° from the plane's approach axis -Z"),
+        ([0.0, 0.2, -0.98], "comes in 12° off the -Z axis"),
+        ([0.0, 0.8, -0.6], "comes in 37° off the +Y axis, 53° off the plane's approach axis -Z"),
     ],
 )
 def test_the_way_in_is_the_hand_s_and_the_plane_is_named_where_it_is_another(document, way, said) -> None:
     answer = {**document, "approach_axis": [0.0, 0.0, -1.0], "way_in": way}
-    assert readings.way_in_words(answer) == said
+    assert plan_words.way_in_words(answer) == said
     cube = load_object("cube")
     start, tip = approach_arrow(plan_scene(document, cube, None, answer))
     assert np.allclose((tip - start) / np.linalg.norm(tip - start), way / np.linalg.norm(way))
     # plans of version 1 state the way in within the grip
     old = {key: value for key, value in answer.items() if key != "way_in"}
-    assert readings.way_in(old) == [0.0, 0.0, -1.0]
-    assert readings.way_in({**old, "grip": {"approach": way}}) == way
+    assert plan_words.way_in(old) == [0.0, 0.0, -1.0]
+    assert plan_words.way_in({**old, "grip": {"approach": way}}) == way
 
 
 def test_without_an_answer_the_best_that_was_tried_is_shown_and_said_to_be_not_good_enough(gripped) -> None:
     best = {**gripped, "status": "deadlock", "executable": False}
     nothing = dict.fromkeys(("plane", "grip"))
     plan = {**best, **nothing, "best": best, "reason": "the best grip would hold 0.66 kg, and 6 kg is asked"}
-    assert readings.answers_of(plan) == [best]
+    assert plan_words.answers_of(plan) == [best]
     headline = words(readings.headline(plan))
     assert "Deadlock: no grasp is good enough; the best try is shown" in headline
     assert "would hold 0.66 kg" in headline
@@ -313,9 +325,9 @@ def test_picture_page_and_app_draw_the_cones_of_the_planned_friction(
         stage = Stage(MagicMock(), lambda _: None)
         stage._waiting = True  # no labels to choose
         stage.mesh = mesh
-        stage.show(plan, readings.answers_of(plan)[0])
+        stage.show(plan, plan_words.answers_of(plan)[0])
         scenes.append(stage.scene)
-        assert len(scenes) == 2 + len(readings.answers_of(plan))
+        assert len(scenes) == 2 + len(plan_words.answers_of(plan))
         for scene in scenes:
             canvas = RecordingCanvas()
             draw_plan(scene, canvas)

@@ -65,7 +65,6 @@ def scene(index: int = 5) -> plan_picture.PlanScene:
         task_name="Q1",
         hand_name="utah_mit",
         task=[1, 1, 0.1, 0.05, 0.8, 0.05],
-        mode=0,
         status="success",
         reasons=("it fits",),
         plane=chosen,
@@ -80,9 +79,7 @@ def scene(index: int = 5) -> plan_picture.PlanScene:
         ray_origins=points - 0.03 * normals,
         net_wrench=[0.9, 1.0, -0.2, 0.0, 0.8, 0.1],
         adi=[1, 1, 0.5, 1, 1, 0.5],
-        match=5.0,
-        stability=2,
-        manipulability=2,
+        figures=(("TFVADI of 6", "5.00"), ("stability of 6", "2")),
         hand=hand(),
         planes=tuple(card_of(i) for i in range(1, 13)),
     )
@@ -384,7 +381,6 @@ def test_what_is_not_there_is_not_drawn_and_long_names_do_no_harm() -> None:
         task_name="日本 " * 30,
         hand_name="h" * 300,
         task=np.zeros(6),
-        mode=None,
         status="deadlock " * 40,
         reasons=("because " * 200,) * 5,
     )
@@ -444,14 +440,7 @@ def test_a_failed_write_leaves_the_old_file(tmp_path: Path, monkeypatch: pytest.
     assert os.listdir(tmp_path) == ["plan.png"]
 
 
-def test_galleries(tmp_path: Path) -> None:
+def test_a_portrait_of_a_hand(tmp_path: Path) -> None:
     gallery.hand_picture(hand(), tmp_path / "hand.png", (80, 60))
-    gallery.contact_sheet([(brick(), "a brick")] * 3, tmp_path / "sheet.png", 2, cell=80)
     with PIL.Image.open(tmp_path / "hand.png") as image:
         assert image.size == (80, 60)
-    with PIL.Image.open(tmp_path / "sheet.png") as image:
-        assert image.size[0] == 160
-        first, second = (np.asarray(image.crop((x, 0, x + 80, 80))) for x in (0, 80))
-    assert (first[1:-1, 1:-1] == second[1:-1, 1:-1]).all()
-    with pytest.raises(InputError):
-        gallery.contact_sheet([], tmp_path / "none.png", 2)

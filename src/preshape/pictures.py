@@ -19,10 +19,11 @@ from .hiis.planes import PLANES, ApproachPlane, plane
 from .objects.mesh import TriangleMesh
 from .tasks import task_from_numbers
 from .types import FRICTION, Array, frozen_array
-from .viewer import readings
+from .viewer import words
 from .viewer.hand_motion import HandMotion, hand_motion
 from .viewer.plan_picture import plan_picture
 from .viewer.plan_scene import PlaneCard, PlanScene
+from .viewer.readings import fact_rows
 from .viewer.reduce import reduced
 
 AWAY = 0.10
@@ -56,7 +57,7 @@ def plan_scene(
         document: The plan; ``None`` before there is one.
         mesh: The object, reduced or not [m].
         hand: The plan's hand, to draw its posture too; ``None`` to leave it out.
-        answer: One of the plan's answers (``readings.answers_of``); ``None`` if the plan has none.
+        answer: One of the plan's answers (``words.answers_of``); ``None`` if the plan has none.
         rays: (n, 3) Origins of this answer's aiming rays [m]; ``None`` if unknown.
 
     Raises:
@@ -68,7 +69,6 @@ def plan_scene(
             "task_name": "",
             "hand_name": "",
             "task": np.zeros(6),
-            "mode": None,
             "status": "",
         }
         return PlanScene(**drawn, **nothing)
@@ -80,11 +80,10 @@ def plan_scene(
             "task_name": f"{name}: {task_from_numbers(q).describe()}",
             "hand_name": document["hand"]["name"],
             "task": q,
-            "mode": document["mode"],
-            "status": readings.result_words(document),
+            "status": f"{words.result(document)[2]}  ·  {words.plan_mode(document)}",
             "reasons": [
                 *([] if document["plane"] else [str(document["reason"])]),
-                *(f"{readings.step_words(t)}: {t['reason']}" for t in document["transitions"]),
+                *(f"{words.step_words(t)}: {t['reason']}" for t in document["transitions"]),
             ],
             "table": float(mesh.bounds[0, 2]) if table == "auto" else table,
             "boxes": np.array(request.get("avoid") or [], dtype=np.float64).reshape(-1, 2, 3),
@@ -118,7 +117,7 @@ def document_motion(hand: Hand, answer: Document | None) -> HandMotion | None:
                 return None
             return hand_motion(hand, [("retracted", *_pose(posed["retracted"]))])
         stages = [(name, *_pose(posed[key])) for name, key in _STAGES if posed[key] is not None]
-        way = frozen_array(readings.way_in(answer), (3,), "way in")
+        way = frozen_array(words.way_in(answer), (3,), "way in")
     except (KeyError, TypeError, ValueError, OverflowError) as error:
         raise InputError(f"the plan's hand cannot be shown: {type(error).__name__} at {error}") from error
     name, palm, q = stages[0]
@@ -147,7 +146,7 @@ def plan_picture_of(
         InputError: The document is no plan of preshape.
         EnvironmentFailure: The file cannot be written.
     """
-    answers = readings.answers_of(document)
+    answers = words.answers_of(document)
     scene = plan_scene(
         document, mesh, hand, answers[0] if answers else None, rays=rays[0] if len(rays) else None
     )
@@ -176,7 +175,7 @@ def document_html(
             scene=plan_scene(document, light, None, answer, rays=rays[i] if i < len(rays) else None),
             motion=document_motion(hand, answer),
         )
-        for i, answer in enumerate(readings.answers_of(document))
+        for i, answer in enumerate(words.answers_of(document))
     ]
     return plan_page(views or [PageView(scene=plan_scene(document, light))], document)
 
@@ -196,7 +195,7 @@ def _answer(
     cog = np.array(answer["cog"], dtype=np.float64)
     drawn: Document = {
         "plane": _card(p),
-        "way_in": readings.way_in(answer),
+        "way_in": words.way_in(answer),
         "approach_value": float(answer["approach_value"]),
         "approach_set": answer["approach_set"],
         "aim": cog + float(answer["approach_value"]) * half * p.approach_axis,
@@ -205,10 +204,8 @@ def _answer(
         "fingers": tuple(c["finger"] for c in contacts),
         "friction": drawn_friction(document, answer),
         "ray_origins": None if rays is None else np.array(rays, dtype=np.float64).reshape(-1, 3),
-        "facts": tuple(readings.fact_rows(document, answer)),
-        "match": answer["tfvadi"],
-        "stability": answer["stability"],
-        "manipulability": answer["manipulability"],
+        "facts": tuple(fact_rows(document, answer)),
+        "figures": tuple((f"{name} {unit}", number) for name, number, unit in words.figures(answer)),
     }
     if not grip:
         forces = np.array([c["wrench"][:3] for c in contacts]).reshape(-1, 3)
@@ -216,13 +213,7 @@ def _answer(
     # The arrows of a grip show its contact forces divided by the strongest one.
     newtons = np.array(grip["forces"], dtype=np.float64).reshape(-1, 3)
     strengths = np.linalg.norm(newtons, axis=1)
-    return drawn | {
-        "forces": newtons / max(float(strengths.max(initial=0.0)), 1e-9),
-        "newtons": strengths,
-        "quality": grip["quality"],
-        "margins": (grip["task_margin"], grip["hold_margin"]),
-        "press": readings.press(answer),
-    }
+    return drawn | {"forces": newtons / max(float(strengths.max(initial=0.0)), 1e-9), "newtons": strengths}
 
 
 def _pose(posed: Document) -> tuple[Array, Array]:

@@ -32,8 +32,9 @@ def memory_html(memory: str | None) -> str:
     except PreshapeError as error:
         return f'<div class="head bad"><b>The memory cannot be read</b>{escape(str(error))}</div>'
     rows = "".join(
-        f"<tr><td><b>{escape(o.name)}</b></td><td>{escape(', '.join(o.hands))}</td>"
-        f'<td class="num">{o.tasks}</td><td class="num">{o.best_match:.2f}</td>'
+        f"<tr><td><b>{escape(o.name)}</b>{' (first lesson)' if o.seed else ''}</td>"
+        f"<td>{escape(', '.join(o.hands))}</td>"
+        f'<td class="num">{o.tasks}</td><td class="num">{o.best}</td>'
         f'<td class="quiet num">{escape(o.last_seen[:16].replace("T", " "))}</td></tr>'
         for o in sorted(known, key=lambda o: o.last_seen, reverse=True)
     )

@@ -8,7 +8,7 @@ from typing import Any
 from ..files import dumps
 from ..hands.load import recorded_hand
 from ..pictures import Document, document_html
-from ..viewer import readings
+from ..viewer import readings, words
 from .panel import OWN_MASS, Panel
 from .stage import Stage
 
@@ -52,8 +52,8 @@ class Reading:
     def take(self, document: Document, rays: list[Any]) -> None:
         """Take a new plan and show its answer, or take a later version of it with more answers."""
         first = self.document is None
-        self.document, self._answers, self._rays = document, readings.answers_of(document), rays
-        mass = readings.mass_words(document)
+        self.document, self._answers, self._rays = document, words.answers_of(document), rays
+        mass = words.mass_words(document)
         self._panel.mass_note.content = readings.wrapped(f'<p class="quiet">Planned with {escape(mass)}.</p>')
         if first:
             self.show(0)
@@ -144,9 +144,9 @@ class Reading:
         for i, button in enumerate(p.answers):
             button.visible = i < len(self._answers) and i not in self._rejected
             if i < len(self._answers):
-                button.label = f"{i + 1} · {readings.answer_words(self._answers[i])}"
+                button.label = f"{i + 1} · {words.answer_words(self._answers[i])}"
                 button.color = "blue" if i == self._shown else "gray"
-        note = "The answer, then alternatives, best first; press one to see it."
+        note = "The answer, then the alternatives by score; press one to see it."
         if not self._accepted:
             note = (
                 "No answer is good enough; this is the best that was tried."

@@ -17,6 +17,7 @@ from .options import (
     scales_option,
     workers_option,
 )
+from .printing import emit, name_files
 from .progress import GOES_ON, steps
 
 
@@ -83,8 +84,6 @@ def clouds(
     document = cloud_figures(run, rows)
     written = [] if folder is None else write_cloud_report(document, folder)
     if as_json:
-        from .main import emit
-
         emit({**document, "files": [str(path) for path in written]})
     else:
         _show(document, written)
@@ -103,5 +102,4 @@ def _show(document: dict[str, Any], written: list[Path]) -> None:
         console.print(
             Text(f"! {one['hand']}, {one['case']}, view {one['view']}: {one['reason']}", style="yellow")
         )
-    for path in written:
-        console.print(f"wrote {path}", markup=False, soft_wrap=True)
+    name_files(written)

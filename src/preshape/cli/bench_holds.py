@@ -22,6 +22,7 @@ from .options import (
     probes_option,
     workers_option,
 )
+from .printing import emit, name_files
 from .progress import GOES_ON, duration, steps
 
 if TYPE_CHECKING:
@@ -170,8 +171,6 @@ def holds(
             if file is not None:
                 file.unlink(missing_ok=True)
     if as_json:
-        from .main import emit
-
         emit({**document, "files": [str(path) for path in written]})
         return 2 if document["status"] == "error" else 0
     _show(reports, seconds, written)
@@ -298,14 +297,12 @@ def _document(reports: list[tuple[Group, HoldReport]]) -> dict[str, Any]:
 def _write(document: dict[str, Any], reports: list[tuple[Group, HoldReport]], out: str | None) -> list[Path]:
     if out is None:
         return []
-    from ..files import write_json
     from ..physics.hold.tables import hold_report
     from ..report import write_report
 
     versions = f"MuJoCo {document['mujoco']}, preshape {document['version']}."
     chapters = [(group.title, group.protocol, report) for group, report in reports]
-    write_json(Path(out) / "report.json", document)
-    return [Path(out) / "report.json", *write_report(Path(out), hold_report(chapters, versions))]
+    return write_report(Path(out), hold_report(chapters, versions), document)
 
 
 def _show(reports: list[tuple[Group, HoldReport]], seconds: float, written: list[Path]) -> None:
@@ -328,5 +325,4 @@ def _show(reports: list[tuple[Group, HoldReport]], seconds: float, written: list
             console.print(Text(f"! {sentence}", style="yellow"))
     tested = sum(report.figures().tested for _, report in reports)
     console.print(f"{tested} grasps tested in {duration(seconds)}")
-    for path in written:
-        console.print(f"wrote {path}", markup=False, soft_wrap=True)
+    name_files(written)

@@ -9,6 +9,7 @@ import click
 
 from ..report.terminal import print_table, report_console
 from .options import check_folder, check_least, json_option, names_in, workers_option
+from .printing import emit, name_files
 from .progress import GOES_ON, steps
 
 if TYPE_CHECKING:
@@ -84,8 +85,6 @@ def indices(
     document = index_figures(found)
     written = write_index_report(document, found.rows, Path(out)) if out is not None else []
     if as_json:
-        from .main import emit
-
         emit({**document, "files": [str(path) for path in written]})
     else:
         _show(found, document, written)
@@ -104,5 +103,4 @@ def _show(found: IndexRows, document: dict[str, Any], written: list[Path]) -> No
         console.print(Text(sentence))
     for note in found.notes:
         console.print(Text(f"! {note}", style="yellow"))
-    for path in written:
-        console.print(f"wrote {path}", markup=False, soft_wrap=True)
+    name_files(written)

@@ -8,6 +8,7 @@ import click
 
 from ..report.terminal import print_table, report_console
 from .options import check_folder, check_least, json_option
+from .printing import emit, name_files
 from .progress import steps
 
 
@@ -47,12 +48,9 @@ def learning(hand: str, length: int, held_out: int, seed: int, out: str | None, 
         )
     written = [] if out is None else write_learning_report(found, Path(out))
     if as_json:
-        from .main import emit
-
         emit({"status": "answer", **found.figures(), "files": [str(path) for path in written]})
         return 0
     console = report_console(100)
     print_table(console, table(found))
-    for path in written:
-        console.print(f"wrote {path}", markup=False, soft_wrap=True)
+    name_files(written)
     return 0

@@ -16,11 +16,13 @@ from .options import (
     check_least,
     json_option,
     ladder_option,
+    numbers_in,
     pieces_option,
     probes_option,
     scales_option,
     workers_option,
 )
+from .printing import emit, name_files
 from .progress import steps
 
 if TYPE_CHECKING:
@@ -80,7 +82,7 @@ def planner(
     from ..hands.load import load_hand
     from ..physics.grasps import write_grasps
     from ..physics.protocol import HoldProtocol
-    from ..planning.planner_bench import bench_planner, grasps_of
+    from ..planning.planner_bench import bench_planner, grasps_of, plan_cases
     from ..types import FIELD_MASS
 
     check_folder(out)
@@ -95,15 +97,22 @@ def planner(
         stop_early=not ladder,
     )
     with steps("this bench keeps nothing before its end") as shown:
-        report = bench_planner(
+        planned = plan_cases(
             cases,
             model,
-            protocol=protocol,
-            own_mass=kg is None,
             task=task,
             analyser=analyser,
             count=count,
             seed=seed,
+            mass=kg,
+            progress=shown.step,
+        )
+        report = bench_planner(
+            planned,
+            model,
+            protocol=protocol,
+            own_mass=kg is None,
+            asked=count,
             workers=workers,
             progress=shown.step,
         )
@@ -116,8 +125,6 @@ def planner(
             document["pictures"] = _pictures(report, grasps, protocol, Path(out))
         write_json(Path(out) / "report.json", document)
     if as_json:
-        from .main import emit
-
         emit(document)
         return 0
     _show(document)
@@ -156,10 +163,7 @@ def cases_of(objects: tuple[str, ...], scales: str, pieces: str | None) -> list[
     from ..objects.library import names
     from ..planning.planner_bench import Case
 
-    try:
-        factors = [float(part) for part in scales.split(",")]
-    except ValueError:
-        factors = []
+    factors = numbers_in(scales)
     if not factors or not all(0 < f < 1e3 for f in factors):
         raise InputError(f"--scales takes positive numbers such as 0.06,0.08, got {scales!r}")
     folder = None if pieces is None else Path(pieces)
@@ -240,8 +244,7 @@ def _show(document: dict[str, Any]) -> None:
         click.echo(f"median time of the search: {1000 * document['search_median']:.0f} ms")
     if document["strength_median"] is not None:
         click.echo(f"median strength: {document['strength_median']:.2f} times the probes")
-    for file in document.get("pictures", ()):
-        click.echo(f"wrote {file}")
+    name_files(document.get("pictures", ()))
     for failure in document["failures"]:
         which = "no answer" if failure["answer"] is None else f"answer {failure['answer']}"
         click.echo(f"  {failure['object']}, {which}: {failure['reason']}")

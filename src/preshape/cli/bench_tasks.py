@@ -10,7 +10,8 @@ import click
 from ..exceptions import InputError
 from ..report.terminal import print_table, report_console
 from ..types import FIELD_MASS, FRICTION
-from .options import check_least, checkpoint_option, json_option, names_in, workers_option
+from .options import check_least, checkpoint_option, json_option, names_in, numbers_in, workers_option
+from .printing import emit, name_files
 from .progress import GOES_ON, steps
 
 if TYPE_CHECKING:
@@ -119,8 +120,6 @@ def tasks(
     if out is not None and checkpoint is None and kept is not None:  # the report now contains all results
         kept.unlink(missing_ok=True)
     if as_json:
-        from .main import emit
-
         emit({**document, "files": [str(path) for path in written]})
     else:
         _show(report, protocol, who, notes, written)
@@ -140,10 +139,7 @@ def _direction(text: str | None) -> Array | None:
         return None
     if text.strip().lower() == "none":
         return np.zeros(3)
-    try:
-        found = np.array([float(part) for part in text.split(",")])
-    except ValueError:
-        found = np.zeros(0)
+    found = np.array(numbers_in(text))
     if found.shape != (3,) or not np.isfinite(found).all() or not found.any():
         raise InputError(f"--gravity is a direction X,Y,Z such as 0,0,-1, or none, got {text!r}")
     return found / np.linalg.norm(found)
@@ -204,15 +200,13 @@ def _write(
 ) -> list[Path]:
     if out is None:
         return []
-    from ..files import write_json
     from ..physics.task.grasps import write_task_grasps
     from ..physics.task.tables import task_report
     from ..report import write_report
 
     folder = Path(out)
     versions = f"MuJoCo {document['mujoco']}, preshape {document['version']}."
-    write_json(folder / "report.json", document)
-    written = [folder / "report.json", *write_report(folder, task_report(report, protocol, who, versions))]
+    written = write_report(folder, task_report(report, protocol, who, versions), document)
     grasps, labels = report.planned_grasps()
     if len(grasps):
         written.append(folder / "grasps.npz")
@@ -247,8 +241,6 @@ def _write_instances(
     document = {"format": "preshape task instances 1", "protocol": protocol.to_json(), "instances": rows}
     write_json(file, document)
     if as_json:
-        from .main import emit
-
         emit({"status": "answer", "instances": len(rows), "files": [str(file), str(folder)]})
     else:
         click.echo(f"wrote {file}: {len(rows)} instances, {len(meshes)} meshes in {folder}")
@@ -283,5 +275,4 @@ def _show(
     for note in notes:
         console.print(Text(f"! {note}", style="yellow"))
     console.print(Text(f"{rate_line(report.score())}, in {report.seconds:.0f} s"))
-    for path in written:
-        console.print(f"wrote {path}", markup=False, soft_wrap=True)
+    name_files(written)

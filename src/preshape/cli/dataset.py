@@ -14,6 +14,7 @@ import click
 from ..exceptions import InputError
 from ..types import FIELD_MASS, FRICTION
 from .options import check_least, json_option, names_in, pieces_option, scales_option
+from .printing import emit
 from .progress import GOES_ON, duration, steps
 
 if TYPE_CHECKING:
@@ -117,8 +118,6 @@ def dataset(
             progress=progress,
         )
     if as_json:
-        from .main import emit
-
         emit(report.to_json())
     else:
         _show(report, settings.physics)

@@ -9,11 +9,12 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ..exceptions import InputError
-from .options import best_option, json_option
+from .options import best_option, json_option, numbers_in
+from .printing import emit, name_files
 
 if TYPE_CHECKING:
     from ..export.moveit import MoveItOptions
-    from ..export.planned import LeftOut, PlannedGrasp
+    from ..export.planned import PlannedGrasp
 
 FORMATS = ("moveit", "mjcf", "npz")
 
@@ -95,8 +96,8 @@ def export(
 ) -> int:
     """Write PLAN for other programs. PLAN is a plan.json, or - for standard input.
 
-    moveit: moveit_msgs/msg/Grasp, one for each answer, best first (docs/ros.md). mjcf: a MuJoCo scene with
-    hand and object at the grasp. npz: grasp arrays (docs/grasp-file.md).
+    moveit: moveit_msgs/msg/Grasp, one for each answer, the plan's own first (docs/ros.md). mjcf: a MuJoCo
+    scene with hand and object at the grasp. npz: grasp arrays (docs/grasp-file.md).
 
     Exit code 0: written. 2: bad input, such as a plan whose hand has no posture. 3: a file or a package is
     missing.
@@ -138,7 +139,10 @@ def export(
         "mass": first.mass,
         "friction": first.friction,
         "answers": [grasp.number for grasp in grasps],
-        "left_out": [{"answer": each.number, "reason": each.reason} for each in left_out],
+        "best": bool(first.lacking),
+        "executable": not first.lacking,
+        "lacking": first.lacking,
+        "left_out": [{"answer": each.row, "reason": each.reason} for each in left_out],
         "obstacles_left_out": obstacles_of(document),
     }
     if kind == "moveit":
@@ -147,12 +151,10 @@ def export(
         text, more = _other(kind, document, grasps, objects, paths, file)
     report |= {**more, "files": [str(path) for path in paths]}
     if as_json:
-        from .main import emit
-
         emit(report)
     elif not paths:
         click.echo(text, nl=False)
-    _tell(report, left_out, paths, as_json)
+    _tell(report, paths, as_json)
     return 0
 
 
@@ -185,10 +187,10 @@ def _moveit(
     link, _ = parent_link(grasps[0], options)
     text = messages_yaml(
         messages,
-        f"moveit_msgs/msg/Grasp, {_count(len(messages))}, best first\n"
+        f"moveit_msgs/msg/Grasp, {_count(len(messages))}{', the answer first' if len(messages) > 1 else ''}\n"
         f"from {Path(file).name} by preshape {__version__}\n"
         f"planned for {grasps[0].mass:g} kg, friction {grasps[0].friction:g}\n"
-        f"grasp_pose: {link} in {options.frame}, the object's own frame [m]",
+        f"grasp_pose: {link} in {options.frame}, the object's own frame [m]\n{grasps[0].warning}",
     )
     for path in paths:
         if path.suffix.lower() == ".mcap":
@@ -227,16 +229,21 @@ def _other(
     return text, {"keyframes": ["pregrasp", "grasp", "squeeze"]}
 
 
-def _tell(report: dict[str, Any], left_out: tuple[LeftOut, ...], paths: list[Path], as_json: bool) -> None:
+def _tell(report: dict[str, Any], paths: list[Path], as_json: bool) -> None:
     """Report what was written and, on standard error, what was left out."""
-    for each in left_out:
-        click.echo(f"answer {each.number} is left out, its hand has no posture: {each.reason}", err=True)
+    for each in report["left_out"]:
+        click.echo(
+            f"answer {each['answer']} is left out, its hand has no posture: {each['reason']}", err=True
+        )
     if report["obstacles_left_out"]:
         click.echo(f"left out, though planned with: {report['obstacles_left_out']}", err=True)
+    if report["best"]:
+        click.echo(
+            f"this is the best grasp found, not an answer; executable: false; {report['lacking']}", err=True
+        )
     if as_json or not paths:
         return
-    for path in paths:
-        click.echo(f"wrote {path}")
+    name_files(paths)
     what = f"{_count(len(report['answers']))} of {report['object']} with the hand {report['hand']}"
     what += f", planned for {report['mass']:g} kg and friction {report['friction']:g}"
     if report["format"] == "moveit":
@@ -257,10 +264,7 @@ def _seven(text: str | None) -> Any:
     """
     if text is None:
         return None
-    try:
-        numbers = [float(word) for word in text.replace(",", " ").split()]
-    except ValueError:
-        numbers = []
+    numbers = numbers_in(text)
     if len(numbers) != 7:
         raise InputError(f"--mount is seven numbers x y z w x y z, got {text!r}")
     return numbers

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from .options import json_option
+from .printing import emit
 
 if TYPE_CHECKING:
     from ..hands.hand import Hand
@@ -35,8 +36,6 @@ def hands(ctx: click.Context, out: str | None, as_json: bool) -> None:
     pictures = {hand.name: draw_hand(hand, Path(out)) for hand in found} if out is not None else {}
     rows = [_row(hand, pictures.get(hand.name)) for hand in found]
     if as_json:
-        from .main import emit
-
         emit({"status": "answer", "hands": rows})
         return
     for row in rows:
@@ -61,8 +60,6 @@ def check(file: str, out: str | None, as_json: bool) -> int:
     found, hand = inspect_hand(file)
     picture = draw_hand(hand, Path(out)) if out is not None and hand is not None else None
     if as_json:
-        from .main import emit
-
         emit(
             {
                 "status": "findings" if found else "fine",
@@ -150,24 +147,20 @@ def _row(hand: Hand, picture: Path | None) -> dict[str, Any]:
 
 def _show(row: dict[str, Any]) -> None:
     from rich.console import Console
-    from rich.markup import escape
-    from rich.table import Table
 
-    table = Table.grid(padding=(0, 2))
-    table.add_column(style="dim", no_wrap=True)
-    table.add_column()
-    table.add_row(f"[bold default]{escape(row['name'])}[/]", escape(row["title"]))
+    from ..report.terminal import fact_grid
+
     drives = f", {row['actuators']} drives" if row["actuators"] != row["joints"] else ""
-    table.add_row("fingers", escape(", ".join(row["fingers"])) + f"; {row['joints']} joints{drives}")
-    table.add_row("U", f"{1000 * row['U']:.4g} mm, the middle finger's proximal phalanx")
-    table.add_row("objects", f"up to {1000 * row['largest_object']:.0f} mm (4U) with the ray analyser")
-    table.add_row("fingertips", f"radius {1000 * row['fingertip_radius']:.3g} mm")
-    table.add_row("palm frame", f"in body {escape(row['palm_frame']['body'])}; {_place(row)}")
-    table.add_row("source", escape(row["source"]))
-    table.add_row("licence", escape(row["licence"]))
-    if "picture" in row:
-        table.add_row("picture", escape(row["picture"]))
-    Console().print(table, highlight=False)
+    facts = {
+        row["name"]: row["title"],
+        "fingers": f"{', '.join(row['fingers'])}; {row['joints']} joints{drives}",
+        "U": f"{1000 * row['U']:.4g} mm, the middle finger's proximal phalanx",
+        "objects": f"up to {1000 * row['largest_object']:.0f} mm (4U) with the ray analyser",
+        "fingertips": f"radius {1000 * row['fingertip_radius']:.3g} mm",
+        "palm frame": f"in body {row['palm_frame']['body']}; {_place(row)}",
+        **{key: row[key] for key in ("source", "licence", "picture") if key in row},
+    }
+    Console().print(fact_grid(*facts.items()), highlight=False)
 
 
 def _place(row: dict[str, Any]) -> str:

@@ -15,6 +15,7 @@ from .options import (
     object_options,
     request_from,
 )
+from .printing import emit
 
 if TYPE_CHECKING:
     from ..planning.plan import Plan
@@ -79,8 +80,6 @@ def learn(things: tuple[str, ...], tasks: tuple[str, ...], as_json: bool, **opti
         where = session.memory.where
     good = sum(row["status"] == "answer" for row in rows)
     if as_json:
-        from .main import emit
-
         emit({"status": "answer" if good == len(rows) else "incomplete", "lessons": rows})
     else:
         console.print(

@@ -7,6 +7,7 @@ from typing import Any
 import click
 
 from .options import json_option
+from .printing import emit, print_rows
 
 
 @click.command(epilog="Example: preshape objects")
@@ -29,23 +30,22 @@ def objects(as_json: bool) -> None:
             }
         )
     if as_json:
-        from .main import emit
-
         emit({"status": "answer", "objects": rows})
         return
-    from rich.table import Table
-
-    table = Table(box=None, header_style="bold", pad_edge=False)
-    for heading, justify in (("object", "left"), ("W × H × D [mm]", "right"), ("mass [g]", "right")):
-        table.add_column(heading, justify=justify, no_wrap=True)  # type: ignore[arg-type]
-    table.add_column("description")
-    table.add_column("tasks", style="dim")
-    for row in rows:
-        size = " × ".join(f"{1000 * float(x):.0f}" for x in row["extents"])
-        table.add_row(
-            row["name"], size, f"{1000 * row['mass']:.0f}", row["description"], " ".join(row["tasks"])
-        )
-    _print(table)
+    sizes = (" × ".join(f"{1000 * float(x):.0f}" for x in row["extents"]) for row in rows)
+    print_rows(
+        {
+            "object": "left",
+            "W × H × D [mm]": "right",
+            "mass [g]": "right",
+            "description": "wrapped",
+            "tasks": "wrapped",
+        },
+        [
+            (row["name"], size, f"{1000 * row['mass']:.0f}", row["description"], " ".join(row["tasks"]))
+            for row, size in zip(rows, sizes, strict=True)
+        ],
+    )
 
 
 @click.command(epilog="Example: preshape tasks")
@@ -67,23 +67,14 @@ def tasks(as_json: bool) -> None:
             }
         )
     if as_json:
-        from .main import emit
-
         emit({"status": "answer", "tasks": rows})
         return
-    from rich.table import Table
-
-    table = Table(box=None, header_style="bold", pad_edge=False)
-    table.add_column("task", no_wrap=True)
-    table.add_column("Tx   Ty   Tz    Rx   Ry   Rz", no_wrap=True)
-    table.add_column("meaning")
-    for row in rows:
-        q = "".join(f"{x:<5.2g}" for x in row["q"][:3]) + " " + "".join(f"{x:<5.2g}" for x in row["q"][3:])
-        table.add_row(f"{row['name']}[dim]:{row['axis']}[/]", q, row["means"])
-    _print(table)
+    print_rows(
+        {"task": "left", "Tx   Ty   Tz    Rx   Ry   Rz": "right", "meaning": "wrapped"},
+        [(f"{row['name']}:{row['axis']}", _six(row["q"]), row["means"]) for row in rows],
+    )
 
 
-def _print(table: object) -> None:
-    from rich.console import Console
-
-    Console().print(table, highlight=False)
+def _six(q: list[float]) -> str:
+    """Six numbers in columns of equal width."""
+    return " ".join("".join(f"{x:<5.2g}" for x in part) for part in (q[:3], q[3:]))

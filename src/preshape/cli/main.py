@@ -6,16 +6,15 @@ interrupted.
 
 from __future__ import annotations
 
-import json
 import os
 import sys
-from typing import Any
 
 import click
 
 from .._version import __version__
 from ..exceptions import PreshapeError
 from .lazy import LazyGroup
+from .printing import emit
 
 _COMMANDS = {
     "plan": ("plan", "Plan a preshape for an object and a task."),
@@ -107,18 +106,13 @@ def _usage(error: click.UsageError) -> str:
 def _report(reason: str, code: int, as_json: bool) -> int:
     if as_json:
         try:
-            click.echo(json.dumps({"status": "error", "reason": reason}))
+            emit({"status": "error", "reason": reason})
             sys.stdout.flush()
             return code
         except OSError:  # standard output has failed, so the error goes to standard error
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     click.echo(click.style("error: ", fg="red", bold=True) + reason, err=True)
     return code
-
-
-def emit(document: Any) -> None:
-    """Print one JSON document."""
-    click.echo(json.dumps(document, allow_nan=False, indent=2))
 
 
 if __name__ == "__main__":

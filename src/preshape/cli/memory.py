@@ -8,6 +8,7 @@ from pathlib import Path
 import click
 
 from .options import json_option, memory_option
+from .printing import emit, print_rows
 
 
 @click.group(epilog="Example: preshape memory show")
@@ -25,8 +26,6 @@ def show(memory: str | None, as_json: bool) -> None:
     with Memory.open(memory, read_only=True) as store:
         known, numbers = store.objects(), store.statistics()
     if as_json:
-        from .main import emit
-
         emit(
             {
                 "status": "answer",
@@ -43,6 +42,8 @@ def show(memory: str | None, as_json: bool) -> None:
                         "experiences": o.experiences,
                         "tasks": o.tasks,
                         "best_match": o.best_match,
+                        "best_quality": o.best_quality,
+                        "seed": o.seed,
                         "last_seen": o.last_seen,
                     }
                     for o in known
@@ -50,39 +51,31 @@ def show(memory: str | None, as_json: bool) -> None:
             }
         )
         return
-    from rich.console import Console
-    from rich.table import Table
-
-    console = Console()
     if known:
-        table = Table(box=None, header_style="bold", pad_edge=False)
-        for heading, right in (
-            ("object", False),
-            ("experiences", True),
-            ("tasks", True),
-            ("best TFVADI", True),
-            ("last seen (UTC)", False),
-            ("hand", False),
-        ):
-            table.add_column(heading, justify="right" if right else "left")
-        for o in known:
-            when = o.last_seen[:19].replace("T", " ")
-            table.add_row(
-                o.name, str(o.experiences), str(o.tasks), f"{o.best_match:.2f}", when, " ".join(o.hands)
-            )
-        console.print(table, highlight=False)
-    if numbers.path != ":memory:" and not Path(numbers.path).exists():
-        console.print(
-            f"there is no memory yet at {numbers.path}", highlight=False, markup=False, soft_wrap=True
+        counts = {"object": "left", "experiences": "right", "tasks": "right"}
+        print_rows(
+            counts | {"best": "left", "last seen (UTC)": "left", "hand": "wrapped"},
+            [
+                (
+                    f"{o.name} *" if o.seed else o.name,
+                    str(o.experiences),
+                    str(o.tasks),
+                    o.best,
+                    o.last_seen[:19].replace("T", " "),
+                    " ".join(o.hands),
+                )
+                for o in known
+            ],
         )
+    if any(o.seed for o in known):
+        click.echo("* the first lesson, which every hand gets")
+    if numbers.path != ":memory:" and not Path(numbers.path).exists():
+        click.echo(f"there is no memory yet at {numbers.path}")
         return
     trained = ", ".join(f"{hand}: {n} samples" for hand, n in numbers.trained) or "not trained yet"
-    console.print(
+    click.echo(
         f"{numbers.experiences} experiences of {numbers.objects} objects; network {trained}\n{numbers.path} "
-        f"(version {numbers.version}, {numbers.size / 1024:.0f} KiB)",
-        highlight=False,
-        markup=False,
-        soft_wrap=True,
+        f"(version {numbers.version}, {numbers.size / 1024:.0f} KiB)"
     )
 
 
@@ -140,8 +133,6 @@ def reset(memory: str | None, hand: str | None, yes: bool, as_json: bool) -> Non
 
 def _done(as_json: bool, document: dict[str, object], sentence: str) -> None:
     if as_json:
-        from .main import emit
-
         emit({"status": "answer", **document})
     else:
         click.echo(sentence)

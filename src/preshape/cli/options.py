@@ -181,21 +181,24 @@ def closure_options(command: Command) -> Command:
     return command
 
 
+def numbers_in(text: str) -> list[float]:
+    """The numbers in a text, separated by spaces or commas; empty if a part is no number."""
+    try:
+        return [float(part) for part in text.replace(",", " ").split()]
+    except ValueError:
+        return []
+
+
 def boxes_from(given: tuple[str, ...]) -> list[list[float]]:
     """Boxes from the texts of ``--avoid``.
 
     Raises:
         InputError: A text is not six numbers.
     """
-    boxes = []
-    for text in given:
-        try:
-            numbers = [float(part) for part in text.replace(",", " ").split()]
-        except ValueError:
-            numbers = []
-        if len(numbers) != 6:
+    boxes = [numbers_in(text) for text in given]
+    for text, box in zip(given, boxes, strict=True):
+        if len(box) != 6:
             raise InputError(f'--avoid takes six numbers, "x0 y0 z0 x1 y1 z1", got {text!r}')
-        boxes.append(numbers)
     return boxes
 
 

@@ -15,12 +15,14 @@ from .options import (
     closure_options,
     json_option,
     memory_option,
+    numbers_in,
     object_options,
     request_from,
 )
+from .printing import emit, name_files
 
 if TYPE_CHECKING:
-    from ..planning.plan import Plan
+    from ..planning.document import Document
 
 
 @click.command(
@@ -39,7 +41,8 @@ if TYPE_CHECKING:
     type=int,
     default=1,
     show_default=True,
-    help="Number of different answers: the answer, then others, best first.",
+    help="Number of different answers: the answer, then others by score. One of them may be better than the "
+    "answer: mode 0 accepts a stored or estimated grasp that is good enough.",
 )
 @click.option(
     "--verify",
@@ -105,26 +108,23 @@ def plan(
 
         written = save_plan(made, Path(out), document)
     if as_json:
-        from .main import emit
-
         emit(document)
     else:
-        _show(made, written, explain=explain)
+        _show(document, written, explain=explain)
     failed = made.verified is not None and not made.verified.held
     return 0 if made.answer is not None and not failed else 1
 
 
-def _show(made: Plan, written: list[Path], *, explain: bool) -> None:
+def _show(document: Document, written: list[Path], *, explain: bool) -> None:
     from rich.console import Console
 
     from ..planning.summary import after_words, summary
 
     console = Console()
-    console.print(summary(made, explain=explain), highlight=False)
-    for sentence in after_words(made):
+    console.print(summary(document, explain=explain), highlight=False)
+    for sentence in after_words(document):
         console.print(sentence, highlight=False)
-    for path in written:
-        console.print(f"wrote {path}", highlight=False, markup=False, soft_wrap=True)
+    name_files(written)
 
 
 def _view(text: str | None) -> list[float] | str | None:
@@ -135,10 +135,7 @@ def _view(text: str | None) -> list[float] | str | None:
     """
     if text is None or text.strip() == "all":
         return None if text is None else "all"
-    try:
-        numbers = [float(part) for part in text.replace(",", " ").split()]
-    except ValueError:
-        numbers = []
+    numbers = numbers_in(text)
     if len(numbers) != 3 or not all(map(math.isfinite, numbers)):
         raise InputError(f"--view takes a camera's position x,y,z or all, got {text!r}")
     return numbers

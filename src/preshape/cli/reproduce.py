@@ -7,6 +7,7 @@ from pathlib import Path
 import click
 
 from .options import json_option
+from .printing import emit, name_files
 from .progress import GOES_ON, steps
 
 
@@ -40,9 +41,6 @@ def reproduce(out: str, only: tuple[str, ...], quick: bool, fresh: bool, seed: i
         )
     files = [str(path) for path in (result.markdown, result.html)]
     if as_json:
-        from .main import emit
-
         emit({"status": "answer", "files": files})
     else:
-        for path in files:
-            click.echo(f"wrote {path}")
+        name_files(files)

@@ -10,6 +10,7 @@ import click
 
 from ..exceptions import InputError
 from .options import best_option, check_folder, json_option, probes_option
+from .printing import emit, name_files
 from .progress import steps
 
 if TYPE_CHECKING:
@@ -86,8 +87,6 @@ def simulate(
     if " and " in planned.obstacles:
         left_out = left_out.replace(" is ", " are ")
     if as_json:
-        from .main import emit
-
         emit(
             {
                 **_document(recording, written),
@@ -223,8 +222,7 @@ def _show(
         style="dim",
         highlight=False,
     )
-    for path in written:
-        console.print(f"wrote {path}", highlight=False, markup=False, soft_wrap=True)
+    name_files(written)
 
 
 def _verdict(recording: Recording, protocol: HoldProtocol) -> str:

@@ -20,7 +20,7 @@ from ..physics.protocol import HoldProtocol
 from ..physics.scene import OBJECT, PALM, Scene, build_scene
 from ..viewer.colours import HAND, Colour, finger_colour
 from ..viewer.colours import OBJECT as OBJECT_COLOUR
-from ..viewer.film import Film, Stage
+from ..viewer.film import Film, FilmStage
 from ..viewer.raycast import Shape
 from ..viewer.shapes import box, capsule, join, sphere
 
@@ -104,7 +104,7 @@ def film_of(
     )
 
 
-def stages_of(recording: Recording) -> tuple[Stage, ...]:
+def stages_of(recording: Recording) -> tuple[FilmStage, ...]:
     """The stages, each with a note on its outcome."""
     outcome = {probe.name: probe for probe in recording.result.probes}
     result = []
@@ -120,7 +120,7 @@ def stages_of(recording: Recording) -> tuple[Stage, ...]:
             touching = int((recording.normal[span.stop - 1] > 0).sum())
             note = f"{touching} touch · {recording.normal[span.stop - 1].sum():.1f} N in all"
         passed = None if probe is None else probe.held
-        result.append(Stage(name=name, start=span.start, stop=span.stop, note=note, passed=passed))
+        result.append(FilmStage(name=name, start=span.start, stop=span.stop, note=note, passed=passed))
     return tuple(result)
 
 

@@ -131,7 +131,7 @@ def _check_shown(document: dict[str, Any], request: PlanRequest) -> None:
     from ..hands.load import load_hand, recorded_hand
     from ..objects.load import load_object
     from ..pictures import document_motion, plan_scene
-    from ..viewer.readings import answers_of
+    from ..viewer.words import answers_of
 
     load_hand(request.hand_name)
     hand = recorded_hand(document["hand"])

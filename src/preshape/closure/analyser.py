@@ -32,10 +32,10 @@ from .candidates import (
     without_failed,
 )
 from .demand import Demand, inner_centre, task_demand, turn_levers
-from .finish import ENOUGH, FinishedGrip, Finisher, FinishOptions
+from .finish import ENOUGH, INSIDE, OVERLAP, FinishedGrip, Finisher, FinishOptions
 from .grips import GripExploration, described, grip_exploration
 from .hand_pinches import hand_pinches
-from .limits import heaviest_mass, shortfall
+from .limits import LOAD, WAY_IN, heaviest_mass, remedy, shortfall
 from .pinching import PINCHED, THINNEST, Pincher, antipodal_patches
 from .recall import FEW_VALUES, on_object, recalled
 from .search import ClosureSearch
@@ -45,6 +45,8 @@ STILL_GOOD = 0.95
 """Mode 0 answers with a recalled grip that still has this share of its stored quality [C]."""
 RECALL_EXAMINED, RECALL_FINISHED = 8, 2
 """Number of recalled grips that are examined, and of the best of these that are finished [C]."""
+REFUSED_EXAMINED = 24
+"""Number of refused candidates that are examined to show the best of them [C]."""
 ENOUGH_MARGIN, ENOUGH_CLOSED = 1.5, 100
 """Limits of a poor search [C]. More candidates are drawn if the best margin is below the first number, or if
 fewer than the second closed. The best are refined again while the margin is below the first number."""
@@ -227,7 +229,8 @@ class ClosureAnalyser:
         5. In a search of all planes, while the margin is too small: drop candidates similar to those that
            failed, draw others in their place, and repeat from 3.
         6. If everything has been searched and no grip is good enough, allow a firm press.
-        7. Sort by quality. If there is no grip, find the nearest miss and report why the candidates failed.
+        7. Sort by quality. If there is no grip, find the nearest miss, and report why the candidates failed
+           and what would help against the rule that refused most of them.
         """
         size = float(self.mesh.extents.max())
         if size < THINNEST:
@@ -281,7 +284,7 @@ class ClosureAnalyser:
                 executable = [grip.row for grip in grips]
                 found = without_failed(found, examined, executable)
                 more = self._draw_more(rng, aim, without_failed(pool, examined, executable), demand, 1)
-                fresh = replace(more, tried=more.tried - pool.tried, blocked=more.blocked - pool.blocked)
+                fresh = replace(more, tally=more.tally - pool.tally)
                 found, pool = merged(found, fresh), more
         # 6. Firm press.
         if not unexplored and _best_margin(finished) < 1.0:
@@ -289,34 +292,80 @@ class ClosureAnalyser:
         # 7. Answer.
         answers = self.grips(q, sorted([*remembered, *finished], key=lambda grip: -grip.margin))
         answers.sort(key=lambda grip: -grip.judged)
-        miss = None if answers or one_plane else self._nearest_miss(q, source, demand, aim)
-        return grip_exploration(answers[: effort.grips], tried + found.tried, self._why_none(found), miss)
+        reason, miss = "" if answers else self._why_none(found), None
+        if not answers and not one_plane:
+            rules = self._costliest(found)
+            miss = self._nearest_miss(q, source, self._draw(rng, aim, effort.candidates), demand, aim, rules)
+            reason += remedy(rules, miss)
+        return grip_exploration(answers[: effort.grips], tried + found.tried, reason, miss)
 
-    def _nearest_miss(self, q: Array, found: RankedCandidates, demand: Demand, aim: Aim) -> Grip | None:
-        """The best executable grip if none balances any of the load; it shows what is lacking."""
-        likely = found.take(np.argsort(-found.hold, kind="stable")[:RECALL_EXAMINED])
-        finished = self.finisher.finish(likely, demand, FinishOptions(planes=aim.planes, balanced=False))
-        return self.grips(q, finished)[0] if finished else None
+    def _nearest_miss(
+        self,
+        q: Array,
+        found: RankedCandidates,
+        drawn: DrawnCandidates,
+        demand: Demand,
+        aim: Aim,
+        rules: Sequence[str],
+    ) -> Grip | None:
+        """The best grip that was refused, as an example of what is lacking.
+
+        The rule that refused most candidates selects it: if it is the load, a grip that the hand can execute
+        comes first; if it is an obstacle, the grip is one that collides with the obstacles.
+
+        Args:
+            q: (6,) task Q.
+            found: The best candidates that are clear of the obstacles.
+            drawn: Candidates from which colliding ones are selected.
+            demand: What the task asks.
+            aim: Where the search was.
+            rules: What refused candidates, the costliest first.
+        """
+        options = FinishOptions(count=REFUSED_EXAMINED, planes=aim.planes, anyway=True)
+        names = self.settings.obstacles.names
+        for rule in rules:
+            likely = found
+            if rule in names:
+                likely = self.search.evaluate(drawn, demand, blocked=names.index(rule))
+            elif rule == LOAD:
+                likely = found.take(np.argsort(-found.hold, kind="stable"))
+            grips = self.finisher.finish(likely.take(distinct(likely, REFUSED_EXAMINED)), demand, options)
+            if rule in names:
+                clause = f"{rule} is in the closed hand's way"
+                grips = [replace(g, refused=clause) for g in grips if g.refused not in (INSIDE, OVERLAP)]
+            if grips:
+                best = max(grips, key=lambda g: (not g.refused, g.refused not in (INSIDE, OVERLAP), g.margin))
+                return self.grips(q, [best])[0]
+        return None
+
+    def _costliest(self, found: RankedCandidates) -> list[str]:
+        """What refused candidates that closed: obstacles by name, load or way in, the costliest first."""
+        _, _, clear, balanced, *hits = found.tally.tolist()
+        balanced = max(balanced, int(len(found) > 0 and found.score[0] > 0))
+        refused = dict(zip(self.settings.obstacles.names, hits, strict=True))
+        refused |= {LOAD: clear - balanced, WAY_IN: balanced}
+        return sorted((rule for rule in refused if refused[rule]), key=lambda rule: -refused[rule])
 
     def _why_none(self, found: RankedCandidates) -> str:
         """Why none of the candidates became a grip, in one sentence."""
-        closed, s = len(found) + found.blocked, self.settings
-        tried = f"{found.tried} candidates were tried"
+        (tried, closed, clear, _, *hits), s = found.tally.tolist(), self.settings
+        words = f"{tried} candidates were tried"
         if not closed:
-            return f"{tried}; none of them closed on the object with the thumb and a finger"
-        tried += f"; {closed} of them closed on the object"
-        if found.blocked:
-            which = "all" if not len(found) else f"{found.blocked}"
-            tried += f", {which} of these in collision with the table or a box to avoid"
-        if not len(found):
-            return tried
-        if found.score[0] <= 0:
-            none = "none of the others balances" if found.blocked else "none balances"
+            return f"{words}; none of them closed on the object with the thumb and a finger"
+        words += f"; {closed} of them closed on the object"
+        if clear < closed:
+            names = zip(s.obstacles.names, hits, strict=True)
+            counted = " or ".join(name if len(hits) == 1 else f"{name} ({hit})" for name, hit in names if hit)
+            words += f", {closed - clear if clear else 'all'} of these in collision with {counted}"
+        if not clear:
+            return words
+        if not len(found) or found.score[0] <= 0:
+            none = "none of the others balances" if clear < closed else "none balances"
             return (
-                f"{tried}; {none} the load with the planned share of the friction "
+                f"{words}; {none} the load with the planned share of the friction "
                 f"({s.friction_share:g} of {s.friction:g} = {s.mu:.2g})"
             )
-        return f"{tried}; to those that balance the load the hand has no free way in"
+        return f"{words}; to those that balance the load the hand has no free way in"
 
     def _finish_recalled(
         self, known: DrawnCandidates, demand: Demand, aim: Aim, unexplored: bool

@@ -81,8 +81,9 @@ class RankedCandidates:
         score: (n,) margin for the ranking: strength divided by expected load, per unit of normal force.
         task: (n,) strength along the task's wrench cone, or of plain holding if there is no task.
         hold: (n,) strength of plain holding, exact only where it can lower the score.
-        tried: Number of candidates that were closed.
-        blocked: Number of them that touched the object but collided with the table or a box.
+        tally: (4 + m,) number of candidates that were tried; that closed on the object; that were clear of
+            the table and the boxes too; that balance some of the load too; and for each of m obstacles, that
+            closed on the object and were refused because of it. A tally is not reduced by ``take``.
     """
 
     drawn: DrawnCandidates
@@ -90,11 +91,15 @@ class RankedCandidates:
     score: Array
     task: Array
     hold: Array
-    tried: int
-    blocked: int = 0
+    tally: IntArray
 
     def __len__(self) -> int:
         return len(self.score)
+
+    @property
+    def tried(self) -> int:
+        """Number of candidates that were tried."""
+        return int(self.tally[0])
 
     def take(self, rows: IntArray) -> RankedCandidates:
         """The candidates with these indices, in that order."""
@@ -200,8 +205,7 @@ def merged(*batches: RankedCandidates, most: int | None = None) -> RankedCandida
         drawn=concatenated(*(part.drawn for part in parts)),
         closings=Closings(**_columns([part.closings for part in parts], CLOSING_ARRAYS)),
         **_columns(parts, _RANKED),
-        tried=sum(batch.tried for batch in batches),
-        blocked=sum(batch.blocked for batch in batches),
+        tally=np.sum([batch.tally for batch in batches], axis=0),
     )
     order = np.argsort(-together.score, kind="stable")
     return together.take(order if most is None else order[:most])

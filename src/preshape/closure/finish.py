@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..hands.kinematics import HandKinematics, joint_links
+from ..hiis.analyser import GripPosture
 from ..hiis.planes import APPROACH_AXES, OPPOSITION_AXES
 from ..kernels.chains import joint_frames, rotations
 from ..kernels.closing.host import Candidates, ClosingKernel, Closings, Fate
@@ -31,6 +32,8 @@ DEEPEST = 0.0007
 """Largest accepted penetration of any link into the object [m] [C]."""
 MAX_IMBALANCE = 0.03
 """Largest net wrench of a squeeze's forces, divided by the press; torques are divided by ℓ."""
+INSIDE, OVERLAP = "a link of the closed hand is inside the object", "links of the closed hand overlap"
+"""What refuses a candidate because of the closed hand itself."""
 SPARE = 2
 """Number of extra candidates that are finished in a batch, because some fail."""
 FIRM = 3.0
@@ -53,7 +56,8 @@ class FinishOptions:
         by_joints: Whether to start with the candidates whose joints can press hardest; the ranking ignores
             joint torques.
         firm: Whether grips may press harder, just hard enough, if none is good enough with the usual press.
-        balanced: Whether a grip must balance some of the load; if False, the nearest miss is found.
+        anyway: Whether candidates that balance none of the load or that the hand cannot execute become grips
+            too, with what refused them; for the best grasp of a plan without an answer.
     """
 
     count: int = 1
@@ -61,14 +65,12 @@ class FinishOptions:
     unexplored: bool = False
     by_joints: bool = False
     firm: bool = False
-    balanced: bool = True
+    anyway: bool = False
 
 
 @value
-class FinishedGrip:
+class FinishedGrip(GripPosture):
     """What the hand does in a grip, the candidate that it came from, and its contacts.
-
-    The fields from ``approach`` on are those of :class:`preshape.hiis.analyser.Grip`.
 
     Attributes:
         row: Index of the candidate.
@@ -85,21 +87,6 @@ class FinishedGrip:
     points: Array
     normals_in: Array
     margin: float
-    approach: Array
-    palm_pose: Array
-    start: Array
-    mask: int
-    pregrasp: Array
-    grasp: Array
-    squeeze: Array
-    fingers_touching: tuple[str, ...]
-    links: tuple[str, ...]
-    forces: Array
-    torques: Array
-    task_margin: float
-    hold_margin: float
-    quality: float
-    clearance: float
 
 
 class _Executable(NamedTuple):
@@ -113,6 +100,7 @@ class _Executable(NamedTuple):
         approach: (3,) unit vector along which the hand approaches, mesh frame.
         clearance: Least distance of the opened hand to the object, at the pregrasp and on the approach [m].
         strengths: Strength for the task and for plain holding, divided by the load, per newton of press.
+        refused: What keeps the hand from executing the candidate; empty if nothing does.
     """
 
     row: int
@@ -122,6 +110,7 @@ class _Executable(NamedTuple):
     approach: Array
     clearance: float
     strengths: tuple[float, float]
+    refused: str
 
 
 class Finisher:
@@ -188,6 +177,8 @@ class Finisher:
         4. For each with both, compute the thorough strength and the squeeze, until there are enough grips.
         5. If a firm press is allowed and no grip is good enough, press harder.
 
+        With ``options.anyway``, steps 2 and 3 drop only candidates that do not close.
+
         Args:
             found: A few dozen candidates at most.
             demand: What the grip must produce.
@@ -207,10 +198,9 @@ class Finisher:
         to_object, to_obstacles = self.kernel.clearances(
             candidates.place, candidates.turn, grasp, self.settings.obstacles, enough=OPENING
         )
-        sound = (closings.fate == Fate.CLOSED) & (to_object.min(axis=1) > -DEEPEST) & (to_obstacles > 0)
-        if options.balanced:
-            sound &= self.search.score(task, hold, demand) > 0
-        rows = np.flatnonzero(sound)
+        closed, outside = closings.fate == Fate.CLOSED, to_object.min(axis=1) > -DEEPEST
+        sound = outside & (to_obstacles > 0) & (self.search.score(task, hold, demand) > 0)
+        rows, apart = np.flatnonzero(closed & (sound | options.anyway)), np.ones(len(closed), dtype=bool)
         squeeze = cache(partial(self.squeezer.squeeze, candidates, contacts, frames))
         if options.by_joints:
             press = [min(self.settings.strongest, squeeze(int(row)).max_press) for row in rows]
@@ -221,8 +211,15 @@ class Finisher:
             if len(grips) == options.count:
                 break
             # 3. Pregrasps and approaches of a batch.
-            free = part[[self.opener.links_apart(grasp[row]) for row in part]]
-            ways = self.opener.find(candidates, closings.closing, free, found.drawn.plane, options.planes)
+            apart[part] = [self.opener.links_apart(grasp[row]) for row in part]
+            ways = self.opener.find(
+                candidates,
+                closings.closing,
+                part[apart[part] | options.anyway],
+                found.drawn.plane,
+                options.planes,
+                anyway=options.anyway,
+            )
             strengths = np.zeros(0)
             for k, row in enumerate(ways.row.tolist()):
                 if len(grips) == options.count:
@@ -244,6 +241,7 @@ class Finisher:
                     approach=ways.approach[k],
                     clearance=float(ways.clearance[k]),
                     strengths=(float(strengths[k]) / demand.load, float(hold[row]) / self.settings.hold),
+                    refused=INSIDE if not outside[row] else ways.refused[k] if apart[row] else OVERLAP,
                 )
                 grip = self._grip(found, candidate, options, firm=False)
                 if grip is not None:
@@ -318,6 +316,7 @@ class Finisher:
             hold_margin=candidate.strengths[1] * press / settings.weight,
             quality=ENOUGH if firm else quality(margin, turn, unexplored=options.unexplored),
             clearance=candidate.clearance,
+            refused=candidate.refused,
         )
 
 

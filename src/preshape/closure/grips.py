@@ -7,7 +7,7 @@ from dataclasses import fields
 
 import numpy as np
 
-from ..hiis.analyser import MAX_FINGERS, Exploration, Grasp, GraspContacts, Grip, HandLayout
+from ..hiis.analyser import MAX_FINGERS, Exploration, GraspContacts, Grip, GripPosture, HandLayout
 from ..hiis.fuzzy import FuzzySets, approaching_degrees
 from ..hiis.planes import plane
 from ..hiis.wrench import grasp_wrenches, net_wrench, screw_measures
@@ -15,7 +15,7 @@ from ..objects.mesh import TriangleMesh
 from ..types import Array, BoolArray, ContactCoefficients, IntArray, value
 from .finish import FinishedGrip
 
-_HAND_FIELDS = tuple({f.name for f in fields(Grip)} - {f.name for f in fields(Grasp)})
+_HAND_FIELDS = tuple(f.name for f in fields(GripPosture))
 
 
 @value

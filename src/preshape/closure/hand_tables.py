@@ -25,7 +25,7 @@ import numpy as np
 from ..files import cache_folder, keep_arrays, read_arrays
 from ..hands.hand import Hand
 from ..hands.kinematics import compile_hand
-from ..kernels.hand_spheres import COARSE, FINE, Shape, bound, grouped, link_spheres
+from ..kernels.hand_spheres import COARSE, FINE, LinkSolid, bound, grouped, link_spheres
 from ..kernels.tables import HandTables
 from ..types import Array, IntArray
 
@@ -208,14 +208,14 @@ def _first_moving(path: Array, first: int, end: int) -> int:
     return next((j for j in range(first, end) if np.ptp(path[:, j]) > 0), end)
 
 
-def link_shapes(hand: Hand) -> list[list[Shape]]:
+def link_shapes(hand: Hand) -> list[list[LinkSolid]]:
     """The shapes that each joint carries, in the joint's frame; the palm's, in the palm frame, come last."""
     import mujoco
 
     model = compile_hand(hand)
     carrier, frames = _carrying_joints(model), _body_frames(model)
     anchors = _joint_frames(model, frames)
-    links: list[list[Shape]] = [[] for _ in range(model.njnt + 1)]
+    links: list[list[LinkSolid]] = [[] for _ in range(model.njnt + 1)]
     for geom in range(model.ngeom):
         body = int(model.geom_bodyid[geom])
         place, rotation = frames[body]
@@ -229,7 +229,7 @@ def link_shapes(hand: Hand) -> list[list[Shape]]:
         box = kind == mujoco.mjtGeom.mjGEOM_BOX
         length = float(size[1]) if kind == mujoco.mjtGeom.mjGEOM_CAPSULE else 0.0
         links[joint].append(
-            Shape(
+            LinkSolid(
                 place=centre,
                 facing=facing,
                 radius=0.0 if box else float(size[0]),

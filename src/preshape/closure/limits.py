@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from ..hiis.analyser import Grip
@@ -12,8 +14,35 @@ from .settings import ClosureSettings
 
 NOTHING = 0.02
 """A grip that holds less than this share of the mass lacks contacts, not strength."""
+LOAD, WAY_IN = "the load", "the way in"
+"""Rules that refuse candidates, beside the obstacles by name."""
 HALVINGS = 7
 """Steps of the bisection for the heaviest mass; the result is within 1 % or better."""
+
+
+def remedy(rules: Sequence[str], best: Grip | None = None) -> str:
+    """What would help against the rule that refused most candidates, as the end of a sentence.
+
+    Args:
+        rules: The table, boxes, load and way in as far as they refused candidates, the costliest first.
+        best: The best of what was refused; if the hand can execute it, its :func:`shortfall` says what would
+            help with the load.
+
+    >>> remedy(["box 2", "the load"])
+    '; most are refused because of box 2: moving it or making it smaller (--avoid) would help'
+    """
+    if not rules or (rules[0] == LOAD and best is not None and not best.refused):
+        return ""
+    helps = "moving it or making it smaller (--avoid)"
+    if rules[0] == LOAD:
+        helps = "a lighter object (--mass), more friction (--friction), another task or another hand"
+    elif rules[0] == "the table":
+        helps = "a lower table (--table HEIGHT) or another pose of the object on it"
+    elif rules[0] == WAY_IN:
+        helps = "more approach axes (--approach), if they are restricted, or a smaller hand"
+        if best is not None and ("the table" in best.refused or "a box" in best.refused):
+            helps = f"more room around the object (--table, --avoid), {helps}"
+    return f"; most are refused because of {rules[0]}: {helps} would help"
 
 
 def strongest_press(grip: Grip, torque_limits: np.ndarray) -> float:
@@ -66,6 +95,8 @@ def shortfall(search: ClosureSearch, grip: Grip, demand: Demand) -> str:
         grip: The best grip that was found.
         demand: What the task asks at the planned mass.
     """
+    if grip.refused:
+        return f"the best of these balances {grip.task_margin:.1f} times the load, but {grip.refused}"
     settings, margin = search.settings, min(grip.task_margin, grip.hold_margin)
     mass, most = settings.planned_mass, heaviest_mass(search, grip, demand)
     if most >= mass:

@@ -38,12 +38,14 @@ class Openings:
         pregrasp: (k, j) joint angles of the opened hand [rad].
         approach: (k, 3) unit vector along which the opened hand approaches.
         clearance: (k,) least distance from the object at the pregrasp and on the approach [m].
+        refused: (k) what keeps the hand from opening or from coming in, as a clause; empty if nothing does.
     """
 
     row: IntArray
     pregrasp: Array
     approach: Array
     clearance: Array
+    refused: tuple[str, ...]
 
     def __len__(self) -> int:
         return len(self.row)
@@ -70,7 +72,14 @@ class Opener:
         return not self.kinematics.collides(SELF_DEPTH)
 
     def find(
-        self, candidates: Candidates, closing: Array, rows: IntArray, own: IntArray, planes: Sequence[int]
+        self,
+        candidates: Candidates,
+        closing: Array,
+        rows: IntArray,
+        own: IntArray,
+        planes: Sequence[int],
+        *,
+        anyway: bool = False,
     ) -> Openings:
         """Pregrasps and approach directions of the candidates that have both.
 
@@ -84,8 +93,11 @@ class Opener:
             rows: (k,) indices of the candidates to open.
             own: (n,) approach plane that each was drawn for.
             planes: Approach planes that the approach direction may belong to.
+            anyway: Whether to return the other candidates too, with what refused them.
         """
-        rows, pregrasp, least = self._opened(candidates, closing, rows)  # 1.
+        pregrasp, least, opens = self._opened(candidates, closing, rows)  # 1.
+        if not anyway:
+            rows, pregrasp, least, opens = rows[opens], pregrasp[opens], least[opens], opens[opens]
         approach = APPROACH_AXES[own[rows] - 1]
         clearance, free = self._way_in(candidates, rows, pregrasp, approach)  # 2.
         axes = APPROACH_AXES[np.asarray(planes) - 1]
@@ -96,17 +108,27 @@ class Opener:
                 found, clear = self._way_in(candidates, rows[blocked], pregrasp[blocked], other[blocked])
                 blocked, found = blocked[clear], found[clear]
                 approach[blocked], clearance[blocked], free[blocked] = other[blocked], found, True
+        table = "the table, " if len(self.obstacles.planes) else ""
+        names = f"{table}{'a box to avoid, ' if len(self.obstacles.boxes) else ''}the object"
+        names = " or ".join(names.rsplit(", ", 1))
+        clauses = np.select(
+            [~opens, free],
+            [f"the hand cannot open clear of {names}", ""],
+            f"{names} is in the open hand's way",
+        )
+        free |= anyway
         return Openings(
             row=rows[free],
             pregrasp=pregrasp[free],
             approach=approach[free],
             clearance=np.minimum(least, clearance)[free],
+            refused=tuple(clauses[free].tolist()),
         )
 
     def _opened(
         self, candidates: Candidates, closing: Array, rows: IntArray
-    ) -> tuple[IntArray, Array, Array]:
-        """The rows that open, their opened joint angles (m, j) [rad], and their clearance (m,) [m]."""
+    ) -> tuple[Array, Array, BoolArray]:
+        """Opened joint angles (k, j) [rad], their clearance (k,) [m], and whether the hand opens (k,)."""
         k, n = len(rows), len(STATIONS)
         shares = closing[rows, None] * (1.0 - STATIONS[:, None])
         of = np.repeat(rows, n)
@@ -124,7 +146,7 @@ class Opener:
         blocked = (to_obstacles.reshape(k, n) <= 0) & (np.arange(n) <= station.max(axis=1)[:, None])
         sound = (least >= NEAREST) & ~blocked.any(axis=1)
         sound[sound] = [self.links_apart(q) for q in opened[sound]]
-        return rows[sound], opened[sound], least[sound]
+        return opened, least, sound
 
     def _way_in(
         self, candidates: Candidates, rows: IntArray, opened: Array, approach: Array

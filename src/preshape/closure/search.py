@@ -70,7 +70,9 @@ class ClosureSearch:
         self._hold_kernels = [(lever, self._margin_kernel(wrenches)) for lever, wrenches in holding]
         self._task_kernels: dict[bool, tuple[Demand, MarginKernel]] = {}
 
-    def evaluate(self, drawn: DrawnCandidates, demand: Demand, *, least: float = 0.0) -> RankedCandidates:
+    def evaluate(
+        self, drawn: DrawnCandidates, demand: Demand, *, least: float = 0.0, blocked: int | None = None
+    ) -> RankedCandidates:
         """Close candidates and rank those that close on the object.
 
         1. Close every candidate, and drop those that do not close on the object.
@@ -81,12 +83,13 @@ class ClosureSearch:
             drawn: Candidates.
             demand: What the grip must produce.
             least: A score up to this need not be exact; it is then reported as this or less.
+            blocked: Index of an obstacle: the candidates that collide with it are ranked, and not those that
+                are clear of all obstacles.
         """
         rows, closings = self.kernel.closed(drawn.candidates, wanted=MIN_CONTACTS)
-        closed = len(rows)
-        if self.settings.obstacles:
-            free = self._obstacle_free(drawn, closings, rows)
-            rows, closings = rows[free], closings.take(np.flatnonzero(free))
+        closed, hits = len(rows), self._hits(drawn, closings, rows)
+        keep = ~hits.any(axis=1) if blocked is None else hits[:, blocked]
+        rows, closings = rows[keep], closings.take(np.flatnonzero(keep))
         task, hold = self.strengths(closings, demand, ranking=True, least=least)
         score = self.score(task, hold, demand)
         found = RankedCandidates(
@@ -95,19 +98,27 @@ class ClosureSearch:
             score=score,
             task=task,
             hold=hold,
-            tried=len(drawn),
-            blocked=closed - len(rows),
+            tally=np.array([len(drawn), closed, len(rows), (score > 0).sum(), *hits.sum(axis=0)]),
         )
         return found.take(np.argsort(-score, kind="stable"))
 
-    def _obstacle_free(self, drawn: DrawnCandidates, closings: Closings, rows: IntArray) -> BoolArray:
-        """(k,) whether these candidates are clear of table and boxes, closed and a little opened."""
+    def _hits(self, drawn: DrawnCandidates, closings: Closings, rows: IntArray) -> BoolArray:
+        """(k, m) whether these candidates collide with each obstacle, closed or a little opened."""
+        obstacles = self.settings.obstacles
+        hits = np.zeros((len(rows), len(obstacles)), dtype=bool)
+        if not len(obstacles):
+            return hits
         c = drawn.candidates.take(rows)
-        free = np.ones(len(rows), dtype=bool)
         for share in (1.0, OPENED):
             posture = posture_at(self.tables, c.start, share * closings.closing)
-            free &= self.kernel.clearances(c.place, c.turn, posture, self.settings.obstacles)[1] > ROOM
-        return free
+            near = np.flatnonzero(self.kernel.clearances(c.place, c.turn, posture, obstacles)[1] <= ROOM)
+            if len(obstacles) == 1:
+                hits[near] = True
+                continue
+            wrist = c.place[near], c.turn[near], posture[near]
+            for k, one in enumerate(obstacles.each):
+                hits[near, k] |= self.kernel.clearances(*wrist, one)[1] <= ROOM
+        return hits
 
     def strengths(
         self, closings: Closings, demand: Demand, *, ranking: bool = False, least: float = 0.0

@@ -81,8 +81,9 @@ def scene_mjcf(grasp: PlannedGrasp, mesh: TriangleMesh, pieces: ConvexPieces) ->
             ctrl=_text(hand.controls(target)),
         )
     ElementTree.indent(tree)
-    credit = f"hand: {hand.credit}; {hand.licence}".replace("--", "-")
-    text = f"<!-- {credit} -->\n{ElementTree.tostring(tree, encoding='unicode')}\n"
+    notes = [f"hand: {hand.credit}; {hand.licence}", *([grasp.warning] if grasp.warning else [])]
+    comments = "\n".join(f"<!-- {note.replace('--', '-')} -->" for note in notes)
+    text = f"{comments}\n{ElementTree.tostring(tree, encoding='unicode')}\n"
     _check(text, grasp, mesh)
     return text
 

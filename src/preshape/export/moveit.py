@@ -159,7 +159,7 @@ def _message(grasp: PlannedGrasp, options: MoveItOptions) -> Message:
     inside = np.clip(grasp.squeeze, *grasp.hand.limits.T)
     reach, press = REACH_SECONDS, REACH_SECONDS + SQUEEZE_SECONDS
     return {
-        "id": f"{grasp.object_name}/{grasp.task}/{grasp.hand.name}/{grasp.number}",
+        "id": f"{grasp.object_name}/{grasp.task}/{grasp.hand.name}/{grasp.label}",
         "pre_grasp_posture": _trajectory(names, [_point(grasp.pregrasp, None, reach)]),
         "grasp_posture": _trajectory(
             names, [_point(grasp.grasp, grasp.efforts, reach), _point(inside, grasp.efforts, press)]

@@ -9,9 +9,10 @@ import numpy as np
 from ..exceptions import InputError
 from ..hands.hand import Hand
 from ..hands.load import load_hand, recorded_hand
-from ..planning.document import Document, answers_in, no_answer, planned_load, version_of
-from ..tasks import Task, parse_task
+from ..physics.grasps import Fault
+from ..planning.document import Document, no_answer, planned_load, request_of, version_of
 from ..types import Array, freeze, frozen_array, value
+from ..viewer.words import answers_of
 
 FULL = 6.0
 """Largest quality of a grip and largest TFVADI of a virtual grasp."""
@@ -38,6 +39,7 @@ class PlannedGrasp:
         points: (n, 3) Contact points [m].
         normals_in: (n, 3) Inward unit normals at the contact points.
         fingers: (n,) Name of the finger at each contact.
+        lacking: Why the grasp must not be executed, if it is the best of a plan without an answer.
         forces: (n, 3) Force of each contact on the object in the squeeze [N]; ``None`` if the plan does not
             state it.
         quality: Quality 0..1; at 0.5, the grasp just balances the load (see ``docs/ros.md``).
@@ -65,6 +67,19 @@ class PlannedGrasp:
     fingers: tuple[str, ...]
     quality: float
     forces: Array | None = None
+    lacking: str = ""
+
+    @property
+    def label(self) -> str:
+        """``best`` for the best grasp of a plan without an answer, else the answer's number."""
+        return "best" if self.lacking else str(self.number)
+
+    @property
+    def warning(self) -> str:
+        """What a reader of the export must know of a grasp that is no answer; empty for an answer."""
+        return f"best grasp of a plan without an answer; executable: false; {self.lacking}" * bool(
+            self.lacking
+        )
 
     def __post_init__(self) -> None:
         joints, contacts = len(self.hand.joints), len(self.fingers)
@@ -94,19 +109,6 @@ class PlannedGrasp:
         frozen_array(self.quality, (), "the quality")
 
 
-@value
-class LeftOut:
-    """An answer that cannot be exported.
-
-    Attributes:
-        number: 0 for the plan's answer, from 1 for its alternatives.
-        reason: Why the hand has no posture for this answer.
-    """
-
-    number: int
-    reason: str
-
-
 def planned_grasps(
     document: Document,
     name: str,
@@ -114,8 +116,8 @@ def planned_grasps(
     hand: str | None = None,
     answer: int | None = None,
     best: bool = False,
-) -> tuple[tuple[PlannedGrasp, ...], tuple[LeftOut, ...]]:
-    """The grasps of a plan that can be exported, best first, and the answers that cannot.
+) -> tuple[tuple[PlannedGrasp, ...], tuple[Fault, ...]]:
+    """The grasps of a plan that can be exported, in the plan's order, and the answers that cannot.
 
     Args:
         document: The plan (``preshape/schema/plan.schema.json``).
@@ -130,7 +132,7 @@ def planned_grasps(
             hand.
     """
     try:
-        answers = answers_in(document, best=best)
+        answers = answers_of(document, best=best)
         if not answers:
             raise InputError(f"{name}: {no_answer(document)}")
         if answer is not None and not 0 <= answer < len(answers):
@@ -139,15 +141,18 @@ def planned_grasps(
         chosen = range(len(answers)) if answer is None else [answer]
         mass, friction = planned_load(document)
         facts = {"mass": mass, "friction": friction, "up": _up(document)}
+        if answers[0] is document.get("best"):
+            facts["lacking"] = str(document["reason"])
         candidates = [_planned(answers[k], k, model, facts, name) for k in chosen]
     except (KeyError, TypeError, ValueError, AttributeError, IndexError, OverflowError) as error:
         raise InputError(f"{name} is not a plan of this program ({type(error).__name__}: {error})") from error
     grasps = tuple(each for each in candidates if isinstance(each, PlannedGrasp))
-    left_out = tuple(each for each in candidates if isinstance(each, LeftOut))
+    left_out = tuple(each for each in candidates if isinstance(each, Fault))
     if not grasps:
-        which = "none of its answers has" if len(candidates) > 1 else f"answer {candidates[0].number} has not"
+        which = "its best grasp has no" if "lacking" in facts else f"answer {chosen[0]} has no"
+        which = "none of its answers has a" if len(candidates) > 1 else which
         raise InputError(
-            f"{name}: {which} a posture that the hand can execute ({left_out[0].reason}); "
+            f"{name}: {which} posture that the hand can execute ({left_out[0].reason}); "
             "take another answer, or plan again with another hand or approach"
         )
     return grasps, left_out
@@ -155,11 +160,11 @@ def planned_grasps(
 
 def _planned(
     answer: Document, number: int, hand: Hand, facts: dict[str, Any], name: str
-) -> PlannedGrasp | LeftOut:
+) -> PlannedGrasp | Fault:
     tried = answer["hand"]
     grip: Any = answer.get("grip") or {}
     if any(tried[stage] is None for stage in ("pregrasp", "grasp", "squeeze")):
-        return LeftOut(number=number, reason=str(tried["reason"] or tried["status"]))
+        return Fault(row=number, reason=str(tried["reason"] or tried["status"]))
     if set(tried["joints"]) != set(hand.joints):
         raise InputError(
             f"{name} was planned for the joints {', '.join(tried['joints'])}; "
@@ -210,17 +215,6 @@ def _efforts(hand: Hand, ahead: Array) -> Array:
 
 def _up(document: Document) -> Array:
     """(3,) Unit vector against the plan's gravity; +z if it has none."""
-    if version_of(document) >= 2:
-        gravity = frozen_array(document["request"]["gravity"], (3,), "gravity")
-    else:
-        gravity = _gravity(str(document["task"]["name"]))
+    request = document["request"] if version_of(document) >= 2 else request_of(document).to_json()
+    gravity = frozen_array(request["gravity"], (3,), "gravity")
     return 0.0 - gravity if gravity.any() else np.array([0.0, 0.0, 1.0])
-
-
-def _gravity(label: str) -> Array:
-    """(3,) Unit direction of gravity of the task with a label; an unknown label counts as a custom task."""
-    try:
-        task = parse_task(label)
-    except InputError:
-        task = Task(name="custom", q=np.zeros(6))
-    return np.asarray(task.gravity, dtype=np.float64)

@@ -39,6 +39,7 @@ class HandStatus(Enum):
     JOINT_LIMIT = "the contacts could be reached only beyond a joint limit"
     COLLISION = "the contacts can be reached, but a link would be inside the object"
     SELF_COLLISION = "the contacts can be reached, but the hand's links would be in each other"
+    BLOCKED = "the fingers can close on the contacts, but something keeps the hand from getting there"
 
 
 @value

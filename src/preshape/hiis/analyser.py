@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Literal, Protocol, Self
 
 import numpy as np
@@ -152,9 +152,11 @@ class VirtualGrasp(Grasp):
         return (self.plane.index, self.flip, self.fingers) == (other.plane.index, other.flip, other.fingers)
 
 
-@value
-class Grip(Grasp):
-    """A grasp that the real hand can execute, found by closing the hand (closure analyser).
+@dataclass(frozen=True, kw_only=True, eq=False)
+class GripPosture:
+    """What the real hand does in a grip, as the closure analyser computed it.
+
+    The class has no slots, so that a subclass can have a second base with slots.
 
     Attributes:
         approach: (3,) unit vector along which the hand moves in on a straight line, mesh frame.
@@ -173,7 +175,11 @@ class Grip(Grasp):
         hold_margin: The same margin for forces and torques in any direction.
         quality: Score that the critic judges, 0..6; 3 is just enough.
         clearance: Least distance of the open hand to the object, at the pregrasp and on the approach [m].
+        refused: What keeps the hand from executing the grip, as a clause; empty if nothing does. Only the
+            best grasp of a plan without an answer may be refused.
     """
+
+    __slots__ = ()
 
     approach: Array
     palm_pose: Array
@@ -190,6 +196,12 @@ class Grip(Grasp):
     hold_margin: float
     quality: float
     clearance: float
+    refused: str = ""
+
+
+@value
+class Grip(Grasp, GripPosture):
+    """A grasp that the real hand can execute, found by closing the hand (closure analyser)."""
 
     @property
     def judged(self) -> float:

@@ -348,6 +348,11 @@ class Controller:
                         verdict = judge(best.judged, threshold, subject=pa.measure)
         given, verdict = self._better_of(pa, best, stored, verdict)
         best = best if given is None else given
+        if (
+            verdict.match is None or abs(verdict.match - best.judged) > SLACK
+        ):  # the self-test's grasp is another
+            judged = judge(best.judged, threshold, subject=pa.measure).reason
+            verdict = replace(verdict, reason=f"{judged}; {verdict.reason}")
         if not verdict.reward and (lacking := pa.shortfall(task.q, best)):
             verdict = replace(verdict, reason=f"{verdict.reason}: {lacking}")
         steps.append(_step(3, verdict, missed="deadlock"))

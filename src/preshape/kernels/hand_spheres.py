@@ -27,7 +27,7 @@ _BOX = {
 _SAMPLES = {COARSE: 0.002, FINE: 0.0008}  # spacing of surface points [m]
 
 
-class Shape(NamedTuple):
+class LinkSolid(NamedTuple):
     """A capsule, a sphere (a capsule of no length) or a box, in its link's frame.
 
     Attributes:
@@ -54,7 +54,7 @@ class Shape(NamedTuple):
         return np.concatenate([spheres[:, :3] @ self.facing.T + self.place, spheres[:, 3:]], axis=1)
 
 
-def link_spheres(shapes: list[Shape], detail: float) -> Array:
+def link_spheres(shapes: list[LinkSolid], detail: float) -> Array:
     """Spheres that represent a link.
 
     Args:
@@ -77,7 +77,7 @@ def link_spheres(shapes: list[Shape], detail: float) -> Array:
     return spheres[_cover(gap <= np.maximum(allowed, gap.min(axis=0) + 1e-6))]
 
 
-def exposed(shapes: list[Shape], detail: float, spacing: float | None = None) -> tuple[Array, Array]:
+def exposed(shapes: list[LinkSolid], detail: float, spacing: float | None = None) -> tuple[Array, Array]:
     """(n, 3) points on the surface of a link [m], and (n,) the largest protrusion allowed at each [m]."""
     points, allowed = [], []
     for shape in shapes:
@@ -108,7 +108,7 @@ def bound(spheres: Array) -> Array:
     return np.append(middle, (np.linalg.norm(spheres[:, :3] - middle, axis=1) + spheres[:, 3]).max())
 
 
-def _filled(shape: Shape, detail: float) -> Array:
+def _filled(shape: LinkSolid, detail: float) -> Array:
     """(n, 4) spheres of one shape in its own frame."""
     if shape.radius == 0.0:
         return _box_spheres(shape.half, _BOX[detail])
@@ -148,7 +148,7 @@ def _box_spheres(half: Array, protrusion: float) -> Array:
         radius = min(following, largest)
 
 
-def _surface(shape: Shape, spacing: float) -> Array:
+def _surface(shape: LinkSolid, spacing: float) -> Array:
     """(n, 3) points on the surface of one shape in its own frame, edges and corners of a box included."""
     if shape.radius == 0.0:
         axes = [_spread(h, spacing) for h in shape.half]

@@ -20,6 +20,9 @@ class ObjectSummary:
         experiences: Number of experiences.
         tasks: Number of different tasks among them.
         best_match: Largest TFVADI among the experiences, 0..6.
+        best_quality: Largest quality among the grips of real hands, 0..6; ``None`` without one.
+        best: Largest score with its name: quality of grips, TFVADI of virtual grasps.
+        seed: Whether all experiences are of the first lesson, which every hand gets before its first object.
         last_seen: Time at which the newest experience was stored, ISO 8601 in UTC.
     """
 
@@ -28,6 +31,9 @@ class ObjectSummary:
     experiences: int
     tasks: int
     best_match: float
+    best_quality: float | None
+    best: str
+    seed: bool
     last_seen: str
 
 
@@ -75,7 +81,8 @@ def objects(connection: sqlite3.Connection, hand: str | None) -> tuple[ObjectSum
     ):
         tasks[name] = tasks.get(name, 0) + 1
     rows = connection.execute(
-        "SELECT object_name, count(*), max(match), max(created)"
+        "SELECT object_name, count(*), max(match), max(created), max(quality),"
+        " max(CASE WHEN quality IS NULL THEN match END), min(kind = 'seed')"
         f" FROM experiences {_OF_HAND} GROUP BY object_name ORDER BY object_name",
         (hand,),
     )
@@ -86,9 +93,16 @@ def objects(connection: sqlite3.Connection, hand: str | None) -> tuple[ObjectSum
             experiences=count,
             tasks=tasks[name],
             best_match=best,
+            best_quality=quality,
+            best=", ".join(
+                f"{measure} {number:.2f}"
+                for measure, number in (("quality", quality), ("TFVADI", virtual))
+                if number is not None
+            ),
+            seed=bool(seed),
             last_seen=seen,
         )
-        for name, count, best, seen in rows
+        for name, count, best, seen, quality, virtual, seed in rows
     )
 
 

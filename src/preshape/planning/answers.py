@@ -10,7 +10,7 @@ import numpy as np
 from ..closure.finish import margin_of
 from ..hands.hand import Hand
 from ..hiis.analyser import Grasp, Grip
-from ..hiis.decision import Decision, Settings
+from ..hiis.decision import Decision, Settings, Transition
 from ..objects.load import stored_source
 from ..objects.mass import ObjectMass
 from ..objects.mesh import TriangleMesh
@@ -77,6 +77,7 @@ class PlanRecord:
         warnings: What the caller should know about the request, such as an absurd density or a box out of
             reach.
         verified: Result of the holding test in physics; ``None`` if the request did not ask for the test.
+        known: Whether the memory held an experience of this object, of any task and scene, before the run.
     """
 
     request: PlanRequest
@@ -90,6 +91,7 @@ class PlanRecord:
     seconds: dict[str, float]
     warnings: tuple[str, ...] = ()
     verified: Verified | None = None
+    known: bool = False
 
     @property
     def source(self) -> str:
@@ -169,4 +171,21 @@ def seen_first(plan: P, *, keep: int) -> P:
         return judged * seen_weight(scan, g.contacts.triangles)
 
     best, *others = sorted(answers_of(plan), key=lambda answer: -rank(answer))
-    return replace(plan, answer=best, alternatives=tuple(others[: keep - 1]))
+    plan = replace(plan, alternatives=tuple(others[: keep - 1]))
+    return chosen(plan, best, "its contacts rest most on the surface that was seen")
+
+
+def chosen(plan: P, answer: Answer, why: str) -> P:
+    """The plan with another of its answers; a last transition then judges that answer and says why.
+
+    Args:
+        plan: The plan, with an answer of the controller.
+        answer: The answer to give.
+        why: Why it was chosen, as a clause.
+    """
+    decision = plan.decision
+    if answer.grasp is not decision.grasp:
+        last = Transition(mode=decision.mode, outcome="reward", reason=f"{answer.grasp.score_text}: {why}")
+        steps = (*decision.transitions, last)
+        decision = replace(decision, reason=last.reason, transitions=steps)
+    return replace(plan, answer=answer, decision=decision)

@@ -11,6 +11,7 @@ from __future__ import annotations
 import json
 import re
 import sys
+from dataclasses import asdict
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -42,11 +43,6 @@ def plan_to_json(plan: PlanRecord) -> Document:
     document["alternatives"] = [_answer(plan, other) for other in plan.alternatives]
     document["best"] = None if plan.best is None else {**_answer(plan, plan.best), "executable": False}
     return document
-
-
-def error_to_json(reason: str) -> dict[str, str]:
-    """JSON for standard output instead of a plan, after an error of the input or the environment."""
-    return {"status": "error", "reason": reason}
 
 
 def plan_schema() -> Document:
@@ -174,20 +170,6 @@ def planned_load(document: Document) -> tuple[float, float]:
     return mass, friction
 
 
-def answers_in(document: Document, *, best: bool = False) -> list[Document]:
-    """The answers of a plan that have a grasp, best first.
-
-    Args:
-        document: The plan.
-        best: Whether a plan without an answer gives the best grasp found.
-    """
-    answers = [document, *document.get("alternatives", [])]
-    found = [answer for answer in answers if answer.get("plane") is not None]
-    if not found and best and document.get("best"):
-        return [document["best"]]
-    return found
-
-
 def obstacles_of(document: Document) -> str:
     """Table and boxes of a plan in words, such as ``the table and 2 boxes``; empty for free space."""
     request = document.get("request") or {}
@@ -215,6 +197,7 @@ def _answer(plan: PlanRecord, answer: Answer | None) -> Document:
         "reason": decision.reason,
         "mode": decision.mode,
         "deadlock": decision.deadlock,
+        "known": plan.known,
         **(_grasp(answer.grasp) if answer else dict.fromkeys(GRASP_KEYS)),
         "way_in": answer.way_in.tolist() if answer else None,
         "fingers_touching": len(answer.hand_result.fingers) if answer else None,
@@ -232,7 +215,7 @@ def _answer(plan: PlanRecord, answer: Answer | None) -> Document:
         ],
         "hand": _hand(plan, answer),
         "grip": _grip(answer.grasp) if answer else None,
-        "verified": _verified(plan) if answer is plan.answer else None,
+        "verified": asdict(plan.verified) if plan.verified and answer is plan.answer else None,
         "cloud": _cloud(plan, answer),
         "best": None,
         "alternatives": [],
@@ -250,10 +233,7 @@ def _answer(plan: PlanRecord, answer: Answer | None) -> Document:
             "triangles": attributes.triangles,
         },
         "task": {"name": task.label, "q": task.q.tolist(), "means": task.means},
-        "thresholds": {
-            "estimation": plan.settings.thresholds.estimation,
-            "recognition": plan.settings.thresholds.recognition,
-        },
+        "thresholds": asdict(plan.settings.thresholds),
         "request": plan.request.to_json(),
         "seconds": {key: round(second, 6) for key, second in plan.seconds.items()},
         "version": __version__,
@@ -291,11 +271,6 @@ def _grip(grip: Grasp) -> Document | None:
         "quality": grip.quality,
         "clearance": grip.clearance,
     }
-
-
-def _verified(plan: PlanRecord) -> Document | None:
-    said = plan.verified
-    return None if said is None else {"held": said.held, "tried": said.tried, "reason": said.reason}
 
 
 def _cloud(plan: PlanRecord, answer: Answer | None) -> Document | None:

@@ -122,7 +122,7 @@ def grasps_from_plans(
                 missing = [stage for stage in STAGES if hand[stage] is None]
                 if missing:
                     why = hand.get("reason") or document.get("reason")
-                    if document.get("best"):
+                    if document.get("best") and not best:
                         why = f"{why}; --best takes the best grasp that was found, which is not good enough"
                     faults.append(Fault(row=len(rows), reason=f"the plan has no {missing[0]}: {why}"))
                 rows.append({"object": source, "scale": scale, **_postures(hand)})

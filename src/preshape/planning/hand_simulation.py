@@ -92,22 +92,27 @@ class HandResult:
 
     @classmethod
     def of_grip(cls, hand: Hand, grip: Grip) -> HandResult:
-        """The hand on a grip; the closure analyser has already computed all postures."""
+        """The hand on a grip; the closure analyser has already computed all postures.
+
+        The hand of a grip that was refused stands open and backed off.
+        """
 
         def pose(q: Array) -> HandPose:
             return HandPose(palm_pose=grip.palm_pose, q=q)
 
+        free, away = not grip.refused, np.append(_STAND_OFF * grip.approach, np.zeros(4))
         return HandResult(
-            status=HandStatus.REACHED,
-            reason=f"{len(grip.fingers_touching)} fingers closed until they touched; the squeeze balances "
+            status=HandStatus.REACHED if free else HandStatus.BLOCKED,
+            reason=grip.refused
+            or f"{len(grip.fingers_touching)} fingers closed until they touched; the squeeze balances "
             f"{grip.task_margin:.1f} times the task's load and "
             f"{grip.hold_margin:.1f} times the pushes expected",
             fingers=grip.fingers_touching,
             joints=hand.joints,
-            grasp=pose(grip.grasp),
-            pregrasp=pose(grip.pregrasp),
-            squeeze=pose(grip.squeeze),
-            retracted=None,
+            grasp=pose(grip.grasp) if free else None,
+            pregrasp=pose(grip.pregrasp) if free else None,
+            squeeze=pose(grip.squeeze) if free else None,
+            retracted=None if free else HandPose(palm_pose=grip.palm_pose - away, q=grip.pregrasp),
         )
 
 

@@ -66,7 +66,7 @@ class Planned:
 
     Attributes:
         case: The case.
-        answers: The answers, best first; empty if there is none.
+        answers: The answers in the plan's order; empty if there is none.
         mode: The controller's mode, or -1 if the object was refused.
         reason: The controller's reason, or why the object was refused.
         seconds: Times as in a plan [s]; ``search`` is the time from the prepared object to the answers.
@@ -205,66 +205,41 @@ def grasps_of(planned: Sequence[Planned], hand: Hand) -> GraspSet | None:
 
 
 def bench_planner(
-    cases: Sequence[Case],
+    planned: Sequence[Planned],
     hand: Hand,
     *,
-    protocol: HoldProtocol | None = None,
-    own_mass: bool = False,
-    task: str = "lift",
-    analyser: str = "closure",
-    count: int = 1,
-    seed: int = 0,
+    protocol: HoldProtocol,
+    own_mass: bool,
+    asked: int,
     workers: int | None = None,
-    pieces: Mapping[str, ConvexPieces] | None = None,
-    planned: Sequence[Planned] | None = None,
     progress: Progress | None = None,
 ) -> PlannerReport:
-    """Plan the cases, then run the holding test on the answers.
+    """Run the holding test on planned answers.
 
     Args:
-        cases: The objects.
+        planned: The answers of all cases (:func:`plan_cases`).
         hand: The hand.
-        protocol: Settings of the test; by default six directions, and the first loss ends a grasp's test.
-            Planning uses the protocol's mass.
-        own_mass: Whether each object is planned and tested with its own mass instead of the protocol's.
-        task: Name of the task.
-        analyser: ``closure`` or ``rays``.
-        count: Number of answers asked for of each case.
-        seed: Seed of the planner.
+        protocol: Settings of the test.
+        own_mass: Whether each answer is tested with the mass that it was planned for, not the protocol's.
+        asked: Number of answers asked for of each case.
         workers: Number of processes of the test.
-        pieces: Convex pieces of objects that are already cut, by source.
-        planned: Answers planned earlier, to be tested under another protocol.
         progress: Called as the work advances.
 
     Raises:
-        InputError: An argument cannot be used.
         EnvironmentFailure: A file cannot be read, or a process was killed.
     """
-    rules = protocol or HoldProtocol(stop_early=True)
-    if planned is None:
-        planned = plan_cases(
-            cases,
-            hand,
-            task=task,
-            analyser=analyser,
-            count=count,
-            seed=seed,
-            mass=None if own_mass else rules.mass,
-            progress=progress,
-        )
     grasps = grasps_of(planned, hand)
-    masses = tuple(p.mass if own_mass else rules.mass for p in planned for _ in p.answers)
+    masses = tuple(p.mass if own_mass else protocol.mass for p in planned for _ in p.answers)
     holds = None
     if grasps is not None:
-        cut = dict(pieces or {})
+        cut = dict[str, ConvexPieces]()
         wanted = {p.case.source: p.case for p in planned if p.answers}
         for number, (source, case) in enumerate(wanted.items(), start=1):
-            if source not in cut:
-                cut[source] = case.load_pieces()
+            cut[source] = case.load_pieces()
             if progress is not None:
                 progress("cut into convex pieces", number, len(wanted))
-        holds = _tested(grasps, masses, physics_hand(hand), rules, cut, workers, progress)
-    return PlannerReport(hand=hand, planned=tuple(planned), asked=count, masses=masses, holds=holds)
+        holds = _tested(grasps, masses, physics_hand(hand), protocol, cut, workers, progress)
+    return PlannerReport(hand=hand, planned=tuple(planned), asked=asked, masses=masses, holds=holds)
 
 
 def _tested(

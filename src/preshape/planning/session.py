@@ -25,6 +25,7 @@ from ..hands.load import load_hand
 from ..hiis.analyser import Analyser, Grasp, HandLayout
 from ..hiis.controller import Controller
 from ..hiis.decision import Decision, Settings
+from ..hiis.lessons import of_this_mesh
 from ..memory import Memory, default_path
 from ..objects.library import load_library_object
 from ..objects.load import load_object
@@ -61,6 +62,7 @@ class Prepared:
         element: The analyser, prepared for the object.
         warnings: What the caller should know about the request.
         seconds: Time of ``load`` and ``prepare`` [s].
+        known: Whether the memory holds an experience of this object, of any task and scene.
     """
 
     request: PlanRequest
@@ -71,6 +73,7 @@ class Prepared:
     element: Analyser
     warnings: tuple[str, ...]
     seconds: dict[str, float]
+    known: bool
 
 
 class Session:
@@ -162,6 +165,7 @@ class Session:
             element=self._element[1],
             warnings=tuple(warnings),
             seconds={"load": loaded - start, "prepare": time.perf_counter() - loaded},
+            known=bool(of_this_mesh(controller.experiences, mesh.attributes)),
         )
 
     def run(self, request: PlanRequest, *, partial: Partial | None = None) -> Plan:
@@ -233,12 +237,6 @@ class Session:
         ready.controller.reset()
         return self._executed(ready, decision, started, None)
 
-    def verify(self, plan: Plan) -> Plan:
-        """The same plan, but its answer is the first one that holds in the physics test."""
-        from .verify import verified_plan
-
-        return verified_plan(plan, keep=1 + len(plan.alternatives))[0]
-
     def hand(self, request: PlanRequest) -> Hand:
         """The request's hand."""
         if isinstance(request.hand, Hand):
@@ -290,6 +288,7 @@ class Session:
                 best=best,
                 seconds={**before, "search": searched, "total": sum(before.values()) + searched},
                 warnings=ready.warnings,
+                known=ready.known,
             )
             if partial is not None:
                 partial(plan)

@@ -1,8 +1,8 @@
-"""``--verify``: run the holding test on planned answers, best first, until one holds."""
+"""``--verify``: run the holding test on planned answers, in their order, until one holds."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 from ..hands.hand import Hand
@@ -15,7 +15,7 @@ from ..physics.pieces import decompose
 from ..physics.protocol import HoldProtocol
 from ..physics.scene import build_scene
 from ..types import FRICTION
-from .answers import Verified, answers_of
+from .answers import Verified, answers_of, chosen
 from .grasp_sets import palm_grasps, poses_of
 from .hand_simulation import HandResult
 from .plan import Plan
@@ -34,7 +34,7 @@ def verified_plan(plan: Plan, *, keep: int) -> tuple[Plan, list[tuple[Grasp, boo
     """
     answers = list(answers_of(plan)[: max(keep, VERIFIED)])
     if not answers:
-        return plan, []
+        return replace(plan, verified=Verified(held=False, tried=0, reason="there is no answer to test")), []
     rules = HoldProtocol(friction=plan.request.stated_friction, mass=plan.mass.kg, stop_early=True)
     results = hold_until_held(plan.hand, plan.mesh, [a.hand_result for a in answers], protocol=rules)
     reached = [k for k, a in enumerate(answers) if a.hand_result.grasp is not None]
@@ -52,7 +52,8 @@ def verified_plan(plan: Plan, *, keep: int) -> tuple[Plan, list[tuple[Grasp, boo
     said = Verified(held=True, tried=len(results), reason=results[-1].reason)
     # An answer that was tested and lost the object is not offered as an alternative.
     rest = tuple(answers[first + 1 : first + keep])
-    return replace(plan, answer=answers[first], alternatives=rest, verified=said), tried
+    plan = replace(plan, alternatives=rest, verified=said)
+    return chosen(plan, answers[first], "the first answer that held in physics"), tried
 
 
 def hold_until_held(
@@ -61,7 +62,6 @@ def hold_until_held(
     answers: Sequence[HandResult],
     *,
     protocol: HoldProtocol,
-    progress: Callable[[int], None] | None = None,
 ) -> list[HoldResult]:
     """Test answers in their order until one holds.
 
@@ -72,7 +72,6 @@ def hold_until_held(
         mesh: The object, at the size that planning used.
         answers: The hand on each grasp; hands that did not reach their grasp are left out.
         protocol: Settings of the holding test.
-        progress: Called with the number of answers tested so far.
 
     Returns:
         A result for each answer that was tested; only the last one may have held.
@@ -91,16 +90,8 @@ def hold_until_held(
     scene = build_scene(physical, pieces, 1.0, protocol)
     results: list[HoldResult] = []
     for row, (index, _) in enumerate(reached):
-        result = hold_test(
-            scene,
-            grasps.poses(row),
-            protocol,
-            row=index,
-            object_name=mesh.name,
-        )
+        result = hold_test(scene, grasps.poses(row), protocol, row=index, object_name=mesh.name)
         results.append(result)
-        if progress is not None:
-            progress(len(results))
         if result.held:
             break
     return results

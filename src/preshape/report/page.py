@@ -8,9 +8,10 @@ from collections.abc import Iterator
 from html import escape
 from importlib import resources
 from pathlib import Path
+from typing import Any
 
 from ..exceptions import EnvironmentFailure
-from ..files import write_text, write_whole
+from ..files import write_json, write_text, write_whole
 from .markdown import markdown
 from .values import Block, Bullets, Cell, Figure, Heading, Report, Table, cell_text
 
@@ -18,11 +19,16 @@ POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:"
 """Content security policy of a report: no scripts, and nothing is loaded."""
 
 
-def write_report(folder: Path, report: Report) -> list[Path]:
+def write_report(folder: Path, report: Report, document: Any = None) -> list[Path]:
     """Draw the figures and write ``report.md`` and ``report.html``, each completely or not at all.
 
+    Args:
+        folder: Folder of the files.
+        report: The report.
+        document: The same results as JSON, to be written as ``report.json``; ``None`` for none.
+
     Returns:
-        The two files.
+        The files, without the figures.
 
     Raises:
         EnvironmentFailure: A file cannot be written.
@@ -32,6 +38,9 @@ def write_report(folder: Path, report: Report) -> list[Path]:
     files = [folder / "report.md", folder / "report.html"]
     write_text(files[0], markdown(report))
     write_text(files[1], html_page(report, folder))
+    if document is not None:
+        write_json(folder / "report.json", document)
+        files.insert(0, folder / "report.json")
     return files
 
 

@@ -1,4 +1,4 @@
-"""Tables of reports on a terminal."""
+"""Tables on a terminal."""
 
 from __future__ import annotations
 
@@ -9,6 +9,8 @@ from .values import Cell, Table, cell_text
 
 if TYPE_CHECKING:
     from rich.console import Console
+    from rich.table import Table as Grid
+    from rich.text import Text
 
 
 def report_console(width: int) -> Console:
@@ -55,3 +57,16 @@ def print_table(
     for row in table.rows:
         grid.add_row(*(Text(cell_text(cell)) for cell in row), style="bold" if bold(row) else "")
     console.print(grid)
+
+
+def fact_grid(*rows: tuple[str, str | Text]) -> Grid:
+    """Names and values in two columns; a text is not read as markup."""
+    from rich.table import Table as Grid
+    from rich.text import Text
+
+    grid = Grid.grid(padding=(0, 2))
+    grid.add_column(style="bold", no_wrap=True)
+    grid.add_column()
+    for heading, content in rows:
+        grid.add_row(heading, Text(content) if isinstance(content, str) else content)
+    return grid

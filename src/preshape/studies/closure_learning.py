@@ -33,7 +33,7 @@ from ..planning.session import Session
 from ..report import Cell, Table
 from ..tasks import Task, family_names, parse_task
 from ..types import FIELD_MASS, Array, value
-from .plots import OURS, QUIET, THIRD, Canvas
+from .plots import OURS, QUIET, THIRD, PlotCanvas
 
 WINDOW = 20
 """Number of consecutive pairs of the stream over which shares are computed."""
@@ -299,7 +299,7 @@ def write_learning_report(found: LearningStudy, out: Path) -> list[Path]:
 
 def _draw(found: LearningStudy, path: Path) -> None:
     places = range(1, len(found.stream) + 1)
-    with Canvas(path, size=(9.0, 3.6), columns=2) as (left, right):
+    with PlotCanvas(path, size=(9.0, 3.6), columns=2) as (left, right):
         for mode, colour, label in ((0, OURS, "mode 0"), (1, THIRD, "mode 1"), (3, QUIET, "mode 3")):
             left.plot(places, _running_share(found.stream, mode), color=colour, label=label)
         left.set(xlabel="pairs of object and task", ylabel=f"share of the last {WINDOW}", ylim=(0, 1))

@@ -16,7 +16,7 @@ from ..report import Cell, Figure, Table
 from ..types import Array, ContactCoefficients
 from . import printed
 from .experiment import Experiment, Progress, Section, joined, numbers_text
-from .plots import COMPONENTS, OURS, PAPER, THIRD, Canvas, grouped_bars
+from .plots import COMPONENTS, OURS, PAPER, THIRD, PlotCanvas, grouped_bars
 from .setup import Q1, Data, Setup, grasp_data, run_case, teach
 
 BOX_IN_U = (1.0, 0.4, 1.0)
@@ -196,7 +196,7 @@ def _disagreements(data: Data) -> Iterator[str]:
 
 
 def _draw(data: Data, path: Path) -> None:
-    with Canvas(path, size=(10.5, 3.9), columns=3, sharey=True) as panels:
+    with PlotCanvas(path, size=(10.5, 3.9), columns=3, sharey=True) as panels:
         for i, (axes, row, ours) in enumerate(zip(panels, printed.FIG_14, data["rows"], strict=True)):
             series: list[tuple[str, Sequence[float | None], str]] = [("paper", row.wrench, PAPER)]
             for grasp, label, colour in (

@@ -18,7 +18,7 @@ from . import printed
 from .experiment import Experiment, Progress, Section, numbers_text
 from .fig_14 import wrench_text
 from .figs_11_13 import shown_match, shown_plane
-from .plots import OURS, PAPER, THIRD, Canvas
+from .plots import OURS, PAPER, THIRD, PlotCanvas
 from .setup import Q1, Data, Setup, run_case, teach
 
 MODES = tuple(row.mode for row in printed.FIG_15)
@@ -214,7 +214,7 @@ def _draw(data: Data, path: Path) -> None:
             "D",
         ),
     )
-    with Canvas(path, size=(9.5, 3.6), columns=2) as (left, right):
+    with PlotCanvas(path, size=(9.5, 3.6), columns=2) as (left, right):
         for label, modes, colour, shift in series:
             left.plot([x + shift for x in thresholds], modes, "o-", color=colour, label=label, ms=7, lw=1.6)
         left.set(

@@ -17,7 +17,7 @@ from . import printed
 from .experiment import Experiment, Progress, Section, joined, numbers_text, or_none
 from .fig_14 import BOX_SIZE, at_paper, paper_box
 from .figs_11_13 import shown_match, shown_plane
-from .plots import COMPONENTS, FOURTH, OURS, PAPER, THIRD, Canvas, grouped_bars
+from .plots import COMPONENTS, FOURTH, OURS, PAPER, THIRD, PlotCanvas, grouped_bars
 from .setup import Q1, Data, Setup, run_case, teach
 
 UNCHANGED = printed.MembershipRow(
@@ -229,7 +229,7 @@ def _disagreements(data: Data) -> Iterator[str]:
 
 def _draw(data: Data, path: Path) -> None:
     rows = data["rows"]
-    with Canvas(path, size=(12.0, 4.2)) as axes:
+    with PlotCanvas(path, size=(12.0, 4.2)) as axes:
         grouped_bars(
             axes,
             [row.label.replace(" ", "\n", 1) for row in ROWS],

@@ -10,7 +10,7 @@ from ..report import Cell, Figure, Table
 from ..tasks import task_from_numbers
 from . import printed
 from .experiment import Experiment, Progress, Section, numbers_text, or_none, status_text
-from .plots import OURS, PAPER, Canvas, grouped_bars
+from .plots import OURS, PAPER, PlotCanvas, grouped_bars
 from .printed import TaskRow
 from .setup import Data, Setup, run_case, teach
 
@@ -159,7 +159,7 @@ def _why(case: TaskRow, row: Data) -> str:
 
 
 def _draw(cases: Sequence[TaskRow], rows: Sequence[Data], path: Path) -> None:
-    with Canvas(path, size=(8.0, 3.6)) as axes:
+    with PlotCanvas(path, size=(8.0, 3.6)) as axes:
         grouped_bars(
             axes,
             [f"case {i}\n{_task_text(case.task)}" for i, case in enumerate(cases, start=1)],

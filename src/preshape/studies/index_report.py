@@ -11,7 +11,7 @@ from ..dataset.index_values import INDICES, Index
 from ..files import write_json
 from ..report import Bullets, Chapter, Figure, Heading, Report, Table, write_report
 from .index_figures import Figures
-from .plots import OURS, PAPER, QUIET, THIRD, Canvas
+from .plots import OURS, PAPER, QUIET, THIRD, PlotCanvas
 
 GRADES = (("good", 0.8), ("fair", 0.7), ("weak", 0.6))
 """Name of an area by the lower end of its interval; below all limits, the area is poor [C]."""
@@ -267,7 +267,7 @@ def _draw_areas(document: Figures, path: Path) -> None:
     """Areas of all indices with their intervals, for both tests."""
     questions = _questions(document)
     places = range(len(INDICES))
-    with Canvas(path, size=(10.5, 6.2), columns=2, sharey=True) as panels:
+    with PlotCanvas(path, size=(10.5, 6.2), columns=2, sharey=True) as panels:
         for axes, (_, name) in zip(panels, _TESTS, strict=True):
             question = questions[name]
             axes.axvline(0.5, color=QUIET, linewidth=1.0, linestyle="--")
@@ -304,7 +304,7 @@ def _draw_area(axes: Any, found: Figures, height: float, colour: str, marker: st
 def _draw_calibration(document: Figures, path: Path) -> None:
     """Success rate by tenths of each index, for both tests."""
     questions = _questions(document)
-    with Canvas(path, size=(13.0, 7.2)) as first:
+    with PlotCanvas(path, size=(13.0, 7.2)) as first:
         figure = first.figure
         figure.clear()
         grid = figure.subplots(_ROWS, _COLUMNS, sharex=True, sharey=True)

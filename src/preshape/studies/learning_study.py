@@ -15,7 +15,7 @@ from ..planning.session import Prepared
 from ..report import Cell, Figure, Table
 from ..tasks import family_names, parse_task
 from .experiment import Experiment, Progress, Section, status_text
-from .plots import OURS, PAPER, THIRD, Canvas
+from .plots import OURS, PAPER, THIRD, PlotCanvas
 from .setup import Data, Setup, teach
 
 OBJECTS, QUICK_OBJECTS, TASKS = 20, 4, 2
@@ -196,7 +196,7 @@ def _remarks(data: Data) -> Iterator[str]:
 
 
 def _draw(data: Data, path: Path) -> None:
-    with Canvas(path, size=(11.0, 3.7), columns=3) as (left, middle, right):
+    with PlotCanvas(path, size=(11.0, 3.7), columns=3) as (left, middle, right):
         groups = _groups(data)[1:]
         bottom = [0.0] * len(groups)
         for k, (mode, colour) in enumerate(zip(_MODES, (OURS, PAPER, "#9AA3AD"), strict=True)):

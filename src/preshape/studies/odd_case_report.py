@@ -21,7 +21,7 @@ from ..tasks import all_named_tasks, parse_task
 from . import printed
 from .experiment import Experiment, Section
 from .odd_cases import REFUSED, SCALES, is_odd, measure, with_preshape
-from .plots import FOURTH, OURS, PAPER, QUIET, THIRD, Canvas
+from .plots import FOURTH, OURS, PAPER, QUIET, THIRD, PlotCanvas
 from .setup import Data, Setup
 
 _RED, _YELLOW = "#D55E00", "#F0E442"
@@ -193,7 +193,7 @@ def _draw(data: Data, path: Path) -> None:
     share = 100 * len(odd) / max(len(found), 1)
     low, high = (100 * x for x in _interval(len(odd), len(found)))
     limit = 100 * LIMIT
-    with Canvas(path, size=(10.5, 3.9), columns=3, width_ratios=(1.5, 1.1, 0.8)) as (left, middle, right):
+    with PlotCanvas(path, size=(10.5, 3.9), columns=3, width_ratios=(1.5, 1.1, 0.8)) as (left, middle, right):
         _horizontal_bars(
             left,
             [
@@ -236,7 +236,7 @@ def _draw_objects(data: Data, path: Path) -> None:
     found = with_preshape(data)
     order = sorted({row["object"] for row in found}, key=names().index)
     total = Counter(row["object"] for row in found)
-    with Canvas(path, size=(11.0, 4.2)) as axes:
+    with PlotCanvas(path, size=(11.0, 4.2)) as axes:
         at = range(len(order))
         axes.bar(at, [total[name] for name in order], 0.8, color="#DCE3EA", label="preshapes")
         bottom = [0] * len(order)
@@ -286,7 +286,7 @@ def _draw_case(row: Data, size: tuple[int, int], path: Path) -> None:
     from ..planning.document import plan_to_json
     from ..planning.output import ray_origins
     from ..viewer.plan_picture import plan_picture
-    from ..viewer.readings import answers_of
+    from ..viewer.words import answers_of
 
     setup = Setup()
     ready = setup.prepare(setup.system(), row["object"], parse_task(row["task"]), scale=row["scale"])

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 from .._version import __version__
-from ..files import write_json
 from ..physics.measures import mean, wilson
 from ..report import Bullets, Chapter, Report, Table, write_report
 from .partial_views import CloudRun
@@ -164,5 +163,4 @@ def write_cloud_report(document: dict[str, Any], folder: Path) -> list[Path]:
         ),
         chapters=tuple(chapters),
     )
-    write_json(folder / "report.json", document)
-    return [folder / "report.json", *write_report(folder, report)]
+    return write_report(folder, report, document)

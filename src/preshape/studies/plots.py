@@ -27,8 +27,8 @@ _STYLE = {
 }
 
 
-class Canvas:
-    """A figure without a window; ``with Canvas(path) as axes`` draws it and writes the PNG file.
+class PlotCanvas:
+    """A figure without a window; ``with PlotCanvas(path) as axes`` draws it and writes the PNG file.
 
     Args:
         path: The file.

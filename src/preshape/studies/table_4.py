@@ -20,7 +20,7 @@ from ..report import Cell, Figure, Table
 from ..types import Array, NetworkWeights
 from . import printed
 from .experiment import Experiment, Progress, Section, joined
-from .plots import OURS, PAPER, QUIET, THIRD, Canvas
+from .plots import OURS, PAPER, QUIET, THIRD, PlotCanvas
 from .setup import Data, Setup
 
 RATES = (0.04, 0.02)
@@ -245,7 +245,7 @@ def _spread(epochs: Sequence[float], limit: int) -> str:
 
 
 def _draw(data: Data, path: Path) -> None:
-    with Canvas(path, size=(8.0, 4.2)) as axes:
+    with PlotCanvas(path, size=(8.0, 4.2)) as axes:
         shown = set[float]()
         for run in data["runs"]:
             colour, style = (OURS, "-") if run["rate"] == RATES[0] else (THIRD, "--")

@@ -7,6 +7,9 @@ import numpy as np
 from ..exceptions import InputError
 from ..types import Array, freeze, frozen_array, value
 
+UP = np.array([0.0, 0.0, 1.0])
+"""Direction that points upwards in a picture."""
+
 
 @value
 class Camera:
@@ -47,7 +50,6 @@ class Camera:
         points: Array,
         direction: Array,
         *,
-        up: Array | tuple[float, float, float] = (0.0, 0.0, 1.0),
         fov: float = 22.0,
         aspect: float = 1.0,
         margin: float = 1.08,
@@ -57,7 +59,6 @@ class Camera:
         Args:
             points: (n, 3) Points that must be in the picture [m].
             direction: (3,) Direction from the points towards the eye.
-            up: (3,) Direction that points upwards in the picture.
             fov: Vertical angle of view [degrees].
             aspect: Width of the picture divided by its height.
             margin: Size of the picture divided by the extent of the points; 1 leaves no border.
@@ -66,11 +67,10 @@ class Camera:
         target = (points.min(axis=0) + points.max(axis=0)) / 2
         slope = np.tan(np.radians(fov) / 2) * np.array([aspect, 1.0]) / margin
         offset = np.asarray(direction, dtype=np.float64) / np.linalg.norm(direction)
-        frame = cls(eye=target + offset, target=target, up=np.asarray(up), fov=fov).frame
+        frame = cls(eye=target + offset, target=target, up=UP, fov=fov).frame
         local = (points - target) @ frame.T
-        for _ in range(
-            8
-        ):  # a fixed-point iteration: with perspective, centre and distance depend on each other
+        # A fixed-point iteration: with perspective, centre and distance depend on each other.
+        for _ in range(8):
             reach = np.abs(local[:, :2]) / slope - local[:, 2:]
             distance = max(float(reach.max()), 1e-6)
             seen = local[:, :2] / (local[:, 2:] + distance)
@@ -78,7 +78,7 @@ class Camera:
             local = local - shift
             target = target + shift @ frame
         distance = max(float((np.abs(local[:, :2]) / slope - local[:, 2:]).max()), 1e-6)
-        return cls(eye=target + distance * offset, target=target, up=np.asarray(up), fov=fov)
+        return cls(eye=target + distance * offset, target=target, up=UP, fov=fov)
 
 
 def project(camera: Camera, points: Array, size: tuple[int, int]) -> Array:

@@ -1,4 +1,4 @@
-"""The protocol for drawing a plan, with one implementation that draws nothing and one that records.
+"""The protocol for drawing a plan, and an implementation that records what is drawn.
 
 The browser's scene (:mod:`preshape.app`) implements it too, and the page and the picture of a plan replay a
 recording. A plan is therefore drawn by the same code everywhere, and tests need no display.
@@ -26,22 +26,6 @@ class Canvas(Protocol):
 
     def remove(self, prefix: str) -> None:
         """Remove all solids and labels whose name is ``prefix`` or lies under it; none is no error."""
-
-
-class NullCanvas:
-    """A canvas that draws nothing."""
-
-    def solid(self, name: str, shape: Shape) -> None:
-        """Do nothing."""
-
-    def label(self, name: str, text: str, at: Array) -> None:
-        """Do nothing."""
-
-    def place(self, name: str, pose: Array) -> None:
-        """Do nothing."""
-
-    def remove(self, prefix: str) -> None:
-        """Do nothing."""
 
 
 class RecordingCanvas:

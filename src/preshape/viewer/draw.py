@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..types import Array
-from .canvas import Canvas
+from .canvas import Canvas, RecordingCanvas
 from .colours import (
     APPROACH,
     AVOID,
@@ -69,6 +69,14 @@ def draw_plan(scene: PlanScene, canvas: Canvas, *, selected: int | None = None) 
     _contacts(scene, canvas)
     _net(scene, canvas)
     _task(scene, canvas)
+
+
+def recorded(scene: PlanScene) -> RecordingCanvas:
+    """The object and the plan, recorded."""
+    canvas = RecordingCanvas()
+    draw_object(scene, canvas)
+    draw_plan(scene, canvas)
+    return canvas
 
 
 def draw_object(scene: PlanScene, canvas: Canvas) -> None:

@@ -26,7 +26,7 @@ SHOW_THROUGH = 0.3
 
 
 @value
-class Stage:
+class FilmStage:
     """A range of a film's frames.
 
     Attributes:
@@ -73,7 +73,7 @@ class Film:
     verdict: str
     passed: bool
     times: Array
-    stages: tuple[Stage, ...]
+    stages: tuple[FilmStage, ...]
     solids: tuple[Shape, ...]
     is_object: tuple[bool, ...]
     poses: Array
@@ -100,7 +100,7 @@ class Film:
     def __len__(self) -> int:
         return len(self.times)
 
-    def stage_at(self, frame: int) -> Stage:
+    def stage_at(self, frame: int) -> FilmStage:
         """The stage of a frame."""
         return next(stage for stage in self.stages if stage.start <= frame < stage.stop)
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from ..types import Array
 from .colours import FAINT, GREEN, INK, PAPER, QUIET, SKY_BOTTOM, VERMILION, Colour
-from .film import Film, Stage
+from .film import Film, FilmStage
 from .labels import text_width, wrap
 from .picture_file import Target, check_target, write_png
 from .raycast import Image
@@ -56,7 +56,7 @@ def key_frames(film: Film) -> list[int]:
     return [_key_frame(film, stage) for stage in [*before, *probes]]
 
 
-def _key_frame(film: Film, stage: Stage) -> int:
+def _key_frame(film: Film, stage: FilmStage) -> int:
     """The last frame of a stage; if the object was lost, the last frame with the object near the hand."""
     if stage.passed is not False or stage.start == 0:
         return stage.stop - 1
@@ -197,7 +197,9 @@ def _chart(
             sheet.text(left + tick / end * width, top + CHART + 42, f"{tick:g}", 9, QUIET, ha="center")
 
 
-def _band_name(sheet: Sheet, stage: Stage, number: int | None, start: float, end: float, top: float) -> None:
+def _band_name(
+    sheet: Sheet, stage: FilmStage, number: int | None, start: float, end: float, top: float
+) -> None:
     """The number of a stage beneath its band, and its name if it fits."""
     y, width = top + CHART + 17, text_width(stage.name, 9)
     named = end - start > width + 44
@@ -208,14 +210,14 @@ def _band_name(sheet: Sheet, stage: Stage, number: int | None, start: float, end
         sheet.text(x + (14 if number is not None else 0), y, stage.name, 9, QUIET)
 
 
-def _start_frame(film: Film, stage: Stage) -> int:
+def _start_frame(film: Film, stage: FilmStage) -> int:
     """The frame from which a stage started; for every probe the last frame of the squeeze."""
     if stage.passed is None:
         return max(0, stage.start - 1)
     return next((s.stop - 1 for s in reversed(film.stages) if s.passed is None), stage.start)
 
 
-def _edges(film: Film, stage: Stage) -> tuple[float, float]:
+def _edges(film: Film, stage: FilmStage) -> tuple[float, float]:
     """Start and end of a stage [s]."""
     start = film.times[stage.start - 1] if stage.start else 0.0
     return float(start), float(film.times[stage.stop - 1])

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from .camera import Camera
-from .canvas import RecordingCanvas
-from .draw import draw_object, draw_plan
+from .draw import recorded
 from .hand_motion import HandMotion
 from .plan_scene import PlanScene, view_direction
 
@@ -36,9 +35,7 @@ def framing(scene: PlanScene, motion: HandMotion | None, aspect: float) -> Camer
         motion: Motion of the hand; only its last frame counts. ``None`` without a hand.
         aspect: Width of the picture divided by its height.
     """
-    canvas = RecordingCanvas()
-    draw_object(scene, canvas)
-    draw_plan(scene, canvas)
+    canvas = recorded(scene)
     clouds = [shape.vertices[:: max(1, len(shape.vertices) // 200)] for shape in canvas.solids.values()]
     if motion is not None:
         clouds.append(motion.poses[-1][:, :3, 3])

@@ -23,11 +23,12 @@ from . import readings
 from .camera import Camera
 from .canvas import RecordingCanvas, group_of
 from .corners import indexed
-from .draw import GROUPS, HIDDEN, draw_hand, draw_object, draw_plan
+from .draw import GROUPS, HIDDEN, draw_hand, recorded
 from .framing import framing
 from .hand_motion import HandMotion
 from .plan_scene import PlanScene
 from .raycast import Shape
+from .words import answers_of
 
 ASPECT = 1.2
 """Width divided by height of the scene's picture; the camera is placed for this ratio."""
@@ -54,7 +55,7 @@ def plan_page(views: Sequence[PageView], document: Document) -> str:
     """The HTML of a plan's page.
 
     Args:
-        views: The answers of the plan, best first; if it has none, one view of the object alone.
+        views: The answers of the plan in its order; if it has none, one view of the object alone.
         document: The plan as JSON.
 
     Raises:
@@ -62,7 +63,7 @@ def plan_page(views: Sequence[PageView], document: Document) -> str:
     """
     if not views:
         raise InputError("a page needs at least one view")
-    answers = readings.answers_of(document)
+    answers = answers_of(document)
     shown = len(views)
     while True:
         page = _page(views[:shown], answers[:shown], document)
@@ -110,9 +111,7 @@ def _view(
     geometries: dict[str, Document],
 ) -> Document:
     """One answer as data for the page's script."""
-    canvas = RecordingCanvas()
-    draw_object(view.scene, canvas)
-    draw_plan(view.scene, canvas)
+    canvas = recorded(view.scene)
     solids = [_solid(name, shape, geometries) for name, shape in canvas.solids.items()]
     motion = None
     if view.motion is not None:

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..exceptions import InputError
 from ..types import Array
-from .canvas import RecordingCanvas, group_of
+from .canvas import group_of
 from .colours import (
     APPROACH,
     AVOID,
@@ -25,7 +25,7 @@ from .colours import (
     Colour,
     finger_colour,
 )
-from .draw import draw_object, draw_plan
+from .draw import recorded
 from .labels import Label, draw_labels, text_width, wrap
 from .picture_file import Target, check_target, write_png
 from .plan_scene import (
@@ -38,7 +38,6 @@ from .plan_scene import (
     view_direction,
 )
 from .raycast import Camera, Image, Shape, project, render, visible
-from .readings import mode_words
 from .shapes import hand_shape
 from .sheet import Sheet, new_sheet
 
@@ -87,7 +86,7 @@ def plan_image(scene: PlanScene, *, title: str | None = None, size: tuple[int, i
     with new_sheet(WIDTH, HEIGHT, min(size[0] / WIDTH, size[1] / HEIGHT)) as sheet:
         _space(sheet, scene)
         _heading(sheet, scene, title or scene.mesh.name)
-        (_comparison if scene.quality is None else _decided)(sheet, scene)
+        (_comparison if scene.newtons is None else _decided)(sheet, scene)
         _planes(sheet, scene)
         drawn = sheet.image()
     image = np.full((size[1], size[0], 3), 255, dtype=np.uint8)
@@ -137,9 +136,7 @@ def _space(sheet: Sheet, scene: PlanScene) -> None:
 
 def _shapes(scene: PlanScene) -> tuple[list[Shape], list[Shape]]:
     """The solids of the grasp, which the picture must contain, and the solids of table and boxes."""
-    canvas = RecordingCanvas()
-    draw_object(scene, canvas)
-    draw_plan(scene, canvas)
+    canvas = recorded(scene)
     solids = [(group_of(name), shape) for name, shape in canvas.solids.items()]
     grasp = [shape for group, shape in solids if group in SHOWN and group != "scene"]
     if scene.hand:
@@ -155,7 +152,7 @@ def _pins(scene: PlanScene) -> list[tuple[str, Array, Colour]]:
         tips = axis_tips(scene).values()
         pins += [(name, tip, colour) for (name, colour), tip in zip(axes.items(), tips, strict=True)]
         text = f"way in, plane {scene.plane.index}"
-        if scene.approach_value is not None and scene.quality is None:
+        if scene.approach_value is not None and scene.newtons is None:
             name = f" ({scene.approach_set})" if scene.approach_set else ""
             text += f"\napproach value {_number(scene.approach_value, '+.2f')}{name}"
         start, tip = approach_arrow(scene)
@@ -180,14 +177,13 @@ def _heading(sheet: Sheet, scene: PlanScene, title: str) -> None:
         sheet.text(left, y, line, 11.5, QUIET)
         y += 20
     y += 12
-    figures = _figures(scene)
-    for x, (name, number) in zip(left + np.arange(4) * width / 4, figures, strict=False):
+    for x, (name, number) in zip(left + np.arange(4) * width / 4, scene.figures, strict=False):
         sheet.text(x, y + 12, number, 19, weight="bold")
         sheet.text(x, y + 38, name, 9.5, QUIET)
     y += 66
     _rule(sheet, y)
     y += 20
-    for line in wrap(f"{scene.status}  ·  {mode_words(scene.mode)}", width, 11.5, lines=2, bold=True):
+    for line in wrap(scene.status, width, 11.5, lines=2, bold=True):
         sheet.text(left, y, line, 11.5, weight="bold")
         y += 20
     y += 4
@@ -198,21 +194,6 @@ def _heading(sheet: Sheet, scene: PlanScene, title: str) -> None:
     for line in lines:
         sheet.text(left, y, line, 10)
         y += 17
-
-
-def _figures(scene: PlanScene) -> list[tuple[str, str]]:
-    """Names and values of the numbers that decided the plan, which are shown large."""
-    if scene.quality is None:
-        rows: list[tuple[str, float | None, str]] = [
-            ("TFVADI of 6", scene.match, ".2f"),
-            ("stability of 6", scene.stability, ".0f"),
-            ("manipulability of 6", scene.manipulability, ".0f"),
-        ]
-    else:
-        task, hold = (None, None) if scene.margins is None else scene.margins
-        rows = [("quality of 6", scene.quality, ".2f"), ("task margin", task, ".1f")]
-        rows += [("hold margin", hold, ".1f"), ("press [N]", scene.press, ".0f")]
-    return [(name, "–" if number is None else f"{number:{form}}") for name, number, form in rows]
 
 
 def _decided(sheet: Sheet, scene: PlanScene) -> None:

@@ -52,8 +52,7 @@ class PlanScene:
         task_name: Name of the task to display.
         hand_name: Name of the hand to display.
         task: (6,) Task Q.
-        mode: Execution mode, 0..3.
-        status: Status of the plan in a few words.
+        status: Result and execution mode of the plan in a few words.
         reasons: Reasons, one sentence each.
         plane: The answer's approach plane.
         way_in: (3,) Unit vector along which the hand moves to the object; ``None`` stands for the plane's
@@ -66,18 +65,12 @@ class PlanScene:
         fingers: (n) Name of the finger at each contact.
         forces: (n, 3) Contact forces as drawn: per unit normal force for a virtual grasp, relative to the
             strongest one for a grip.
-        newtons: (n,) Magnitude of each contact force of a grip [N].
+        newtons: (n,) Magnitude of each contact force of a grip [N]; ``None`` for a virtual grasp.
         friction: Friction coefficient of the cones that are drawn.
         ray_origins: (n, 3) Origins of the virtual grasp's rays [m].
         net_wrench: (6,) Net wrench about the centre of gravity, lengths in 4U.
         adi: (6,) Agreement of task and net wrench in each dimension (ADI).
-        match: TFVADI, 0..6.
-        quality: Grip quality, 0..6, for a real hand; ``None`` if TFVADI is the criterion.
-        margins: (2,) Margins of a grip for the task's load and for pushes from any side; at 1, the grip just
-            balances the load.
-        press: Sum of the normal forces of a grip [N].
-        stability: Stability index, 0..6.
-        manipulability: Manipulability index, 0..6.
+        figures: Names, with their units, and values of the numbers that decided the answer.
         facts: Names and values of the facts that decided the answer.
         table: Height of the table along z [m]; ``None`` in free space.
         boxes: (k, 2, 3) Lower and upper corners of the boxes that the hand must avoid [m].
@@ -93,7 +86,6 @@ class PlanScene:
     task_name: str
     hand_name: str
     task: Array
-    mode: int | None
     status: str
     reasons: tuple[str, ...] = ()
     plane: PlaneCard | None = None
@@ -110,12 +102,7 @@ class PlanScene:
     ray_origins: Array | None = None
     net_wrench: Array | None = None
     adi: Array | None = None
-    match: float | None = None
-    quality: float | None = None
-    margins: Array | None = None
-    press: float | None = None
-    stability: int | None = None
-    manipulability: int | None = None
+    figures: tuple[tuple[str, str], ...] = ()
     facts: tuple[tuple[str, str], ...] = ()
     table: float | None = None
     boxes: Array = field(default_factory=lambda: np.zeros((0, 2, 3)))
@@ -126,7 +113,7 @@ class PlanScene:
         n = len(self.fingers)
         shapes: dict[str, tuple[int | None, ...]] = {"cog": (3,), "task": (6,), "boxes": (None, 2, 3)}
         shapes |= dict.fromkeys(("aim", "way_in"), (3,)) | dict.fromkeys(("net_wrench", "adi"), (6,))
-        shapes |= {"newtons": (n,), "margins": (2,)}
+        shapes |= {"newtons": (n,)}
         shapes |= dict.fromkeys(("points", "normals_in", "forces", "ray_origins"), (n, 3))
         for name, shape in shapes.items():
             given = getattr(self, name)

@@ -1,41 +1,47 @@
-"""A plan's results in words and as small pieces of HTML, for the browser's panel, the page and the picture.
+"""A plan's results as small pieces of HTML, for the browser's panel, the page and the picture.
 
-A grip of a real hand is described by what decided it: quality, margins, press, load and way in. The paper's
-indices come first for a virtual grasp only. Every text of a plan is escaped, because names come from files.
+The paper's indices come first for a virtual grasp only. Every text of a plan is escaped, because names come
+from files.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from html import escape
-from typing import Any
 
-from ..objects.mass import ObjectMass
-from ..types import FIELD_MASS, FRICTION, MODES, STEPS
-
-Document = dict[str, Any]
+from .words import (
+    QUALITY,
+    Document,
+    answer_words,
+    answers_of,
+    figures,
+    fingers_words,
+    load_words,
+    mass_words,
+    mode_words,
+    plan_mode,
+    plane_words,
+    press,
+    refused,
+    result,
+    scene_words,
+    score,
+    score_name,
+    step_words,
+    way_in_words,
+)
 
 COMPONENTS = ("Tx", "Ty", "Tz", "Rx", "Ry", "Rz")
-HEADLINES = {
-    "answer": ("✓", "good", "Grasp found"),
-    "task_correction": ("?", "warn", "The object is known, but this task does not fit it"),
-    "deadlock": ("✕", "bad", "Deadlock: no grasp is good enough"),
-    "no_grasp": ("✕", "bad", "No grasp found"),
-}
 _MODE_SENTENCES = {
-    0: "the memory named this grasp",
-    1: "the memory named the plane, which was searched",
+    0: "a stored grasp or the network's estimate is good enough",
+    1: "the network named the plane, and the whole plane was searched",
     2: "the object is known, another task is asked for",
-    3: "all planes were explored, and the result was learnt",
+    3: "all allowed planes were explored",
 }
-ASIDE = 20.0
-"""Angle between way in and approach axis above which both are stated [degrees]."""
 OUTCOMES = {"reward": "good", "learned": "good", "explored": "good", "known": "warn", "unknown": "warn"}
 
 WORDS = (
-    ("quality", "score of a real hand's grip, 0 to 6: the load that it balances, compared with the expected "
-     "load"),
+    ("quality", f"score of a real hand's grip, 0 to 6: {QUALITY}"),
     ("task margin", "largest load of the task that the squeeze balances, divided by the expected load"),
     ("hold margin", "the same for pushes and turns from any side"),
     ("press", "sum of the normal forces with which the hand squeezes"),
@@ -49,8 +55,8 @@ WORDS = (
     ("match (TFVADI)", "agreement of task and net wrench in all six components, 0 to 6; ADI: in one, 0 to 1"),
     ("stability", "number of directions in which the contacts resist without pressing harder"),
     ("manipulability", "number of directions in which the contacts can act on the object"),
-    ("mode", "0 known: recalled; 1 searched: plane recalled, then searched; 2: known, but the task does not "
-     "fit; 3 new: explored and learnt"),
+    ("mode", "0 known: recalled, or estimated if no lesson of the object is stored; 1 searched: plane "
+     "estimated, then searched; 2: known, but the task does not fit; 3 new: explored and learnt"),
 )  # fmt: skip
 """Meanings of the words in the readings."""
 
@@ -80,53 +86,6 @@ border-radius:4px;margin:4px 0 8px}
 """Style sheet; its rules apply inside an element of class ``ps``."""
 
 
-def answers_of(document: Document) -> list[Document]:
-    """Every answer of a plan, best first; if it has none, the best grasp that was found, if any."""
-    first = [document] if document.get("plane") else []
-    found = [*first, *document.get("alternatives", [])]
-    best = document.get("best")
-    return found or ([best] if best else [])
-
-
-def way_in(answer: Document) -> list[float]:
-    """(3,) Unit vector along which the hand comes in; plans of version 1 state it only for grips."""
-    grip = answer.get("grip")
-    way = answer.get("way_in") or (grip["approach"] if grip else answer["approach_axis"])
-    return [float(x) for x in way]
-
-
-def press(answer: Document) -> float:
-    """Sum of the normal forces of a grip [N]."""
-    forces, contacts = answer["grip"]["forces"], answer["contacts"]
-    return sum(_dot(force, c["normal_in"]) for force, c in zip(forces, contacts, strict=True))
-
-
-def mode_words(mode: int | None) -> str:
-    """An execution mode in plain words, with the paper's number.
-
-    >>> mode_words(0)
-    'known (mode 0)'
-    """
-    return "–" if mode is None else f"{MODES[mode]} (mode {mode})"
-
-
-def step_words(transition: Document) -> str:
-    """One step of the search: what was done, the paper's mode, and its outcome."""
-    mode = int(transition["mode"])
-    return f"{STEPS[mode]} (mode {mode}), {transition['outcome']}"
-
-
-def result_words(document: Document) -> str:
-    """The result in a few words; for the ray analyser, also what its answer does not contain."""
-    title = HEADLINES.get(str(document["status"]), ("", "", str(document["status"])))[2]
-    missing = document.get("missing_motion")
-    if missing:
-        return f"{title}, but it gives nothing along {missing}"
-    if document.get("best") and not document.get("plane"):
-        return f"{title}; the best try is shown"
-    return title
-
-
 def wrapped(*parts: str) -> str:
     """Pieces of HTML as one element with its style."""
     return f'<div class="ps"><style>{STYLE}</style>{"".join(parts)}</div>'
@@ -134,19 +93,15 @@ def wrapped(*parts: str) -> str:
 
 def headline(document: Document) -> str:
     """Result, request, deciding numbers, mode and time; the request because the panel may have changed."""
-    status = str(document["status"])
-    sign, kind, _ = HEADLINES.get(status, ("", "warn", ""))
-    if document.get("missing_motion"):
-        sign, kind = "!", "warn"
+    status, (sign, kind, title) = str(document["status"]), result(document)
     asked = document["task"]["name"] or "six numbers"
     lines = [" · ".join((document["object"]["name"], asked, document["hand"]["name"]))]
     shown = answers_of(document)
     if shown and shown[0].get("grip"):
-        lines.append(" · ".join(f"{name} {text}" for name, text in figures(shown[0])))
-    mode = document["mode"]
+        lines.append(" · ".join(" ".join(part).rstrip() for part in figures(shown[0])))
     seconds = float(document.get("seconds", {}).get("total", 0.0))
     time = f" · {seconds:.1f}\u00a0s" if seconds else ""
-    lines.append(f"{mode_words(mode)}: {_MODE_SENTENCES.get(mode, '')}{time}")
+    lines.append(f"{plan_mode(document)}: {_MODE_SENTENCES.get(document['mode'], '')}{time}")
     if status == "task_correction":
         lines.append(
             "Tasks that do fit are offered; or teach this one."
@@ -156,18 +111,7 @@ def headline(document: Document) -> str:
     elif not document.get("plane") and document.get("reason"):
         lines.append(str(document["reason"]))
     text = "<br>".join(escape(line) for line in lines)
-    return f'<div class="head {kind}"><b>{sign} {escape(result_words(document))}</b>{text}</div>'
-
-
-def figures(answer: Document) -> list[tuple[str, str]]:
-    """Names and values of the four numbers that decided a grip."""
-    grip = answer["grip"]
-    return [
-        ("quality", f"{grip['quality']:.1f} of 6"),
-        ("task margin", f"{grip['task_margin']:.1f}"),
-        ("hold margin", f"{grip['hold_margin']:.1f}"),
-        ("press", f"{press(answer):.0f} N"),
-    ]
+    return f'<div class="head {kind}"><b>{sign} {escape(title)}</b>{text}</div>'
 
 
 def transitions(document: Document) -> str:
@@ -184,45 +128,26 @@ def transitions(document: Document) -> str:
 def why(document: Document, answers: Sequence[Document], shown: int) -> str:
     """Two sentences: where this grasp comes from, and how good the best grasp on another plane is."""
     answer = answers[shown]
-    name, need = _score_name(answer), document["thresholds"]["estimation"]
-    score = f"{name} {_score(answer):.2f} of 6, where {need:g} is enough"
+    name, need = score_name(answer), document["thresholds"]["estimation"]
+    points = f"{name} {score(answer):.2f} of 6, where {need:g} is enough"
     if not document.get("plane"):
+        but = f", but {refused(answer)}" if refused(answer) else ""
         first = (
-            f"No grasp is good enough. This is the best that was found, on plane {answer['plane']}: {score}. "
-            "It should not be executed."
+            f"No grasp is good enough. This is the best that was found, on plane {answer['plane']}: "
+            f"{points}{but}. It should not be executed."
         )
     elif shown:
-        first = f"This is answer {shown + 1} in order of {name}: plane {answer['plane']}, {score}."
-    elif document["mode"] == 0:
-        first = (
-            f"The object is known. The network named plane {answer['plane']}, the place on it and the "
-            f"fingers; that grasp was tried and is good enough: {score}."
-        )
-    elif document["mode"] == 1:
-        first = (
-            f"The object is known. The network named plane {answer['plane']}; its first grasp was not good "
-            f"enough, so the whole plane was searched. The best found there: {score}."
-        )
+        first = f"This is answer {shown + 1}: plane {answer['plane']}, {points}."
     else:
-        first = (
-            "The object was new, so all twelve planes were tried; the best grasp lies on plane "
-            f"{answer['plane']}: {score}."
-        )
+        met = "The object is known" if document.get("known", True) else "No lesson of this object is stored"
+        how = _MODE_SENTENCES.get(document["mode"], "")
+        first = f"{met}; {how}: plane {answer['plane']}, {points}."
     others = [a for a in answers if a["plane"] != answer["plane"]]
     second = ""
     if others and not shown:
-        best = max(others, key=_score)
-        second = f" The best on another plane: plane {best['plane']}, {name} {_score(best):.2f}."
+        best = max(others, key=score)
+        second = f" The best on another plane: plane {best['plane']}, {name} {score(best):.2f}."
     return f"<h3>Why this grasp</h3><p>{escape(first + second)}</p>"
-
-
-def _score_name(answer: Document) -> str:
-    return "quality" if answer.get("grip") else "match"
-
-
-def _score(answer: Document) -> float:
-    grip = answer.get("grip")
-    return float(grip["quality"] if grip else answer["tfvadi"])
 
 
 def glossary() -> str:
@@ -248,22 +173,23 @@ def fact_rows(document: Document, answer: Document) -> list[tuple[str, str]]:
     """Names and values of the facts that decided an answer and of the assumptions behind it."""
     grip = answer.get("grip")
     enough = f"of 6, {document['thresholds']['estimation']:g} is enough"
-    fingers = ", ".join(c["finger"] for c in answer["contacts"]) or str(answer["fingers"])
     place = [("way in", way_in_words(answer)), ("plane", f"{answer['plane']}, {plane_words(answer)}")]
     if not grip:
         rows = [("match (TFVADI)", f"{answer['tfvadi']:.2f} {enough}"), *place, *_index_rows(answer)[1:]]
-        rows.append(("fingers", fingers))
+        rows.append(("fingers", fingers_words(answer)))
     else:
         rows = [
             ("quality", f"{grip['quality']:.2f} {enough}"),
-            ("task margin", f"{grip['task_margin']:.2f} × the task's load"),
+            ("task margin", f"{grip['task_margin']:.2f} × the task's load, {load_words(answer)}"),
             ("hold margin", f"{grip['hold_margin']:.2f} × pushes from any side"),
             ("press", f"{press(answer):.1f} N in all"),
             ("mass", mass_words(answer)),
             ("scene", scene_words(document)),
-            ("clearance", f"{1000 * grip['clearance']:.1f} mm to the object on the way in"),
+            ("refused", refused(answer))
+            if refused(answer)
+            else ("clearance", f"{1000 * grip['clearance']:.1f} mm to the object on the way in"),
             *place,
-            ("touching", fingers),
+            ("touching", fingers_words(answer)),
         ]
     if answer.get("verified"):
         rows.append(("physics", str(answer["verified"]["reason"])))
@@ -281,29 +207,6 @@ def _index_rows(answer: Document) -> list[tuple[str, str]]:
         ("stability", f"{answer['stability']} of 6"),
         ("manipulability", f"{answer['manipulability']} of 6"),
     ]
-
-
-def mass_words(answer: Document) -> str:
-    """Mass used in planning, where it comes from, and the largest mass that the grip holds."""
-    if "mass_source" not in answer:
-        return f"{FIELD_MASS:g} kg (assumed by plans of version 1)"
-    words = ObjectMass(kg=float(answer["mass"]), source=str(answer["mass_source"])).words
-    most = answer.get("heaviest_mass")
-    return words if most is None else f"{words}; this grip holds up to {most:.2g} kg"
-
-
-def scene_words(document: Document) -> str:
-    """Friction, table and boxes used in planning."""
-    request = document.get("request") or {"friction": FRICTION}
-    table, boxes = request.get("table"), len(request.get("avoid") or ())
-    words = [f"friction {request['friction']:g}"]
-    if table is None:
-        words.append("no table")
-    else:
-        words.append("table under the object" if table == "auto" else f"table at z = {1000 * table:.0f} mm")
-    if boxes:
-        words.append(f"{boxes} box{'es' if boxes > 1 else ''} to avoid")
-    return ", ".join(words)
 
 
 def facts(document: Document, answer: Document) -> str:
@@ -344,7 +247,7 @@ def bars(document: Document, answer: Document) -> str:
 
 
 def ranking(answers: Sequence[Document], shown: int) -> str:
-    """All answers, best first; the shown one in bold."""
+    """All answers in the plan's order; the shown one in bold."""
     rows = []
     for i, answer in enumerate(answers):
         mark, kind = ("▸", "on") if i == shown else ("", "off")
@@ -354,7 +257,7 @@ def ranking(answers: Sequence[Document], shown: int) -> str:
         )
     good = any(answer.get("status") == "answer" for answer in answers)
     title = (
-        "The answer, then alternatives, best first" if good else "The best that was found, not good enough"
+        "The answer, then the alternatives by score" if good else "The best that was found, not good enough"
     )
     return f"<h3>{title}</h3><table>{''.join(rows)}</table>"
 
@@ -369,45 +272,6 @@ def offers(document: Document) -> str:
     return f"<h3>Tasks that do fit</h3><table>{rows}</table>" if rows else ""
 
 
-def answer_words(answer: Document) -> str:
-    """One line about an answer: plane, fingers, score, and whether the hand reaches it."""
-    state = answer["hand"]["status"] or "not tried"
-    fingers = len(answer["contacts"]) if answer.get("grip") else answer["fingers"]
-    score = f"{_score_name(answer)} {_score(answer):.2f}"
-    return f"plane {answer['plane']}, {fingers} fingers, {score}, {state}"
-
-
-def plane_words(answer: Document) -> str:
-    """The axes of an answer's plane in words."""
-    return f"approach {_axis(answer['approach_axis'])}, opposition {_axis(answer['opposition_axis'])[1]}"
-
-
-def way_in_words(answer: Document) -> str:
-    """The way in: the nearest coordinate axis, the angle to it, and the plane's axis if it is another one.
-
-    >>> way_in_words({"way_in": [0.0, 0.2, -0.98], "approach_axis": [0.0, 0.0, -1.0]})
-    'comes in along -Z, 12° off'
-    """
-    way = way_in(answer)
-    axis = _axis(way)
-    off = _angle(way, [float(i == "XYZ".index(axis[1])) * (1 if axis[0] == "+" else -1) for i in range(3)])
-    words = f"comes in along {axis}" + (f", {off:.0f}° off" if off >= 1.0 else "")
-    aside = _angle(way, answer["approach_axis"])
-    if aside > ASIDE and _axis(answer["approach_axis"]) != axis:
-        words += f"; {aside:.0f}° from the plane's approach axis {_axis(answer['approach_axis'])}"
-    return words
-
-
-def _angle(a: Sequence[float], b: Sequence[float]) -> float:
-    """Angle between two vectors [degrees]."""
-    cosine = _dot(a, b) / math.sqrt(_dot(a, a) * _dot(b, b))
-    return math.degrees(math.acos(max(-1.0, min(1.0, cosine))))
-
-
-def _dot(a: Sequence[float], b: Sequence[float]) -> float:
-    return sum(float(x) * float(y) for x, y in zip(a, b, strict=True))
-
-
 def _table(rows: Sequence[tuple[str, str]]) -> str:
     """Names and values as a table."""
     cells = "".join(f"<tr><th>{escape(k)}</th><td>{escape(v)}</td></tr>" for k, v in rows)
@@ -418,11 +282,6 @@ def _place(answer: Document) -> str:
     v = float(answer["approach_value"])
     where = "at the middle" if abs(v) < 0.2 else "towards the far side" if v > 0 else "towards the near side"
     return f"aimed {where}"
-
-
-def _axis(axis: Sequence[float]) -> str:
-    i = max(range(3), key=lambda k: abs(axis[k]))
-    return ("+" if axis[i] > 0 else "-") + "XYZ"[i]
 
 
 def _number(x: float) -> str:

@@ -115,8 +115,20 @@ class Obstacles:
             raise InputError("a box to avoid is its lower corner, then its upper")
         freeze(self, planes=planes, boxes=boxes)
 
-    def __bool__(self) -> bool:
-        return bool(len(self.planes) or len(self.boxes))
+    def __len__(self) -> int:
+        return len(self.planes) + len(self.boxes)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Name of each obstacle for a sentence: the table's, then those of the boxes in their order."""
+        boxes = ("the box",) if len(self.boxes) == 1 else [f"box {k + 1}" for k in range(len(self.boxes))]
+        return (*["the table"] * len(self.planes), *boxes)
+
+    @property
+    def each(self) -> tuple[Obstacles, ...]:
+        """Each obstacle alone, in the order of ``names``."""
+        planes = [Obstacles(planes=plane[None]) for plane in self.planes]
+        return (*planes, *(Obstacles(boxes=box[None]) for box in self.boxes))
 
 
 class ClosingKernel:

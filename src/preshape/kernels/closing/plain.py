@@ -42,7 +42,7 @@ FAR = 1e6
 """Stands for the distance to nothing [m]."""
 
 
-class NearestSphere(NamedTuple):
+class TouchingSphere(NamedTuple):
     """The sphere of one finger that is nearest to the object, for n candidates.
 
     Attributes:
@@ -58,14 +58,14 @@ class NearestSphere(NamedTuple):
     centre: Array
     sphere: IntArray
 
-    def put(self, rows: IntArray | BoolArray, other: NearestSphere) -> None:
+    def put(self, rows: IntArray | BoolArray, other: TouchingSphere) -> None:
         """Replace these rows."""
         self.distance[rows], self.step[rows] = other.distance, other.step
         self.centre[rows], self.sphere[rows] = other.centre, other.sphere
 
-    def take(self, rows: IntArray) -> NearestSphere:
+    def take(self, rows: IntArray) -> TouchingSphere:
         """A copy of these rows."""
-        return NearestSphere(self.distance[rows], self.step[rows], self.centre[rows], self.sphere[rows])
+        return TouchingSphere(self.distance[rows], self.step[rows], self.centre[rows], self.sphere[rows])
 
 
 def close_plain(
@@ -153,7 +153,7 @@ class PlacedFinger:
         self.joints = range(int(tables.joint_start[finger]), int(tables.joint_start[finger + 1]))
         self.place, self.turns, self.start, self.clearance = place, turns, start, clearance
 
-    def nearest(self, rows: IntArray, c: Array) -> NearestSphere:
+    def nearest(self, rows: IntArray, c: Array) -> TouchingSphere:
         """The nearest spheres of candidates ``rows`` (m,) at the points ``c`` (m,) of the closing path."""
         tables = self.tables
         angles = {j: self.start[rows, j] + path_offset(tables, j, c) for j in self.joints}
@@ -180,7 +180,7 @@ def nearest_link(
     place: Array,
     turns: Array,
     clearance: float,
-) -> NearestSphere:
+) -> TouchingSphere:
     """The nearest sphere of one finger, and how far the finger may move before any sphere can touch.
 
     Args:
@@ -192,7 +192,7 @@ def nearest_link(
         clearance: Length that is subtracted from every distance [m].
     """
     n = len(place)
-    best = NearestSphere(np.full(n, FAR), np.full(n, 2.0), np.zeros((n, 3)), np.full(n, -1, dtype=np.int64))
+    best = TouchingSphere(np.full(n, FAR), np.full(n, 2.0), np.zeros((n, 3)), np.full(n, -1, dtype=np.int64))
     p, R = place, turns
     for joint, angle in angles.items():
         p = p + R @ tables.offset[joint]
@@ -206,7 +206,7 @@ def nearest_link(
         closer = d[np.arange(n), k] < best.distance
         best.put(
             closer,
-            NearestSphere(
+            TouchingSphere(
                 distance=d[closer, k[closer]],
                 step=best.step[closer],
                 centre=x[closer, k[closer]],
@@ -218,8 +218,8 @@ def nearest_link(
 
 
 def _close(
-    hands: PlacedFinger, rows: IntArray, opened: NearestSphere, tolerance: float
-) -> tuple[Array, NearestSphere]:
+    hands: PlacedFinger, rows: IntArray, opened: TouchingSphere, tolerance: float
+) -> tuple[Array, TouchingSphere]:
     """Steps 2.2 and 2.3: where the finger of candidates ``rows`` (m,) stops, and its nearest sphere there."""
     c = np.zeros(len(rows))
     near = opened.take(rows)
@@ -252,7 +252,7 @@ def _find_touch(
     rows: IntArray,
     inside: IntArray,
     c: Array,
-    near: NearestSphere,
+    near: TouchingSphere,
     low: Array,
     d_low: Array,
     tolerance: float,

@@ -74,20 +74,18 @@ def rectangle(width: float, height: float, rounding: float = 0.0) -> Section:
     return section([(-x, -y), (x, -y), (x, y), (-x, y)], rounding)
 
 
-def curve(points: ArrayLike, per_span: int = 8, *, closed: bool = False) -> Array:
+def curve(points: ArrayLike, per_span: int = 8) -> Array:
     """A smooth curve through points: a centripetal Catmull-Rom spline, which neither loops nor overshoots.
 
     Args:
         points: (n, d) points in order, with different neighbours [mm].
         per_span: Number of segments between two neighbouring points.
-        closed: Whether the curve returns from the last point to the first.
 
     Returns:
-        (m, d) points [mm]; a closed curve does not repeat its first point.
+        (m, d) points [mm].
     """
     p = np.asarray(points, dtype=np.float64)
-    before, after = (p[-1:], p[:2]) if closed else (2 * p[:1] - p[1:2], 2 * p[-1:] - p[-2:-1])
-    p = np.vstack([before, p, after])
+    p = np.vstack([2 * p[:1] - p[1:2], p, 2 * p[-1:] - p[-2:-1]])
     p0, p1, p2, p3 = (p[i : len(p) - 3 + i, None, :] for i in range(4))
     knots = [np.zeros((len(p) - 3, 1, 1))]
     for a, b in ((p0, p1), (p1, p2), (p2, p3)):
@@ -101,7 +99,7 @@ def curve(points: ArrayLike, per_span: int = 8, *, closed: bool = False) -> Arra
 
     a1, a2, a3 = blend(p0, p1, t0, t1), blend(p1, p2, t1, t2), blend(p2, p3, t2, t3)
     smooth = blend(blend(a1, a2, t0, t2), blend(a2, a3, t1, t3), t1, t2).reshape(-1, p.shape[1])
-    return smooth if closed else np.vstack([smooth, p[-2]])
+    return np.vstack([smooth, p[-2]])
 
 
 def revolved(profile: ArrayLike | Section, rounding: float = 0.0, segments: int = SEGMENTS) -> Solid:

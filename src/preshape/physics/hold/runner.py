@@ -46,7 +46,7 @@ class _Job:
     poses: HandPoses
 
 
-class _Tester:
+class _HoldTester:
     """Tests any grasp of the run."""
 
     def __init__(self, hand: PhysicsHand, pieces: Mapping[str, ConvexPieces], protocol: HoldProtocol) -> None:
@@ -119,7 +119,7 @@ def run_holds(
             done[row] = _invalid(row, given.objects[row], float(given.scale[row]), reason)
         chunks = _chunks(given, actual, set(done))
         take = result_taker(done, len(given), file, progress)
-        run_jobs(chunks, _Tester(hand, found, protocol), count, take)
+        run_jobs(chunks, _HoldTester(hand, found, protocol), count, take)
     return HoldReport(
         grasps=actual,
         results=tuple(done[row] for row in range(len(given))),

@@ -43,7 +43,7 @@ class TaskCheckpoint(ResultFile[TaskResult]):
     from_json = staticmethod(result_from_json)
 
 
-class _Tester:
+class _TaskTester:
     """Answers and tests any instance of the run."""
 
     def __init__(
@@ -130,7 +130,7 @@ def run_tasks(
                 done[row] = TaskResult(status=TaskStatus.INVALID, reason=reason, **_label(row, instance))
         chunks = _chunks(instances, done)
         take = result_taker(done, len(instances), file, progress)
-        run_jobs(chunks, _Tester(hand, found, protocol, answers), count, take)
+        run_jobs(chunks, _TaskTester(hand, found, protocol, answers), count, take)
     return TaskReport(
         instances=tuple(instances),
         results=tuple(done[row] for row in range(len(instances))),

@@ -1,0 +1,215 @@
+"""A plan's results in words, from its document; the terminal, the panel, the page and the picture use them.
+
+A grip of a real hand is described by what decided it: quality, margins, press, load and way in.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+from ..objects.mass import ObjectMass
+from ..types import FIELD_MASS, FRICTION, MODES, STEPS
+
+Document = dict[str, Any]
+
+QUALITY = (
+    "quality is 6 (1 - 2^-m) for the smaller margin m at the strongest press that hand and planner allow: "
+    "3 at m = 1, 4.5 at 2, and less for a soft grip; the margins stated are those of the press stated"
+)
+"""How quality and margins of a grip are related."""
+ASIDE = 20.0
+"""Angle between way in and approach axis above which both are stated [degrees]."""
+_RESULTS = {
+    "answer": ("✓", "good", "Grasp found"),
+    "task_correction": ("?", "warn", "The known object does not fit this task"),
+    "deadlock": ("✕", "bad", "Deadlock: no grasp is good enough"),
+    "no_grasp": ("✕", "bad", "No grasp found"),
+}
+
+
+def answers_of(document: Document, *, best: bool = True) -> list[Document]:
+    """Every answer of a plan that has a grasp: the plan's own, then the alternatives.
+
+    Args:
+        document: The plan.
+        best: Whether a plan without an answer gives the best grasp that was found, if any.
+    """
+    first = [document] if document.get("plane") else []
+    found = [*first, *document.get("alternatives", [])]
+    return found or ([document["best"]] if best and document.get("best") else [])
+
+
+def result(document: Document) -> tuple[str, str, str]:
+    """Sign, kind (``good``, ``warn`` or ``bad``) and words of a plan's result.
+
+    The words name the motion that a virtual grasp does not give, and a test in physics that failed.
+    """
+    status = str(document["status"])
+    sign, kind, title = _RESULTS.get(status, ("", "warn", status))
+    verified = document.get("verified")
+    if status == "answer" and verified and not verified["held"]:
+        return "✕", "bad", "No answer held in physics"
+    if document.get("missing_motion"):
+        return "!", "warn", f"{title}, but it gives nothing along {document['missing_motion']}"
+    shown = "; the best try is shown" if document.get("best") and not document.get("plane") else ""
+    return sign, kind, title + shown
+
+
+def mode_words(mode: int, known: bool = True) -> str:
+    """An execution mode in plain words, with the paper's number.
+
+    Args:
+        mode: The mode, 0..3.
+        known: Whether the memory holds an experience of the object.
+
+    >>> mode_words(0), mode_words(0, known=False)
+    ('known (mode 0)', 'estimated (mode 0)')
+    """
+    return f"{MODES[mode] if mode or known else 'estimated'} (mode {mode})"
+
+
+def plan_mode(document: Document) -> str:
+    """The mode in which a plan ended, in plain words; a plan of an older program does not say ``known``."""
+    return mode_words(int(document["mode"]), document.get("known", True))
+
+
+def step_words(transition: Document) -> str:
+    """One step of the search: what was done, the paper's mode, and its outcome."""
+    mode = int(transition["mode"])
+    return f"{STEPS[mode]} (mode {mode}), {transition['outcome']}"
+
+
+def way_in(answer: Document) -> list[float]:
+    """(3,) Unit vector along which the hand comes in; plans of version 1 state it only for grips."""
+    grip = answer.get("grip")
+    way = answer.get("way_in") or (grip["approach"] if grip else answer["approach_axis"])
+    return [float(x) for x in way]
+
+
+def way_in_words(answer: Document) -> str:
+    """The way in: the nearest coordinate axis, the angle to it, and the plane's axis if it is another one.
+
+    >>> way_in_words({"way_in": [0.0, 0.2, -0.98], "approach_axis": [0.0, 0.0, -1.0]})
+    'comes in 12° off the -Z axis'
+    """
+    way = way_in(answer)
+    axis = axis_words(way)
+    off = _angle(way, [float(letter == axis[1]) * (1 if axis[0] == "+" else -1) for letter in "XYZ"])
+    words = f"comes in {off:.0f}° off the {axis} axis" if off >= 1.0 else f"comes in along {axis}"
+    aside = _angle(way, answer["approach_axis"])
+    if aside > ASIDE and axis_words(answer["approach_axis"]) != axis:
+        words += f", {aside:.0f}° off the plane's approach axis {axis_words(answer['approach_axis'])}"
+    return words
+
+
+def plane_words(answer: Document) -> str:
+    """The axes of an answer's plane in words."""
+    opposition = axis_words(answer["opposition_axis"])[1]
+    return f"approach {axis_words(answer['approach_axis'])}, opposition {opposition}"
+
+
+def thumb_side(answer: Document) -> str:
+    """The side of the object on which the thumb stands, as a signed axis."""
+    return axis_words([-x if answer["flip"] else x for x in answer["opposition_axis"]])
+
+
+def axis_words(axis: Sequence[float]) -> str:
+    """The signed coordinate axis nearest to a vector, such as ``+X``."""
+    i = max(range(3), key=lambda k: abs(axis[k]))
+    return ("+" if axis[i] > 0 else "-") + "XYZ"[i]
+
+
+def press(answer: Document) -> float:
+    """Sum of the normal forces of a grip [N]."""
+    forces, contacts = answer["grip"]["forces"], answer["contacts"]
+    return sum(_dot(force, c["normal_in"]) for force, c in zip(forces, contacts, strict=True))
+
+
+def figures(answer: Document) -> list[tuple[str, str, str]]:
+    """Name, value and unit of the few numbers that decided an answer."""
+    grip = answer.get("grip")
+    if grip:
+        return [
+            ("quality", f"{grip['quality']:.2f}", "of 6"),
+            ("task margin", f"{grip['task_margin']:.1f}", ""),
+            ("hold margin", f"{grip['hold_margin']:.1f}", ""),
+            ("press", f"{press(answer):.0f}", "N"),
+        ]
+    indices = [("TFVADI", f"{answer['tfvadi']:.2f}"), ("stability", f"{answer['stability']}")]
+    indices.append(("manipulability", f"{answer['manipulability']}"))
+    return [(*index, "of 6") for index in indices]
+
+
+def score_name(answer: Document) -> str:
+    """Name of the number that the critic judges: quality of a grip, match of a virtual grasp."""
+    return "quality" if answer.get("grip") else "match"
+
+
+def score(answer: Document) -> float:
+    """The number that the critic judges, 0..6."""
+    grip = answer.get("grip")
+    return float(grip["quality"] if grip else answer["tfvadi"])
+
+
+def fingers_words(answer: Document) -> str:
+    """Names of the fingers in contact; their number if the names are unknown."""
+    return ", ".join(c["finger"] for c in answer["contacts"]) or str(answer["fingers"])
+
+
+def answer_words(answer: Document) -> str:
+    """One line about an answer: plane, fingers, score, and whether the hand reaches it."""
+    state = answer["hand"]["status"] or "not tried"
+    fingers = len(answer["contacts"]) if answer.get("grip") else answer["fingers"]
+    return f"plane {answer['plane']}, {fingers} fingers, {score_name(answer)} {score(answer):.2f}, {state}"
+
+
+def refused(answer: Document) -> str:
+    """What keeps the hand from executing a grip, as a clause; empty if nothing does."""
+    hand = answer["hand"]
+    return str(hand["reason"]) if answer.get("grip") and hand["status"] == "blocked" else ""
+
+
+def load_words(answer: Document) -> str:
+    """The load that the margins of a grip are about: the planned mass, at the press of the squeeze."""
+    return f"for {answer.get('mass', FIELD_MASS):.3g} kg at a press of {press(answer):.0f} N"
+
+
+def mass_words(answer: Document) -> str:
+    """Mass used in planning, where it comes from, and the largest mass that the grip holds."""
+    if "mass_source" not in answer:
+        return f"{FIELD_MASS:g} kg (assumed by plans of version 1)"
+    words = ObjectMass(kg=float(answer["mass"]), source=str(answer["mass_source"])).words
+    most = answer.get("heaviest_mass")
+    return words if most is None else f"{words}; this grip holds up to {most:.2g} kg at its strongest press"
+
+
+def scene_words(document: Document) -> str:
+    """Friction, table, boxes and allowed approaches used in planning; empty if planning used none of them."""
+    request = document.get("request") or {"friction": FRICTION}
+    closure, words = request.get("analyser", "closure") == "closure", []
+    if closure or request["verify"]:
+        words.append(f"friction {request['friction']:g}")
+    if closure:
+        table, boxes = request.get("table"), len(request.get("avoid") or ())
+        if table is None:
+            words.append("no table")
+        else:
+            height = "under the object" if table == "auto" else f"at z = {1000 * table:.0f} mm"
+            words.append(f"table {height}")
+        if boxes:
+            words.append(f"{boxes} box{'es' if boxes > 1 else ''} to avoid")
+    if request.get("approaches"):
+        words.append(f"approaches {request['approaches']}")
+    return ", ".join(words)
+
+
+def _angle(a: Sequence[float], b: Sequence[float]) -> float:
+    """Angle between two vectors [degrees]."""
+    cosine = _dot(a, b) / math.sqrt(_dot(a, a) * _dot(b, b))
+    return math.degrees(math.acos(max(-1.0, min(1.0, cosine))))
+
+
+def _dot(a: Sequence[float], b: Sequence[float]) -> float:
+    return sum(float(x) * float(y) for x, y in zip(a, b, strict=True))
