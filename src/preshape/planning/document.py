@@ -24,6 +24,7 @@ from ..hiis.decision import Settings
 from ..hiis.fuzzy import SET_NAMES
 from ..tasks import family_names
 from ..types import FIELD_MASS, FRICTION, LENGTH_UNIT
+from ..viewer.words import answers_of
 from .answers import Answer, PlanRecord, missing_motion, scan_trust, shortfalls
 from .hand_simulation import HandPose
 from .request import SCHEMA, PlanRequest, analyser_of
@@ -142,7 +143,7 @@ def _analyser_of_version_1(document: Document) -> str:
     An answer of the closure analyser has a grip. Without an answer, the reasons of the steps name the score
     that the analyser gives or the hands that it closed.
     """
-    answers = answers_in(document)
+    answers = answers_of(document)
     if answers:
         return "closure" if any(answer.get("grip") for answer in answers) else "rays"
     reasons = " ".join(str(step["reason"]) for step in document.get("transitions", []))
