@@ -6,6 +6,7 @@ from dataclasses import replace
 from itertools import product
 
 import numpy as np
+import pytest
 
 from preshape.hiis.analyser import Aim
 from preshape.hiis.controller import Controller
@@ -14,8 +15,13 @@ from preshape.hiis.estimator import Estimate
 from preshape.hiis.fuzzy import FuzzySets
 from preshape.hiis.virtual_grasp import RayAnalyser
 from preshape.memory import Memory
+from preshape.objects.library import load_library_object
+from preshape.objects.mesh import TriangleMesh
 from preshape.tasks import parse_task
 from test_controller import LAYOUT, prepared
+
+NO_MATTER = {"confidence": 1.0, "outputs": np.zeros(9)}
+"""What is irrelevant of an estimate."""
 
 
 class Deaf:
@@ -67,3 +73,58 @@ def test_mode_0_takes_the_estimated_number_of_fingers_or_as_many_as_fit():
             met.add((fingers, most))
     assert {(2, 2), (3, 3), (4, 4)} <= met
     assert any(most is not None and most < fingers for fingers, most in met), "fewer never had to do"
+
+
+def finer(mesh: TriangleMesh) -> TriangleMesh:
+    """The same surface with four times as many triangles."""
+    a, b, c = (mesh.corners[:, k] for k in range(3))
+    ab, bc, ca = (a + b) / 2, (b + c) / 2, (c + a) / 2
+    parts = [np.stack(x, axis=1) for x in ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))]
+    corners = np.concatenate(parts)
+    triangles = np.arange(3 * len(corners)).reshape(-1, 3)
+    return TriangleMesh(name=mesh.name, vertices=corners.reshape(-1, 3), triangles=triangles)
+
+
+@pytest.mark.parametrize(("name", "task"), [("hammer", "strike"), ("wedge", "push"), ("bottle", "lift")])
+@pytest.mark.parametrize("scale", [1.0, 1.04])
+def test_a_task_that_was_taught_is_never_said_not_to_fit(monkeypatch, name, task, scale):
+    """However wrong the estimate is, the planes of the object's own lessons are searched before mode 2."""
+    mesh = finer(load_library_object(name))
+    mesh = TriangleMesh(name=name, vertices=mesh.vertices * scale, triangles=mesh.triangles)
+    pa, asked = RayAnalyser(mesh, LAYOUT), parse_task(task)
+    with Memory.open(":memory:") as memory:
+        c = Controller(memory, LAYOUT)
+        taught = c.teach(prepared(name), asked).grasp
+        assert taught is not None
+        weak = []
+        for number in range(1, 13):
+            found = c.on_plane(pa, asked.q, Estimate(plane=number, approach_set=3, fingers=2, **NO_MATTER))
+            if not len(found) or found.match[0] < 3.0:
+                weak.append(number)
+        assert weak, "every plane would do: the estimate cannot be wrong"
+        for number in weak[:3]:
+            wrong = Estimate(plane=number, approach_set=0, fingers=2, **NO_MATTER)
+            monkeypatch.setattr("preshape.hiis.controller.decode", lambda *args, wrong=wrong: wrong)
+            decision = c.run(pa, asked, may_learn=False)
+            assert decision.status is Status.ANSWER, decision.reason
+            assert decision.mode == 1
+            assert decision.grasp.tfvadi >= 3.0
+            assert decision.grasp.plane.index != number
+            if scale != 1.0:  # otherwise the stored grasp itself may be the answer
+                assert "where this task was taught" in decision.reason
+            # Another task was never taught here, so only the estimated plane counts for it.
+            other = c.run(pa, parse_task("0 0 0 0 0 0"), may_learn=False)
+            assert "taught" not in other.reason
+
+
+def test_a_repeated_lesson_is_not_stored_again():
+    with Memory.open(":memory:") as memory:
+        c = Controller(memory, LAYOUT)
+        c.teach(prepared("mug"), parse_task("pour"))
+        before = memory.count()
+        again = c.teach(prepared("mug"), parse_task("pour"))
+        assert memory.count() == before
+        assert "learnt before" in " ".join(t.reason for t in again.transitions)
+        c.teach(prepared("mug"), parse_task("lift"))
+        assert memory.count() > before
+        assert c.knowledge.memory_state == memory.state()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from itertools import product
 
 import numpy as np
@@ -14,6 +15,7 @@ from numpy.typing import NDArray
 from preshape.exceptions import InputError, ObjectError
 from preshape.hiis.analyser import Aim, Exploration, HandLayout
 from preshape.hiis.fuzzy import FuzzySets, tfvadi
+from preshape.hiis.learning import experience_of
 from preshape.hiis.planes import PLANES, plane
 from preshape.hiis.virtual_grasp import RayAnalyser
 from preshape.hiis.wrench import screw_measures
@@ -678,3 +680,54 @@ def test_an_empty_aim_finds_nothing() -> None:
         Aim(values=CRISP, flips=[]),
     ):
         assert len(analyser.explore(np.array(Q1), aim)) == 0
+
+
+# --- what is stored, and what is asked for outside the last aim -----------------------------------------
+
+
+@pytest.mark.parametrize("largest", [0.1721, 0.19999, 0.2, 0.5, 1.2345, 9.87])
+def test_the_scale_that_is_proposed_is_the_largest_of_three_digits_that_fits(largest: float) -> None:
+    with pytest.raises(ObjectError) as refused:
+        RayAnalyser(box((largest / 2, 0.01, 0.01)), UTAH)
+    scale = float(re.findall(r"--scale ([\d.]+)", str(refused.value))[0])
+    step = 10.0 ** (np.floor(np.log10(scale)) - 2)
+    assert scale * largest <= 4 * U * (1 + 1e-9) < (scale + 1.01 * step) * largest
+
+
+def test_rays_start_twice_the_half_extent_away_on_the_side_of_their_finger() -> None:
+    analyser = RayAnalyser(box((0.02, 0.03, 0.025), centre=(0.1, 0.2, 0.3)), UTAH)
+    for index, flip in product((1, 5, 6, 9), (False, True)):
+        grasp = analyser.virtual_grasp(np.array(Q1), index, flip, 0.25, 3)
+        o = grasp.plane.opposition_axis
+        away = (grasp.ray_origins - analyser.mesh.cog) @ grasp.thumb_side
+        assert away == pytest.approx(2 * (np.abs(o) @ [0.02, 0.03, 0.025]) * np.array([1, -1, -1]))
+
+
+def test_recalled_grasps_are_those_that_were_stored_in_their_order() -> None:
+    analyser = RayAnalyser(load_library_object("mug"), UTAH)
+    q = np.array(Q1)
+    sets = FuzzySets()
+    stored = []
+    for index, flip, v, fingers in ((5, False, 0.25, 3), (2, True, -0.65, 2), (8, False, 0.0, 2)):
+        grasp = analyser.virtual_grasp(q, index, flip, v, fingers)
+        stored.append(experience_of(analyser, "mug", "task", q, grasp, sets, analyser.mesh.attributes))
+    # Plane 9 aims through the ring's hole, where there is nothing to grasp.
+    gone = replace(stored[0], approach_value=0.0, plane=9, fingers=4)
+    for found, e in zip(analyser.recall(q, stored), stored, strict=True):
+        assert (found.plane.index, found.flip, found.approach_value, found.fingers) == (
+            e.plane, e.flip, e.approach_value, e.fingers,
+        )  # fmt: skip
+        assert np.allclose(found.net_wrench, e.wrench, atol=1e-12)
+    ring = RayAnalyser(load_library_object("ring"), UTAH)
+    assert ring.recall(q, [gone]) == []
+
+
+@pytest.mark.parametrize("values", [[0.25], [-0.65, 0.0, 0.25], [0.25, 0.65]])
+def test_a_grasp_in_full_is_the_same_whether_or_not_its_aim_was_explored(values: list[float]) -> None:
+    mesh, q = load_library_object("hammer"), np.array(Q1)
+    explored, fresh = RayAnalyser(mesh, UTAH), RayAnalyser(mesh, UTAH)
+    explored.explore(q, Aim(planes=[3, 7, 5], values=values))
+    for index, v in ((5, 0.25), (3, 0.25), (7, values[-1]), (5, 0.1), (11, 0.25)):
+        one, other = (pa.virtual_grasp(q, index, False, v, 2) for pa in (explored, fresh))
+        assert np.array_equal(one.net_wrench, other.net_wrench)
+        assert np.array_equal(one.contacts.points, other.contacts.points)
