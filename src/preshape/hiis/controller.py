@@ -172,7 +172,7 @@ class Controller:
                 steps[-1] = replace(steps[-1], reason=f"{steps[-1].reason}; approaches allowed: {approaches}")
             offers = self._offers(pa, task, allowed)
             return decided(task, 2, Status.CORRECTION, steps, estimate, offers=offers)
-        return self._mode_3(pa, task, allowed, count, steps, may_learn, stored)
+        return self._mode_3(pa, task, allowed, count, steps, may_learn, stored, grasp)
 
     def teach(
         self, target: TriangleMesh | Analyser, task: Task, *, approaches: str | None = None
@@ -320,8 +320,17 @@ class Controller:
         steps: list[Transition],
         may_learn: bool,
         stored: Grasp | None,
+        searched: Grasp | None = None,
     ) -> Decision:
-        """Explore all allowed planes, learn, and self-test with the user's task: mode 0, then mode 1."""
+        """Explore all allowed planes, learn, and self-test with the user's task: mode 0, then mode 1.
+
+        1. Search all allowed planes; without a grasp, report the nearest miss.
+        2. Learn what was found, and let the self-test judge it. If nothing may be learnt, or not all planes
+           were allowed, judge the best grasp itself.
+        3. Prefer a better grasp that is stored for this object and task.
+        4. If none is good enough, report a deadlock with the best of all that were found, ``searched`` by
+           mode 1 among them.
+        """
         threshold = self.settings.thresholds.estimation
         discovery = self._explore(pa, task, allowed)
         if discovery is None:
@@ -348,9 +357,9 @@ class Controller:
                         verdict = judge(best.judged, threshold, subject=pa.measure)
         given, verdict = self._better_of(pa, best, stored, verdict)
         best = best if given is None else given
-        if (
-            verdict.match is None or abs(verdict.match - best.judged) > SLACK
-        ):  # the self-test's grasp is another
+        if not verdict.reward and searched is not None and searched.judged > best.judged + SLACK:
+            best = searched
+        if verdict.match is None or abs(verdict.match - best.judged) > SLACK:  # it judged another grasp
             judged = judge(best.judged, threshold, subject=pa.measure).reason
             verdict = replace(verdict, reason=f"{judged}; {verdict.reason}")
         if not verdict.reward and (lacking := pa.shortfall(task.q, best)):
