@@ -20,9 +20,9 @@ from preshape.objects.library import load_library_object, names
 from preshape.objects.mesh import TriangleMesh
 from preshape.planning.hand_simulation import hand_geometry
 from preshape.viewer.colours import INK, PAPER, SKY_TOP, to_bytes
-from preshape.viewer.gallery import hand_picture, portrait
+from preshape.viewer.gallery import portrait
 from preshape.viewer.labels import FONT, wrap
-from preshape.viewer.shapes import object_shape
+from preshape.viewer.shapes import hand_shape, object_shape
 
 VIEW = (0.62, -0.72, 0.46)
 """Direction from an object towards the eye."""
@@ -42,7 +42,8 @@ def main() -> None:
     )
     hand = preshape.load_hand("utah_mit")
     still = np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
-    hand_picture(hand_geometry(hand, still, hand.posture("rest")), OUT / "utah_mit.png", size=(600, 600))
+    shape = hand_shape(hand_geometry(hand, still, hand.posture("rest")))
+    Image.fromarray(portrait(shape, (600, 600), (0.75, -0.55, 0.35))).save(OUT / "utah_mit.png")
     real_hand()
     lost()
     for path in sorted(OUT.glob("*.png")):

@@ -696,7 +696,7 @@ BAD = {
     "up": (CLOSURE, ("--up-frame", "a b"), "--up-frame needs a frame's name"),
     "distance": (CLOSURE, ("--approach-distance", "0"), "--approach-distance must be more than 0"),
     "nan": (CLOSURE, ("--retreat-distance", "nan"), "--retreat-distance must be more than 0"),
-    "mount": (CLOSURE, ("--mount", "0 0 0"), "--mount is seven numbers"),
+    "mount": (CLOSURE, ("--mount", "0 0 0"), "--mount must be 7 numbers"),
     "not unit": (CLOSURE, ("--parent-link", "x", "--mount", "0 0 0 2 0 0 0"), "unit quaternion"),
     "object": (CLOSURE, ("--object-name", ""), "--object-name needs a name"),
     "ending": (CLOSURE, ("--out", "g.json"), "the ending says what is written"),

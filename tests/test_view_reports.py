@@ -234,8 +234,8 @@ def test_a_grip_is_told_by_what_decided_it_and_the_paper_s_indices_are_folded_la
         "mass 0.31 kg (as given); this grip holds up to 0.74 kg at its strongest press",
         "friction 0.3, table under the object, 1 box to avoid",
         "clearance 6.0 mm",
-        "comes in along -Z",
-        f"{gripped['plane']}, approach -Z, opposition X",
+        plan_words.way_in_words(gripped),
+        f"{gripped['plane']}, {plan_words.plane_words(gripped)}",
     ]
     places = [said.index(part) for part in order]
     assert places == sorted(places)

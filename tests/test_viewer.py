@@ -440,7 +440,7 @@ def test_a_failed_write_leaves_the_old_file(tmp_path: Path, monkeypatch: pytest.
     assert os.listdir(tmp_path) == ["plan.png"]
 
 
-def test_a_portrait_of_a_hand(tmp_path: Path) -> None:
-    gallery.hand_picture(hand(), tmp_path / "hand.png", (80, 60))
-    with PIL.Image.open(tmp_path / "hand.png") as image:
-        assert image.size == (80, 60)
+def test_a_portrait_of_a_hand() -> None:
+    image = gallery.portrait(shapes.hand_shape(hand()), (80, 60), (0.75, -0.55, 0.35))
+    assert image.shape == (60, 80, 3)
+    assert len(np.unique(image.reshape(-1, 3), axis=0)) > 20

@@ -68,12 +68,7 @@ def hold_run(
     }
     grasps = palm_grasps(hand, [mesh.name], [1.0], poses).for_hand(physical)
     progress("grasping, squeezing, and pushing from six sides", 50)
-    recording = record_hold(
-        scene,
-        grasps.poses(0),
-        protocol,
-        object_name=mesh.name,
-    )
+    recording = record_hold(scene, grasps.poses(0), protocol, object_name=mesh.name)
     return {
         "held": recording.result.held,
         "reason": recording.result.reason,

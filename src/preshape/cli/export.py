@@ -110,10 +110,11 @@ def export(
     from ..export.planned import planned_grasps
     from ..planning.document import obstacles_of, read_plan
 
+    seven: Any = None if mount is None else numbers_in(mount)
     options = MoveItOptions(
         frame=frame,
         parent_link=parent_link or "",
-        mount=_seven(mount),
+        mount=seven,
         touch_objects=object_name,
         approach_distance=approach_distance,
         retreat_distance=retreat_distance,
@@ -254,17 +255,3 @@ def _tell(report: dict[str, Any], paths: list[Path], as_json: bool) -> None:
 
 def _count(number: int) -> str:
     return f"{number} grasp{'s' if number != 1 else ''}"
-
-
-def _seven(text: str | None) -> Any:
-    """The seven numbers of ``--mount``; ``None`` if the option is not given.
-
-    Raises:
-        InputError: The text is not seven numbers.
-    """
-    if text is None:
-        return None
-    numbers = numbers_in(text)
-    if len(numbers) != 7:
-        raise InputError(f"--mount is seven numbers x y z w x y z, got {text!r}")
-    return numbers

@@ -93,16 +93,14 @@ def draw_hand(hand: Hand, folder: Path) -> Path:
     Raises:
         EnvironmentFailure: The picture cannot be written.
     """
-    import io
-
     import numpy as np
-    import PIL.Image
 
     from ..exceptions import EnvironmentFailure
     from ..hands.check import close_empty
     from ..hands.kinematics import hand_geometry
-    from ..viewer.gallery import hand_picture
+    from ..viewer.gallery import portrait
     from ..viewer.picture_file import write_png
+    from ..viewer.shapes import hand_shape
 
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -113,11 +111,8 @@ def draw_hand(hand: Hand, folder: Path) -> Path:
     eye = (0.6 if hand.side == "right" else -0.6, -0.75, 0.35)
     images = []
     for shares in (0.0 * reached, np.minimum(reached, 0.5), reached):
-        file = io.BytesIO()
         parts = hand_geometry(hand, np.array([0.0, 0, 0, 1, 0, 0, 0]), hand.at(shares))
-        hand_picture(parts, file, (SIDE, SIDE), direction=eye)
-        file.seek(0)
-        images.append(np.asarray(PIL.Image.open(file)))
+        images.append(portrait(hand_shape(parts), (SIDE, SIDE), eye))
     path = folder / f"{hand.name.replace(':', '_').replace('/', '_')}.png"
     write_png(np.hstack(images), path)
     return path

@@ -34,13 +34,7 @@ def objects(as_json: bool) -> None:
         return
     sizes = (" × ".join(f"{1000 * float(x):.0f}" for x in row["extents"]) for row in rows)
     print_rows(
-        {
-            "object": "left",
-            "W × H × D [mm]": "right",
-            "mass [g]": "right",
-            "description": "wrapped",
-            "tasks": "wrapped",
-        },
+        ("object", ">W × H × D [mm]", ">mass [g]", "~description", "~tasks"),
         [
             (row["name"], size, f"{1000 * row['mass']:.0f}", row["description"], " ".join(row["tasks"]))
             for row, size in zip(rows, sizes, strict=True)
@@ -70,7 +64,7 @@ def tasks(as_json: bool) -> None:
         emit({"status": "answer", "tasks": rows})
         return
     print_rows(
-        {"task": "left", "Tx   Ty   Tz    Rx   Ry   Rz": "right", "meaning": "wrapped"},
+        ("task", ">Tx   Ty   Tz    Rx   Ry   Rz", "~meaning"),
         [(f"{row['name']}:{row['axis']}", _six(row["q"]), row["means"]) for row in rows],
     )
 

@@ -52,9 +52,8 @@ def show(memory: str | None, as_json: bool) -> None:
         )
         return
     if known:
-        counts = {"object": "left", "experiences": "right", "tasks": "right"}
         print_rows(
-            counts | {"best": "left", "last seen (UTC)": "left", "hand": "wrapped"},
+            ("object", ">experiences", ">tasks", "best", "last seen (UTC)", "~hand"),
             [
                 (
                     f"{o.name} *" if o.seed else o.name,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import click
@@ -20,11 +20,12 @@ def name_files(written: Iterable[object]) -> None:
         click.echo(f"wrote {path}")
 
 
-def print_rows(columns: Mapping[str, str], rows: Iterable[Sequence[str]]) -> None:
+def print_rows(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
     """Print a list.
 
     Args:
-        columns: Heading of each column, with ``left``, ``right`` or, for text in several lines, ``wrapped``.
+        columns: Heading of each column. After ``>`` the column is aligned right, and after ``~`` its text may
+            be wrapped.
         rows: Text of each cell; names and paths are not read as markup.
     """
     from rich.console import Console
@@ -32,9 +33,9 @@ def print_rows(columns: Mapping[str, str], rows: Iterable[Sequence[str]]) -> Non
     from rich.text import Text
 
     table = Table(box=None, header_style="bold", pad_edge=False)
-    for heading, kind in columns.items():
-        justify = "right" if kind == "right" else "left"
-        table.add_column(heading, justify=justify, no_wrap=kind != "wrapped")  # type: ignore[arg-type]
+    for heading in columns:
+        justify = "right" if heading[0] == ">" else "left"
+        table.add_column(heading.lstrip(">~"), justify=justify, no_wrap=heading[0] != "~")  # type: ignore[arg-type]
     for row in rows:
         table.add_row(*map(Text, row))
     Console().print(table, highlight=False)
