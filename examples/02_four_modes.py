@@ -2,20 +2,20 @@
 
 The same commands (add --memory FILE to each):
 
-    preshape plan cube --task "1 1 .1 .05 .8 .05"           mode 0: object and task are known
-    preshape plan jar --task screw                          mode 3: unknown object; explored, learnt, answered
-    preshape plan jar --task screw                          mode 1: the plane is known and searched
-    preshape plan jar --task ".6 .6 .6 -.4 -.4 -.4"         mode 2: known object, but the task does not fit
+    preshape plan box --task "1 1 .1 .05 .8 .05"            mode 0: the estimate of a fresh memory is good enough
+    preshape plan prism --task lift                         mode 3: unknown object; explored, learnt, answered
+    preshape plan prism --task "1 1 .1 .05 .8 .05"          mode 1: the estimated plane is searched
+    preshape plan prism --task ".6 .6 .6 -.4 -.4 -.4"       mode 2: known object, but the task does not fit
     preshape plan cone --task lift                          deadlock: no grasp fits, even after learning
 """
 
 import preshape
 
 QUESTIONS = (
-    ("cube", "1 1 .1 .05 .8 .05"),
-    ("jar", "screw"),
-    ("jar", "screw"),
-    ("jar", ".6 .6 .6 -.4 -.4 -.4"),
+    ("box", "1 1 .1 .05 .8 .05"),
+    ("prism", "lift"),
+    ("prism", "1 1 .1 .05 .8 .05"),
+    ("prism", ".6 .6 .6 -.4 -.4 -.4"),
     ("cone", "lift"),
 )
 

@@ -428,17 +428,17 @@ def test_names() -> None:
 
 
 @pytest.fixture(scope="module")
-def cylinder() -> dict:
-    return plan_to_json(plan("cylinder", "lift", hand="utah_mit", memory=":memory:", scale=1.2))
+def prism() -> dict:
+    return plan_to_json(plan("prism", "lift", hand="utah_mit", memory=":memory:", scale=1.2))
 
 
-def test_the_scene_stands_as_the_plan_says_and_holds(cylinder: dict) -> None:
-    (grasp,) = grasps_of(cylinder)
-    found = find_object(cylinder)
+def test_the_scene_stands_as_the_plan_says_and_holds(prism: dict) -> None:
+    (grasp,) = grasps_of(prism)
+    found = find_object(prism)
     assert found.scale == pytest.approx(1.2)
-    mesh = load_library_object("cylinder")
-    mesh = type(mesh)(name="cylinder", vertices=1.2 * mesh.vertices, triangles=mesh.triangles)
-    text = scene_mjcf(grasp, mesh, ConvexPieces(name="cylinder", pieces=(mesh.vertices,)))
+    mesh = load_library_object("prism")
+    mesh = type(mesh)(name="prism", vertices=1.2 * mesh.vertices, triangles=mesh.triangles)
+    text = scene_mjcf(grasp, mesh, ConvexPieces(name="prism", pieces=(mesh.vertices,)))
     model = mujoco.MjModel.from_xml_string(text)
     data = mujoco.MjData(model)
     kinematics = HandKinematics(grasp.hand)
@@ -455,17 +455,17 @@ def test_the_scene_stands_as_the_plan_says_and_holds(cylinder: dict) -> None:
         sites = [data.site(finger.tip_site).xpos for finger in grasp.hand.fingers]
         np.testing.assert_allclose(sites, spatial.transform_points(T, tips), atol=1e-9)
         np.testing.assert_allclose(data.ctrl, grasp.hand.controls(told), atol=0)
-    for contact in cylinder["contacts"]:
+    for contact in prism["contacts"]:
         finger = grasp.hand.finger(contact["finger"])
         gap = np.linalg.norm(data.site(finger.tip_site).xpos - contact["point"]) - finger.tip_radius
         assert abs(gap) < 0.001
     shape = model.mesh("object")
     start, count = int(shape.vertadr[0]), int(shape.vertnum[0])
     corners = model.mesh_vert[start : start + count].astype(float)
-    np.testing.assert_allclose(np.ptp(corners, axis=0).max(), max(cylinder["object"]["extents"]), rtol=1e-5)
+    np.testing.assert_allclose(np.ptp(corners, axis=0).max(), max(prism["object"]["extents"]), rtol=1e-5)
     np.testing.assert_allclose(data.body("object").xpos, 0.0, atol=1e-12)
-    assert cylinder["mass"] > 0.15
-    assert model.body("object").mass[0] == pytest.approx(cylinder["mass"], rel=0.01)
+    assert prism["mass"] > 0.15
+    assert model.body("object").mass[0] == pytest.approx(prism["mass"], rel=0.01)
     model.opt.gravity[2] = -9.81
     for _ in range(250):
         mujoco.mj_step(model, data)
@@ -496,12 +496,12 @@ def test_the_scene_of_a_hand_with_coupled_joints() -> None:
 # Arrays
 
 
-def test_npz_read_by_the_physics_and_by_plain_numpy(cylinder: dict, tmp_path: Path) -> None:
-    file = tmp_path / "cylinder.json"
-    file.write_text(json.dumps(cylinder))
+def test_npz_read_by_the_physics_and_by_plain_numpy(prism: dict, tmp_path: Path) -> None:
+    file = tmp_path / "prism.json"
+    file.write_text(json.dumps(prism))
     code, out, err = run("export", str(file), "--format", "npz", "--out", str(tmp_path / "g.npz"))
     assert (code, err) == (0, "")
-    assert "1 grasp of cylinder with the hand utah_mit" in out
+    assert "1 grasp of prism with the hand utah_mit" in out
     read = read_grasps(tmp_path / "g.npz")
     own = physics_hand(load_hand("utah_mit"))
     want = read_grasp_file(file).grasps.for_hand(own)
@@ -510,11 +510,11 @@ def test_npz_read_by_the_physics_and_by_plain_numpy(cylinder: dict, tmp_path: Pa
     for name in ("scale", "object_pose", "pregrasp", "grasp", "squeeze"):
         np.testing.assert_allclose(getattr(got, name), getattr(want, name), atol=1e-12)
     with np.load(tmp_path / "g.npz", allow_pickle=False) as plain:
-        assert plain["object"].tolist() == ["cylinder"]
+        assert plain["object"].tolist() == ["prism"]
         assert plain["scale"] == pytest.approx(1.2)
-        assert plain["joints"].tolist() == cylinder["hand"]["joints"]
+        assert plain["joints"].tolist() == prism["hand"]["joints"]
         assert plain["squeeze"].shape == (1, 23)
-        assert plain["squeeze"][0, 7:].tolist() == cylinder["hand"]["squeeze"]["q"]
+        assert plain["squeeze"][0, 7:].tolist() == prism["hand"]["squeeze"]["q"]
 
 
 def test_npz_has_every_answer_and_says_whose_root(tmp_path: Path) -> None:
@@ -571,10 +571,10 @@ def test_a_plan_from_standard_input(monkeypatch: pytest.MonkeyPatch) -> None:
     assert read_plan("-") == CLOSURE
 
 
-def test_mjcf_from_the_command(cylinder: dict, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_mjcf_from_the_command(prism: dict, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PRESHAPE_CACHE", str(tmp_path / "cache"))
-    file = tmp_path / "cylinder.json"
-    file.write_text(json.dumps(cylinder))
+    file = tmp_path / "prism.json"
+    file.write_text(json.dumps(prism))
     code, out, _ = run("export", str(file), "--format", "mjcf", "--out", str(tmp_path / "scene.xml"))
     assert code == 0
     assert f"wrote {tmp_path / 'scene.xml'}" in out
@@ -592,14 +592,14 @@ def loads_of(text: str) -> tuple[float, float]:
 
 
 def test_the_scene_has_the_load_that_was_planned_for(
-    cylinder: dict, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    prism: dict, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("PRESHAPE_CACHE", str(tmp_path / "cache"))
     file = tmp_path / "plan.json"
-    first_version = {key: part for key, part in cylinder.items() if key not in ("schema", "request", "mass")}
-    slippery = {**cylinder, "mass": 0.25, "request": {**cylinder["request"], "friction": 0.5}}
+    first_version = {key: part for key, part in prism.items() if key not in ("schema", "request", "mass")}
+    slippery = {**prism, "mass": 0.25, "request": {**prism["request"], "friction": 0.5}}
     for document, options, load in (
-        (cylinder, (), (cylinder["mass"], 0.6)),
+        (prism, (), (prism["mass"], 0.6)),
         (first_version, (), (0.1, 0.6)),
         (slippery, (), (0.25, 0.5)),
         (slippery, ("--mass", "0.4", "--friction", "0.3"), (0.4, 0.3)),
@@ -782,16 +782,16 @@ def test_a_bag_that_fails_leaves_nothing_behind(tmp_path: Path, monkeypatch: pyt
 
 
 def test_the_programs_in_the_manual_run(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, stored: str, cylinder: dict
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, stored: str, prism: dict
 ) -> None:
     blocks = [
         part.split("```")[0] for part in (ROOT / "docs" / "ros.md").read_text().split("```python\n")[1:]
     ]
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("PRESHAPE_CACHE", str(tmp_path / "cache"))
-    Path("cylinder.json").write_text(json.dumps(cylinder))
+    Path("prism.json").write_text(json.dumps(prism))
     assert run("export", stored, "--format", "moveit", "--out", "grasps.mcap")[0] == 0
-    assert run("export", "cylinder.json", "--format", "mjcf", "--out", "scene.xml")[0] == 0
+    assert run("export", "prism.json", "--format", "mjcf", "--out", "scene.xml")[0] == 0
     said = {}
     for name in ("make_reader", "mj_step"):
         (code,) = (block for block in blocks if name in block)
