@@ -26,7 +26,7 @@ from ..report import Table
 from ..tasks import all_named_tasks
 from ..types import Array, Attributes, Experience, NetworkWeights, value
 from .experiment import Experiment, Progress, Section
-from .setup import Data, Setup
+from .setup import CUBE, Data, Setup
 
 TASKS, FOLDS, SEEDS = 8, 5, (0, 1, 2)
 QUICK_OBJECTS = ("cube", "box", "cylinder", "wedge", "pyramid", "prism")
@@ -133,7 +133,7 @@ def compare(
         )
     tell = progress or (lambda fraction, label: None)
     system = setup.system()
-    ready = setup.prepare(system, "cube")
+    ready = setup.prepare(system, CUBE)
     controller, settings = ready.controller, ready.controller.settings
     cube = seed_experiences(ready.element, settings.sets, enough=settings.thresholds.estimation)
     subjects = [_subject(name, setup.prepare(system, name).element) for name in chosen]
@@ -340,5 +340,5 @@ def _present(data: Data) -> Section:
 
 DESCRIPTOR = Experiment(
     name="descriptor", title="Inputs of the estimator: seven attributes or a shape descriptor",
-    version=1, cost=200, measure=_measure, present=_present,
+    version=2, cost=200, measure=_measure, present=_present,
 )  # fmt: skip

@@ -16,7 +16,7 @@ from ..report import Cell, Figure, Table
 from ..tasks import family_names, parse_task
 from .experiment import Experiment, Progress, Section, status_text
 from .plots import OURS, PAPER, THIRD, PlotCanvas
-from .setup import Data, Setup, teach
+from .setup import CUBE, Data, Setup, teach
 
 OBJECTS, QUICK_OBJECTS, TASKS = 20, 4, 2
 _MODES = ("mode 0", "mode 1", "neither")
@@ -28,7 +28,7 @@ def _measure(setup: Setup, part: Path, progress: Progress) -> Data:
     drawn = [str(name) for name in rng.permutation(np.array(names()))[:count]]
     tasks = [sorted(map(str, rng.choice(family_names(), TASKS, replace=False))) for _ in drawn]
     system = setup.system()
-    start = setup.prepare(system, "cube").controller.weights
+    start = setup.prepare(system, CUBE).controller.weights
     learning: list[Data] = []
     for i, (name, families) in enumerate(zip(drawn, tasks, strict=True)):
         progress(i / (2 * count), f"learning {name}, object {i + 1} of {count}")
@@ -230,5 +230,5 @@ def _draw(data: Data, path: Path) -> None:
 
 LEARNING = Experiment(
     name="learning", title="Learning: twenty objects, one after the other",
-    version=1, cost=30, measure=_measure, present=_present,
+    version=2, cost=30, measure=_measure, present=_present,
 )  # fmt: skip

@@ -54,7 +54,8 @@ def _interval(odd: int, whole: int) -> tuple[float, float]:
     return wilson(odd, whole) or (0.0, 1.0)
 
 
-def _rate(odd: int, whole: int) -> str:
+def rate_text(odd: int, whole: int) -> str:
+    """Share of odd cases with its 95 % interval."""
     if not whole:
         return "none estimated"
     low, high = _interval(odd, whole)
@@ -71,12 +72,12 @@ def _present(data: Data) -> Section:
         ("of these: reached by the hand", len(found) - len(odd)),
         ("of these: odd cases, fingers retracted", len(odd)),
         *((f"odd cases: {text}", causes[key]) for key, (text, _) in CAUSES.items()),
-        ("rate of odd cases (95 % interval, Wilson), preshape", _rate(len(odd), len(found))),
+        ("rate of odd cases (95 % interval, Wilson), preshape", rate_text(len(odd), len(found))),
         ("rate of odd cases, paper", f"about {100 * LIMIT:.0f} % of {printed.ODD_EXPERIMENTS}"),
     ]
     headline = (
         f"The hand cannot take {len(odd)} of {len(found)} estimated preshapes: "
-        f"{_rate(len(odd), len(found))}; the paper reports about {100 * LIMIT:.0f} %."
+        f"{rate_text(len(odd), len(found))}; the paper reports about {100 * LIMIT:.0f} %."
     )
     runs, each, seed = data["sessions"], data["each"], data["seed"]
     return Section(
@@ -130,7 +131,7 @@ def _breakdown(found: list[Data], noun: str, key: Callable[[Data], str]) -> Tabl
         caption=f"Odd cases by {noun}.",
         columns=(noun, "preshapes", "odd cases", "rate (95 % interval)"),
         rows=tuple(
-            (name, len(group), odd := sum(map(is_odd, group)), _rate(odd, len(group)))
+            (name, len(group), odd := sum(map(is_odd, group)), rate_text(odd, len(group)))
             for name, group in sorted(groups.items())
         ),
     )
@@ -162,12 +163,12 @@ def _disagreements(data: Data) -> Iterator[str]:
         return
     low, high = _interval(odd, len(found))
     if low > LIMIT:
-        yield f"The rate, {_rate(odd, len(found))}, is above the paper's {100 * LIMIT:.0f} %."
+        yield f"The rate, {rate_text(odd, len(found))}, is above the paper's {100 * LIMIT:.0f} %."
     elif high < LIMIT:
         yield (
-            f"The rate, {_rate(odd, len(found))}, is below the paper's {100 * LIMIT:.0f} %. Objects, hand "
-            "and inverse kinematics differ, and several postures, finger assignments and tilts of the palm "
-            "are tried here before the fingers retract."
+            f"The rate, {rate_text(odd, len(found))}, is below the paper's {100 * LIMIT:.0f} %. Objects, "
+            "hand and inverse kinematics differ, and several postures, finger assignments and tilts of the "
+            "palm are tried here before the fingers retract."
         )
     if len(found) != len(rows):
         yield (
@@ -317,5 +318,5 @@ def _draw_case(row: Data, size: tuple[int, int], path: Path) -> None:
 
 ODD_CASES = Experiment(
     name="odd_cases", title="Figs. 17 and 18: odd cases",
-    version=1, cost=240, measure=measure, present=_present,
+    version=2, cost=240, measure=measure, present=_present,
 )  # fmt: skip

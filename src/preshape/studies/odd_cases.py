@@ -24,6 +24,7 @@ import numpy as np
 
 from ..exceptions import ObjectError
 from ..files import write_json
+from ..hiis.analyser import FingerRule
 from ..hiis.decision import Settings, Status
 from ..objects.library import load_library_object, names
 from ..planning.hand_simulation import HandStatus, execute
@@ -40,8 +41,12 @@ QUICK_RUNS, QUICK_EACH = 2, 10
 REFUSED = "refused"
 
 
-def measure(setup: Setup, part: Path, progress: Progress) -> Data:
+def measure(setup: Setup, part: Path, progress: Progress, finger_rule: FingerRule = "up_to") -> Data:
     """Run all experiments; after every run, the finished ones are stored in ``part``."""
+    return setup.once(("odd cases", finger_rule), lambda: _measure(setup, part, progress, finger_rule))
+
+
+def _measure(setup: Setup, part: Path, progress: Progress, finger_rule: FingerRule) -> Data:
     runs, each = (QUICK_RUNS, QUICK_EACH) if setup.quick else (RUNS, EACH)
     rows = _stored(part)
     largest = {name: float(load_library_object(name).extents.max()) for name in names()}
@@ -51,8 +56,8 @@ def measure(setup: Setup, part: Path, progress: Progress) -> Data:
     tasks = all_named_tasks()
     for run in range(len(rows) // each, runs):
         rng = np.random.default_rng([setup.seed, run])
-        settings = Settings(seed=setup.seed + run)
-        system = setup.system(settings.seed)
+        settings = Settings(seed=setup.seed + run, finger_rule=finger_rule)
+        system = setup.system(settings.seed, finger_rule)
         for i in range(each):
             number = run * each + i
             progress(number / (runs * each), f"odd cases: experiment {number + 1} of {runs * each}")

@@ -6,6 +6,11 @@ from typing import Final, NamedTuple, TypeAlias
 
 Q1: Final = (1.0, 1.0, 0.1, 0.05, 0.8, 0.05)
 """Table 1: rotation about the opposition axis of plane 5."""
+Q2: Final = (1.0, 1.0, 0.1, 0.8, 0.05, 0.05)
+"""Table 1: rotation about the approach axis of plane 5, which is the opposition axis of plane 6."""
+
+FINGER_PITCH: Final = 0.14
+"""Distance of neighbouring fingers in 4U that fits the torques of figs. 14 and 15 best [R]."""
 
 ERRORS: Final = (2.5e-3, 1.0e-3, 5.0e-4)
 """Table 4: mean-square errors for which the paper gives epochs and times."""
@@ -59,11 +64,10 @@ class CoefficientRow(NamedTuple):
 
 FIG_14: Final = (
     CoefficientRow((0.30, 0.20, 1.0, 0.90), None, (0.86, 1.1, -0.22, -0.03, 0.96, 0.06)),
-    CoefficientRow((0.45, 0.30, 1.0, 0.80), 3.71, (1.3, 1.1, -0.27, -0.06, 0.86, 0.11)),
+    CoefficientRow((0.45, 0.30, 1.0, 0.80), 3.71, (1.3, 1.1, -0.27, 0.06, 0.86, 0.11)),
     CoefficientRow((0.55, 0.35, 1.0, 0.75), None, (2.1, 1.2, -0.49, 0.38, 0.71, 0.2)),
 )
-"""The TFVADI of rows 1 (3.?1) and 3 is illegible. In row 2, the sign of the torque about X is missing (see
-fig. 16)."""
+"""The TFVADI of rows 1 (3.?1) and 3 is illegible. Fig. 16 prints row 2 with a negative torque about X."""
 
 FIG_14_PLANE, FIG_14_VALUE = 5, 0.01
 

@@ -15,11 +15,13 @@ from ..report import Report, write_report
 from ..types import value
 from .contradictions import CONTRADICTIONS
 from .descriptor_study import DESCRIPTOR
+from .eleven import ELEVEN
 from .experiment import Experiment, Progress
 from .fig_14 import FIG_14
 from .fig_15 import FIG_15
 from .fig_16 import FIG_16
 from .figs_11_13 import FIG_11, FIG_12, FIG_13
+from .finger_rules import FINGERS
 from .learning_study import LEARNING
 from .odd_case_report import ODD_CASES
 from .setup import Data, Setup
@@ -28,8 +30,8 @@ from .table_4 import TABLE_4
 TITLE = "The paper's results, reproduced"
 
 _ALL: tuple[Experiment, ...] = (
-    TABLE_4, FIG_11, FIG_12, FIG_13, FIG_14, FIG_15, FIG_16, ODD_CASES, LEARNING, DESCRIPTOR,
-    CONTRADICTIONS,
+    TABLE_4, FIG_11, FIG_12, FIG_13, ELEVEN, FIG_14, FIG_15, FIG_16, ODD_CASES, FINGERS, LEARNING,
+    DESCRIPTOR, CONTRADICTIONS,
 )  # fmt: skip
 
 EXPERIMENTS: dict[str, str] = {experiment.name: experiment.title for experiment in _ALL}
