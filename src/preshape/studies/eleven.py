@@ -127,10 +127,10 @@ def _present(data: Data) -> Section:
         text=(
             f"Each task is put to the cube of the first training in two ways. The explorer alone tries all "
             f"planes at {STEPS} equal steps of the approach value from face to face, with two, three and "
-            "four contacts and fingers 0.14 apart in units of 4U, with the thumb on +o only (without flip, as "
-            f"in the paper) and on either side. With the hand's own pitch, 0.145, it {pitch}. The whole system "
-            f"(modes 0 to 3) answers with the hand's own pitch from a memory that knows only the cube, with "
-            f"{seeds} seeds of the network.",
+            "four contacts and fingers 0.14 apart in units of 4U, with the thumb on +o only (without flip, "
+            f"as in the paper) and on either side. With the hand's own pitch, 0.145, it {pitch}. The whole "
+            f"system (modes 0 to 3) answers with the hand's own pitch from a memory that knows only the "
+            f"cube, with {seeds} seeds of the network.",
             "Q2 is a rotation about the approach axis X of plane 5, which table 1 names with opposition Y. "
             "The same six numbers are the Q1 of plane 6, which approaches along Y and opposes along X, and "
             "fig. 11 case 2, a task of this kind, has plane 6 in the paper; so plane 6 is expected.",
