@@ -106,10 +106,14 @@ def usual(rows: Sequence[Data]) -> Data:
 
 
 def equal_to_paper(cases: Sequence[TaskRow], data: Data) -> tuple[int, int]:
-    """Number of rows, over all seeds, with the paper's plane, and with its mode."""
+    """Number of rows, over all seeds, with the paper's plane, and with its mode.
+
+    A mode without an answer, such as a deadlock of mode 3, is the paper's only in mode 2.
+    """
     pairs = [(case, row) for case, rows in zip(cases, by_case(data), strict=True) for row in rows]
     planes = sum(shown_plane(row) == case.plane for case, row in pairs)
-    return planes, sum(row["mode"] == case.mode for case, row in pairs)
+    modes = sum(row["mode"] == case.mode and bool(row["answer"]) == (case.mode != 2) for case, row in pairs)
+    return planes, modes
 
 
 def counted(values: Sequence[object]) -> str:
