@@ -152,11 +152,7 @@ def _why(data: Data) -> str:
     if usual is None or not known:
         return "The estimate has no virtual grasp."
     match, label = min(known)
-    place = "still above"
-    if match < THRESHOLD - SLACK:
-        place = "below"
-    elif match <= THRESHOLD + SLACK:
-        place = "exactly at"
+    place = "below" if match < THRESHOLD - SLACK else "not below"
     return (
         f"The match of the estimate falls most with {label}, from {usual:.2f} to {match:.2f}, {place} the "
         f"threshold of {THRESHOLD:.1f}."

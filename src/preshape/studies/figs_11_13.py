@@ -225,7 +225,7 @@ def _why(case: TaskRow, row: Data) -> str:
             f"The best TFVADI of all planes for this task is {best['tfvadi']:.2f} (plane {best['plane']}), "
             "so the paper's number is impossible on our object."
         )
-    if answer is None:
+    if row["mode"] == 2:
         return (
             f"The estimated plane {row['estimated_plane']} reaches "
             f"{or_none(row['searched'] and row['searched']['tfvadi'])} at most, while plane {best['plane']} "
