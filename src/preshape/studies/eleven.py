@@ -89,10 +89,16 @@ def _explored(setup: Setup, pitch: str, q: Array, theirs: int, flips: Sequence[b
     }
 
 
-def _best(explored: Data) -> str:
-    """The planes that are best, with their TFVADI."""
-    numbers = [str(number) for number in explored["planes"]]
-    return f"{joined(numbers)}: {explored['tfvadi']:.2f}"
+def _numbers(explored: Data) -> str:
+    """The planes that are best."""
+    return joined([str(number) for number in explored["planes"]])
+
+
+def _best_text(explored: Data) -> str:
+    """The planes that are best, with their TFVADI, as part of a sentence."""
+    numbers = _numbers(explored)
+    verb = f"planes {numbers} tie" if len(explored["planes"]) > 1 else f"plane {numbers} is best"
+    return f"{verb} with {explored['tfvadi']:.2f}"
 
 
 def _present(data: Data) -> Section:
@@ -103,7 +109,8 @@ def _present(data: Data) -> Section:
         rows.append(
             (
                 case.label, numbers_text(case.task), case.plane,
-                *(_best(explored[name]) for name in FLIPS), f"{explored['with flip']['paper']:.2f}",
+                *(f"{_numbers(explored[name])}: {explored[name]['tfvadi']:.2f}" for name in FLIPS),
+                explored["with flip"]["paper"],
                 counted([one["plane"] for one in system]), counted([one["mode"] for one in system]),
                 case.value, answer.get("coordinate"), answer.get("value"), answer.get("tfvadi"),
             )
@@ -125,8 +132,9 @@ def _present(data: Data) -> Section:
         f"without flip and {right['with flip']} with it (ties included); the whole system has the paper's "
         f"plane in {system} of {total * seeds} runs.",
         text=(
-            f"Each task is put to the cube of the first training in two ways. The explorer alone tries all "
-            f"planes at {STEPS} equal steps of the approach value from face to face, with two, three and "
+            "Each task is put to the cube of the first training in two ways; the paper's planes of figs. 12 "
+            "and 13 are for other objects. The explorer alone tries all planes at "
+            f"{STEPS} equal steps of the approach value from face to face, with two, three and "
             "four contacts and fingers 0.14 apart in units of 4U, with the thumb on +o only (without flip, "
             f"as in the paper) and on either side. With the hand's own pitch, 0.145, it {pitch}. The whole "
             f"system (modes 0 to 3) answers with the hand's own pitch from a memory that knows only the "
@@ -162,12 +170,13 @@ def _right(case: _Case, ours: Data, flips: str) -> bool:
 
 def _disagreements(data: Data) -> Iterator[str]:
     for case, ours in _pairs(data):
-        explored, others = ours["explored"]["paper"], []
-        for name in FLIPS:
-            if explored[name]["planes"] != [case.plane]:
-                numbers = [str(number) for number in explored[name]["planes"]]
-                verb = f"planes {joined(numbers)} tie" if len(numbers) > 1 else f"plane {numbers[0]} is best"
-                others.append(f"{name} {verb} with {explored[name]['tfvadi']:.2f}")
+        explored = ours["explored"]["paper"]
+        found = {
+            name: _best_text(explored[name]) for name in FLIPS if explored[name]["planes"] != [case.plane]
+        }
+        others = [f"{name} {text}" for name, text in found.items()]
+        if len(found) == len(FLIPS) and len(set(found.values())) == 1:
+            others = [f"without and with flip {next(iter(found.values()))}"]
         planes = [one["plane"] for one in ours["system"]]
         if any(number != case.plane for number in planes):
             others.append(f"the system has planes {counted(planes)}")
@@ -189,7 +198,7 @@ def _why(case: _Case, ours: Data) -> str:
             f"turns about {joined(turns)} and moves along {joined(moves)}."
         )
     if all(_right(case, ours, name) for name in FLIPS):
-        return "The system takes the first plane whose match reaches the estimation threshold."
+        return "The system accepts an estimated plane whose match reaches the estimation threshold."
     return f"The task turns about {joined(turns)} and moves along {joined(moves)}."
 
 

@@ -159,10 +159,11 @@ def _present(data: Data) -> Section:
     )
     taught = f"taught with {data['taught']}" if data["taught"] else "known from the first training"
     task = "Q1" if data["task"] == "custom" else data["task"]
+    name = data["object"].replace("_", " ")
     return Section(
         headline=f"{headline} Thresholds {', '.join(f'{row.threshold:.1f}' for row in printed.FIG_15)} give "
         f"modes {', '.join(str(row['mode']) for row in data['rows'])} as in the paper, on the "
-        f"{data['object']} with the task {task}.",
+        f"{name} with the task {task}.",
         text=(
             *text,
             f"For the sequence of modes, object and task were chosen as follows. Each of {data['searched']} "
@@ -171,7 +172,7 @@ def _present(data: Data) -> Section:
             "The first task is taken that ends in modes 0, 1, 2 and 2 at the four thresholds, on a memory "
             f"that does not change. Task Q1 is tried first, then all named tasks on plane {PLANE}, then all "
             f"named tasks.{passed}",
-            f"The result is {data['kind']}: the {data['object']}, {taught}, and the task {task} (Q = "
+            f"The result is {data['kind']}: the {name}, {taught}, and the task {task} (Q = "
             f"{numbers_text(data['rows'][0]['q'])}). The recognition threshold is "
             f"{Thresholds().recognition:g}.",
         ),
