@@ -113,8 +113,8 @@ def _present(data: Data) -> Section:
             'The paper says that the extent along the transverse axis "determines" the number of fingers. '
             "Either all fingers that fit are used, or as many of them as match the task best. Both rules are "
             "measured on figs. 11-13, in the mean over the seeds, and on the experiments of figs. 17-18 with "
-            "the same draws. The rule applies to the first training too. A mode that ends in a deadlock is not "
-            "counted as the paper's.",
+            "the same draws. The rule applies to the first training too. A mode that ends in a deadlock is "
+            "not counted as the paper's.",
             f"Of {both} experiments of figs. 17-18 with a preshape under both rules, {same} have the same "
             "plane.",
         ),
