@@ -228,6 +228,8 @@ def test_both_finger_rules_are_measured(run: Run) -> None:
     assert data["up_to"]["rows"] == odd
     assert len(data["all"]["rows"]) == len(odd)
     assert data["all"]["rows"] != odd
+    assert data["all on the cube"]["fingers"] == 4
+    assert data["all on the cube"]["wrench"][0] == pytest.approx(4 * 0.45)
     section = finger_rules._present(data)
     planes = section.tables[0].rows[0]
     right = [

@@ -198,7 +198,10 @@ def _why(case: _Case, ours: Data) -> str:
             f"turns about {joined(turns)} and moves along {joined(moves)}."
         )
     if all(_right(case, ours, name) for name in FLIPS):
-        return "The system accepts an estimated plane whose match reaches the estimation threshold."
+        return (
+            "The network estimates another plane with some seeds, and modes 0 and 1 search the estimated "
+            "plane only."
+        )
     return f"The task turns about {joined(turns)} and moves along {joined(moves)}."
 
 

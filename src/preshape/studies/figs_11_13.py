@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from functools import partial
 from pathlib import Path
+from typing import TypeVar
 
 from ..hiis.analyser import FingerRule
 from ..hiis.decision import Settings
@@ -21,6 +22,8 @@ PRIMITIVE, COMPLICATED = "box", "dolphin"
 """The library objects of figs. 12 and 13 [C]; the paper's objects are not published."""
 
 OTHER_PRIMITIVES = ("prism", "pyramid", "cylinder", "cone", "sphere", "wedge")
+
+T = TypeVar("T")
 
 CASES = {CUBE: printed.FIG_11, PRIMITIVE: printed.FIG_12, COMPLICATED: printed.FIG_13}
 """The nine cases: three tasks on each of the three objects."""
@@ -101,8 +104,23 @@ def by_case(data: Data) -> list[list[Data]]:
 
 def usual(rows: Sequence[Data]) -> Data:
     """The first of the rows that have the most frequent plane and mode."""
-    most = Counter(map(_outcome, rows)).most_common(1)[0][0]
+    most = _most_frequent([_outcome(row) for row in rows])
     return next(row for row in rows if _outcome(row) == most)
+
+
+def _most_frequent(values: Sequence[T]) -> T:
+    """The most frequent value; of several, the one that comes first."""
+    return Counter(values).most_common(1)[0][0]
+
+
+def _usual_planes(cases: Sequence[Sequence[Data]]) -> str:
+    """For each case, the most frequent plane."""
+    return _listed([_most_frequent([shown_plane(row) or "none" for row in rows]) for rows in cases])
+
+
+def _usual_modes(cases: Sequence[Sequence[Data]]) -> str:
+    """For each case, the most frequent mode."""
+    return _listed([_most_frequent([row["mode"] for row in rows]) for rows in cases])
 
 
 def equal_to_paper(cases: Sequence[TaskRow], data: Data) -> tuple[int, int]:
@@ -283,15 +301,14 @@ def _case_1(data: Data) -> str:
 
 
 def _section(name: str, cases: Sequence[TaskRow], data: Data, text: Sequence[str], *tables: Table) -> Section:
-    common = [usual(rows) for rows in by_case(data)]
+    rows = by_case(data)
     planes, modes = equal_to_paper(cases, data)
     seeds = [run["seed"] for run in data["runs"]]
     total = len(cases) * len(seeds)
     return Section(
         headline=f"{planes} of {total} planes and {modes} of {total} modes are the paper's; most often "
-        f"planes {_listed([shown_plane(row) or 'none' for row in common])} in modes "
-        f"{_listed([row['mode'] for row in common])}, in the paper planes "
-        f"{_listed([case.plane for case in cases])} in modes {_listed([case.mode for case in cases])}.",
+        f"planes {_usual_planes(rows)} and modes {_usual_modes(rows)}, in the paper planes "
+        f"{_listed([case.plane for case in cases])} and modes {_listed([case.mode for case in cases])}.",
         text=(*text, f"The three cases are run with {len(seeds)} seeds of the network: {_listed(seeds)}."),
         tables=(_table(cases, data), _seeds_table(cases, data), *tables),
         figures=(
@@ -299,7 +316,7 @@ def _section(name: str, cases: Sequence[TaskRow], data: Data, text: Sequence[str
                 file=f"figures/{name}.png",
                 caption=f"TFVADI, plane and mode of the three tasks on the {data['object']}, of the first "
                 "seed with the most frequent plane and mode; in mode 2 the TFVADI is that of recognition.",
-                draw=partial(_draw, cases, common),
+                draw=partial(_draw, cases, [usual(one) for one in rows]),
             ),
         ),
         remarks=tuple(_disagreements(cases, data)),
@@ -318,15 +335,14 @@ def _present_12(data: Data) -> Section:
     cells: list[tuple[Cell, ...]] = [("paper", "5, 10, 9", None, "3 (table: 2), 1, 0", None, None)]
     for one in (data, *data["others"]):
         cases = by_case(one)
-        common = [usual(rows) for rows in cases]
         planes, modes = equal_to_paper(printed.FIG_12, one)
         total = len(cases) * len(one["runs"])
         cells.append(
             (
-                one["object"], _listed([shown_plane(row) or "none" for row in common]),
+                one["object"], _usual_planes(cases),
                 f"{planes} of {total}",
-                _listed([row["mode"] for row in common]), f"{modes} of {total}",
-                _listed([row["best"]["plane"] if row["best"] else "none" for row in common]),
+                _usual_modes(cases), f"{modes} of {total}",
+                _listed([rows[0]["best"]["plane"] if rows[0]["best"] else "none" for rows in cases]),
             )
         )  # fmt: skip
     table = Table(

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections import Counter
 from pathlib import Path
 
-from ..hiis.analyser import FINGER_RULES, FingerRule
+from ..hiis.analyser import FINGER_RULES, Aim, FingerRule
 from ..hiis.decision import Settings, Status
 from ..report import Cell, Table
 from . import printed
@@ -18,7 +18,7 @@ from .figs_11_13 import CASES, by_case, equal_to_paper, measure_object, plane_an
 from .odd_case_report import rate_text
 from .odd_cases import is_odd, with_preshape
 from .odd_cases import measure as measure_odd_cases
-from .setup import Data, Setup
+from .setup import Q1, Data, Setup, grasp_data
 
 TOTAL = sum(map(len, CASES.values()))
 """Number of cases of figs. 11-13."""
@@ -49,7 +49,9 @@ def _measure(setup: Setup, part: Path, progress: Progress) -> Data:
             },
             "rows": [{key: row.get(key) for key in keys} for row in odd["rows"]],
         }
-    return data
+    aim = Aim(planes=[printed.FIG_14_PLANE], values=[0.0], flips=[False])
+    found = setup.analyser("hand").explore(Q1.q, aim).with_fingers("all")
+    return data | {"all on the cube": grasp_data(found.grasp(), found.analyser)}
 
 
 def _shares(found: Data) -> tuple[float, float]:
@@ -96,6 +98,7 @@ def _labels() -> list[tuple[str, Cell]]:
 
 def _present(data: Data) -> Section:
     shares = {rule: _shares(data[rule]) for rule in FINGER_RULES}
+    grasp = data["all on the cube"]
     same, both = _agreeing(data)
     columns = [_column(data[rule]) for rule in FINGER_RULES]
     cases: list[tuple[Cell, ...]] = []
@@ -115,6 +118,9 @@ def _present(data: Data) -> Section:
             "measured on figs. 11-13, in the mean over the seeds, and on the experiments of figs. 17-18 with "
             "the same draws. The rule applies to the first training too. A mode that ends in a deadlock is "
             "not counted as the paper's.",
+            f"On the cube, all that fit are {grasp['fingers']} contacts, whose force along the approach axis "
+            f"is {grasp['wrench'][0]:.2f} on plane {grasp['plane']}; fig. 14 prints "
+            f"{printed.FIG_14[1].wrench[0]:g} for the same coefficients, which is that of three contacts.",
             f"Of {both} experiments of figs. 17-18 with a preshape under both rules, {same} have the same "
             "plane.",
         ),
