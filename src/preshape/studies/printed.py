@@ -9,9 +9,6 @@ Q1: Final = (1.0, 1.0, 0.1, 0.05, 0.8, 0.05)
 Q2: Final = (1.0, 1.0, 0.1, 0.8, 0.05, 0.05)
 """Table 1: rotation about the approach axis of plane 5, which is the opposition axis of plane 6."""
 
-FINGER_PITCH: Final = 0.14
-"""Distance of neighbouring fingers in 4U that fits the torques of figs. 14 and 15 best [R]."""
-
 ERRORS: Final = (2.5e-3, 1.0e-3, 5.0e-4)
 """Table 4: mean-square errors for which the paper gives epochs and times."""
 

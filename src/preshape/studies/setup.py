@@ -29,6 +29,8 @@ Q1 = task_from_numbers(printed.Q1)
 """The paper's task Q1."""
 CUBE = "cube of the first training"
 """Name of the cube that every system knows; it is no object of the library, whose cube is smaller."""
+FINGER_PITCH = 0.14
+"""Distance of neighbouring fingers in 4U that fits the torques of figs. 14 and 15 best [R]."""
 PITCHES = ("paper", "hand")
 """Distances of neighbouring fingers: the one that the paper's torques fit, and the hand's own."""
 
@@ -50,7 +52,7 @@ class Setup:
         own = layout_of(self.hand)
         self.cube = seed_cube(own)
         self.layouts = {
-            "paper": replace(own, finger_pitch=printed.FINGER_PITCH * own.length_unit),
+            "paper": replace(own, finger_pitch=FINGER_PITCH * own.length_unit),
             "hand": own,
         }
         self._first: dict[tuple[int, FingerRule], tuple[tuple[Experience, ...], NetworkWeights]] = {}
