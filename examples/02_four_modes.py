@@ -2,7 +2,7 @@
 
 The same commands (add --memory FILE to each):
 
-    preshape plan box --task "1 1 .1 .05 .8 .05"            mode 0: the estimate of a fresh memory is good enough
+    preshape plan box --task "1 1 .1 .05 .8 .05"            mode 0: the estimate of a fresh memory will do
     preshape plan prism --task lift                         mode 3: unknown object; explored, learnt, answered
     preshape plan prism --task "1 1 .1 .05 .8 .05"          mode 1: the estimated plane is searched
     preshape plan prism --task ".6 .6 .6 -.4 -.4 -.4"       mode 2: known object, but the task does not fit

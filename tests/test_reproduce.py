@@ -249,7 +249,10 @@ def test_table_4_in_its_quick_form_ends_before_the_errors_of_the_paper(run: Run)
     assert printed.ERRORS[0] < only["error"] < 0.8 * only["curve"][0][1]
     assert only["curve"][0][0] == 1
     headline = table_4._present(data).headline
-    assert headline.startswith("5.0e-04 is reached by 0 of 1 at rate 0.04 within 500 epochs; by the paper's")
+    rate = table_4.RATES[0]
+    assert headline.startswith(
+        f"5.0e-04 is reached by 0 of 1 at rate {rate:g} within 500 epochs; by the paper's"
+    )
 
 
 def test_sentences_on_table_4_follow_the_numbers() -> None:

@@ -25,7 +25,7 @@ from .setup import Data, Setup
 
 RATES = (0.02, 0.04)
 """Learning rates; the paper gives none. Halving the rate about doubles the epochs: 0.02 comes nearest to the
-paper's with the first lesson on the cube of 1.68 U, 0.04 did with the smaller cube of earlier versions [R]."""
+paper's with the first lesson on the cube of 1.68 U, 0.04 did with the smaller cube of before [R]."""
 
 NETWORKS, QUICK_NETWORKS = 6, 1
 """Networks at each rate."""
