@@ -23,6 +23,7 @@ from preshape.cli import main as cli
 from preshape.exceptions import InputError
 from preshape.hands.load import load_hand
 from preshape.hiis.controller import Controller
+from preshape.hiis.learning import seed_cube
 from preshape.hiis.planes import allowed_planes
 from preshape.memory import Memory
 from preshape.objects.library import load_library_object, names
@@ -85,6 +86,17 @@ def own_memory(cube_only, tmp_path, monkeypatch) -> Path:
     monkeypatch.setenv("PRESHAPE_MEMORY", str(path))
     monkeypatch.setenv("COLUMNS", "100")
     return path
+
+
+@pytest.fixture(scope="module")
+def known_cube(tmp_path_factory) -> str:
+    """A file of the cube of the first lesson, which every memory knows."""
+    mesh = seed_cube(LAYOUT)
+    lines = [f"v {x} {y} {z}" for x, y, z in mesh.vertices.tolist()]
+    lines += [f"f {a + 1} {b + 1} {c + 1}" for a, b, c in mesh.triangles.tolist()]
+    path = tmp_path_factory.mktemp("known") / "known.obj"
+    path.write_text("\n".join(lines))
+    return str(path)
 
 
 @pytest.fixture
@@ -157,15 +169,15 @@ def test_a_task_beside_the_trained_ones_is_answered_at_mode_1(cube_only, run_jso
     assert [(t["mode"], t["outcome"]) for t in document["transitions"]] == [(0, "penalty"), (1, "reward")]
 
 
-def test_task_correction_and_then_the_first_offer(run, run_json):
-    code, document = run_json("plan", "cube", "--task", UNFIT)
+def test_task_correction_and_then_the_first_offer(run, run_json, known_cube):
+    code, document = run_json("plan", known_cube, "--task", UNFIT)
     assert (code, document["mode"], document["status"]) == (1, 2, "task_correction")
     assert 1 <= len(document["offers"]) <= 3
-    _, out, _ = run("plan", "cube", "--task", UNFIT)
-    assert "task correction" in out
+    _, out, _ = run("plan", known_cube, "--task", UNFIT)
+    assert "The known object does not fit this task" in out
     for offer in document["offers"]:
         assert offer["task"] in out
-        code, answer = run_json("plan", "cube", "--task", offer["task"])
+        code, answer = run_json("plan", known_cube, "--task", offer["task"])
         assert (code, answer["mode"]) == (0, offer["mode"])
         assert answer["tfvadi"] == pytest.approx(offer["tfvadi"])
         assert answer["task"]["q"] == offer["q"]
@@ -347,13 +359,13 @@ def test_learn_then_show_export_reset_import(run, run_json, tmp_path, own_memory
     code, shown = run_json("memory", "show")
     assert code == 0
     assert shown["path"] == str(own_memory)
-    assert {o["name"] for o in shown["objects"]} == {"cube", "mug", "pen"}
+    assert {o["name"] for o in shown["objects"]} == {"seed_cube", "mug", "pen"}
     assert shown["experiences"] == sum(o["experiences"] for o in shown["objects"])
     assert shown["trained_on"] == {"utah_mit": samples[-1]}
     code, out, _ = run("memory", "show")
     assert code == 0
     assert all(name in out for name in ("mug", "pen", "TFVADI", str(shown["experiences"])))
-    assert "cube *" in out
+    assert "seed_cube *" in out
     assert "mug *" not in out
     assert "* the first lesson" in out
 
@@ -386,16 +398,17 @@ def test_learn_says_each_lesson_and_where_it_went(run, own_memory):
 
 
 def test_learn_teaches_a_known_object_a_task_that_did_not_fit(run_json):
+    assert run_json("learn", "hammer", "--task", "lift")[0] == 0
     c = Controller(Memory.open(os.environ["PRESHAPE_MEMORY"], read_only=True), LAYOUT)
-    cube = c.prepare(load_library_object("cube"))
+    hammer = c.prepare(load_library_object("hammer"))
     task = next(
         t.label
         for t in all_named_tasks()
-        if c.run(cube, t, may_learn=False).mode == 2 and cube.explore(t.q, _everywhere()).match[0] >= 3.5
+        if c.run(hammer, t, may_learn=False).mode == 2 and hammer.explore(t.q, _everywhere()).match[0] >= 3.5
     )
-    assert run_json("plan", "cube", "--task", task)[0] == 1
-    assert run_json("learn", "cube", "--task", task)[0] == 0
-    assert run_json("plan", "cube", "--task", task)[0] == 0
+    assert run_json("plan", "hammer", "--task", task)[0] == 1
+    assert run_json("learn", "hammer", "--task", task)[0] == 0
+    assert run_json("plan", "hammer", "--task", task)[0] == 0
 
 
 def _everywhere():
@@ -553,7 +566,7 @@ def test_version_and_short_help(run):
 # -- as a process --------------------------------------------------------------------------------------
 
 
-def test_the_module_and_the_installed_command_do_the_same(run_json, own_memory):
+def test_the_module_and_the_installed_command_do_the_same(run_json, own_memory, known_cube):
     here = run_json("plan", "cube", "--task", Q1)[1]
     done = process("plan", "cube", "--task", Q1, "--json")
     assert (done.returncode, done.stderr) == (0, "")
@@ -561,7 +574,7 @@ def test_the_module_and_the_installed_command_do_the_same(run_json, own_memory):
     installed = Path(sys.executable).with_name("preshape")
     if installed.exists():
         done = subprocess.run(
-            [installed, "plan", "cube", "--task", UNFIT, "--json"],
+            [installed, "plan", known_cube, "--task", UNFIT, "--json"],
             capture_output=True,
             text=True,
             check=False,

@@ -155,10 +155,10 @@ def test_a_turn_or_a_mirror_carries_every_virtual_grasp_along(seed: int, symmetr
     assert len(same.keys() & found.keys()) > 0.995 * len(same.keys() | found.keys())
     if np.linalg.det(A) > 0:
         a, b = ({key: row for key, row in some.items() if key[0] in upright} for some in (same, found))
-        assert not upright or share_alike(a, b, 1e-9) > 0.95
+        assert not upright or share_alike(a, b, 1e-3) > 0.95
     plain, _ = expected(found_in(mesh, q, coefficients=NO_SIDE), A)
     there_plain = found_in(there, turned(q, A), coefficients=NO_SIDE)
-    assert share_alike(carried(plain), carried(there_plain), 1e-9) > 0.95
+    assert share_alike(carried(plain), carried(there_plain), 1e-3) > 0.95
 
 
 @few

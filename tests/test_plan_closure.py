@@ -16,7 +16,7 @@ from preshape.closure.settings import ClosureSettings
 from preshape.exceptions import InputError
 from preshape.files import dumps
 from preshape.hands.load import load_hand
-from preshape.hiis.analyser import Grip
+from preshape.hiis.analyser import Aim, Grip
 from preshape.hiis.critic import Thresholds
 from preshape.hiis.decision import Settings, Status
 from preshape.hiis.planes import axis_name
@@ -115,10 +115,29 @@ def test_what_modes_0_and_1_miss_mode_3_finds_or_the_controller_is_in_deadlock(m
 def test_a_known_object_with_a_hopeless_task_asks_for_another(memory: Path, monkeypatch: Any) -> None:
     from preshape.hiis.controller import Controller
 
+    def nothing(controller: Any, pa: Any, q: Array, *_: Any) -> Any:
+        found = pa.explore(q, Aim(planes=[5], values=[0.0]))
+        return found.where(np.zeros(len(found), dtype=bool))
+
     monkeypatch.setattr(Controller, "_offers", lambda *_: ())  # they take long
-    p = made(memory, "cube", settings=strict(6.0))
+    monkeypatch.setattr(Controller, "at_estimate", nothing)
+    monkeypatch.setattr(Controller, "on_plane", nothing)
+    p = made(memory, "cube", "turn")  # it was taught to be lifted
     assert p.decision.status is Status.CORRECTION
     assert outcomes(p) == "0:penalty 1:penalty 2:known"
+
+
+def test_lessons_that_are_not_good_enough_make_no_object_known(memory: Path) -> None:
+    """Mode 2 must not stop a request that is harder than every lesson: it is explored."""
+    for _ in range(2):
+        p = made(memory, "cube", settings=strict(6.0))
+        assert p.decision.status is Status.DEADLOCK
+        assert outcomes(p) == "0:penalty 1:penalty 2:unknown 3:explored 3:learned 3:deadlock"
+        assert "grips that are not good enough" in p.decision.transitions[2].reason
+        assert p.best is not None
+    with Memory.open(memory) as store:
+        lessons = [e for e in store.experiences() if e.kind == "task" and e.object_name == "cube"]
+    assert len(lessons) == len({e.grip.tobytes() for e in lessons if e.grip is not None})
 
 
 def test_no_hand_holds_what_is_far_too_large_or_too_heavy(memory: Path) -> None:

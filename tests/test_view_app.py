@@ -100,7 +100,7 @@ def test_a_person_plans_reads_corrects_and_teaches(browser, serve, tmp_path: Pat
 
     # the same object with a task that does not fit well enough: mode 2 offers others
     tab(page, "Plan")
-    choose(page, "Task", "strike")
+    choose(page, "Task", "turn")
     page.get_by_text("Thresholds and search").click()
     set_number(page, "good enough", "4")
     press(page, "Plan")

@@ -130,7 +130,7 @@ def test_a_person_clicks_plays_rejects_accepts_and_comes_back(opened, tmp_path: 
     assert page.locator("tr:has(b:text-is('hammer'))").inner_text().split()[1] == "utah_mit"
     tab(page, "Plan")
     plan(page)
-    saw(page, "known (mode 0): the memory named this grasp")
+    saw(page, "known (mode 0): a stored grasp")
 
 
 def _labels(page) -> list[str]:

@@ -21,6 +21,9 @@ from .hand_simulation import HandResult
 
 _ORIGIN = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
 
+LONGEST_SOURCE = 4096
+"""Largest number of characters of an object's path in a plan: no file system takes more."""
+
 
 @value
 class PlannedFor:
@@ -112,7 +115,10 @@ def grasps_from_plans(
             thing, answers = document["object"], [document, *document.get("alternatives", [])]
             if best and document.get("best"):
                 answers = [document["best"]]
-            source = plan_object(str(thing["source"]), folder, beside)
+            stored = str(thing["source"])
+            if len(stored) > LONGEST_SOURCE:
+                raise ValueError(f"the object's source has {len(stored)} characters")
+            source = plan_object(stored, folder, beside)
             if source not in extents:  # a missing object gets an arbitrary extent; the test reports it
                 extents[source] = object_extent(source, folder) or 1.0
             scale = float(max(thing["extents"])) / extents[source]

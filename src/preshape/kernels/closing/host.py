@@ -120,7 +120,7 @@ class Obstacles:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Name of each obstacle for a sentence, the table's first, then those of the boxes in their order."""
+        """Names of the obstacles in sentences, the table first, then the boxes in their order."""
         boxes = ("the box",) if len(self.boxes) == 1 else [f"box {k + 1}" for k in range(len(self.boxes))]
         return (*["the table"] * len(self.planes), *boxes)
 
