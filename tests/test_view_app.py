@@ -122,11 +122,12 @@ def test_a_person_plans_reads_corrects_and_teaches(browser, serve, tmp_path: Pat
     assert [p.parent.parent.parent for p in tmp_path.rglob("evil*.obj")] == [tmp_path]
 
     # teach it; a second browser begins anew, has nothing of the first but what is in the memory
+    set_number(page, "good enough", "3")
     press(page, "Teach this object and task")
     page.get_by_role("button", name="Cancel").wait_for(state="hidden")
     tab(page, "Memory")
     saw(page, "evil_b_name")
-    saw(page, "all planes were explored")
+    saw(page, "planes were explored")
     keep(page, "app-memory")
     mine = page.locator(".ps .head").first.text_content()
     second = Watched(browser.new_context(viewport=SMALL))

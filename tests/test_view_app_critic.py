@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import json
 import re
+from itertools import product
 from pathlib import Path
 
 import numpy as np
 
 from preshape.hands.load import load_hand
+from preshape.kernels.rays import cast_plain
 from preshape.objects.load import load_object
+from preshape.objects.mesh import TriangleMesh
 from preshape.pictures import document_motion, light_mesh, plan_scene
 from preshape.viewer.camera import project
 from preshape.viewer.canvas import RecordingCanvas
@@ -40,18 +43,39 @@ def where_a_card_is(page, document: dict, answer: dict, plane: int) -> tuple[flo
     camera = fitting(scene, document_motion(load_hand("utah_mit"), answer), size)
     drawn = RecordingCanvas()
     draw_plan(scene, drawn)
+    names = list(drawn.solids)
     corners = drawn.solids[f"planes/{plane}/card"].vertices
-    # Two cards cross each other in their middles: aim beside the middle, along the opposition axis.
-    span = max((b - a for a in corners for b in corners), key=lambda d: abs(d @ answer_axis(plane)))
-    aim = corners.mean(axis=0) + 0.35 * span
-    x, y = project(camera, aim[None], size)[0]
-    return canvas["x"] + float(x), canvas["y"] + float(y)
+    edges = [b - a for a in corners for b in corners]
+    spans = [max(edges, key=lambda d, axis=axis: abs(d @ axis)) for axis in axes_of(plane)]
+    # Cards cross each other and hide each other: the farthest point from the middle counts that is in sight.
+    for along, across in sorted(product(np.linspace(-0.42, 0.42, 9), repeat=2), key=lambda a: -np.hypot(*a)):
+        aim = corners.mean(axis=0) + along * spans[0] + across * spans[1]
+        if f"planes/{plane}/" in first_met(drawn, names, camera.eye, aim):
+            x, y = project(camera, aim[None], size)[0]
+            return canvas["x"] + float(x), canvas["y"] + float(y)
+    raise AssertionError(f"no point of the card of plane {plane} is in sight")
 
 
-def answer_axis(plane: int) -> np.ndarray:
+def first_met(drawn: RecordingCanvas, names: list[str], eye: np.ndarray, aim: np.ndarray) -> str:
+    """Name of the first solid on the line from the eye through a point."""
+    solids = [drawn.solids[name] for name in names]
+    starts = np.cumsum([0, *(len(one.vertices) for one in solids)])[:-1]
+    triangles = [one.triangles + start for one, start in zip(solids, starts, strict=True)]
+    mesh = TriangleMesh(
+        name="scene",
+        vertices=np.concatenate([one.vertices for one in solids]),
+        triangles=np.concatenate(triangles),
+    )
+    direction = (aim - eye) / np.linalg.norm(aim - eye)
+    hit = int(cast_plain(mesh, eye[None], direction[None]).triangle[0])
+    ends = np.cumsum([len(one) for one in triangles])
+    return names[int(np.searchsorted(ends, hit, side="right"))]
+
+
+def axes_of(plane: int) -> tuple[np.ndarray, np.ndarray]:
     from preshape.hiis.planes import plane as of
 
-    return of(plane).opposition_axis
+    return of(plane).opposition_axis, of(plane).transverse_axis
 
 
 def test_a_person_clicks_plays_rejects_accepts_and_comes_back(opened, tmp_path: Path) -> None:
