@@ -206,3 +206,38 @@ def test_a_plan_says_its_unit_of_length() -> None:
         document = plan_to_json(session.run(request))
     assert document["length_unit"] == pytest.approx(4 * LAYOUT.u)
     assert document["request"]["finger_rule"] == "up_to"
+
+
+def test_weights_of_more_samples_are_replaced_only_while_they_are_those_that_were_read() -> None:
+    with Memory.open(":memory:") as memory:
+        many = replace(Controller(memory, LAYOUT).weights, trained_on=90)
+        few, other = replace(many, trained_on=50, epochs=7), replace(many, trained_on=91)
+        assert memory.save_weights("utah_mit", many)
+        assert not memory.save_weights("utah_mit", few)
+        assert memory.save_weights("utah_mit", few, instead_of=many)
+        assert memory.weights("utah_mit").epochs == 7
+        memory.save_weights("utah_mit", other)
+        assert not memory.save_weights("utah_mit", few, instead_of=many)  # another process has learnt
+        assert memory.weights("utah_mit").trained_on == 91
+
+
+def test_after_a_lost_lesson_the_hand_is_trained_again_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The training set has shrunk, so the stored weights are of more samples than there are."""
+    from preshape.hiis import knowledge
+
+    with Memory.open(":memory:") as memory:
+        controller = Controller(memory, LAYOUT)
+        grasp = controller.teach(load_library_object("mug"), parse_task("pour")).grasp
+        pa = RayAnalyser(load_library_object("mug"), LAYOUT)
+        controller.learn_outcomes(pa, parse_task("pour"), [(grasp, False)])
+        trained: list[int] = []
+
+        def counted(lessons: tuple[Experience, ...], *args: object, **more: object) -> object:
+            trained.append(len(lessons))
+            return learn(lessons, *args, **more)
+
+        learn = knowledge.learn
+        monkeypatch.setattr(knowledge, "learn", counted)
+        for _ in range(3):
+            Controller(memory, LAYOUT)
+        assert len(trained) <= 1

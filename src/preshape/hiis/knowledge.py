@@ -190,8 +190,8 @@ class Knowledge:
         x, _ = training_set(self.experiences, self.layout.u, kind=self._kind)
         weights = self._weights
         if weights is None or weights.trained_on != len(x) or weights.w1.shape[1] != x.shape[1]:
-            # Another process has learnt in the meantime, or experiences were imported.
+            # Another process has learnt in the meantime, experiences were imported, or a lesson was lost.
             self._weights = self._trained(self.experiences)
             if self._may_store:
                 with self._writing():
-                    self.memory.save_weights(self.layout.name, self._weights)
+                    self.memory.save_weights(self.layout.name, self._weights, instead_of=weights)

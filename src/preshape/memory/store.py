@@ -222,10 +222,18 @@ class Memory:
             row = self._connection.execute(query, (hand,)).fetchone()
         return None if row is None else self._weights(tuple(row))
 
-    def save_weights(self, hand: str, weights: NetworkWeights) -> bool:
+    def save_weights(
+        self, hand: str, weights: NetworkWeights, *, instead_of: NetworkWeights | None = None
+    ) -> bool:
         """Store a hand's weights, unless the stored ones were trained on more samples.
 
         This protects the weights of another process that has learnt more in the meantime.
+
+        Args:
+            hand: Name of the hand.
+            weights: The weights.
+            instead_of: The weights that were read. If they are still stored, they are replaced even if they
+                were trained on more samples, some of which no longer count.
 
         Returns:
             Whether these weights are now stored.
@@ -235,6 +243,11 @@ class Memory:
         """
         row = records.weights_row(hand, weights)
         with self._writing():
+            if instead_of is not None:
+                read = dict(zip(records.WEIGHT_COLUMNS, records.weights_row(hand, instead_of), strict=True))
+                self._connection.execute(
+                    "DELETE FROM weights WHERE hand = :hand AND w1 = :w1 AND trained_on = :trained_on", read
+                )
             return self._connection.execute(_UPSERT, row).rowcount > 0
 
     def reset(self, hand: str | None = None) -> int:
