@@ -56,13 +56,24 @@ TESTS = tuple(
             "virtual_grasp",
             "learning",
         ),
-        *("controller", "why_none", "shape_inputs", "recalling", "outcomes", "invariance"),
+        *(
+            "controller",
+            "controller_modes",
+            "memory_units",
+            "why_none",
+            "shape_inputs",
+            "recalling",
+            "outcomes",
+            "invariance",
+        ),
     )
 )
 """The tests of the package; the rest of the suite uses it, and takes minutes for each survivor."""
 
 _ODDS = "The odds are divided by their sum, so a common factor has no effect; none of them overflows."
 _ZEROS = "The codes begin with zeros there, a common factor; there is no tenth output."
+_SLACK = "No two scores differ by exactly the slack."
+_BETTER = "if discovery.answer.judged > grasp.judged + SLACK:"
 _STEP = "At the peak, and within the core, the membership is 1 already."
 _FAR = "All that counts is that the limit lies far beyond the shoulders, and its square is no overflow."
 _ROUND = "Only the rounding error of a sum of two corners, about 1e-16, is to be removed."
@@ -94,6 +105,7 @@ EQUIVALENT: dict[tuple[str, str, str], str] = {
     ("fuzzy.py", "_FAR = 1e6", "_FAR = 500000.0"): _FAR,
     ("fuzzy.py", _CRISP, _CRISP.replace("12", "11")): _ROUND,
     ("fuzzy.py", _CRISP, _CRISP.replace("12", "13")): _ROUND,
+    ("learning.py", _BETTER, "if (discovery.answer.judged >= grasp.judged + SLACK):"): _SLACK,
     ("planes.py", _NAME, _NAME.replace("axis[i] > 0", "(axis[i] >= 0)")): _AXIS,
     ("planes.py", _NAME, _NAME.replace("> 0", "> (-1)")): _AXIS,
     ("planes.py", _ALLOWED, _ALLOWED.replace("0.5", "0.25")): _COSINES,

@@ -18,6 +18,7 @@ from preshape.hiis.virtual_grasp import RayAnalyser
 from preshape.memory import SCHEMA_VERSION, Memory
 from preshape.memory.records import OLD_SCENE
 from preshape.objects.library import load_library_object
+from preshape.objects.mesh import TriangleMesh
 from preshape.planning.request import PlanRequest
 from preshape.planning.session import Session, layout_of
 from preshape.tasks import parse_task
@@ -243,3 +244,38 @@ def test_after_a_lost_lesson_the_hand_is_trained_again_once(monkeypatch: pytest.
         for _ in range(3):
             Controller(memory, LAYOUT)
         assert len(trained) == 1
+
+
+class Bare:
+    """An element of an object that no finger meets."""
+
+    def __init__(self) -> None:
+        corners = np.array(
+            [[-1, -1, -1], [-0.98, -1, -1], [-1, -0.98, -1], [1, 1, 1], [0.98, 1, 1], [1, 0.98, 1]]
+        )
+        mesh = TriangleMesh(
+            name="crumbs", vertices=0.05 * corners, triangles=np.array([[0, 1, 2], [3, 4, 5]])
+        )
+        self._element = RayAnalyser(mesh, LAYOUT)
+
+    def __getattr__(self, name: str) -> object:
+        return getattr(self._element, name)
+
+
+def test_a_hand_that_cannot_hold_the_cube_gets_a_first_guess_and_still_learns(
+    mug_lessons: list[Experience],
+) -> None:
+    with Memory.open(":memory:") as memory:
+        c = Controller(memory, LAYOUT, prepare_seed=lambda mesh: Bare())
+        assert c.experiences == ()
+        assert memory.count() == 0
+        assert c.weights.trained_on == 48
+        assert c.teach(load_library_object("mug"), parse_task("pour")).grasp is not None
+        assert memory.count() > 0
+        # With lessons of its own, the hand is trained on these.
+        assert Controller(memory, LAYOUT, prepare_seed=lambda mesh: Bare()).weights.trained_on < 48
+    with Memory.open(":memory:") as memory:
+        memory.add([replace(e, length_unit=OLD_UNIT_NAME) for e in mug_lessons if e.kind != "seed"])
+        c = Controller(memory, LAYOUT, prepare_seed=lambda mesh: Bare())
+        assert {e.object_name for e in c.experiences} == {"mug"}
+        assert c.weights.trained_on == 1

@@ -269,3 +269,10 @@ def test_coefficients_that_are_not_finite_are_refused(bad: float) -> None:
 def test_default_coefficients_are_those_of_fig_16() -> None:
     k = ContactCoefficients()
     assert (k.ka, k.ko, k.kn, k.mn) == (0.45, 0.30, 1.0, 0.80)
+
+
+def test_with_a_tolerance_of_zero_only_exact_zeros_are_hidden():
+    force = np.array([1.0, 0, 0, 0, 0, 0])
+    assert len(reciprocal_twists([force, np.zeros(6)], 0.0)) == 5
+    assert len(reciprocal_twists([force, 1e-12 * np.roll(force, 1)], 0.0)) == 4
+    assert len(reciprocal_twists([force, 1e-12 * np.roll(force, 1)])) == 5

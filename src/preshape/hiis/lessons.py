@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from ..objects.shape import attribute_distance
-from ..types import ANSWER_KIND, Array, Attributes, Experience
+from ..types import ANSWER_KIND, Attributes, Experience
 from .critic import SAME_OBJECT, SLACK, same_shape
 from .learning import grasp_key, lesson_key
 
@@ -65,5 +65,4 @@ def good_enough(experiences: Iterable[Experience], scene: str, threshold: float)
 
 
 def _subject(e: Experience) -> tuple[str, str, str, bytes, bytes]:
-    task: Array = np.zeros(0) if e.kind in ("best", "landmark") else e.task
-    return e.kind, e.scene, e.object_name, e.attributes.extents.tobytes(), task.tobytes()
+    return e.kind, e.scene, e.object_name, e.attributes.extents.tobytes(), e.task.tobytes()
