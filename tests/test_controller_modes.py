@@ -50,6 +50,10 @@ def test_the_self_test_goes_on_to_mode_1_where_mode_0_fails(tmp_path):
             ways[fewest] = decision
             assert decision.deadlock == c.deadlock
     assert [ways[fewest].status for fewest in ways] == [Status.ANSWER, Status.ANSWER, Status.DEADLOCK]
+    said = [ways[fewest].transitions[-1].reason for fewest in ways]
+    assert "self-test at mode 0: TFVADI" in said[0]
+    assert all("self-test at modes 0 and 1: " in reason for reason in said[1:])
+    assert "aims were tried and" in ways[0].transitions[0].reason
 
 
 def test_mode_0_takes_the_estimated_number_of_fingers_or_as_many_as_fit():

@@ -276,3 +276,8 @@ def test_with_a_tolerance_of_zero_only_exact_zeros_are_hidden():
     assert len(reciprocal_twists([force, np.zeros(6)], 0.0)) == 5
     assert len(reciprocal_twists([force, 1e-12 * np.roll(force, 1)], 0.0)) == 4
     assert len(reciprocal_twists([force, 1e-12 * np.roll(force, 1)])) == 5
+
+
+def test_nothing_is_hidden_from_a_hand_that_exerts_nothing():
+    assert reciprocal_twists(np.zeros((2, 6))).shape == (6, 6)
+    assert screw_measures(np.zeros((2, 6))) == (0, 0)
