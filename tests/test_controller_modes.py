@@ -132,3 +132,36 @@ def test_a_repeated_lesson_is_not_stored_again():
         c.teach(prepared("mug"), parse_task("lift"))
         assert memory.count() > before
         assert c.knowledge.memory_state == memory.state()
+
+
+def test_a_real_hand_knows_an_object_only_in_the_scene_and_by_what_was_good_enough(monkeypatch):
+    """With inputs of kind ``shape``, lessons of another scene or below the threshold stop no request."""
+    task, other = parse_task("pour"), parse_task("turn")
+    with Memory.open(":memory:") as memory:
+        there = Controller(memory, LAYOUT, kind="shape", scene="table 0 mm under the object")
+        assert there.teach(prepared("mug"), task).status is Status.ANSWER
+        here = Controller(memory, LAYOUT, kind="shape")
+        nothing = prepared("mug").explore(task.q, Aim(planes=[5], values=[0.0]))
+        nothing = replace(nothing.where(np.zeros(len(nothing), dtype=bool)), reason="nothing")
+        for name in ("at_estimate", "on_plane"):
+            monkeypatch.setattr(Controller, name, lambda *args, **more: nothing)
+        monkeypatch.setattr(Controller, "_offers", lambda *args: ())
+        known, unknown = (c.run(prepared("mug"), other, may_learn=False) for c in (there, here))
+        assert known.status is Status.CORRECTION
+        assert "its shape to mug" in known.transitions[2].reason
+        assert [t.outcome for t in unknown.transitions[:3]] == ["penalty", "penalty", "unknown"]
+        assert "knows mug only with another load, friction, table or boxes" in unknown.transitions[2].reason
+        new = here.run(prepared("hammer"), other, may_learn=False)
+        assert new.transitions[2].reason == "no known object has its size"
+
+
+def test_a_memory_of_both_units_without_a_first_lesson_gets_one():
+    with Memory.open(":memory:") as memory:
+        Controller(memory, LAYOUT).teach(prepared("mug"), parse_task("pour"))
+        lessons = [e for e in memory.experiences() if e.kind != "seed"]
+    old = [replace(e, length_unit="U", object_name="old") for e in lessons]
+    for stored, seeds in (([*old, *lessons], 48), (lessons, 0)):
+        with Memory.open(":memory:") as memory:
+            memory.add(stored)
+            Controller(memory, LAYOUT)
+            assert sum(e.kind == "seed" for e in memory.experiences()) == seeds
