@@ -8,9 +8,11 @@ from itertools import product
 import numpy as np
 import pytest
 
+from preshape.exceptions import InputError
 from preshape.hiis.analyser import Aim
 from preshape.hiis.controller import Controller
-from preshape.hiis.decision import Status
+from preshape.hiis.critic import Thresholds
+from preshape.hiis.decision import Settings, Status
 from preshape.hiis.estimator import Estimate
 from preshape.hiis.fuzzy import FuzzySets
 from preshape.hiis.virtual_grasp import RayAnalyser
@@ -165,3 +167,38 @@ def test_a_memory_of_both_units_without_a_first_lesson_gets_one():
             memory.add(stored)
             Controller(memory, LAYOUT)
             assert sum(e.kind == "seed" for e in memory.experiences()) == seeds
+
+
+def test_the_finger_rule_keeps_all_or_only_the_grasps_with_most_fingers_at_an_aim():
+    found = prepared("hammer").explore(parse_task("lift").q, Aim(values=FuzzySets().crisp()))
+    assert found.with_fingers("up_to") is found
+    kept = found.with_fingers("all")
+    aims = list(zip(found.plane.tolist(), found.flip.tolist(), found.value.tolist(), strict=True))
+    most = {
+        aim: max(n for n, a in zip(found.fingers.tolist(), aims, strict=True) if a == aim) for aim in aims
+    }
+    left = list(zip(kept.plane.tolist(), kept.flip.tolist(), kept.value.tolist(), strict=True))
+    assert sorted(left) == sorted(most)  # each aim once
+    assert [most[aim] for aim in left] == kept.fingers.tolist()
+    assert len(kept) < len(found)
+    assert (np.diff(kept.match) <= 1e-9).all()
+    with pytest.raises(InputError, match="up_to, all, got 'most'"):
+        Settings(finger_rule="most")
+    with Memory.open(":memory:") as memory:
+        c = Controller(memory, LAYOUT, settings=Settings(finger_rule="all"))
+        for estimate in (Estimate(plane=p, approach_set=3, fingers=2, **NO_MATTER) for p in (3, 7)):
+            on_plane = c.on_plane(prepared("hammer"), parse_task("lift").q, estimate)
+            assert len(on_plane) == len(np.unique(np.stack([on_plane.flip, on_plane.value], axis=1), axis=0))
+
+
+def test_a_deadlock_without_a_grasp_in_its_self_test_shows_what_was_explored():
+    with Memory.open(":memory:") as memory:
+        decision = Controller(memory, LAYOUT).teach(Deaf(prepared("cone"), 10**6), parse_task("lift"))
+    assert decision.status is Status.DEADLOCK
+    assert decision.best is not None
+    assert 2.0 < decision.best.tfvadi < 3.0
+
+
+def test_thresholds_are_numbers_whatever_was_given():
+    limits = Thresholds(estimation=3, recognition=np.float32(5))
+    assert [type(x) for x in (limits.estimation, limits.recognition)] == [float, float]

@@ -297,6 +297,10 @@ def test_a_lesson_is_the_task_the_best_possible_task_a_landmark_and_a_better_ans
         assert e.wrench == pytest.approx(taught.net_wrench)
     assert task.task == pytest.approx(q)
     assert best.task == pytest.approx(taught.net_wrench)
+    same = replace(discovery, answer=taught)  # what is taught is the answer: nothing is stored beside it
+    kinds = [e.kind for e in experiences_of(pa, "mug", q, same, SETS)]
+    assert ANSWER_KIND not in kinds
+    assert kinds == [e.kind for e in experiences if e.kind != ANSWER_KIND]
     for e in experiences:
         assert (e.object_name, e.hand) == ("mug", "utah_mit")
         assert e.match == pytest.approx(float(tfvadi(e.task, e.wrench, SETS)), abs=1e-12)

@@ -9,14 +9,18 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from preshape.exceptions import InputError
+from preshape.hiis.analyser import Aim, HandLayout
+from preshape.hiis.virtual_grasp import RayAnalyser
 from preshape.hiis.wrench import (
     contact_wrenches,
+    grasp_wrenches,
     net_wrench,
     rank,
     reciprocal_twists,
     screw_measures,
     soft_finger_basis,
 )
+from preshape.objects.library import load_library_object
 from preshape.types import ContactCoefficients
 
 Array = NDArray[np.float64]
@@ -281,3 +285,21 @@ def test_with_a_tolerance_of_zero_only_exact_zeros_are_hidden():
 def test_nothing_is_hidden_from_a_hand_that_exerts_nothing():
     assert reciprocal_twists(np.zeros((2, 6))).shape == (6, 6)
     assert screw_measures(np.zeros((2, 6))) == (0, 0)
+
+
+def test_the_wrenches_of_a_grasp_are_those_of_its_rays():
+    layout = HandLayout(name="some", u=0.043, finger_pitch=0.025, fingertip_width=0.017)
+    mesh = load_library_object("mug")
+    pa = RayAnalyser(mesh, layout)
+    found = pa.explore(np.ones(6), Aim(values=[0.0, 0.25], fingers=[2, 3, 4]))
+    for k in range(0, len(found), 7):
+        g = found.grasp(k)
+        again = grasp_wrenches(
+            g.contacts.points,
+            g.contacts.normals_in,
+            g.plane,
+            cog=mesh.cog,
+            length_unit=layout.length_unit,
+            coefficients=pa.coefficients,
+        )
+        assert np.allclose(again, g.contacts.wrenches, atol=1e-12)
