@@ -44,28 +44,24 @@ PACKAGE = "preshape/hiis"
 TESTS = tuple(
     f"tests/test_{name}.py"
     for name in (
-        *(
-            "planes",
-            "fuzzy",
-            "estimator",
-            "analyser",
-            "decision",
-            "wrench",
-            "critic",
-            "training",
-            "virtual_grasp",
-            "learning",
-        ),
-        *(
-            "controller",
-            "controller_modes",
-            "memory_units",
-            "why_none",
-            "shape_inputs",
-            "recalling",
-            "outcomes",
-            "invariance",
-        ),
+        "planes",
+        "fuzzy",
+        "estimator",
+        "analyser",
+        "decision",
+        "wrench",
+        "critic",
+        "training",
+        "virtual_grasp",
+        "learning",
+        "controller",
+        "controller_modes",
+        "memory_units",
+        "why_none",
+        "shape_inputs",
+        "recalling",
+        "outcomes",
+        "invariance",
     )
 )
 """The tests of the package; the rest of the suite uses it, and takes minutes for each survivor."""

@@ -271,6 +271,11 @@ class Experience:
     length_unit: str = UNIT_NAME
 
     @property
+    def judged(self) -> float:
+        """Quality of a grip, or match of a virtual grasp, which is what the critic judged (0..6)."""
+        return self.match if self.quality is None else self.quality
+
+    @property
     def outdated(self) -> bool:
         """Whether wrench and match are of an earlier version's unit and contact model, and so are void."""
         return self.length_unit != UNIT_NAME

@@ -78,8 +78,7 @@ def recalled(
         key = sizes[k].tobytes() + np.array([e.attributes.area, e.attributes.volume]).tobytes()
         if key not in distances:
             distances[key] = attribute_distance(here, e.attributes)
-        quality = e.match if e.quality is None else e.quality
-        rows.append((distances[key], e.task.tobytes() != q.tobytes(), -quality, -k, e, aimed))
+        rows.append((distances[key], e.task.tobytes() != q.tobytes(), -e.judged, -k, e, aimed))
     if not rows:
         return None
     rows.sort(key=lambda row: row[:4])

@@ -274,7 +274,8 @@ class Controller:
         Mode 2 must never say that a task does not fit which was taught, and which a grasp on the taught plane
         still meets on the current mesh; that may be a finer triangulation of the object.
         """
-        taught = of_this_object(self.knowledge.of_task(task, allowed), described(pa.mesh))
+        lessons = self.knowledge.of_task(task, allowed)
+        taught = of_this_object(lessons, described(pa.mesh)) if lessons else []
         planes = {e.plane for e in best_first(taught)} - {estimate.plane}
         for number in sorted(planes):
             other, found = self._criticise(pa, task.q, self._on(pa, task.q, number))

@@ -130,11 +130,14 @@ class Knowledge:
             may_learn: Whether the result may be stored.
         """
         outdated = [e for e in self.experiences if e.outdated and e.grip is None]
+        lessons = of_this_mesh(outdated, pa.mesh.attributes)
+        if not lessons:
+            return
+        sets, attributes = self.settings.sets, described(pa.mesh)
         renewed: list[tuple[Experience, Experience]] = []
-        for e in of_this_mesh(outdated, pa.mesh.attributes):
+        for e in lessons:
             for grasp in pa.recall(e.task, [e]):
                 task = grasp.net_wrench if e.kind in ("best", "landmark") else e.task
-                sets, attributes = self.settings.sets, described(pa.mesh)
                 again = experience_of(
                     pa, e.object_name, e.kind, task, grasp, sets, attributes, e.outcome, e.scene
                 )

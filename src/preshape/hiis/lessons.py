@@ -42,9 +42,7 @@ def best_first(lessons: Sequence[Experience]) -> list[Experience]:
     """
     lost = {grasp_key(e) for e in lessons if e.outcome == "lost"}
     of_grasp = {grasp_key(e): e for e in lessons if grasp_key(e) not in lost and e.kind != "landmark"}
-    return sorted(
-        of_grasp.values(), key=lambda e: (not e.outdated, -(e.match if e.quality is None else e.quality))
-    )
+    return sorted(of_grasp.values(), key=lambda e: (not e.outdated, -e.judged))
 
 
 def not_yet_learnt(new: Sequence[Experience], known: Sequence[Experience]) -> list[Experience]:
@@ -56,13 +54,10 @@ def not_yet_learnt(new: Sequence[Experience], known: Sequence[Experience]) -> li
 def good_enough(experiences: Iterable[Experience], scene: str, threshold: float) -> list[Experience]:
     """The lessons by which a real hand knows an object: of this scene, with a good enough grip."""
     return [
-        e
-        for e in experiences
-        if e.kind != ANSWER_KIND
-        and e.scene == scene
-        and (e.match if e.quality is None else e.quality) >= threshold - SLACK
+        e for e in experiences if e.kind != ANSWER_KIND and e.scene == scene and e.judged >= threshold - SLACK
     ]
 
 
-def _subject(e: Experience) -> tuple[str, str, str, bytes, bytes]:
-    return e.kind, e.scene, e.object_name, e.attributes.extents.tobytes(), e.task.tobytes()
+def _subject(e: Experience) -> tuple[object, ...]:
+    """What a lesson is about: its key without the grasp, and its kind."""
+    return e.kind, *lesson_key(e)[:-1]

@@ -93,8 +93,7 @@ def _add_length_unit(connection: sqlite3.Connection) -> None:
     """Version 4 to 5: the unit of length, 4U since then.
 
     The first lesson with virtual grasps, whose cube had half the paper's size, and all weights are deleted,
-    because both are made again when the hand is used next. Lessons of real hands were learnt at 0.1 kg; their
-    scene says so now.
+    because both are made again when the hand is used next.
     """
     connection.execute(
         f"ALTER TABLE experiences ADD COLUMN length_unit TEXT NOT NULL DEFAULT '{OLD_UNIT_NAME}'"
