@@ -167,7 +167,7 @@ def test_a_correction_carries_the_best_grasp_that_was_searched():
 
 
 @pytest.mark.parametrize(("match", "known"), [(3.0, True), (2.9, False)])
-def test_an_object_is_known_by_a_task_that_was_learnt_well_enough(match, known):
+def test_only_an_object_that_can_be_held_for_some_task_is_refused_another(match, known):
     """A deadlock leaves a lesson, and so does a migrated grasp; neither may refuse other tasks."""
     with Memory.open(":memory:") as memory:
         Controller(memory, LAYOUT).teach(prepared("mug"), parse_task("pour"))
@@ -179,8 +179,8 @@ def test_an_object_is_known_by_a_task_that_was_learnt_well_enough(match, known):
         c = Controller(memory, LAYOUT)
         other = parse_task("turn")
         decision = c.run(Blocked(prepared("mug"), other.q), other, may_learn=False)
-    assert decision.transitions[2].outcome == ("known" if known else "unknown")
-    assert decision.mode == (2 if known else 3)
+    assert decision.transitions[2].outcome == "known"
+    assert (decision.mode, decision.status) == ((2, Status.CORRECTION) if known else (3, Status.ANSWER))
 
 
 def test_a_repeated_lesson_is_not_stored_again():

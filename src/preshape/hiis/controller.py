@@ -178,19 +178,19 @@ class Controller:
             return self._answer(pa, task, len(steps) - 1, grasp, steps, allowed, count, estimate)
 
         recognition = self._mode_2(pa)
-        known = recognition.verdict.reward
         steps.append(_step(2, recognition.verdict, met="known", missed="unknown"))
+        known = recognition.verdict.reward and bool(of_this_object(self._well_learnt(), pa.mesh))
         if known and self._settled(pa, task, allowed):
-            words = [f"the object is known ({recognition.verdict.reason})", verdict.reason]
-            words[1] = f"on the planes that were searched, {words[1]}"
-            words += [f"approaches allowed: {approaches}"] if approaches is not None else []
-            steps[-1] = replace(steps[-1], reason="; ".join(words))
+            limited = f"; approaches allowed: {approaches}" if approaches is not None else ""
+            searched = f"on the planes that were searched, {verdict.reason}{limited}"
+            steps[-1] = replace(steps[-1], reason=_correction(recognition, searched))
             offers = self._offers(pa, task, allowed)
             return decided(task, 2, Status.CORRECTION, steps, estimate, best=grasp, offers=offers)
         decision = self._mode_3(pa, task, allowed, count, steps, may_learn, stored, grasp)
         if known and decision.grasp is None:
             self.deadlock = False
-            steps[-1] = replace(steps[-1], outcome="correction")
+            reason = _correction(recognition, decision.reason)
+            steps[-1] = replace(steps[-1], outcome="correction", reason=reason)
             offers = self._offers(pa, task, allowed)
             return decided(task, 3, Status.CORRECTION, steps, None, best=decision.best, offers=offers)
         return decision
@@ -307,8 +307,16 @@ class Controller:
         """The lessons of this task with objects that may be this one, one of each grasp, the best first."""
         return best_first(of_this_object(self.knowledge.of_task(task, allowed), pa.mesh))
 
+    def _well_learnt(self) -> list[Experience]:
+        """The lessons that may refuse a task: of this scene, with objects that the hand holds for some task.
+
+        A threshold above the usual one does not make a known object unknown.
+        """
+        enough = min(self.settings.thresholds.estimation, Thresholds().estimation)
+        return well_learnt(self.experiences, self.knowledge.scene, enough)
+
     def _settled(self, pa: Analyser, task: Task, allowed: BoolArray) -> bool:
-        """Whether mode 2 may end the run with a known object: virtual grasps and a task not taught [R].
+        """Whether mode 2 may end the run with a known object: with virtual grasps and a task not taught [R].
 
         A taught task that its grasp no longer meets is explored again, because a mesh may differ from the
         taught one within the tolerance of recognition.
@@ -319,17 +327,13 @@ class Controller:
         )
 
     def _mode_2(self, pa: Analyser) -> Recognition:
-        """Whether the object is known: only objects count with which some task was learnt well enough.
-
-        A threshold above the usual one does not make a known object unknown.
-        """
+        """Whether the object is known."""
         s = self.settings
-        enough = min(s.thresholds.estimation, Thresholds().estimation)
-        lessons = well_learnt(self.experiences, self.knowledge.scene, enough)
         if self._kind != "shape":
+            lessons = [e for e in self.experiences if e.kind != ANSWER_KIND]
             return recognise(pa, lessons, s.thresholds.recognition, s.sets)
         here = self._attributes(pa)
-        found = recognise_shape(here, lessons)
+        found = recognise_shape(here, self._well_learnt())
         if not found.verdict.reward:
             other = recognise_shape(here, [e for e in self.experiences if e.kind != ANSWER_KIND])
             if other.verdict.reward:
@@ -493,6 +497,11 @@ class Controller:
 
 def _step(mode: int, verdict: Verdict, *, met: str = "reward", missed: str = "penalty") -> Transition:
     return Transition(mode=mode, outcome=met if verdict.reward else missed, reason=verdict.reason)
+
+
+def _correction(recognition: Recognition, failure: str) -> str:
+    """The reason of a task correction: what the object is known by, and what fell short."""
+    return f"the object is known ({recognition.verdict.reason}); {failure}"
 
 
 def _indices(allowed: BoolArray) -> Sequence[int]:

@@ -43,10 +43,10 @@ def not_yet_learnt(new: Sequence[Experience], known: Sequence[Experience]) -> li
 
 
 def well_learnt(experiences: Iterable[Experience], scene: str, threshold: float) -> list[Experience]:
-    """The lessons by which an object is known: those of objects with a good enough grasp in this scene.
+    """The lessons of objects for which a good enough grasp was learnt in this scene, for any task.
 
-    A deadlock is a lesson too, but it must not make its object known. Answers that were stored without
-    teaching are left out.
+    A deadlock is a lesson too, but it must not refuse the object's other tasks. Answers that were stored
+    without teaching are left out.
 
     Args:
         experiences: Lessons of one hand.
