@@ -22,8 +22,25 @@ Each message is one or two sentences: what was expected, what came, what to do.
 from __future__ import annotations
 
 import difflib
+import reprlib
 from collections.abc import Iterable
 from typing import ClassVar
+
+_LONGEST = 60
+_short = reprlib.Repr()
+_short.maxstring = _short.maxother = _short.maxlong = _LONGEST
+
+
+def shown(given: object) -> str:
+    """What a caller gave, for messages: its ``repr`` in one line, with ``...`` for the middle of a long one.
+
+    >>> shown("lift"), len(shown("lift " * 1000))
+    ("'lift'", 60)
+    """
+    try:
+        return " ".join(_short.repr(given).split())
+    except Exception:  # a foreign object's own repr may fail in any way
+        return f"a value of {type(given).__name__}"
 
 
 class PreshapeError(Exception):
@@ -77,17 +94,18 @@ class UnknownName(InputError):
 
     def nearest(self, count: int = 3) -> tuple[str, ...]:
         """The known names that are most similar, best first."""
-        if not self.name.strip():
+        name = self.name.strip().lower()
+        if not name or len(name) > 2 * _LONGEST:
             return ()
-        close = difflib.get_close_matches(self.name.lower(), self.known, n=count, cutoff=0.4)
-        inside = [known for known in self.known if self.name.lower() in known.lower()]
+        close = difflib.get_close_matches(name, self.known, n=count, cutoff=0.4)
+        inside = [known for known in self.known if name in known.lower()]
         return tuple(dict.fromkeys([*inside, *close]))[:count]
 
     def __str__(self) -> str:
         hint = self.nearest()
         known = ", ".join(self.known)
         guess = f"did you mean {' or '.join(hint)}? Known: {known}" if hint else f"known: {known}"
-        return f"no {self.noun} {self.name!r}; {guess}{self.more}"
+        return f"no {self.noun} {shown(self.name)}; {guess}{self.more}"
 
 
 class UnknownObject(UnknownName):

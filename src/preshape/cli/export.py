@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from ..exceptions import InputError
+from ..exceptions import InputError, shown
 from .options import best_option, json_option, numbers_in
 from .printing import emit, name_files
 
@@ -103,7 +103,7 @@ def export(
     missing.
     """
     if kind not in FORMATS:
-        raise InputError(f"--format must be one of {', '.join(FORMATS)}, got {kind!r}")
+        raise InputError(f"--format must be one of {', '.join(FORMATS)}, got {shown(kind)}")
     if not all(name.strip() for name in out):
         raise InputError("--out needs a file, got an empty name")
     from ..export.moveit import MoveItOptions

@@ -12,7 +12,7 @@ import numpy as np
 
 from ..exceptions import InputError
 from ..objects.shape import LENGTH, attribute_distance, described, shape_distance
-from ..types import Attributes, Experience, freeze, frozen_array, value
+from ..types import Attributes, Experience, finite_number, freeze, value
 from .analyser import Aim, Analyser
 from .fuzzy import FuzzySets, tfvadi
 
@@ -50,10 +50,10 @@ class Thresholds:
     recognition: float = 5.0
 
     def __post_init__(self) -> None:
-        both = frozen_array([self.estimation, self.recognition], (2,), "thresholds")
-        if not ((both >= 0) & (both <= 6)).all():
-            raise InputError(f"thresholds must lie in 0..6, got {both.tolist()}")
-        freeze(self, estimation=float(both[0]), recognition=float(both[1]))
+        both = [finite_number(limit, "thresholds: each") for limit in (self.estimation, self.recognition)]
+        if not all(0 <= limit <= 6 for limit in both):
+            raise InputError(f"thresholds must lie in 0..6, got {both}")
+        freeze(self, estimation=both[0], recognition=both[1])
 
 
 @value

@@ -29,7 +29,7 @@ _CACHED_AIMS = 40
 # On a symmetric object, a ray may hit an edge or a vertex exactly. The facets that meet there are those that
 # rays on a ring of this radius, a fraction of the largest extent (1 to 2 µm), hit around it.
 _RING_RADIUS = 1e-5
-# No spoke lies along an axis or a diagonal, where edges are likely, and the ring has the symmetry of the axes.
+# No spoke lies along an axis or a diagonal, where edges are likely; the ring has the symmetry of the axes.
 _SPOKES = np.pi / 8 + np.pi / 4 * np.arange(8)
 
 # Places along t that a finger can aim at: opposite the thumb, beside that at +t, and at -t.
@@ -315,7 +315,7 @@ class RayAnalyser:
         along = np.broadcast_to(directions, aside.shape)
         hits = self._cast(aside.reshape(-1, 3), along.reshape(-1, 3))
         triangle, reach = (array.reshape(aside.shape[:2]) for array in (hits.triangle, hits.distance))
-        # 2. The plane of each triangle gives the distance along the true ray, unless they are almost parallel.
+        # 2. A triangle's plane gives the distance along the true ray, unless they are almost parallel.
         met, near = triangle != MISS, 10 * self._radius
         centre = np.broadcast_to(origins, aside.shape).reshape(-1, 3)
         true = distance_to(self.mesh, hits.triangle, centre, along.reshape(-1, 3)).reshape(reach.shape)

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from .._version import __version__
-from ..exceptions import EnvironmentFailure, InputError
+from ..exceptions import EnvironmentFailure, InputError, shown
 from ..hiis.analyser import Grasp, Grip
 from ..hiis.critic import Thresholds
 from ..hiis.decision import Settings
@@ -90,7 +90,7 @@ def version_of(document: Document) -> int:
     version = document.get("schema", 1)
     if isinstance(version, bool) or not isinstance(version, int) or version < 1:
         raise InputError(
-            f"schema, the version of the plan's format, must be a whole number, got {version!r:.40}"
+            f"schema, the version of the plan's format, must be a whole number, got {shown(version)}"
         )
     if version > SCHEMA:
         raise InputError(

@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from ..objects.mass import ObjectMass
+from ..tasks.task import COMPONENTS, ROTATION_ABSENT, TRANSLATION_ABSENT
 from ..types import FIELD_MASS, FRICTION, MODES, STEPS
 
 Document = dict[str, Any]
@@ -44,7 +45,8 @@ def answers_of(document: Document, *, best: bool = True) -> list[Document]:
 def result(document: Document) -> tuple[str, str, str]:
     """Sign, kind (``good``, ``warn`` or ``bad``) and words of a plan's result.
 
-    The words name the motion that a virtual grasp does not give, and a test in physics that failed.
+    The words name the motion that a virtual grasp does not give or opposes, and a test in physics that
+    failed.
     """
     status = str(document["status"])
     sign, kind, title = _RESULTS.get(status, ("", "warn", status))
@@ -52,9 +54,38 @@ def result(document: Document) -> tuple[str, str, str]:
     if status == "answer" and verified and not verified["held"]:
         return "✕", "bad", "No answer held in physics"
     if document.get("missing_motion"):
-        return "!", "warn", f"{title}, but it gives nothing along {document['missing_motion']}"
+        return "!", "warn", f"{title}, but it {missing_words(document)}"
     shown = "; the best try is shown" if document.get("best") and not document.get("plane") else ""
     return sign, kind, title + shown
+
+
+def missing_words(document: Document) -> str:
+    """What an answer makes of the task's largest components, if it matches none of them.
+
+    >>> lift = {"missing_motion": "Tz", "task": {"q": [0.1, 0.1, 1, 0, 0, 0]}}
+    >>> missing_words({**lift, "net_wrench": [0, 0, -1.16, 0, 0, 0]})
+    'opposes Tz'
+    """
+    parts: dict[str, list[str]] = {}
+    numbers = zip(COMPONENTS, document["task"]["q"], document["net_wrench"], strict=True)
+    for name, asked, given in numbers:
+        if name in document["missing_motion"].split(" and "):
+            parts.setdefault(mismatch(name, asked, given), []).append(name)
+    return " and ".join(f"{verb} {' and '.join(names)}" for verb, names in parts.items())
+
+
+def mismatch(name: str, asked: float, given: float) -> str:
+    """How a component of a net wrench fails the task, as a verb that the component's name follows.
+
+    >>> mismatch("Tz", 1.0, -1.16), mismatch("Tz", 1.0, 0.05), mismatch("Rx", 0.8, 0.3)
+    ('opposes', 'gives nothing along', 'gives too little about')
+    """
+    along = "along" if name[0] == "T" else "about"
+    if abs(given) <= (TRANSLATION_ABSENT if name[0] == "T" else ROTATION_ABSENT):
+        return f"gives nothing {along}"
+    if asked * given < 0:
+        return "opposes"
+    return f"gives too {'little' if abs(given) < abs(asked) else 'much'} {along}"
 
 
 def mode_words(mode: int, known: bool = True) -> str:
