@@ -115,9 +115,40 @@ class UnknownObject(UnknownName):
 
 
 class UnknownTask(UnknownName):
-    """There is no task family of that name."""
+    """There is no task family of that name; the message also suggests tasks for common words.
+
+    >>> UnknownTask("pick it up", ["lift", "pour", "hand_over"]).nearest()
+    ('lift', 'hand_over')
+    """
 
     noun = "task"
+    # What people say, and the tasks that do it.
+    _MEANT: ClassVar[dict[str, str]] = {
+        "lift": "pick grasp grab hold take raise carry move up keep catch get",
+        "hand_over": "pick carry give pass bring place handover move",
+        "insert": "place put set plug lower down peg",
+        "press": "squeeze place put stamp click",
+        "slide": "wipe drag shift move place sweep",
+        "strike": "hammer hit knock swing beat",
+        "turn": "rotate spin dial knob",
+        "twist": "rotate wring key unlock lock",
+        "screw": "tighten bolt fasten drive",
+        "unscrew": "loosen unbolt uncap",
+        "pour": "tilt drink tip fill empty serve",
+        "push": "shove close",
+        "pull": "draw tug drag",
+        "lever": "pry bend",
+        "shake": "stir mix rattle",
+        "open": "door drawer swing",
+    }
+
+    def nearest(self, count: int = 3) -> tuple[str, ...]:
+        """The tasks that a word of the text names, means or resembles, best first."""
+        words = self.name.lower().replace("_", " ").split()[:20]
+        named = [known for known in self.known if known in words]
+        meant = [known for word in words for known in self._MEANT if word in self._MEANT[known].split()]
+        found = [known for known in (*named, *meant) if known in self.known]
+        return tuple(dict.fromkeys(found))[:count] or super().nearest(count)
 
 
 class UnknownHand(UnknownName):

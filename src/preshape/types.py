@@ -186,6 +186,32 @@ def whole_number(given: object, name: str, least: int) -> int:
     return int(given)
 
 
+def told_apart(*given: float, digits: int = 2) -> tuple[str, ...]:
+    """Numbers as text, with as many decimals as are needed that different numbers read differently.
+
+    Args:
+        given: The numbers.
+        digits: Least number of decimals.
+
+    >>> told_apart(2.9996, 3.0), told_apart(2.5, 3.0)
+    (('2.9996', '3.0000'), ('2.50', '3.00'))
+    """
+    for decimals in range(digits, 18):
+        texts = tuple(f"{number:.{decimals}f}" for number in given)
+        if len(set(texts)) == len(set(given)):
+            return texts
+    return tuple(map(repr, given))
+
+
+def two_digits(number: float) -> str:
+    """A number of zero or more with one decimal, and at least two significant digits.
+
+    >>> two_digits(12.34), two_digits(0.034), two_digits(0.0)
+    ('12.3', '0.034', '0')
+    """
+    return f"{number:.1f}" if number >= 0.95 else f"{number:.2g}"
+
+
 def freeze(instance: Any, **fields: Any) -> None:
     """Set fields of a frozen instance; for its own ``__post_init__`` only."""
     for name, content in fields.items():

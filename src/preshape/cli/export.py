@@ -191,7 +191,9 @@ def _moveit(
         f"moveit_msgs/msg/Grasp, {_count(len(messages))}{', the answer first' if len(messages) > 1 else ''}\n"
         f"from {Path(file).name} by preshape {__version__}\n"
         f"planned for {grasps[0].mass:g} kg, friction {grasps[0].friction:g}\n"
-        f"grasp_pose: {link} in {options.frame}, the object's own frame [m]\n{grasps[0].warning}",
+        f"grasp_pose: {link} in {options.frame}, the object's own frame [m]\n"
+        "grasp_quality: 0 to 6, not 0 to 1: quality of a grip, TFVADI of a virtual grasp; 3 is just enough\n"
+        f"{grasps[0].warning}",
     )
     for path in paths:
         if path.suffix.lower() == ".mcap":

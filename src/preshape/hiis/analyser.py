@@ -15,7 +15,16 @@ import numpy as np
 
 from ..exceptions import InputError
 from ..objects.mesh import TriangleMesh
-from ..types import LENGTH_UNIT, Array, BoolArray, ContactCoefficients, Experience, IntArray, value
+from ..types import (
+    LENGTH_UNIT,
+    Array,
+    BoolArray,
+    ContactCoefficients,
+    Experience,
+    IntArray,
+    two_digits,
+    value,
+)
 from .planes import PLANES, ApproachPlane
 
 MAX_FINGERS = 4
@@ -218,8 +227,8 @@ class Grip(Grasp, GripPosture):
         """Plane, fingers in contact, press and margins."""
         return (
             f"{self.plane.label}, {len(self.fingers_touching)} fingers: squeezing with {self.press:.0f} N it "
-            f"balances {self.task_margin:.1f} times the task's load, {self.hold_margin:.1f} times the pushes "
-            "expected"
+            f"balances {two_digits(self.task_margin)} times the task's load, {two_digits(self.hold_margin)} "
+            "times the pushes expected"
         )
 
     @property

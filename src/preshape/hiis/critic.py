@@ -12,7 +12,7 @@ import numpy as np
 
 from ..exceptions import InputError
 from ..objects.shape import LENGTH, attribute_distance, described, shape_distance
-from ..types import Attributes, Experience, finite_number, freeze, value
+from ..types import Attributes, Experience, finite_number, freeze, told_apart, value
 from .analyser import Aim, Analyser
 from .fuzzy import FuzzySets, tfvadi
 
@@ -99,7 +99,8 @@ def judge(match: float | None, threshold: float, *, subject: str = "TFVADI", why
         return Verdict(reward=False, match=None, reason=f"no grasp found{f': {why}' if why else ''}")
     met = match >= threshold - SLACK
     relation = "meets" if met else "is below"
-    reason = f"{subject} {match:.2f} {relation} the threshold {threshold:.2f}"
+    score, limit = (f"{match:.2f}", f"{threshold:.2f}") if met else told_apart(match, threshold)
+    reason = f"{subject} {score} {relation} the threshold {limit}"
     return Verdict(reward=met, match=match, reason=reason)
 
 
@@ -198,8 +199,9 @@ def recognise_shape(
     first = int(np.argmin(distances))
     name, distance = known[near[first]][0], float(distances[first])
     met = distance <= within
-    relation = "is within" if met else "is above"
-    reason = f"the distance of its shape to {name}, {distance:.3f}, {relation} {within:.3f}"
+    told, limit = told_apart(distance, within, digits=3)
+    relation = "is that of" if met else "differs from that of"
+    reason = f"its shape {relation} {name}: their distance is {told}, and {limit} at most is the same shape"
     return Recognition(
         verdict=Verdict(reward=met, match=None, reason=reason), candidates=len(near), nearest=name
     )

@@ -17,7 +17,7 @@ import numpy as np
 from ..exceptions import ObjectError
 from ..kernels.rays import MISS, Hits, RayCaster, distance_to
 from ..objects.mesh import TriangleMesh
-from ..types import Array, BoolArray, ContactCoefficients, Experience, IntArray, value
+from ..types import Array, BoolArray, ContactCoefficients, Experience, IntArray, told_apart, value
 from .analyser import Aim, Exploration, Grasp, GraspContacts, HandLayout, VirtualGrasp
 from .fuzzy import FuzzySets, approaching_degrees
 from .planes import APPROACH_AXES, OPPOSITION_AXES, TRANSVERSE_AXES, plane
@@ -369,11 +369,11 @@ def _refuse_large(mesh: TriangleMesh, layout: HandLayout) -> None:
     largest = float(mesh.extents.max())
     if largest > limit * (1 + 1e-9):
         axis = "xyz"[int(np.argmax(mesh.extents))]
-        digits = next(n for n in range(16) if round(largest * 1000, n) > round(limit * 1000, n))
+        told, most = told_apart(largest * 1000, limit * 1000, digits=0)
         fits = _rounded_down(mesh.scale * limit / largest)
         raise ObjectError(
-            f"{mesh.name} measures {largest * 1000:.{digits}f} mm along {axis}, over the "
-            f"{limit * 1000:.{digits}f} mm (4U) that the ray analyser allows the {layout.name} hand; "
+            f"{mesh.name} measures {told} mm along {axis}, over the {most} mm (4U) that the ray analyser "
+            f"allows the {layout.name} hand; "
             f"--scale {fits} would fit"
         )
 

@@ -101,7 +101,10 @@ class Memory:
             if not self.read_only and file_place(self.where) != self._place:
                 with suppress(sqlite3.Error):
                     self._connection.execute("PRAGMA wal_checkpoint(TRUNCATE)")
-            self._connection.close()
+            if self.read_only and self.where != ":memory:":
+                schema.close_readable(self._connection, Path(self.where))
+            else:
+                self._connection.close()
 
     def __enter__(self) -> Self:
         return self

@@ -180,6 +180,18 @@ def obstacles_of(document: Document) -> str:
     return " and ".join(parts)
 
 
+def lacking(document: Document) -> str:
+    """Why the best grasp of a plan without an answer is not good enough.
+
+    The last step may say only that the object is known; then the step before it that judged a grasp says it.
+    """
+    judged = [
+        t["reason"] for t in document["transitions"] if t["outcome"] in ("penalty", "deadlock", "no grasp")
+    ]
+    reason = str(document["reason"])
+    return reason if not judged or judged[-1] in reason else f"{judged[-1]}; {reason}"
+
+
 def no_answer(document: Document) -> str:
     """One sentence on a plan without an answer; it names ``--best`` if the plan contains a best grasp."""
     words = f"the plan has no grasp ({document.get('status')}: {document.get('reason')})"

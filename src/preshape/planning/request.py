@@ -82,6 +82,7 @@ _KINDS: tuple[tuple[str, Any, str], ...] = (
     ("memory", str | None, "the path of a file, :memory:, or None for the user's"),
 )
 """Types of fields, and what the message asks for; :class:`PlanRequest` says what they mean."""
+_REAL_HAND = "a real hand (--hand shadow, leap or allegro) or the closure analyser (--analyser closure)"
 _SIX = "six numbers (lower, then upper corner, in metres)"
 
 
@@ -168,11 +169,13 @@ class PlanRequest:
     def _refuse_what_rays_ignore(self) -> None:
         """Refuse obstacles and loads for the ray analyser, which would ignore them without notice."""
         if self.table is not None or self.avoid:
-            raise InputError("a table and boxes to avoid need the closure analyser (--analyser closure)")
+            raise InputError(
+                f"a table and boxes to avoid need {_REAL_HAND}; the analyser of {self.hand_name} here is rays"
+            )
         if not self.verify and (self.stated_mass is not None or not self._usual_friction):
             raise InputError(
-                "friction and mass need the closure analyser (--analyser closure), "
-                "or a test in physics (--verify)"
+                f"friction and mass need {_REAL_HAND}, or a test in physics (--verify); "
+                f"the analyser of {self.hand_name} here is rays"
             )
 
     @property

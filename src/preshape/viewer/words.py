@@ -11,7 +11,7 @@ from typing import Any
 
 from ..objects.mass import ObjectMass
 from ..tasks.task import COMPONENTS, ROTATION_ABSENT, TRANSLATION_ABSENT
-from ..types import FIELD_MASS, FRICTION, MODES, STEPS
+from ..types import FIELD_MASS, FRICTION, MODES, STEPS, two_digits
 
 Document = dict[str, Any]
 
@@ -146,6 +146,21 @@ def thumb_side(answer: Document) -> str:
     return axis_words([-x if answer["flip"] else x for x in answer["opposition_axis"]])
 
 
+def thumb_words(answer: Document) -> str:
+    """On which side of the object the thumb stands."""
+    return f"thumb on the {thumb_side(answer)} side"
+
+
+def place_words(answer: Document) -> str:
+    """What tells an answer from others of its plane: the aim of a virtual grasp, the palm of a grip."""
+    words = [plane_words(answer), thumb_words(answer)]
+    grasp = answer["hand"]["grasp"]
+    if answer.get("grip") and grasp:
+        palm = ", ".join(f"{1000 * x:.0f}" for x in grasp["palm_pose"][:3])
+        return ", ".join([*words, way_in_words(answer), f"palm at {palm} mm"])
+    return ", ".join([*words, f"approach value {answer['approach_value']:+.2f}"])
+
+
 def axis_words(axis: Sequence[float]) -> str:
     """The signed coordinate axis nearest to a vector, such as ``+X``."""
     i = max(range(3), key=lambda k: abs(axis[k]))
@@ -164,8 +179,8 @@ def figures(answer: Document) -> list[tuple[str, str, str]]:
     if grip:
         return [
             ("quality", f"{grip['quality']:.2f}", "of 6"),
-            ("task margin", f"{grip['task_margin']:.1f}", ""),
-            ("hold margin", f"{grip['hold_margin']:.1f}", ""),
+            ("task margin", two_digits(grip["task_margin"]), ""),
+            ("hold margin", two_digits(grip["hold_margin"]), ""),
             ("press", f"{press(answer):.0f}", "N"),
         ]
     indices = [("TFVADI", f"{answer['tfvadi']:.2f}"), ("stability", f"{answer['stability']}")]
