@@ -39,6 +39,12 @@ def test_a_score_just_below_its_threshold_reads_below_it() -> None:
     assert judge(3.0, 3.0).reason == "TFVADI 3.00 meets the threshold 3.00"
 
 
+def test_a_quality_that_is_not_enough_never_reads_as_enough() -> None:
+    grip = {"quality": 2.998, "task_margin": 0.04, "hold_margin": 0.999, "forces": []}
+    shown = {name: number for name, number, _ in words.figures({"grip": grip, "contacts": []})}
+    assert shown == {"quality": "2.998", "task margin": "0.04", "hold margin": "0.999", "press": "0"}
+
+
 @settings(derandomize=True, deadline=None)
 @given(margin=st.floats(1e-6, 1e3))
 def test_a_margin_is_never_shown_as_nothing(margin: float) -> None:

@@ -203,13 +203,26 @@ def told_apart(*given: float, digits: int = 2) -> tuple[str, ...]:
     return tuple(map(repr, given))
 
 
-def two_digits(number: float) -> str:
-    """A number of zero or more with one decimal, and at least two significant digits.
+ENOUGH = 3.0
+"""Quality at which a grip just balances the load, by default also the critic's threshold."""
 
-    >>> two_digits(12.34), two_digits(0.034), two_digits(0.0)
-    ('12.3', '0.034', '0')
+
+def quality_text(quality: float, digits: int = 2) -> str:
+    """A quality with so many decimals, or more where it would read as just enough and is not.
+
+    >>> quality_text(3.68, 1), quality_text(2.98, 1)
+    ('3.7', '2.98')
     """
-    return f"{number:.1f}" if number >= 0.95 else f"{number:.2g}"
+    return told_apart(quality, ENOUGH, digits=digits)[0]
+
+
+def two_digits(number: float) -> str:
+    """A number of zero or more with one decimal, and at least two significant digits; 1.0 is only 1.
+
+    >>> two_digits(12.34), two_digits(0.034), two_digits(0.0), two_digits(0.997)
+    ('12.3', '0.034', '0', '0.997')
+    """
+    return told_apart(number, 1.0, digits=1)[0] if number >= 0.95 else f"{number:.2g}"
 
 
 def freeze(instance: Any, **fields: Any) -> None:

@@ -22,6 +22,7 @@ from ..types import (
     ContactCoefficients,
     Experience,
     IntArray,
+    quality_text,
     two_digits,
     value,
 )
@@ -220,7 +221,7 @@ class Grip(Grasp, GripPosture):
     @property
     def score_text(self) -> str:
         """Quality with its name."""
-        return f"quality {self.quality:.1f}"
+        return f"quality {quality_text(self.quality, 1)}"
 
     @property
     def description(self) -> str:

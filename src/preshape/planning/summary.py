@@ -14,7 +14,7 @@ from ..hiis.decision import Status
 from ..report.terminal import fact_grid
 from ..tasks import task_from_numbers
 from ..tasks.task import COMPONENTS
-from ..types import STEPS, two_digits
+from ..types import STEPS, quality_text, two_digits
 from ..viewer import words
 from .answers import PlanRecord
 from .document import Document, plan_to_json
@@ -93,7 +93,7 @@ def _answer(answer: Document) -> Table:
         task, hold = two_digits(grip["task_margin"]), two_digits(grip["hold_margin"])
         margins = f"{task} times the task's load, {hold} times pushes"
         rows = [
-            ("quality", f"{grip['quality']:.1f} of 6 (3 is just enough)"),
+            ("quality", f"{quality_text(grip['quality'], 1)} of 6 (3 is just enough)"),
             ("margins", f"{margins} from any side, {words.load_words(answer)}"),
             ("fingers", fingers),
             ("clearance", f"{1000 * grip['clearance']:.0f} mm to the object on the way in"),

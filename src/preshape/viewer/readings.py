@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from html import escape
 
-from ..types import two_digits
+from ..types import quality_text, two_digits
 from .words import (
     QUALITY,
     Document,
@@ -177,7 +177,7 @@ def fact_rows(document: Document, answer: Document) -> list[tuple[str, str]]:
         rows.append(("fingers", fingers_words(answer)))
     else:
         rows = [
-            ("quality", f"{grip['quality']:.2f} {enough}"),
+            ("quality", f"{quality_text(grip['quality'])} {enough}"),
             ("task margin", f"{two_digits(grip['task_margin'])} × the task's load, {load_words(answer)}"),
             ("hold margin", f"{two_digits(grip['hold_margin'])} × pushes from any side"),
             ("press", f"{press(answer):.1f} N in all"),

@@ -11,7 +11,7 @@ from typing import Any
 
 from ..objects.mass import ObjectMass
 from ..tasks.task import COMPONENTS, ROTATION_ABSENT, TRANSLATION_ABSENT
-from ..types import FIELD_MASS, FRICTION, MODES, STEPS, two_digits
+from ..types import FIELD_MASS, FRICTION, MODES, STEPS, quality_text, two_digits
 
 Document = dict[str, Any]
 
@@ -190,7 +190,7 @@ def figures(answer: Document) -> list[tuple[str, str, str]]:
     grip = answer.get("grip")
     if grip:
         return [
-            ("quality", f"{grip['quality']:.2f}", "of 6"),
+            ("quality", quality_text(grip["quality"]), "of 6"),
             ("task margin", two_digits(grip["task_margin"]), ""),
             ("hold margin", two_digits(grip["hold_margin"]), ""),
             ("press", f"{press(answer):.0f}", "N"),
