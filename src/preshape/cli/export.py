@@ -192,7 +192,7 @@ def _moveit(
         f"from {Path(file).name} by preshape {__version__}\n"
         f"planned for {grasps[0].mass:g} kg, friction {grasps[0].friction:g}\n"
         f"grasp_pose: {link} in {options.frame}, the object's own frame [m]\n"
-        "grasp_quality: 0 to 6, not 0 to 1: quality of a grip, TFVADI of a virtual grasp; 3 is just enough\n"
+        "grasp_quality: 0 to 1, a sixth of a grip's quality or a virtual grasp's TFVADI; 0.5 is just enough\n"
         f"{grasps[0].warning}",
     )
     for path in paths:
