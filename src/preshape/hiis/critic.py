@@ -220,8 +220,8 @@ def recognise_shape(
     name, distance = known[near[first]][0], float(distances[first])
     met = distance <= within
     told, limit = told_apart(distance, within, digits=3)
-    relation = "is that of" if met else "differs from that of"
-    reason = f"its shape {relation} {name}: their distance is {told}, and {limit} at most is the same shape"
+    relation, limits = ("is that of", "within") if met else ("differs from that of", "above")
+    reason = f"its shape {relation} {name}: the distance {told} is {limits} {limit}"
     return Recognition(
         verdict=Verdict(reward=met, match=None, reason=reason), candidates=len(near), nearest=name
     )
