@@ -13,7 +13,7 @@ import numpy as np
 from ..exceptions import InputError
 from ..objects.mesh import TriangleMesh
 from ..objects.shape import LENGTH, attribute_distance, described, shape_distance
-from ..types import Attributes, Experience, freeze, frozen_array, value
+from ..types import Attributes, Experience, finite_number, freeze, told_apart, value
 from .analyser import Aim, Analyser
 from .fuzzy import FuzzySets, tfvadi
 
@@ -51,10 +51,10 @@ class Thresholds:
     recognition: float = 5.0
 
     def __post_init__(self) -> None:
-        both = frozen_array([self.estimation, self.recognition], (2,), "thresholds")
-        if not ((both >= 0) & (both <= 6)).all():
-            raise InputError(f"thresholds must lie in 0..6, got {both.tolist()}")
-        freeze(self, estimation=float(both[0]), recognition=float(both[1]))
+        both = [finite_number(limit, "thresholds: each") for limit in (self.estimation, self.recognition)]
+        if not all(0 <= limit <= 6 for limit in both):
+            raise InputError(f"thresholds must lie in 0..6, got {both}")
+        freeze(self, estimation=both[0], recognition=both[1])
 
 
 @value
@@ -100,7 +100,8 @@ def judge(match: float | None, threshold: float, *, subject: str = "TFVADI", why
         return Verdict(reward=False, match=None, reason=f"no grasp found{f': {why}' if why else ''}")
     met = match >= threshold - SLACK
     relation = "meets" if met else "is below"
-    reason = f"{subject} {match:.2f} {relation} the threshold {threshold:.2f}"
+    score, limit = (f"{match:.2f}", f"{threshold:.2f}") if met else told_apart(match, threshold)
+    reason = f"{subject} {score} {relation} the threshold {limit}"
     return Verdict(reward=met, match=match, reason=reason)
 
 
@@ -218,8 +219,9 @@ def recognise_shape(
     first = int(np.argmin(distances))
     name, distance = known[near[first]][0], float(distances[first])
     met = distance <= within
-    relation = "is within" if met else "is above"
-    reason = f"the distance of its shape to {name}, {distance:.3f}, {relation} {within:.3f}"
+    told, limit = told_apart(distance, within, digits=3)
+    relation, limits = ("is that of", "within") if met else ("differs from that of", "above")
+    reason = f"its shape {relation} {name}: the distance {told} is {limits} {limit}"
     return Recognition(
         verdict=Verdict(reward=met, match=None, reason=reason), candidates=len(near), nearest=name
     )

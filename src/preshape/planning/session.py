@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 
 from ..closure.settings import ClosureSettings
-from ..exceptions import Cancelled, EnvironmentFailure, InputError
+from ..exceptions import Cancelled, EnvironmentFailure, InputError, shown
 from ..files import file_place, file_state
 from ..hands.hand import Hand
 from ..hands.load import load_hand
@@ -102,7 +102,7 @@ class Session:
         cancel: threading.Event | None = None,
     ) -> None:
         if not isinstance(memory, Memory | str | Path | None):
-            raise InputError(f"memory must be a file, an open memory or None, got {memory!r:.60}")
+            raise InputError(f"memory must be a file, an open memory or None, got {shown(memory)}")
         self._own, self._learn = not isinstance(memory, Memory), learn
         self.memory = memory if isinstance(memory, Memory) else Memory.open(memory, read_only=not learn)
         # The path as it was given: a link in it may later lead to another file.

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from html import escape
 
+from ..types import quality_text, two_digits
 from .words import (
     QUALITY,
     Document,
@@ -176,9 +177,9 @@ def fact_rows(document: Document, answer: Document) -> list[tuple[str, str]]:
         rows.append(("fingers", fingers_words(answer)))
     else:
         rows = [
-            ("quality", f"{grip['quality']:.2f} {enough}"),
-            ("task margin", f"{grip['task_margin']:.2f} × the task's load, {load_words(answer)}"),
-            ("hold margin", f"{grip['hold_margin']:.2f} × pushes from any side"),
+            ("quality", f"{quality_text(grip['quality'])} {enough}"),
+            ("task margin", f"{two_digits(grip['task_margin'])} × the task's load, {load_words(answer)}"),
+            ("hold margin", f"{two_digits(grip['hold_margin'])} × pushes from any side"),
             ("press", f"{press(answer):.1f} N in all"),
             ("mass", mass_words(answer)),
             ("scene", scene_words(document)),
