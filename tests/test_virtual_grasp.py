@@ -465,8 +465,8 @@ def test_where_the_facets_of_a_round_object_meet_does_not_matter(sides: int) -> 
 
 @pytest.mark.parametrize("turned", [False, True])
 def test_where_facets_meet_the_normal_is_their_mean(turned: bool) -> None:
-    # A spindle whose tips point at thumb and finger: at a tip four facets meet, at an edge two.
-    tip = np.array([[0.0, 0.03, 0.0]])
+    # A flat spindle whose tips point at thumb and finger: at a tip four facets meet, at an edge two.
+    tip = np.array([[0.0, 0.006, 0.0]])
     base = np.array([[x, 0.0, z] for x in (-0.02, 0.02) for z in (-0.02, 0.02)])
     vertices = np.vstack([tip, -tip, base])
     fan = [[0, 2, 3], [0, 3, 5], [0, 5, 4], [0, 4, 2], [1, 3, 2], [1, 5, 3], [1, 4, 5], [1, 2, 4]]
@@ -484,6 +484,11 @@ def test_where_facets_meet_the_normal_is_their_mean(turned: bool) -> None:
     assert len(normals) == 2
     mean = -normals.mean(axis=0) / np.linalg.norm(normals.mean(axis=0))
     assert on_edge.normals_in[0] == pytest.approx(mean, abs=1e-6)
+    # At a sharp edge, which no finger holds as it holds a round surface, one facet's normal counts.
+    sharp = remade(spindle, spindle.vertices * [1.0, 8.0, 1.0], spindle.triangles)
+    on_edge = RayAnalyser(sharp, UTAH).virtual_grasp(np.array(Q1), 5, False, 0.5, 2).contacts
+    off = np.abs(-sharp.normals @ on_edge.normals_in.T).max(axis=0)
+    assert off == pytest.approx(np.ones(2), abs=1e-9)
     # At the rim of a face, the face alone is touched, on every side of the cube alike.
     cube = load_library_object("cube")
     half = cube.extents[0] / 2

@@ -32,6 +32,9 @@ _RING_RADIUS = 1e-5
 # No spoke lies along an axis or a diagonal, where edges are likely; the ring has the symmetry of the axes.
 _SPOKES = np.pi / 8 + np.pi / 4 * np.arange(8)
 
+_SMOOTH = np.cos(np.radians(50.0))
+"""Facets at a smaller angle approximate one smooth surface [C]; an octagonal cylinder has 45°, a hexagon 60°."""
+
 # Places along t that a finger can aim at: opposite the thumb, beside that at +t, and at -t.
 _PLACES = {2: [0], 3: [0, 1], 4: [0, 1, 2]}
 
@@ -300,8 +303,8 @@ class RayAnalyser:
     def _hit(self, origin: Array, direction: Array) -> tuple[Array, Array, IntArray]:
         """First contact of each ray, which runs along a coordinate axis.
 
-        Where facets meet, the normal is the mean over those that the finger can touch, so it does not depend
-        on where the surface is divided into facets.
+        Where facets of a smooth surface meet, the normal is the mean over those that the finger can touch, so
+        it does not depend on where the surface is divided into facets. At a sharp edge it is that of one side.
 
         Returns:
             (..., 3) point [m], the ray's origin if it misses; (..., 3) inward normal, zero if it misses; and
@@ -321,14 +324,18 @@ class RayAnalyser:
         true = distance_to(self.mesh, hits.triangle, centre, along.reshape(-1, 3)).reshape(reach.shape)
         flat = np.abs(np.subtract(true, reach, out=np.zeros_like(true), where=met)) <= near
         depth = np.where(flat, true, reach)
-        # 3. Of what the ring hits, the nearest is the contact, and the flat facets beside it meet there.
-        first = np.argmin(depth, axis=0), np.arange(len(origins))
-        meets = met & flat & (depth <= depth[first] + near)
-        meets[first] = met[first]
+        # 3. Of what the ring hits, the nearest is the contact; of several equally near, the first on the ring.
+        front = depth <= depth.min(axis=0) + near
+        first = np.argmax(front, axis=0), np.arange(len(origins))
         # The inward normal points along the ray, whichever way the triangles of a scan are wound.
         normals = self.mesh.normals[triangle]
         slope = np.einsum("kni,kni->kn", normals, along)
-        normal = np.einsum("kn,kni->ni", np.where(slope < 0, -1.0, 1.0) * meets, normals)
+        normals = np.where(slope[..., None] < 0, -normals, normals)
+        # 4. The flat facets beside it form one smooth surface with it, unless they meet it at a sharp edge.
+        smooth = np.einsum("kni,ni->kn", normals, normals[first]) >= _SMOOTH
+        meets = met & flat & front & smooth
+        meets[first] = met[first]
+        normal = np.einsum("kn,kni->ni", meets, normals)
         length = np.linalg.norm(normal, axis=1, keepdims=True)
         normal = np.divide(normal, length, out=np.zeros_like(normal), where=length > 0)
         hit = met[first][:, None]
