@@ -192,16 +192,16 @@ def settled(true: Callable[[], bool], seconds: float = SETTLED) -> bool:
 
 def opened_and_closed(app: App, count: int) -> dict[str, Any]:
     """Open pages and close them at once: no planner stays."""
-    before, refused, most = app.memory(), 0, 0
+    before, refused, most, rng = app.memory(), 0, 0, random.Random(count)
     for number in range(count):
         _progress("pages opened and closed", number, count)
         try:
             with app.page() as page:
                 page.send(packed(**CAMERA))
+                time.sleep(rng.choice((0.0, 0.0, 0.1, 0.5)))  # before, while and after a planner starts
+                most = max(most, len(app.planners()))
         except ConnectionClosed:
             refused += 1
-        if number % 10 == 0:
-            most = max(most, len(app.planners()))
     time.sleep(LATE)
     gone = settled(lambda: not app.planners())
     return {
