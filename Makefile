@@ -20,11 +20,14 @@ help:
 
 setup: $(STAMP)
 
-$(STAMP): pyproject.toml constraints.txt
+# HASHES=1, as in CI: what is installed must have the hashes of constraints-hashed.txt.
+$(STAMP): pyproject.toml constraints.txt constraints-hashed.txt
 	@test -n "$(PYTHON)" || { echo "preshape needs Python 3.11 or newer: install it, or say make PYTHON=/path/to/python"; exit 3; }
 	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV) || { \
 	  echo "no virtual environment could be made: on Debian, apt-get install python3-venv"; rm -rf $(VENV); exit 3; }
 	@echo "installing preshape into $(VENV) ..."
+	@test -z "$(HASHES)" || $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps \
+	  --require-hashes -r constraints-hashed.txt
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev]'
 	@touch $@
 

@@ -5,9 +5,11 @@ Run as a script this file makes the dataset on a Ray cluster of two nodes, in a 
 
 from __future__ import annotations
 
+import contextlib
 import json
 import math
 import os
+import re
 import signal
 import socket
 import subprocess
@@ -581,6 +583,8 @@ def test_the_command_prints_one_json_object_and_says_what_is_missing(plain: Path
         (["--engine", "slurm"], "no engine 'slurm'; known: local, ray"),
         (["--engine", "ray", "--workers", "2"], "a Ray cluster has its own number"),
         (["--address", "a:1"], "add --engine ray"),
+        (["--host", "0.0.0.0"], "add --engine ray"),
+        (["--engine", "ray", "--host", "0.0.0.0", "--address", "a:1"], "give one of them"),
         (["--hands", "allegro,,leap"], "--hands takes names with commas between"),
     ],
 )
@@ -625,6 +629,64 @@ def test_a_cluster_that_is_not_there_is_a_sentence_at_once(tmp_path: Path) -> No
         address = f"127.0.0.1:{free.getsockname()[1]}"
         with pytest.raises(EnvironmentFailure, match=f"no Ray cluster at {address}"):
             make(tmp_path, engine=RayEngine(address=address))
+
+
+def test_a_new_cluster_listens_on_loopback_only_and_says_on_which_ports() -> None:
+    pytest.importorskip("ray")
+    script = "import runpy, sys; print(runpy.run_path(sys.argv[1])['a_new_cluster']())"
+    ran = subprocess.run(
+        [sys.executable, "-W", "ignore", "-c", script, __file__],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert ran.returncode == 0, ran.stderr
+    said, heard = json.loads(ran.stdout.splitlines()[-1])
+    assert "it listens on 127.0.0.1, ports " in said
+    assert len(heard) >= 4
+    assert {address for address, _ in heard} == {"127.0.0.1"}
+    named = re.search(r"ports (\d+), (\d+), (\d+) and one for each worker", said)
+    assert named
+    assert set(map(int, named.groups())) <= {port for _, port in heard}
+
+
+def a_new_cluster() -> str:
+    """What the engine says of a new cluster, and the addresses and ports that its processes listen on."""
+    import ray
+
+    heard: list[str] = []
+    RayEngine(say=heard.append)._join(ray)
+    try:
+        ray.get(ray.remote(num_cpus=0)(lambda: None).remote())
+        return json.dumps([heard[0], listening(str(os.getpid()))])
+    finally:
+        ray.shutdown()
+
+
+def listening(root: str) -> list[tuple[str, int]]:
+    """Addresses and ports that a process and its descendants listen on."""
+    parents = {}
+    for status in Path("/proc").glob("[0-9]*/stat"):
+        with contextlib.suppress(OSError):
+            parents[status.parent.name] = status.read_text().rpartition(")")[2].split()[1]
+    family, grown = {root}, True
+    while grown:
+        more = {child for child, parent in parents.items() if parent in family} - family
+        family, grown = family | more, bool(more)
+    sockets = set()
+    for process in family:
+        for link in Path(f"/proc/{process}/fd").glob("*"):
+            with contextlib.suppress(OSError):
+                sockets.add(os.readlink(link))
+    found = []
+    for table in ("tcp", "tcp6"):
+        for line in Path(f"/proc/net/{table}").read_text().splitlines()[1:]:
+            fields = line.split()
+            if fields[3] == "0A" and f"socket:[{fields[9]}]" in sockets:
+                address, port = fields[1].split(":")
+                last = bytes.fromhex(address)[-4:][::-1]  # of IPv6, the IPv4 address that it stands for
+                found.append((".".join(map(str, last)), int(port, 16)))
+    return found
 
 
 def unknown(shard: Shard, settings: DatasetSettings, wanted: dict[str, str]) -> MadeShard:

@@ -10,7 +10,7 @@ import pytest
 
 from preshape.app.browser_session import Start
 from preshape.app.server import ViewServer
-from preshape.app.uploads import LARGEST, Uploads
+from preshape.app.uploads import ALL_LARGEST, LARGEST, Uploads
 from preshape.exceptions import EnvironmentFailure, InputError
 from preshape.planning.request import PlanRequest
 
@@ -72,9 +72,17 @@ def uploads(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     assert (tmp_path / "precious").read_text() == "untouched"
 
 
+def keep(uploads: Uploads, name: str, content: bytes) -> Path:
+    """Receive a file in one part."""
+    uploads.begin(name, len(content))
+    path = uploads.add(content)
+    assert path is not None
+    return path
+
+
 def stays(uploads: Uploads, folder: Path, name: str) -> Path:
     """Keep an upload of that name; it lies in a folder of its own, under a plain name."""
-    path = uploads.keep(name, name.encode("utf-8", "replace"))
+    path = keep(uploads, name, name.encode("utf-8", "replace"))
     inside = path.relative_to(folder)
     assert path.resolve() == path
     assert len(inside.parts) == 3
@@ -128,22 +136,45 @@ def test_any_name_at_all(uploads: Uploads, tmp_path: Path) -> None:
     assert len(kept) + refused == 300
 
 
-@pytest.mark.parametrize("name", ["x", "x.exe", "x.obj.", "x.obj/", "..", "", "x.xml", "x.html", "x.py"])
+@pytest.mark.parametrize(
+    "name", ["x", "x.exe", "x.obj.", "x.obj.sh", "x.obj/", "..", "", "x.xml", "x.html", "x.py"]
+)
 def test_other_kinds_are_refused_before_anything_is_written(
     name: str, uploads: Uploads, tmp_path: Path
 ) -> None:
     with pytest.raises(InputError, match="a mesh file ends in"):
-        uploads.keep(name, b"x")
+        keep(uploads, name, b"x")
     assert not list((tmp_path / "temporary").iterdir())
 
 
 def test_a_large_file_is_refused_before_anything_is_written(uploads: Uploads, tmp_path: Path) -> None:
-    class Large(bytes):
-        def __len__(self) -> int:
-            return LARGEST + 1
-
     with pytest.raises(InputError, match="over 200 MB"):
-        uploads.keep("x.obj", Large())
+        uploads.begin("x.obj", LARGEST + 1)
+    with pytest.raises(InputError, match="the file is empty"):
+        uploads.begin("x.obj", 0)
+    assert not list((tmp_path / "temporary").iterdir())
+
+
+def test_a_file_that_is_larger_than_announced_ends_where_it_was_to_end(uploads: Uploads) -> None:
+    uploads.begin("x.obj", 5)
+    assert uploads.add(b"abc") is None
+    with pytest.raises(InputError, match="more than it had said"):
+        uploads.add(b"def")
+    path = uploads.add(b"de")
+    assert path is not None
+    assert path.read_bytes() == b"abcde"
+
+
+def test_all_uploads_of_a_page_have_a_limit_and_end_with_it(uploads: Uploads, tmp_path: Path) -> None:
+    for _ in range(ALL_LARGEST // LARGEST):
+        uploads.begin("x.obj", LARGEST)
+    with pytest.raises(InputError, match="all uploads have over 1000 MB"):
+        uploads.begin("x.obj", 1)
+    uploads.close()
+    other = Uploads()
+    other.close()
+    with pytest.raises(EnvironmentFailure, match="the page was closed"):
+        other.begin("x.obj", 1)
     assert not list((tmp_path / "temporary").iterdir())
 
 
@@ -154,17 +185,17 @@ def test_two_of_one_name_do_not_meet(uploads: Uploads, tmp_path: Path) -> None:
 
 
 def test_a_link_put_in_the_way_is_not_followed(uploads: Uploads, tmp_path: Path) -> None:
-    first = uploads.keep("x.obj", b"one")
+    first = keep(uploads, "x.obj", b"one")
     (first.parent.parent / "2").symlink_to(tmp_path)
     with pytest.raises(EnvironmentFailure, match="cannot be written"):
-        uploads.keep("precious.obj", b"two")
+        keep(uploads, "precious.obj", b"two")
     assert not (tmp_path / "precious.obj").exists()
     (first.parent.parent / "2").unlink()
 
 
 def test_two_browsers_do_not_share_a_folder_and_others_cannot_look(tmp_path: Path, uploads: Uploads) -> None:
     other = Uploads()
-    mine, theirs = uploads.keep("x.obj", b"x"), other.keep("x.obj", b"y")
+    mine, theirs = keep(uploads, "x.obj", b"x"), keep(other, "x.obj", b"y")
     assert mine.parents[1] != theirs.parents[1]
     assert mine.parents[1].stat().st_mode & 0o077 == 0
     other.close()

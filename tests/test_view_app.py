@@ -16,9 +16,7 @@ from websockets.sync.client import connect
 
 import preshape
 from preshape.app.link import PlannerLink
-from preshape.app.uploads import Uploads
 from preshape.app.wire_format import decoded
-from preshape.exceptions import InputError
 from preshape.objects.load import load_object
 from preshape.objects.mesh import TriangleMesh
 from preshape.pictures import document_html, document_motion, light_mesh, plan_scene
@@ -296,39 +294,6 @@ def test_a_large_mesh_is_reduced_for_the_eye_only() -> None:
     assert np.allclose(np.linalg.norm(light.vertices, axis=1), 0.05, rtol=0.02)
     small = load_object("cube")
     assert light_mesh(small) is small
-
-
-@pytest.mark.parametrize(
-    "name",
-    [
-        "../../up.obj",
-        "..\\..\\up.obj",
-        "/etc/up.obj",
-        "C:\\up.obj",
-        "up\0.obj",
-        "..obj",
-        ".obj",
-        "a/b/../c.obj",
-    ],
-)
-def test_an_upload_stays_in_its_folder_whatever_its_name(name: str) -> None:
-    uploads = Uploads()
-    try:
-        paths = [uploads.keep(name, b"content") for _ in range(2)]
-        assert paths[0] != paths[1]
-        for path in paths:
-            assert path.read_bytes() == b"content"
-            assert re.fullmatch(r"[A-Za-z0-9_-]+\.obj", path.name)
-            assert path.resolve().parent.parent.name.startswith("preshape-")
-    finally:
-        uploads.close()
-    assert not paths[0].parent.parent.exists()
-
-
-@pytest.mark.parametrize("name", ["up.exe", "up", "", "..", "up.obj.sh"])
-def test_an_upload_of_another_kind_is_refused(name: str) -> None:
-    with pytest.raises(InputError, match="a mesh file ends in"):
-        Uploads().keep(name, b"content")
 
 
 def test_a_cancelled_planner_answers_the_next_request(tmp_path: Path) -> None:

@@ -27,7 +27,7 @@ from .reading import STAGES, Reading
 from .stage import Stage
 from .steering import Steering
 from .trial import Trial
-from .uploads import Uploads
+from .uploads import Receiver, Uploads
 from .waiting import Waiting
 from .wire_format import decoded
 
@@ -66,6 +66,7 @@ class BrowserSession:
         self._lock = threading.RLock()
         self._uploads = Uploads()
         self._uploaded: dict[str, Path] = {}
+        Receiver(client, self._uploads, self._received, self._refused)
         self._planner = PlannerLink(self._heard)
         self._deadlock = False
         # The request with the shown object, and the request with the object that is being loaded.
@@ -96,6 +97,7 @@ class BrowserSession:
         """Release all resources, because the browser has disconnected."""
         self._playing.clear()
         self._planner.close()
+        self._waiting.end()
         self._uploads.close()
 
     # Wiring.
@@ -112,7 +114,6 @@ class BrowserSession:
             (handle.on_click if hasattr(handle, "on_click") else handle.on_update)(called)
 
         on(p.object, self._choose_object)
-        p.upload.on_upload(lambda _: self._upload())
         on(p.unit, self._choose_object)
         steering = self.steering
         on(p.task, steering.show_task)
@@ -178,10 +179,15 @@ class BrowserSession:
         """The first request with another object."""
         return replace(self._start.request, source=source, unit=unit, scale=1.0, view=None)
 
-    def _upload(self) -> None:
+    def _received(self, path: Path) -> None:
+        """Load an upload, in a thread of its own: the caller is the server's event loop."""
+        threading.Thread(target=self._upload, args=(path,), daemon=True).start()
+
+    def _refused(self, words: str) -> None:
+        self._say("bad", "This does not work", words)
+
+    def _upload(self, path: Path) -> None:
         with self._reported():
-            given = self.panel.upload.value
-            path = self._uploads.keep(given.name, given.content)
             with self._lock:
                 label = f"{path.stem} (upload {path.parent.name})"
                 self._uploaded[label] = path

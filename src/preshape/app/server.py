@@ -2,23 +2,30 @@
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
 import io
-import re
+import logging
 import socket
-import threading
+import warnings
 from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Any
 
 from ..exceptions import EnvironmentFailure, InputError
-from .browser_session import BrowserSession, Start
+from .browser_session import Start
+from .gate import HEADERS, Gate
 from .page_script import with_script
+from .sessions import Sessions
 
 if TYPE_CHECKING:
     import viser
 
-LOCAL = ("127.0.0.1", "localhost", "::1")
-"""Host addresses that can be reached only from this machine."""
+WILDCARDS = ("", "0.0.0.0", "::")
+"""Host addresses that stand for every address of this machine."""
+SESSIONS = 8
+"""Usual limit of open pages; each has a planner process of some 150 MB."""
+LARGEST_MESSAGE = 2**20
+"""Largest message of a page [bytes]; the parts of an upload have half of that."""
 PANEL = 390
 """Width of the panel [pixels]."""
 LAMP, SKY, GROUND = 2.6, 2.6, (165, 170, 185)
@@ -30,24 +37,31 @@ class ViewServer:
 
     Args:
         start: What a browser shows first.
-        host: Address to listen on; anyone who can reach this address can use the app.
+        host: Address to listen on. Off this machine, a token that is part of ``address`` is needed.
         port: Port to listen on; 0 for any free one.
+        sessions: Largest number of pages that are open at the same time.
 
     Raises:
-        InputError: The port is not in 0..65535.
+        InputError: The port is not in 0..65535, or ``sessions`` is below 1.
         EnvironmentFailure: The address cannot be used.
     """
 
-    def __init__(self, start: Start, *, host: str = "127.0.0.1", port: int = 8080) -> None:
+    def __init__(
+        self, start: Start, *, host: str = "127.0.0.1", port: int = 8080, sessions: int = SESSIONS
+    ) -> None:
         import viser
 
         if not 0 <= port <= 65535:
             raise InputError(f"a port must be 0 to 65535, got {port}")
+        if sessions < 1:
+            raise InputError(f"sessions must be 1 or more, got {sessions}")
+        # viser warns of pages that close early and of pages that send nonsense; that is no news to the user.
+        warnings.filterwarnings("ignore", module=r"viser\b", category=UserWarning)
         self.port = _checked(host, port)
         self.host = host
-        self._sessions: dict[int, BrowserSession] = {}
-        self._lock = threading.Lock()
-        with contextlib.redirect_stdout(io.StringIO()), _own_pages(host):
+        self._gate = Gate(host, self.port, sessions)
+        self._sessions = Sessions(start)
+        with contextlib.redirect_stdout(io.StringIO()), _guarded(self._gate):
             self._server = viser.ViserServer(host=host, port=self.port, label="preshape", verbose=False)
         self.port = int(self._server.get_port())
         # viser lets a browser open a tunnel to the internet; this disables it.
@@ -60,33 +74,21 @@ class ViewServer:
         self._server.scene.set_up_direction("+z")
         _light(self._server.scene)
 
-        def connected(client: viser.ClientHandle) -> None:
-            session = BrowserSession(client, start)
-            with self._lock:
-                self._sessions[client.client_id] = session
-
-        def gone(client: viser.ClientHandle) -> None:
-            with self._lock:
-                session = self._sessions.pop(client.client_id, None)
-            if session is not None:
-                session.close()
-
-        self._server.on_client_connect(connected)
-        self._server.on_client_disconnect(gone)
+        self._server.on_client_connect(self._sessions.begin)
+        self._server.on_client_disconnect(self._sessions.end)
 
     @property
     def address(self) -> str:
-        """The address to open in a browser."""
-        name = "localhost" if self.host in ("0.0.0.0", "::", *LOCAL) else self.host
-        return f"http://{name}:{self.port}"
+        """The address to open in a browser, with the token if one is needed."""
+        name = "localhost" if self.host in (*WILDCARDS, "127.0.0.1") else self.host
+        token = f"/?token={self._gate.token}" if self._gate.token else ""
+        return f"http://{f'[{name}]' if ':' in name else name}:{self.port}{token}"
 
     def stop(self) -> None:
         """Close every browser's planner, and the server."""
-        with self._lock:
-            sessions, self._sessions = list(self._sessions.values()), {}
-        for session in sessions:
-            session.close()
-        self._server.stop()
+        self._sessions.close()
+        with contextlib.redirect_stdout(io.StringIO()):
+            self._server.stop()
 
 
 def _checked(host: str, port: int) -> int:
@@ -112,24 +114,42 @@ def _light(scene: viser.SceneApi) -> None:
 
 
 @contextlib.contextmanager
-def _own_pages(host: str) -> Iterator[None]:
-    """A server started in this context adds our script to its page and refuses foreign origins.
+def _guarded(gate: Gate) -> Iterator[None]:
+    """A server started in this context asks the gate, adds our script to its page and limits what pages send.
 
-    Without this check of origins, any web page that a user visits could use the server on the user's machine.
+    viser offers no such settings, so the function that it starts its server with is replaced.
     """
+    import viser
     from websockets.asyncio import server
 
-    original = server.serve
+    original, protocol = server.serve, f"viser-v{viser.__version__}"
 
-    def serve(*args: Any, process_request: Callable[..., Any], **kwargs: Any) -> Any:
-        if host in LOCAL:
-            names = "|".join(re.escape(name) for name in ("127.0.0.1", "localhost", "[::1]"))
-            kwargs["origins"] = [re.compile(rf"https?://({names})(:\d+)?"), None]
+    def serve(
+        handler: Callable[..., Any], *args: Any, process_request: Callable[..., Any], **kwargs: Any
+    ) -> Any:
+        # A page that sends nonsense is no news to the user; errors of our own are shown in the page.
+        asyncio.get_running_loop().set_exception_handler(lambda *_: None)
+        quiet = logging.Logger(__name__, logging.CRITICAL + 1)
 
-        def answered(*asked: Any) -> Any:
-            return with_script(process_request(*asked))
+        def answered(connection: Any, request: Any) -> Any:
+            response = gate.answer(request)
+            if response is None:
+                response = with_script(process_request(connection, request))
+            if response is not None:
+                response.headers.update(HEADERS)
+            return response
 
-        return original(*args, process_request=answered, **kwargs)
+        async def handled(connection: Any) -> None:
+            if connection.subprotocol != protocol:
+                await connection.close(1002, "This page is of another version; reload it")
+            elif gate.full:
+                await connection.close(1002, gate.full_words)
+            else:
+                with gate.place():
+                    await handler(connection)
+
+        limits = {"max_size": LARGEST_MESSAGE, "close_timeout": 1, "logger": quiet}
+        return original(handled, *args, process_request=answered, **(kwargs | limits))
 
     server.serve = serve
     try:

@@ -207,8 +207,8 @@ class Stage:
     def _declutter(self) -> None:
         self._waiting = False
         seen = self._client.camera
-        # A browser that has disconnected, or has not sent its camera yet, needs no choice of labels.
-        with contextlib.suppress(AssertionError, InputError), self._lock:
+        # A browser that has disconnected, or has sent no usable camera yet, needs no choice of labels.
+        with contextlib.suppress(AssertionError, InputError, TypeError, ValueError), self._lock:
             camera = Camera(
                 eye=seen.position, target=seen.look_at, up=seen.up_direction, fov=np.degrees(seen.fov)
             )

@@ -21,7 +21,9 @@ import importlib
 import json
 import os
 import sys
+import threading
 from collections.abc import Callable
+from queue import SimpleQueue
 from typing import TYPE_CHECKING, Any
 
 from ..exceptions import PreshapeError
@@ -135,6 +137,8 @@ class Worker:
 
 def main() -> None:
     """Serve until standard input ends; the output of libraries goes to standard error."""
+    lines: SimpleQueue[str] = SimpleQueue()
+    threading.Thread(target=_read, args=(lines,), daemon=True).start()
     replies = os.fdopen(os.dup(1), "w", encoding="utf-8")
     os.dup2(2, 1)
 
@@ -150,10 +154,20 @@ def main() -> None:
             importlib.import_module(name)
         worker = Worker(say)
         say({"ready": True})
-        for line in sys.stdin:
-            worker.answer(json.loads(line))
+        while True:
+            worker.answer(json.loads(lines.get()))
     except (BrokenPipeError, KeyboardInterrupt):
         pass
+
+
+def _read(lines: SimpleQueue[str]) -> None:
+    """Queue the lines of standard input; when it ends, so does this process, whatever it is doing.
+
+    The server that is killed leaves no planner behind that goes on for minutes.
+    """
+    for line in sys.stdin:
+        lines.put(line)
+    os._exit(0)
 
 
 if __name__ == "__main__":

@@ -6,6 +6,7 @@ import signal
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import partial
 from types import FrameType
 from typing import TYPE_CHECKING, Any
 
@@ -54,6 +55,7 @@ SHOWN = 12
 @click.option(
     "--address", metavar="ADDRESS", help="Address of the Ray cluster; default: RAY_ADDRESS, or a local one."
 )
+@click.option("--host", metavar="HOST", help="Address that a new Ray cluster listens on; default: 127.0.0.1.")
 @json_option
 def dataset(
     objects: tuple[str, ...],
@@ -73,6 +75,7 @@ def dataset(
     engine: str,
     workers: int | None,
     address: str | None,
+    host: str | None,
     as_json: bool,
 ) -> int:
     """Write grasps of OBJECTS (library names, files, or folders of files) as Parquet, for learning.
@@ -100,7 +103,7 @@ def dataset(
         seed=seed,
     )
     cases = cases_of(objects, scales, pieces)
-    chosen = _engine(engine, workers, address)
+    chosen = _engine(engine, workers, address, host)
     with steps(GOES_ON) as shown, _interrupts() as interrupted:
 
         def progress(what: str, done: int, of: int) -> None:
@@ -124,8 +127,8 @@ def dataset(
     return 0 if report.total("rows") else 1
 
 
-def _engine(name: str, workers: int | None, address: str | None) -> Engine:
-    from ..dataset.engines import LocalEngine, RayEngine
+def _engine(name: str, workers: int | None, address: str | None, host: str | None) -> Engine:
+    from ..dataset.engines import LOOPBACK, LocalEngine, RayEngine
     from ..processes import usable_cores
 
     if name not in ENGINES:
@@ -133,9 +136,11 @@ def _engine(name: str, workers: int | None, address: str | None) -> Engine:
     if name == "ray":
         if workers is not None:
             raise InputError("--workers is for local processes; a Ray cluster has its own number")
-        return RayEngine(address=address)
-    if address is not None:
-        raise InputError("--address belongs to a Ray cluster; add --engine ray")
+        if address is not None and host is not None:
+            raise InputError("--host is for a new Ray cluster, --address for another; give one of them")
+        return RayEngine(address=address, host=host or LOOPBACK, say=partial(click.echo, err=True))
+    if address is not None or host is not None:
+        raise InputError("--address and --host belong to a Ray cluster; add --engine ray")
     return LocalEngine(workers=usable_cores() if workers is None else workers)
 
 

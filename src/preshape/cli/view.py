@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+import signal
+import threading
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from types import FrameType
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -30,16 +35,17 @@ FOR_PLANS = ("mass", "friction", "table", "avoid", "memory")
 @click.option(
     "--host",
     default="127.0.0.1",
-    help="Address to listen on; with another than this, whoever reaches it can use the app.",
+    help="Address to listen on; if others can reach it, the printed address has a token.",
 )
 @click.option("--port", type=int, default=8080, help="Port to listen on; 0 for any free one.")
+@click.option("--sessions", type=int, default=8, metavar="N", help="Largest number of open pages.")
 @memory_option
-def view(thing: str, task: str | None, host: str, port: int, **options: Any) -> int:
+def view(thing: str, task: str | None, host: str, port: int, sessions: int, **options: Any) -> int:
     """Choose objects and tasks, see why a grasp was chosen, and teach, in the browser.
 
     A given plan is shown unchanged; the next plan in the browser starts from its request. The app works
-    offline; only this machine can reach it, unless --host says otherwise. Ctrl-C ends it and keeps what was
-    learnt.
+    offline; only this machine can reach it, unless --host says otherwise. Each open page has a planner
+    process of its own. Ctrl-C or SIGTERM ends it and keeps what was learnt.
     """
     if options["memory"] == ":memory:":
         raise InputError("the browser app needs a memory file, which it may open again; give --memory FILE")
@@ -51,18 +57,43 @@ def view(thing: str, task: str | None, host: str, port: int, **options: Any) -> 
         hand = options.pop("hand")
         start = start_of(request_from(thing, task or "lift", hand=hand, options=options))
     try:
-        from ..app.server import ViewServer
+        from ..app.server import WILDCARDS, ViewServer
     except ImportError as error:
         raise EnvironmentFailure(f"the browser app needs viser ({error}): pip install viser") from error
-    server = ViewServer(start, host=host, port=port)
-    click.echo(f"preshape view is at {server.address} (Ctrl-C ends it)", err=True)
+    with _ended_by_signals():
+        server = ViewServer(start, host=host, port=port, sessions=sessions)
+        try:
+            click.echo(f"preshape view is at {server.address} (Ctrl-C ends it)", err=True)
+            if host in WILDCARDS:
+                click.echo("other machines reach it under this machine's name, with the same token", err=True)
+            while True:
+                time.sleep(3600)
+        except KeyboardInterrupt:
+            return 0
+        finally:
+            server.stop()
+
+
+@contextmanager
+def _ended_by_signals() -> Iterator[None]:
+    """Let SIGTERM, and SIGHUP of a closed terminal, act as Ctrl-C: planners end and uploads are deleted."""
+
+    def end(number: int, _frame: FrameType | None) -> None:
+        signal.signal(number, signal.SIG_IGN)  # the end is not to be interrupted
+        raise KeyboardInterrupt
+
+    numbers = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
+    if threading.current_thread() is not threading.main_thread():
+        numbers = []
+    before = {number: signal.getsignal(number) for number in numbers}
+    for number, usual in before.items():
+        if usual is not signal.SIG_IGN:  # as nohup sets it
+            signal.signal(number, end)
     try:
-        while True:
-            time.sleep(3600)
-    except KeyboardInterrupt:
-        return 0
+        yield
     finally:
-        server.stop()
+        for number, usual in before.items():
+            signal.signal(number, usual)
 
 
 def start_of(request: PlanRequest) -> Start:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import logging
 import os
 import socket
-from collections.abc import Generator, Sequence
+from collections.abc import Callable, Generator, Sequence
 from concurrent.futures import as_completed
 from concurrent.futures.process import BrokenProcessPool
 from itertools import islice, repeat
@@ -26,7 +26,14 @@ MAX_KILLS = 3
 SHARDS_PER_CORE = 2
 """Number of shards submitted to a cluster per core: one in progress and one waiting."""
 
+LOOPBACK = "127.0.0.1"
+"""Address that only this machine reaches."""
+
 _CONNECT_TIMEOUT = 10.0  # [s] for the connection to a cluster
+
+
+def _silent(_words: str) -> None:
+    """Say nothing."""
 
 
 class Engine(Protocol):
@@ -92,10 +99,15 @@ class RayEngine:
         address: Address of the cluster; by default ``RAY_ADDRESS``, else a cluster on this machine, else a
             new one.
         retries: Number of times that a lost shard is made again.
+        host: Address that a new cluster listens on. Whoever reaches it can run programs here: Ray asks for
+            no password.
+        say: Called with one sentence that tells where a new cluster listens.
     """
 
     address: str | None = None
     retries: int = 5
+    host: str = LOOPBACK
+    say: Callable[[str], None] = _silent
 
     def make(self, shards: Sequence[Shard], settings: DatasetSettings) -> Generator[MadeShard, None, None]:
         """See :class:`Engine`."""
@@ -128,14 +140,37 @@ class RayEngine:
         where = self.address or os.environ.get("RAY_ADDRESS") or "this machine"
         try:
             _check_address(where)
-            ray.init(
-                address=self.address,
-                log_to_driver=False,
-                logging_level=logging.ERROR,
-            )
+            quiet = {"log_to_driver": False, "logging_level": logging.ERROR}
+            try:
+                ray.init(address=self.address or os.environ.get("RAY_ADDRESS") or "auto", **quiet)
+            except ConnectionError:
+                if self.address or os.environ.get("RAY_ADDRESS"):
+                    raise
+                self._start(ray, quiet)
         except Exception as error:  # Ray raises many error types here, even a plain Exception
             why = (str(error).strip() or type(error).__name__).splitlines()[0]
             raise EnvironmentFailure(f"no Ray cluster at {where} ({why}); see docs/dataset.md") from error
+
+    def _start(self, ray: Any, quiet: dict[str, Any]) -> None:
+        """Start a cluster on this machine; Ray itself would listen on every address of it."""
+        if self.host == LOOPBACK:
+            # Only where Ray has no clusters of several machines does it take loopback as a node's address. It
+            # read this setting when it was imported; the processes that it starts will read it.
+            from ray._private import ray_constants
+
+            os.environ[ray_constants.ENABLE_RAY_CLUSTERS_ENV_VAR] = "0"
+            ray_constants.ENABLE_RAY_CLUSTER = False
+        ray.init(address="local", include_dashboard=False, _node_ip_address=self.host, **quiet)
+        (node,) = ray.nodes()
+        if self.host == LOOPBACK and node["NodeManagerAddress"] != LOOPBACK:
+            ray.shutdown()
+            raise OSError(f"it would listen on {node['NodeManagerAddress']}, not on {LOOPBACK}; see --host")
+        main = str(ray.get_runtime_context().gcs_address).rpartition(":")[2]
+        ports = [main, *(str(node[name]) for name in ("NodeManagerPort", "ObjectManagerPort"))]
+        self.say(
+            f"a Ray cluster was started; it listens on {self.host}, ports {', '.join(ports)} "
+            "and one for each worker"
+        )
 
 
 def _check_address(where: str) -> None:
