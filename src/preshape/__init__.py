@@ -11,11 +11,13 @@ Names are imported when they are first used, so that importing the package is qu
 from __future__ import annotations
 
 import importlib
-from typing import TYPE_CHECKING, Any
 
 from ._version import __version__
 
+TYPE_CHECKING = False  # as typing's, which takes longer to import than all the rest
 if TYPE_CHECKING:
+    from typing import Any
+
     from .closure.settings import ClosureSettings
     from .exceptions import (
         Cancelled,

@@ -19,7 +19,7 @@ from .options import (
     object_options,
     request_from,
 )
-from .printing import emit, name_files
+from .printing import emit, name_files, say
 
 if TYPE_CHECKING:
     from ..planning.document import Document
@@ -98,7 +98,7 @@ def plan(
     document = plan_to_json(made)
     given = 1 + len(made.alternatives)
     if not as_json and made.answer is not None and given < count:
-        click.echo(
+        say(
             f"{given} of the {count} answers asked for: no other is different enough and good enough",
             err=True,
         )
@@ -116,11 +116,10 @@ def plan(
 
 
 def _show(document: Document, written: list[Path], *, explain: bool) -> None:
-    from rich.console import Console
-
     from ..planning.summary import after_words, summary
+    from ..report.terminal import terminal
 
-    console = Console()
+    console = terminal()
     console.print(summary(document, explain=explain), highlight=False)
     for sentence in after_words(document):
         console.print(sentence, highlight=False)

@@ -8,7 +8,10 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
-import click
+from ..report.plain import escaped
+from ..report.terminal import terminal
+from . import interrupts
+from .printing import say
 
 if TYPE_CHECKING:
     from rich.progress import Progress
@@ -49,10 +52,10 @@ class Steps:
 
     def prepare(self, words: str) -> None:
         """Show what is being prepared."""
-        self._bar.update(self._task, description=words)
+        self._bar.update(self._task, description=escaped(words))
         if not self._bar.console.is_terminal and time.perf_counter() - self._line > PAUSE:
             self._line = time.perf_counter()
-            click.echo(words, err=True)
+            say(words, err=True)
 
     def step(self, what: str, done: float, of: float, last: str = "") -> None:
         """Show the number of finished units of work.
@@ -78,10 +81,12 @@ class Steps:
         if before < done < of:
             left = f"about {duration((now - then) / (done - before) * (of - done))} left"
         words = ", ".join(filter(None, (counted, left))) + (f": {last}" if last else "")
-        self._bar.update(self._task, completed=done, description=words.removeprefix(": "))
+        self._bar.update(self._task, completed=done, description=escaped(words.removeprefix(": ")))
         if not self._bar.console.is_terminal and int(LINES * done // of) > self._lines:
             self._lines = int(LINES * done // of)
-            click.echo(f"{percent:>5}{'' if words.startswith(':') else ', '}{words}", err=True)
+            say(f"{percent:>5}{'' if words.startswith(':') else ', '}{words}", err=True)
+        if interrupts.swallowed() and done < of:  # a destructor or a callback has lost the exception
+            raise KeyboardInterrupt
 
 
 @contextmanager
@@ -91,7 +96,6 @@ def steps(kept: str) -> Iterator[Steps]:
     Args:
         kept: End of the sentence at Ctrl-C, which says what happens to the finished work.
     """
-    from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
     columns = (
@@ -100,12 +104,15 @@ def steps(kept: str) -> Iterator[Steps]:
         TimeElapsedColumn(),
         TextColumn("{task.description}", markup=False),
     )
-    console = Console(stderr=True)
-    with Progress(*columns, console=console, disable=not console.is_terminal, transient=True) as bar:
-        shown = Steps(bar)
-        try:
+    console = terminal(stderr=True)
+    shown = None
+    try:
+        with (
+            interrupts.patient(),
+            Progress(*columns, console=console, disable=not console.is_terminal, transient=True) as bar,
+        ):
+            shown = Steps(bar)
             yield shown
-        except KeyboardInterrupt:
-            bar.stop()
-            click.echo(f"stopped {shown.reached}; {kept}", err=True)
-            raise
+    except KeyboardInterrupt as stop:
+        reached = shown.reached if shown is not None else "while preparing"
+        raise KeyboardInterrupt(f"stopped {reached}; {kept}") from stop

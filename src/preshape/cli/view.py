@@ -10,7 +10,9 @@ import click
 from click.core import ParameterSource
 
 from ..exceptions import EnvironmentFailure, InputError, PreshapeError
+from . import interrupts
 from .options import TableCommand, boxes_from, closure_options, memory_option, object_options, request_from
+from .printing import say
 
 if TYPE_CHECKING:
     from ..app.browser_session import Start
@@ -54,15 +56,16 @@ def view(thing: str, task: str | None, host: str, port: int, **options: Any) -> 
         from ..app.server import ViewServer
     except ImportError as error:
         raise EnvironmentFailure(f"the browser app needs viser ({error}): pip install viser") from error
-    server = ViewServer(start, host=host, port=port)
-    click.echo(f"preshape view is at {server.address} (Ctrl-C ends it)", err=True)
-    try:
-        while True:
-            time.sleep(3600)
-    except KeyboardInterrupt:
-        return 0
-    finally:
-        server.stop()
+    with interrupts.patient():  # SIGTERM too stops the server, which ends its processes
+        server = ViewServer(start, host=host, port=port)
+        try:
+            say(f"preshape view is at {server.address} (Ctrl-C ends it)", err=True)
+            while True:
+                time.sleep(3600)
+        except KeyboardInterrupt:
+            return 0
+        finally:
+            server.stop()
 
 
 def start_of(request: PlanRequest) -> Start:

@@ -1,0 +1,85 @@
+"""Standard streams that never end in a traceback: closed, full, or of a terminal with few characters."""
+
+from __future__ import annotations
+
+import codecs
+import io
+import os
+import sys
+
+_DESCRIPTORS = ((0, os.O_RDONLY), (1, os.O_RDONLY), (2, os.O_WRONLY))
+_SIMPLE = {
+    "×": "x",
+    "·": "-",
+    "–": "-",
+    "—": "-",
+    "°": " deg",
+    "…": "...",
+    "→": "->",
+    "≤": "<=",
+    "≥": ">=",
+    "²": "2",
+    "³": "3",
+    "µ": "u",
+    "✓": "+",
+    "✕": "x",
+    "✗": "x",
+    "█": "#",
+    "░": ".",
+}  # fmt: skip
+"""Characters of our own texts, and what a terminal without them shows."""
+
+
+def prepare() -> None:
+    """Make the standard streams of this process usable.
+
+    A closed descriptor is opened again, because the next file, perhaps the memory, would take its place. What
+    is written to a closed standard output fails as on a full disk; what is written to a standard error that
+    is closed or full is lost, since nobody could be told.
+    """
+    for number, flags in _DESCRIPTORS:
+        try:
+            os.fstat(number)
+        except OSError:
+            opened = os.open(os.devnull, flags)
+            if opened != number:
+                os.dup2(opened, number)
+                os.close(opened)
+    codecs.register_error("preshape", _simpler)
+    if sys.stdin is None:
+        sys.stdin = io.TextIOWrapper(io.BufferedReader(io.FileIO(0, closefd=False)), encoding="utf-8")
+    if sys.stdout is None:
+        file = io.BufferedWriter(io.FileIO(1, "w", closefd=False))
+        sys.stdout = io.TextIOWrapper(file, encoding="utf-8")
+    # Whoever has replaced a stream, as a notebook or a test does, keeps it.
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(errors="preshape")
+    if sys.stderr is sys.__stderr__:
+        encoding = "utf-8" if sys.stderr is None else sys.stderr.encoding
+        file = io.BufferedWriter(_Lossy(2, "w", closefd=False))
+        sys.stderr = io.TextIOWrapper(file, encoding=encoding, errors="preshape", line_buffering=True)
+
+
+def silence_output() -> None:
+    """Discard what standard output still holds, after it has failed, so that Python's end does not fail."""
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, sys.stdout.fileno())
+    os.close(nowhere)
+
+
+class _Lossy(io.FileIO):
+    """A file whose write errors are ignored."""
+
+    def write(self, content: object, /) -> int:
+        try:
+            return super().write(content)  # type: ignore[arg-type]
+        except OSError:
+            return memoryview(content).nbytes  # type: ignore[arg-type]
+
+
+def _simpler(error: UnicodeError) -> tuple[str, int]:
+    """Error handler of codecs: similar characters of ASCII, or escapes."""
+    if not isinstance(error, UnicodeEncodeError):
+        raise error
+    text = error.object[error.start : error.end]
+    return "".join(_SIMPLE.get(c) or c.encode("ascii", "backslashreplace").decode() for c in text), error.end
