@@ -55,7 +55,11 @@ def run(arguments: list[str]) -> int:
         if isinstance(error, click.UsageError):
             return _report(_usage(error), 2, as_json)
         if isinstance(error, OSError | MemoryError):
-            return _report(_environment(error), 3, as_json)
+            reason = getattr(error, "strerror", None) or str(error) or type(error).__name__
+            if streams.output_failed():
+                reason = f"standard output cannot be written: {reason}; what was learnt and written is kept"
+                return _report(reason, 3, False)
+            return _report(f"the environment failed: {reason}", 3, as_json)
         if os.environ.get("PRESHAPE_DEBUG"):
             raise
         text = f"{type(error).__name__}: {error}"
@@ -84,16 +88,6 @@ def _usage(error: click.UsageError) -> str:
     text = error.format_message().rstrip(".")
     where = f"{error.ctx.command_path} --help" if error.ctx else "preshape --help"
     return f"{text[0].lower()}{text[1:]}; see {where}"
-
-
-def _environment(error: OSError | MemoryError) -> str:
-    reason = getattr(error, "strerror", None) or str(error) or type(error).__name__
-    try:
-        sys.stdout.flush()
-    except OSError:  # what could not be written is still in the buffer
-        streams.silence_output()
-        return f"standard output cannot be written: {reason}; files and lessons that were written are kept"
-    return f"the environment failed: {reason}"
 
 
 def _report(reason: str, code: int, as_json: bool) -> int:

@@ -1,10 +1,14 @@
-"""Progress of a command on standard error: a bar in a terminal, lines in a log, a sentence at Ctrl-C."""
+"""Progress of a command on standard error: a bar in a terminal, lines in a log, a sentence at Ctrl-C.
+
+:class:`Steps` counts the work of long commands; :func:`waiting` shows what a single answer is waiting for.
+"""
 
 from __future__ import annotations
 
+import threading
 import time
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
@@ -22,6 +26,9 @@ PAUSE = 5.0
 """Shortest time between two log lines about preparations [s]."""
 WINDOW, LEAST = 120.0, 10
 """The remaining time is estimated from the last ``WINDOW`` seconds, and from at least ``LEAST`` steps."""
+
+DELAY = 1.0
+"""Work that takes less time than this shows nothing [s]."""
 
 GOES_ON = "the same command goes on from there"
 
@@ -87,6 +94,70 @@ class Steps:
             say(f"{percent:>5}{'' if words.startswith(':') else ', '}{words}", err=True)
         if interrupts.swallowed() and done < of:  # a destructor or a callback has lost the exception
             raise KeyboardInterrupt
+
+
+class TimeLeft:
+    """Estimates the remaining time of work whose steps take different times.
+
+    Within a step that tells its progress several times, the estimate follows that step's own speed; otherwise
+    it follows the speed since the start.
+    """
+
+    def __init__(self) -> None:
+        self._step, self._start = "", (time.perf_counter(), 0.0)
+        self._begin = self._start
+
+    def words(self, step: str, share: float) -> str:
+        """The remaining time in words, before those of the step; empty where it cannot be known.
+
+        Args:
+            step: Name of the step; what follows a digit in it is a part of the step.
+            share: The whole work's progress, 0..100.
+        """
+        now = time.perf_counter()
+        name = step[: next((k for k, letter in enumerate(step) if letter.isdigit()), len(step))]
+        if name != self._step:
+            self._step, self._start = name, (now, share)
+        then, before = self._start if share > self._start[1] else self._begin
+        if not before < share < 100.0 or now - then < DELAY:
+            return ""
+        return f"about {duration((now - then) / (share - before) * (100.0 - share))} left: "
+
+
+@contextmanager
+def waiting() -> Iterator[Callable[[str, float], None]]:
+    """Show a spinner, a bar and the remaining time on a terminal, from one second on; elsewhere nothing.
+
+    Yields:
+        A function that takes the name of the current step and the whole work's progress, 0..100.
+    """
+    from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+
+    console = terminal(stderr=True)
+    if not console.is_interactive:
+        yield lambda words, share: None
+        return
+    columns = (
+        SpinnerColumn(),
+        BarColumn(20),
+        TimeElapsedColumn(),
+        TextColumn("{task.description}", markup=False),
+    )
+    bar, left = Progress(*columns, console=console, transient=True), TimeLeft()
+    task = bar.add_task("loading", total=100)
+    timer = threading.Timer(DELAY, bar.start)
+    timer.daemon = True
+    timer.start()
+
+    def told(words: str, share: float) -> None:
+        bar.update(task, completed=share, description=escaped(left.words(words, share) + words))
+
+    try:
+        yield told
+    finally:
+        timer.cancel()
+        timer.join()
+        bar.stop()
 
 
 @contextmanager

@@ -7,6 +7,10 @@ import io
 import os
 import sys
 
+TYPE_CHECKING = False
+if TYPE_CHECKING:
+    from typing import TextIO
+
 _DESCRIPTORS = ((0, os.O_RDONLY), (1, os.O_RDONLY), (2, os.O_WRONLY))
 _SIMPLE = {
     "×": "x",
@@ -48,16 +52,24 @@ def prepare() -> None:
     codecs.register_error("preshape", _simpler)
     if sys.stdin is None:
         sys.stdin = io.TextIOWrapper(io.BufferedReader(io.FileIO(0, closefd=False)), encoding="utf-8")
-    if sys.stdout is None:
-        file = io.BufferedWriter(io.FileIO(1, "w", closefd=False))
-        sys.stdout = io.TextIOWrapper(file, encoding="utf-8")
     # Whoever has replaced a stream, as a notebook or a test does, keeps it.
-    if isinstance(sys.stdout, io.TextIOWrapper):
-        sys.stdout.reconfigure(errors="preshape")
+    if sys.stdout is sys.__stdout__:
+        sys.stdout = _text(_Output(1, "w", closefd=False), sys.stdout)
     if sys.stderr is sys.__stderr__:
-        encoding = "utf-8" if sys.stderr is None else sys.stderr.encoding
-        file = io.BufferedWriter(_Lossy(2, "w", closefd=False))
-        sys.stderr = io.TextIOWrapper(file, encoding=encoding, errors="preshape", line_buffering=True)
+        sys.stderr = _text(_Lossy(2, "w", closefd=False), sys.stderr)
+
+
+def _text(raw: io.FileIO, before: TextIO | None) -> TextIO:
+    encoding = "utf-8" if before is None else before.encoding
+    lines = raw.isatty() or raw.fileno() == 2
+    return io.TextIOWrapper(io.BufferedWriter(raw), encoding, errors="preshape", line_buffering=lines)
+
+
+def output_failed() -> bool:
+    """Whether standard output could not be written; what it still holds is then discarded."""
+    if _Output.failed:
+        silence_output()
+    return _Output.failed
 
 
 def silence_output() -> None:
@@ -65,6 +77,19 @@ def silence_output() -> None:
     nowhere = os.open(os.devnull, os.O_WRONLY)
     os.dup2(nowhere, sys.stdout.fileno())
     os.close(nowhere)
+
+
+class _Output(io.FileIO):
+    """Standard output, which remembers that it has failed."""
+
+    failed = False
+
+    def write(self, content: object, /) -> int:
+        try:
+            return super().write(content)  # type: ignore[arg-type]
+        except OSError:
+            _Output.failed = True
+            raise
 
 
 class _Lossy(io.FileIO):
