@@ -34,7 +34,7 @@ output = threading.RLock()
 """Held while a command writes its one JSON document, so that it is never cut short by another."""
 
 
-class _State:
+class _Guard:
     """What the guard has to know; there is one guard in a process."""
 
     installed = False
@@ -51,7 +51,7 @@ def install(as_json: bool) -> None:
     """
     reader, writer = os.pipe()
     os.set_blocking(writer, False)
-    _State.installed, _State.as_json = True, as_json
+    _Guard.installed, _Guard.as_json = True, as_json
     for number in SIGNALS:
         if signal.getsignal(number) is not signal.SIG_IGN:  # as nohup and shells ask for
             signal.signal(number, _at_once)
@@ -67,12 +67,12 @@ def finished() -> None:
 
 def answered() -> None:
     """State that the one JSON document has been written."""
-    _State.answered = True
+    _Guard.answered = True
 
 
 def swallowed() -> bool:
     """Whether a signal arrived in a :func:`patient` block; code in between may have lost its exception."""
-    return _State.pending
+    return _Guard.pending
 
 
 @contextmanager
@@ -84,10 +84,10 @@ def patient() -> Iterator[None]:
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    _State.pending = False
+    _Guard.pending = False
     before = {number: signal.getsignal(number) for number in SIGNALS}
     for number, handler in before.items():
-        if handler is not signal.SIG_IGN and (_State.installed or number == signal.SIGINT):
+        if handler is not signal.SIG_IGN and (_Guard.installed or number == signal.SIGINT):
             signal.signal(number, _raise)
     try:
         yield
@@ -101,8 +101,8 @@ def _at_once(number: int, frame: FrameType | None) -> None:
 
 
 def _raise(number: int, frame: FrameType | None) -> None:
-    _State.pending = True
-    if _State.installed:
+    _Guard.pending = True
+    if _Guard.installed:
         for each in SIGNALS:
             signal.signal(each, _at_once)
         if _importing(frame):
@@ -127,7 +127,7 @@ def _watch(reader: int) -> None:
 
 def _end() -> None:
     output.acquire(timeout=PATIENCE)
-    if _State.as_json and not _State.answered:
+    if _Guard.as_json and not _Guard.answered:
         _write(1, f'{{\n  "status": "error",\n  "reason": "{INTERRUPTED}"\n}}\n')
     # On a terminal a bar may be half drawn, with the cursor hidden.
     _write(2, ("\r\x1b[K\x1b[?25h" if os.isatty(2) else "") + INTERRUPTED + "\n")

@@ -40,7 +40,7 @@ def run(arguments: list[str]) -> int:
     """Run the command line and return the exit code. No traceback reaches the user."""
     import click
 
-    from ..exceptions import PreshapeError
+    from ..exceptions import Cancelled, PreshapeError
 
     as_json = "--json" in arguments
     try:
@@ -48,6 +48,8 @@ def run(arguments: list[str]) -> int:
     except (KeyboardInterrupt, click.Abort) as stop:
         return _report(str(stop) or INTERRUPTED, EXIT_INTERRUPTED, as_json)
     except Exception as error:
+        if isinstance(error, Cancelled):
+            return _report(str(error), error.exit_code, as_json)
         if interrupts.swallowed():  # the interrupt has made something else fail
             return _report(INTERRUPTED, EXIT_INTERRUPTED, as_json)
         if isinstance(error, PreshapeError):

@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
+from ..exceptions import Cancelled
 from ..report.plain import escaped
 from ..report.terminal import terminal
 from . import interrupts
@@ -166,6 +167,9 @@ def steps(kept: str) -> Iterator[Steps]:
 
     Args:
         kept: End of the sentence at Ctrl-C, which says what happens to the finished work.
+
+    Raises:
+        Cancelled: The work was interrupted; the message says how far it came.
     """
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
@@ -186,4 +190,4 @@ def steps(kept: str) -> Iterator[Steps]:
             yield shown
     except KeyboardInterrupt as stop:
         reached = shown.reached if shown is not None else "while preparing"
-        raise KeyboardInterrupt(f"stopped {reached}; {kept}") from stop
+        raise Cancelled(f"stopped {reached}; {kept}") from stop
