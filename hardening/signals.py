@@ -26,8 +26,9 @@ import subprocess
 import sys
 import tempfile
 import time
-from concurrent.futures import ThreadPoolExecutor
-from contextlib import closing
+from collections import Counter
+from concurrent.futures import ThreadPoolExecutor, as_completed
+from contextlib import closing, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -175,14 +176,18 @@ def _study(rng: random.Random, moments: int, names: tuple[str, ...], processes: 
     rng.shuffle(jobs)
     rows: list[dict[str, Any]] = []
     begin = time.monotonic()
-    with ThreadPoolExecutor(processes) as pool:
-        for (name, moment, number), ended in zip(
-            jobs, pool.map(lambda job: interrupted_run(*job), jobs), strict=True
-        ):
+    pool = ThreadPoolExecutor(processes)
+    with suppress(KeyboardInterrupt):  # what is known so far
+        waiting = {pool.submit(interrupted_run, *job): job for job in jobs}
+        for future in as_completed(waiting):
+            (name, moment, number), ended = waiting[future], future.result()
             said = judge(ended, usual[name])
             rows.append({"run": name, "moment": round(moment, 3), "signal": number.name, "result": said})
             left = (time.monotonic() - begin) / len(rows) * (len(jobs) - len(rows)) / 60
-            show_progress(f"{len(rows)} of {len(jobs)} moments, about {left:.0f} min left")
+            found = Counter(row["result"] for row in rows)
+            words = ", ".join(f"{count} {result}" for result, count in found.items())
+            show_progress(f"{len(rows)} of {len(jobs)} moments, about {left:.0f} min left: {words}")
+    pool.shutdown(cancel_futures=True)
     good = sum(row["result"] in ("interrupted", "finished") for row in rows)
     early = sum(row["result"] == "start" for row in rows)
     return {

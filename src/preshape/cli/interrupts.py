@@ -85,7 +85,8 @@ def patient() -> Iterator[None]:
         yield
         return
     _Guard.pending = False
-    before = {number: signal.getsignal(number) for number in SIGNALS}
+    hang_up = getattr(signal, "SIGHUP", signal.SIGTERM)  # a terminal that is closed
+    before = {number: signal.getsignal(number) for number in (*SIGNALS, hang_up)}
     for number, handler in before.items():
         if handler is not signal.SIG_IGN and (_Guard.installed or number == signal.SIGINT):
             signal.signal(number, _raise)
