@@ -17,6 +17,7 @@ import os
 import signal
 import sys
 import threading
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 
@@ -28,7 +29,8 @@ EXIT_INTERRUPTED = 130
 INTERRUPTED = "interrupted; everything that was acknowledged is kept"
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
 PATIENCE = 1.0
-"""Longest time that the end waits for a document which is being written [s]."""
+"""Longest time that the end waits for a document which is being written, and shortest time between a first
+signal and a second one, where the first is to be handled with patience [s]."""
 
 output = threading.RLock()
 """Held while a command writes its one JSON document, so that it is never cut short by another."""
@@ -41,6 +43,8 @@ class _Guard:
     as_json = False
     answered = False
     pending = False
+    raised = -PATIENCE
+    out, err = 1, 2
 
 
 def install(as_json: bool) -> None:
@@ -52,6 +56,8 @@ def install(as_json: bool) -> None:
     reader, writer = os.pipe()
     os.set_blocking(writer, False)
     _Guard.installed, _Guard.as_json = True, as_json
+    # Libraries' own messages are discarded by moving descriptor 2 elsewhere for a while.
+    _Guard.out, _Guard.err = os.dup(1), os.dup(2)
     for number in SIGNALS:
         if signal.getsignal(number) is not signal.SIG_IGN:  # as nohup and shells ask for
             signal.signal(number, _at_once)
@@ -102,7 +108,7 @@ def _at_once(number: int, frame: FrameType | None) -> None:
 
 
 def _raise(number: int, frame: FrameType | None) -> None:
-    _Guard.pending = True
+    _Guard.pending, _Guard.raised = True, time.monotonic()
     if _Guard.installed:
         for each in SIGNALS:
             signal.signal(each, _at_once)
@@ -122,16 +128,17 @@ def _importing(frame: FrameType | None) -> bool:
 def _watch(reader: int) -> None:
     """Wait for signals; one whose handler is not this module's is left to that handler."""
     while number := os.read(reader, 1):
-        if signal.getsignal(number[0]) is _at_once:
+        # The thread may come late and find the handler that follows on the one of a patient block.
+        if signal.getsignal(number[0]) is _at_once and time.monotonic() - _Guard.raised > PATIENCE:
             _end()
 
 
 def _end() -> None:
     output.acquire(timeout=PATIENCE)
     if _Guard.as_json and not _Guard.answered:
-        _write(1, f'{{\n  "status": "error",\n  "reason": "{INTERRUPTED}"\n}}\n')
+        _write(_Guard.out, f'{{\n  "status": "error",\n  "reason": "{INTERRUPTED}"\n}}\n')
     # On a terminal a bar may be half drawn, with the cursor hidden.
-    _write(2, ("\r\x1b[K\x1b[?25h" if os.isatty(2) else "") + INTERRUPTED + "\n")
+    _write(_Guard.err, ("\r\x1b[K\x1b[?25h" if os.isatty(_Guard.err) else "") + INTERRUPTED + "\n")
     with suppress(Exception):
         files = sys.modules.get("preshape.files")
         if files is not None:

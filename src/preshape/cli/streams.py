@@ -49,7 +49,7 @@ def prepare() -> None:
             if opened != number:
                 os.dup2(opened, number)
                 os.close(opened)
-    codecs.register_error("preshape", _simpler)
+    prepare_encodings()
     if sys.stdin is None:
         sys.stdin = io.TextIOWrapper(io.BufferedReader(io.FileIO(0, closefd=False)), encoding="utf-8")
     # Whoever has replaced a stream, as a notebook or a test does, keeps it.
@@ -57,6 +57,11 @@ def prepare() -> None:
         sys.stdout = _text(_Output(1, "w", closefd=False), sys.stdout)
     if sys.stderr is sys.__stderr__:
         sys.stderr = _text(_Lossy(2, "w", closefd=False), sys.stderr)
+
+
+def prepare_encodings() -> None:
+    """Register ``preshape``, the error handler of encodings that lack a character."""
+    codecs.register_error("preshape", _simpler)
 
 
 def _text(raw: io.FileIO, before: TextIO | None) -> TextIO:

@@ -46,10 +46,6 @@ class Finger:
     preshape: Array
 
     def __post_init__(self) -> None:
-        if len(self.name) > LONGEST_HAND_NAME:
-            raise HandError(
-                f"a hand's name must have at most {LONGEST_HAND_NAME} characters, got {len(self.name)}; rename it"
-            )
         count = len(self.joints)
         for posture in POSTURES:
             label = f"finger {self.name}: {posture}"
@@ -139,6 +135,10 @@ class Hand:
     source: str = ""
 
     def __post_init__(self) -> None:
+        if len(self.name) > LONGEST_HAND_NAME:
+            raise HandError(
+                f"a hand's name must have at most {LONGEST_HAND_NAME} characters, got {len(self.name)}"
+            )
         count = len(self.joints)
         freeze(
             self,

@@ -172,6 +172,6 @@ def _check_name(name: object) -> None:
         pass
     if isinstance(name, str) and len(name) > LONGEST_NAME:
         raise ObjectError(
-            f"an object's name must have at most {LONGEST_NAME} characters, got {len(name)}; give or rename it"
+            f"an object's name must have at most {LONGEST_NAME} characters, got {len(name)}; rename it"
         )
     raise ObjectError(f"an object's name must be text that is not empty, got {name!a:.60}; give or rename it")
