@@ -25,7 +25,7 @@ $(STAMP): pyproject.toml constraints.txt constraints-hashed.txt
 	@test -n "$(PYTHON)" || { echo "preshape needs Python 3.11 or newer: install it, or say make PYTHON=/path/to/python"; exit 3; }
 	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV) || { \
 	  echo "no virtual environment could be made: on Debian, apt-get install python3-venv"; rm -rf $(VENV); exit 3; }
-	@echo "installing preshape into $(VENV) ..."
+	@echo "installing preshape and its Python packages into $(VENV) (1.7 GB, some minutes; nothing outside it) ..."
 	@test -z "$(HASHES)" || $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps \
 	  --require-hashes -r constraints-hashed.txt
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev]'
@@ -43,7 +43,7 @@ demo: setup
 # The tests of the browser app need a browser; Debian's is installed where we may.
 browser:
 	@command -v chromium chromium-browser google-chrome >/dev/null || { \
-	  echo "installing chromium for the tests of the browser app ..."; \
+	  echo "installing Debian's chromium on this machine, for the tests of the browser app ..."; \
 	  SUDO=$$([ "$$(id -u)" = 0 ] || echo "sudo -n"); \
 	  $$SUDO apt-get -qq update >/dev/null 2>&1; \
 	  DEBIAN_FRONTEND=noninteractive $$SUDO apt-get -qq install -y chromium >/dev/null 2>&1 \
@@ -51,6 +51,7 @@ browser:
 
 # One test compares MuJoCo 4.0.0, which other packages need, with the version of constraints.txt.
 $(OLD_MUJOCO): | $(STAMP)
+	@echo "installing mujoco-core 4.0.0 into $@, for one test ..."
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --target $@ mujoco-core==4.0.0 \
 	  || { rm -rf $@; echo "MuJoCo 4.0.0 could not be installed: the test that compares with it will fail"; }
 

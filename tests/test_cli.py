@@ -20,6 +20,7 @@ import pytest
 from click.core import ParameterSource
 
 from preshape.cli import main as cli
+from preshape.cli.commands import app
 from preshape.exceptions import InputError
 from preshape.hands.load import load_hand
 from preshape.hiis.controller import Controller
@@ -485,7 +486,7 @@ def test_every_help_has_an_example_that_the_command_line_accepts(command, run):
 
 
 def test_every_command_s_help_is_looked_at_and_its_examples_name_every_kind_of_thing():
-    found, waiting = [], [([], cli.app)]
+    found, waiting = [], [([], app)]
     named: set[str] = set()
     while waiting:
         path, command = waiting.pop()
@@ -544,7 +545,7 @@ def _parsed(example: str) -> click.Context:
     """Parse a command line without running it."""
     program, *arguments = shlex.split(example)
     assert program == "preshape"
-    command: click.Command = cli.app
+    command: click.Command = app
     context = None
     while isinstance(command, click.Group):
         context = command.make_context(arguments[0], [], parent=context, resilient_parsing=True)

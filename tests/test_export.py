@@ -25,7 +25,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from ruamel.yaml import YAML
 
 from preshape import spatial
-from preshape.cli import main
+from preshape.cli import commands, main
 from preshape.exceptions import EnvironmentFailure, InputError, ObjectError
 from preshape.export import ros_bag
 from preshape.export.forces import contact_forces
@@ -43,7 +43,7 @@ from preshape.planner import plan
 from preshape.planning.document import lacking, plan_to_json, read_plan
 from preshape.planning.grasp_sets import read_grasp_file
 
-main._COMMANDS.setdefault("export", ("export", "Write a plan for other programs."))
+commands._COMMANDS.setdefault("export", ("export", "Write a plan for other programs."))
 
 ROOT = Path(__file__).parent.parent
 STORED = Path(__file__).parent / "data" / "shadow_mug_lift.json"

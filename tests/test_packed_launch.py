@@ -133,8 +133,8 @@ def test_threads_where_the_system_does_not_tell_a_process_its_cores(monkeypatch:
 
 def test_compilation_is_announced_once_and_only_where_it_is_needed(tmp_path: Path) -> None:
     code = (
-        "from preshape.kernels import launch; from preshape.kernels.closing import warp_clearance as module;"
-        "launch.load_kernels(module, 'cpu'); launch.load_kernels(module, 'cpu')"
+        "from preshape.kernels import cache; from preshape.kernels.closing import warp_clearance as module;"
+        "cache.load_kernels(module, 'cpu'); cache.load_kernels(module, 'cpu')"
     )
     told = []
     for _ in range(2):

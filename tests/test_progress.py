@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import re
+import threading
 
 import pytest
+from rich.progress import Progress
 
 from preshape.cli import main as cli
 from preshape.cli import progress
-from preshape.cli.progress import GOES_ON, LINES, WINDOW, duration, steps
+from preshape.cli.progress import GOES_ON, LINES, WINDOW, TimeLeft, duration, steps, waiting
+from preshape.exceptions import Cancelled
 from preshape.planning import planner_bench
 
 
@@ -91,16 +94,16 @@ def test_what_is_prepared_is_told_now_and_then(clock: Clock, capsys) -> None:
         ([("%", 0.5, 1.0)], "stopped at 50 %; it is kept"),
     ],
 )
-def test_the_last_word_says_how_far_it_came(done, sentence: str, capsys) -> None:
+def test_the_last_word_says_how_far_it_came(done, sentence: str) -> None:
     def work() -> None:
         with steps("it is kept") as told:
             for step in done:
                 told.step(*step)
             raise KeyboardInterrupt
 
-    with pytest.raises(KeyboardInterrupt):
+    with pytest.raises(Cancelled) as stopped:
         work()
-    assert capsys.readouterr().err.splitlines()[-1] == sentence
+    assert str(stopped.value) == sentence
 
 
 def test_a_terminal_shows_one_bar_and_a_file_s_name_as_it_is(monkeypatch, capsys) -> None:
@@ -126,11 +129,47 @@ def test_the_planner_s_bench_says_how_far_it_came(monkeypatch, capsys) -> None:
 
     monkeypatch.setattr(planner_bench, "plan_cases", interrupted)
     assert cli.run(["bench", "planner", "mug", "box"]) == 130
-    said = capsys.readouterr().err.splitlines()
-    assert said[:2] == [
+    assert capsys.readouterr().err.splitlines() == [
         " 50 %, 1 of 2 planned",
         "stopped after 1 of 2 planned; this bench keeps nothing before its end",
     ]
+
+
+def test_the_time_left_follows_the_step_that_tells_its_progress_and_else_the_whole(clock: Clock) -> None:
+    left = TimeLeft()
+    assert left.words("reading", 0.0) == ""
+    clock.now = 2.0
+    assert left.words("looking for grasps", 20.0) == "about 8 s left: "
+    assert left.words("trying answer 1 of 2: squeeze", 40.0) == "about 3 s left: "
+    clock.now = 12.0  # ten seconds for ten hundredths, whatever the earlier steps took
+    assert left.words("trying answer 1 of 2: force +x", 50.0) == "about 50 s left: "
+    clock.now = 22.0
+    assert left.words("trying answer 2 of 2: squeeze", 60.0) == "about 40 s left: "
+    assert left.words("trying answer 2 of 2: done", 100.0) == ""
+
+
+def test_waiting_shows_nothing_before_its_time_and_nothing_without_a_terminal(monkeypatch, capsys) -> None:
+    with waiting() as told:
+        told("looking for grasps", 35.0)
+    assert capsys.readouterr().err == ""
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    monkeypatch.setenv("TTY_INTERACTIVE", "1")
+    monkeypatch.setenv("COLUMNS", "120")
+    monkeypatch.setattr(progress, "DELAY", 3600.0)
+    with waiting() as told:
+        told("looking for grasps", 35.0)
+    assert capsys.readouterr().err.strip() == ""
+    monkeypatch.setattr(progress, "DELAY", 0.0)
+    shown = threading.Event()
+    monkeypatch.setattr(Progress, "start", lambda bar, start=Progress.start: (start(bar), shown.set()))
+    with waiting() as told:
+        assert shown.wait(30.0)
+        told("looking at \x1b[2J[bold]", 35.0)
+        told("trying answer 1 of 6", 40.0)
+    said = capsys.readouterr().err
+    assert "loading" in said
+    assert "trying answer 1 of 6" in said
+    assert "\x1b[2J" not in said
 
 
 @pytest.mark.parametrize(

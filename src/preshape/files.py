@@ -6,8 +6,10 @@ import contextlib
 import io
 import json
 import os
+import shutil
+import stat
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import IO, Any
 
@@ -55,6 +57,61 @@ def file_place(path: str | Path) -> tuple[int, ...] | None:
     return None if state is None else state[:2]
 
 
+_temporaries: set[Path] = set()
+
+
+@contextlib.contextmanager
+def temporary_folder(what: str) -> Iterator[Path]:
+    """A folder that exists for the length of a ``with`` block, also if the process is interrupted.
+
+    Args:
+        what: What it is for, as a part of its name.
+
+    Raises:
+        EnvironmentFailure: There is no place for temporary files.
+    """
+    try:
+        folder = Path(tempfile.mkdtemp(prefix=f"preshape-{what}-"))
+    except OSError as error:
+        raise EnvironmentFailure(
+            f"no temporary folder can be made: {error.strerror}; set TMPDIR to a folder that can be written"
+        ) from error
+    _temporaries.add(folder)
+    try:
+        yield folder
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+        _temporaries.discard(folder)
+
+
+def spare_folder(what: str) -> Path:
+    """This user's own folder among the temporary files, where the user's cache cannot be written.
+
+    A folder of that name that belongs to somebody else, or that others can write to, is not used; the path is
+    then one that cannot exist.
+
+    Args:
+        what: What it is for, as a part of its name.
+    """
+    user = os.getuid() if hasattr(os, "getuid") else None
+    folder = Path(tempfile.gettempdir()) / f"preshape-{what}-{'' if user is None else user}"
+    with contextlib.suppress(OSError):
+        folder.mkdir(mode=0o700, exist_ok=True)
+        found = folder.lstat()
+        if stat.S_ISDIR(found.st_mode) and user in (None, found.st_uid) and not found.st_mode & 0o022:
+            return folder
+    return Path(os.devnull) / what
+
+
+def remove_temporaries() -> None:
+    """Remove the temporary files and folders of this process, which is about to end at once."""
+    for path in tuple(_temporaries):
+        if path.is_dir():
+            shutil.rmtree(path, ignore_errors=True)
+        else:
+            path.unlink(missing_ok=True)
+
+
 def write_whole(path: Path, write: Callable[[Path], None]) -> None:
     """Write a file whole or not at all: a temporary file beside it is written and then renamed.
 
@@ -71,6 +128,7 @@ def write_whole(path: Path, write: Callable[[Path], None]) -> None:
         handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.stem}-", suffix=path.suffix)
         os.close(handle)
         temporary = Path(name)
+        _temporaries.add(temporary)
         write(temporary)
         temporary.chmod(0o644)
         temporary.replace(path)
@@ -80,6 +138,7 @@ def write_whole(path: Path, write: Callable[[Path], None]) -> None:
     finally:
         if temporary is not None:
             temporary.unlink(missing_ok=True)
+            _temporaries.discard(temporary)
 
 
 def make_folder(path: Path) -> None:
@@ -164,13 +223,20 @@ def read_arrays(path: Path) -> dict[str, Any]:
         raise ValueError(str(error) or type(error).__name__) from error
 
 
-def keep_arrays(path: Path, /, **arrays: Any) -> None:
-    """Write arrays to a cache as npz, whole or not at all; without a usable cache nothing is written."""
+def keep_arrays(path: Path, /, **arrays: Any) -> bool:
+    """Write arrays to a cache as npz, whole or not at all.
+
+    Returns:
+        Whether they were written; without a usable cache they are not.
+    """
     import numpy as np
 
     def write(target: Path) -> None:
         with target.open("wb") as stream:
             np.savez(stream, **arrays)
 
-    with contextlib.suppress(EnvironmentFailure):
+    try:
         write_whole(path, write)
+    except EnvironmentFailure:
+        return False
+    return True

@@ -70,27 +70,29 @@ def submit_all(
     pool: ProcessPoolExecutor, function: Callable[..., R], *arguments: Iterable[Any]
 ) -> list[Future[R]]:
     """Submit ``function`` once for each tuple of arguments, as ``map`` calls it."""
-    with _interrupts_ignored():  # the workers start here
+    with _interrupts_held_back():  # the workers start here
         return [pool.submit(function, *each) for each in zip(*arguments, strict=False)]
 
 
 @contextmanager
-def _interrupts_ignored() -> Iterator[None]:
-    """Ignore Ctrl-C while workers start; they inherit this, so only the calling process receives it."""
-    if threading.current_thread() is not threading.main_thread():
+def _interrupts_held_back() -> Iterator[None]:
+    """Hold Ctrl-C back while workers start; they inherit this, so only the calling process receives it."""
+    if not hasattr(signal, "pthread_sigmask") or threading.current_thread() is not threading.main_thread():
         yield
         return
-    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield
     finally:
-        signal.signal(signal.SIGINT, before)
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)  # one that came meanwhile arrives now
 
 
 def _start_worker(
     lifeline: Connection, setup: Callable[..., None] | None, arguments: tuple[Any, ...]
 ) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    if hasattr(signal, "pthread_sigmask"):
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
     threading.Thread(target=_exit_with, args=(lifeline,), daemon=True).start()
     if setup is not None:
         setup(*arguments)

@@ -30,6 +30,8 @@ IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
 """Array of truth values."""
 
+LONGEST_NAME = 255
+"""Largest number of characters of a name that is stored, of an object or of a hand."""
 FRICTION = 0.6
 """Default sliding friction between hand and object, as in the field's tests."""
 FIELD_MASS = 0.1

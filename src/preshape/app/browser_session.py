@@ -8,7 +8,6 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
-from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,6 +17,7 @@ from ..objects.library import names as object_names
 from ..objects.mesh import TriangleMesh
 from ..pictures import Document
 from ..planning.request import PlanRequest
+from ..report.plain import html_text as escape
 from ..types import value
 from ..viewer import readings
 from .link import PlannerLink, Reply

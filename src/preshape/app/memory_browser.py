@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from html import escape
 from typing import TYPE_CHECKING
 
 from ..exceptions import PreshapeError
+from ..report.plain import html_text as escape
 
 if TYPE_CHECKING:
     from ..types import Experience

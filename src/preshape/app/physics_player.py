@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from html import escape
 from typing import Any
 
 import numpy as np
 
 from ..objects.mesh import TriangleMesh
+from ..report.plain import html_text as escape
 from ..spatial import pose_from_seven, transform_points
 from ..types import Array, value
 from ..viewer.canvas import Canvas

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from html import escape
 from typing import Any
 
 from ..files import dumps
 from ..hands.load import recorded_hand
 from ..pictures import Document, document_html
+from ..report.plain import html_text as escape
 from ..viewer import readings, words
 from .panel import OWN_MASS, Panel
 from .stage import Stage

@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import math
 from dataclasses import replace
-from html import escape
 from typing import Any
 
 import numpy as np
@@ -14,6 +13,7 @@ from ..exceptions import InputError, shown
 from ..hiis.critic import Thresholds
 from ..hiis.planes import AXIS_NAMES
 from ..planning.request import AUTO, PlanRequest, analyser_of
+from ..report.plain import html_text as escape
 from ..spatial import vector_from_rotation
 from ..tasks import displacement_of, family_names, parse_task, q_of_displacement
 from ..types import FRICTION, Array

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from html import escape
 from typing import Any
 
+from ..report.plain import html_text as escape
 from ..viewer import readings
 from .panel import Panel
 from .physics_player import Run, run_of

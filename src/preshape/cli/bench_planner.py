@@ -22,7 +22,7 @@ from .options import (
     scales_option,
     workers_option,
 )
-from .printing import emit, name_files
+from .printing import emit, name_files, say
 from .progress import steps
 
 if TYPE_CHECKING:
@@ -231,20 +231,20 @@ def _pictures(report: PlannerReport, grasps: GraspSet, protocol: HoldProtocol, f
 def _show(document: dict[str, Any]) -> None:
     interval = document["interval"]
     between = f" (95 %: {100 * interval[0]:.1f}-{100 * interval[1]:.1f} %)" if interval else ""
-    click.echo(
+    say(
         f"{document['hand']}: {document['held']} of {document['tested']} answers held, "
         f"{100 * (document['share'] or 0):.1f} %{between}"
     )
     if document["penetration_max"] is not None:
-        click.echo(
+        say(
             f"touching at the grasp pose: {document['touching']}; "
             f"deepest penetration: {1000 * document['penetration_max']:.2f} mm"
         )
     if document["search_median"] is not None:
-        click.echo(f"median time of the search: {1000 * document['search_median']:.0f} ms")
+        say(f"median time of the search: {1000 * document['search_median']:.0f} ms")
     if document["strength_median"] is not None:
-        click.echo(f"median strength: {document['strength_median']:.2f} times the probes")
+        say(f"median strength: {document['strength_median']:.2f} times the probes")
     name_files(document.get("pictures", ()))
     for failure in document["failures"]:
         which = "no answer" if failure["answer"] is None else f"answer {failure['answer']}"
-        click.echo(f"  {failure['object']}, {which}: {failure['reason']}")
+        say(f"  {failure['object']}, {which}: {failure['reason']}")

@@ -11,7 +11,7 @@ from ..exceptions import InputError, shown
 from ..report.terminal import print_table, report_console
 from ..types import FIELD_MASS, FRICTION
 from .options import check_least, checkpoint_option, json_option, names_in, numbers_in, workers_option
-from .printing import emit, name_files
+from .printing import emit, name_files, say
 from .progress import GOES_ON, steps
 
 if TYPE_CHECKING:
@@ -243,7 +243,7 @@ def _write_instances(
     if as_json:
         emit({"status": "answer", "instances": len(rows), "files": [str(file), str(folder)]})
     else:
-        click.echo(f"wrote {file}: {len(rows)} instances, {len(meshes)} meshes in {folder}")
+        say(f"wrote {file}: {len(rows)} instances, {len(meshes)} meshes in {folder}")
     return 0
 
 

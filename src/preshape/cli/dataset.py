@@ -2,12 +2,7 @@
 
 from __future__ import annotations
 
-import signal
-import threading
-from collections.abc import Iterator
-from contextlib import contextmanager
 from functools import partial
-from types import FrameType
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -15,7 +10,7 @@ import click
 from ..exceptions import InputError, shown
 from ..types import FIELD_MASS, FRICTION
 from .options import check_least, json_option, names_in, pieces_option, scales_option
-from .printing import emit
+from .printing import emit, say
 from .progress import GOES_ON, duration, steps
 
 if TYPE_CHECKING:
@@ -104,13 +99,7 @@ def dataset(
     )
     cases = cases_of(objects, scales, pieces)
     chosen = _engine(engine, workers, address, host)
-    with steps(GOES_ON) as shown, _interrupts() as interrupted:
-
-        def progress(what: str, done: int, of: int) -> None:
-            shown.step(what, done, of)
-            if interrupted and done < of:
-                raise KeyboardInterrupt
-
+    with steps(GOES_ON) as shown:
         report = run_dataset(
             cases,
             names_in(hands, "--hands"),
@@ -118,7 +107,7 @@ def dataset(
             out,
             engine=chosen,
             settings=settings,
-            progress=progress,
+            progress=shown.step,
         )
     if as_json:
         emit(report.to_json())
@@ -138,51 +127,31 @@ def _engine(name: str, workers: int | None, address: str | None, host: str | Non
             raise InputError("--workers is for local processes; a Ray cluster has its own number")
         if address is not None and host is not None:
             raise InputError("--host is for a new Ray cluster, --address for another; give one of them")
-        return RayEngine(address=address, host=host or LOOPBACK, say=partial(click.echo, err=True))
+        return RayEngine(address=address, host=host or LOOPBACK, say=partial(say, err=True))
     if address is not None or host is not None:
         raise InputError("--address and --host belong to a Ray cluster; add --engine ray")
     return LocalEngine(workers=usable_cores() if workers is None else workers)
 
 
-@contextmanager
-def _interrupts() -> Iterator[list[int]]:
-    """Record every Ctrl-C in addition to its usual effect; Python loses one in a destructor or a callback."""
-    seen: list[int] = []
-    usual = signal.getsignal(signal.SIGINT)
-    if threading.current_thread() is not threading.main_thread() or not callable(usual):
-        yield seen
-        return
-
-    def interrupt(number: int, frame: FrameType | None) -> None:
-        seen.append(number)
-        usual(number, frame)
-
-    signal.signal(signal.SIGINT, interrupt)
-    try:
-        yield seen
-    finally:
-        signal.signal(signal.SIGINT, usual)
-
-
 def _show(report: DatasetReport, physics: bool) -> None:
     shards, rows = len(report.facts), report.total("rows")
-    click.echo(
+    say(
         f"{rows} of {report.total('asked')} grasps, in {shards} shards; "
         f"{report.made} shards made now in {duration(report.seconds)}"
     )
     if report.damaged:
-        click.echo(f"{report.damaged} shards of an earlier run could not be read and were made again")
+        say(f"{report.damaged} shards of an earlier run could not be read and were made again")
     if physics:
-        click.echo(
+        say(
             f"holding test: {_share(report, 'held', 'hold_tested')}; "
             f"task test, where the task suits the object: {_share(report, 'task_done', 'task_tested')}"
         )
     short = report.short()
     for row in short[:SHOWN]:
-        click.echo(f"  {row['shard']}: {row['rows']} of {row['asked']}; {row['reason']}")
+        say(f"  {row['shard']}: {row['rows']} of {row['asked']}; {row['reason']}")
     if len(short) > SHOWN:
-        click.echo(f"  and {len(short) - SHOWN} more with fewer than asked for; --json lists all")
-    click.echo(f"wrote {report.folder}")
+        say(f"  and {len(short) - SHOWN} more with fewer than asked for; --json lists all")
+    say(f"wrote {report.folder}")
 
 
 def _share(report: DatasetReport, part: str, whole: str) -> str:

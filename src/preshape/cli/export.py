@@ -10,7 +10,7 @@ import click
 
 from ..exceptions import InputError, shown
 from .options import best_option, json_option, numbers_in
-from .printing import emit, name_files
+from .printing import emit, name_files, say
 
 if TYPE_CHECKING:
     from ..export.moveit import MoveItOptions
@@ -225,7 +225,7 @@ def _other(
     from ..export.mjcf import scene_mjcf
     from ..files import write_text
 
-    click.echo("cutting the object into convex pieces, or taking them from the cache", err=True)
+    say("cutting the object into convex pieces, or taking them from the cache", err=True)
     text = scene_mjcf(grasps[0], *object_parts(found))
     for path in paths:
         write_text(path, text)
@@ -235,15 +235,11 @@ def _other(
 def _tell(report: dict[str, Any], paths: list[Path], as_json: bool) -> None:
     """Report what was written and, on standard error, what was left out."""
     for each in report["left_out"]:
-        click.echo(
-            f"answer {each['answer']} is left out, its hand has no posture: {each['reason']}", err=True
-        )
+        say(f"answer {each['answer']} is left out, its hand has no posture: {each['reason']}", err=True)
     if report["obstacles_left_out"]:
-        click.echo(f"left out, though planned with: {report['obstacles_left_out']}", err=True)
+        say(f"left out, though planned with: {report['obstacles_left_out']}", err=True)
     if report["best"]:
-        click.echo(
-            f"this is the best grasp found, not an answer; executable: false; {report['lacking']}", err=True
-        )
+        say(f"this is the best grasp found, not an answer; executable: false; {report['lacking']}", err=True)
     if as_json or not paths:
         return
     name_files(paths)
@@ -252,7 +248,7 @@ def _tell(report: dict[str, Any], paths: list[Path], as_json: bool) -> None:
     if report["format"] == "moveit":
         best = report["grasps"][0]["grasp_quality"]
         what += f"; grasp_pose is {report['parent_link']} in {report['frame']}, best quality {best:.2f}"
-    click.echo(what)
+    say(what)
 
 
 def _count(number: int) -> str:

@@ -56,6 +56,7 @@ def check(file: str, out: str | None, as_json: bool) -> int:
     Exit code 0: fit for use. 1: findings. 2: the file or its model cannot be read.
     """
     from ..hands.check import inspect_hand
+    from ..report.plain import escaped
 
     found, hand = inspect_hand(file)
     picture = draw_hand(hand, Path(out)) if out is not None and hand is not None else None
@@ -70,7 +71,7 @@ def check(file: str, out: str | None, as_json: bool) -> int:
         )
         return 1 if found else 0
     for finding in found:
-        click.echo(f"{click.style(finding.code, bold=True)}: {finding.text}")
+        click.echo(f"{click.style(finding.code, bold=True)}: {escaped(finding.text)}")
     if hand is not None:
         _show(_row(hand, picture))
     if found:
@@ -141,9 +142,7 @@ def _row(hand: Hand, picture: Path | None) -> dict[str, Any]:
 
 
 def _show(row: dict[str, Any]) -> None:
-    from rich.console import Console
-
-    from ..report.terminal import fact_grid
+    from ..report.terminal import fact_grid, terminal
 
     drives = f", {row['actuators']} drives" if row["actuators"] != row["joints"] else ""
     facts = {
@@ -155,7 +154,7 @@ def _show(row: dict[str, Any]) -> None:
         "palm frame": f"in body {row['palm_frame']['body']}; {_place(row)}",
         **{key: row[key] for key in ("source", "licence", "picture") if key in row},
     }
-    Console().print(fact_grid(*facts.items()), highlight=False)
+    terminal().print(fact_grid(*facts.items()), highlight=False)
 
 
 def _place(row: dict[str, Any]) -> str:

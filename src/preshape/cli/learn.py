@@ -44,7 +44,6 @@ def learn(things: tuple[str, ...], tasks: tuple[str, ...], as_json: bool, **opti
 
     Exit code 0: all were learnt and recalled. 1: some are not good enough; the table says which.
     """
-    from rich.console import Console
     from rich.markup import escape
     from rich.progress import Progress, SpinnerColumn, TextColumn, TimeRemainingColumn
 
@@ -52,6 +51,8 @@ def learn(things: tuple[str, ...], tasks: tuple[str, ...], as_json: bool, **opti
     from ..objects.library import names
     from ..objects.load import load_object
     from ..planning.session import Session
+    from ..report.plain import escaped
+    from ..report.terminal import terminal
 
     model = load_hand(options["hand"])
     lessons = [
@@ -62,15 +63,15 @@ def learn(things: tuple[str, ...], tasks: tuple[str, ...], as_json: bool, **opti
     for name in dict.fromkeys(lesson.object_name for _, lesson in lessons):
         if name not in names() and not Path(name).is_file():
             load_object(name)  # refuse a wrong name before anything is learnt
-    console = Console(stderr=as_json)
+    console = terminal(stderr=as_json)
     rows: list[dict[str, Any]] = []
     with Session(options["memory"]) as session:
         columns = (SpinnerColumn(), TextColumn("{task.description}"), TimeRemainingColumn())
-        with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+        with Progress(*columns, console=terminal(stderr=True), transient=True) as bar:
             step = bar.add_task("learning", total=len(lessons))
             for text, lesson in lessons:
                 words = f"learning {lesson.object_name}, {text}"
-                bar.update(step, description=escape(words))
+                bar.update(step, description=escape(escaped(words)))
                 taught = session.teach(lesson)
                 row = _row(lesson.object_name, text, taught, session.prepare(lesson).controller.weights)
                 rows.append(row)

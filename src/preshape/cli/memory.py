@@ -8,7 +8,7 @@ from pathlib import Path
 import click
 
 from .options import json_option, memory_option
-from .printing import emit, print_rows
+from .printing import emit, print_rows, say
 
 
 @click.group(epilog="Example: preshape memory show")
@@ -67,12 +67,12 @@ def show(memory: str | None, as_json: bool) -> None:
             ],
         )
     if any(o.seed for o in known):
-        click.echo("* the first lesson, which every hand gets")
+        say("* the first lesson, which every hand gets")
     if numbers.path != ":memory:" and not Path(numbers.path).exists():
-        click.echo(f"there is no memory yet at {numbers.path}")
+        say(f"there is no memory yet at {numbers.path}")
         return
     trained = ", ".join(f"{hand}: {n} samples" for hand, n in numbers.trained) or "not trained yet"
-    click.echo(
+    say(
         f"{numbers.experiences} experiences of {numbers.objects} objects; network {trained}\n{numbers.path} "
         f"(version {numbers.version}, {numbers.size / 1024:.0f} KiB)"
     )
@@ -134,4 +134,4 @@ def _done(as_json: bool, document: dict[str, object], sentence: str) -> None:
     if as_json:
         emit({"status": "answer", **document})
     else:
-        click.echo(sentence)
+        say(sentence)

@@ -19,7 +19,8 @@ from .options import (
     object_options,
     request_from,
 )
-from .printing import emit, name_files
+from .printing import emit, name_files, say
+from .progress import waiting
 
 if TYPE_CHECKING:
     from ..planning.document import Document
@@ -77,28 +78,29 @@ def plan(
     grasp that holds); the JSON then has the best grasp found and why it is not enough. 2: bad input.
     """
     check_folder(out)
-    request = request_from(
-        thing,
-        task,
-        hand=options["hand"],
-        options=options,
-        view=_view(view),
-        count=count,
-        learn=not no_learn,
-        verify=verify,
-    )
-    from ..files import make_folder
-    from ..planning.document import plan_to_json
-    from ..planning.session import Session
+    with waiting() as told:
+        request = request_from(
+            thing,
+            task,
+            hand=options["hand"],
+            options=options,
+            view=_view(view),
+            count=count,
+            learn=not no_learn,
+            verify=verify,
+        )
+        from ..files import make_folder
+        from ..planning.document import plan_to_json
+        from ..planning.session import Session
 
-    if out is not None:
-        make_folder(Path(out))
-    with Session(request.memory, learn=not no_learn) as session:
-        made = session.run(request)
+        if out is not None:
+            make_folder(Path(out))
+        with Session(request.memory, learn=not no_learn, progress=told) as session:
+            made = session.run(request)
     document = plan_to_json(made)
     given = 1 + len(made.alternatives)
     if not as_json and made.answer is not None and given < count:
-        click.echo(
+        say(
             f"{given} of the {count} answers asked for: no other is different enough and good enough",
             err=True,
         )
@@ -116,11 +118,10 @@ def plan(
 
 
 def _show(document: Document, written: list[Path], *, explain: bool) -> None:
-    from rich.console import Console
-
     from ..planning.summary import after_words, summary
+    from ..report.terminal import terminal
 
-    console = Console()
+    console = terminal()
     console.print(summary(document, explain=explain), highlight=False)
     for sentence in after_words(document):
         console.print(sentence, highlight=False)

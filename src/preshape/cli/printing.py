@@ -8,16 +8,34 @@ from typing import Any
 
 import click
 
+from ..report.plain import escaped
+from ..report.terminal import terminal
+from . import interrupts
+
+
+def say(text: object, *, err: bool = False, nl: bool = True) -> None:
+    """Print text with its control characters shown.
+
+    Args:
+        text: The text.
+        err: Whether it goes to standard error.
+        nl: Whether a new line follows.
+    """
+    click.echo(escaped(text), err=err, nl=nl)
+
 
 def emit(document: Any) -> None:
-    """Print one JSON document."""
-    click.echo(json.dumps(document, allow_nan=False, indent=2))
+    """Print one JSON document; an interrupt waits until it is complete."""
+    text = json.dumps(document, allow_nan=False, indent=2)
+    with interrupts.output:
+        click.echo(text)
+        interrupts.answered()
 
 
 def name_files(written: Iterable[object]) -> None:
     """Name the files that were written, one on each line."""
     for path in written:
-        click.echo(f"wrote {path}")
+        say(f"wrote {path}")
 
 
 def print_rows(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
@@ -28,7 +46,6 @@ def print_rows(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
             be wrapped, in a narrow terminal within words too, so that nothing of it is lost.
         rows: Text of each cell; names and paths are not read as markup.
     """
-    from rich.console import Console
     from rich.table import Table
     from rich.text import Text
 
@@ -43,4 +60,4 @@ def print_rows(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
         )
     for row in rows:
         table.add_row(*map(Text, row))
-    Console().print(table, highlight=False)
+    terminal().print(table)

@@ -1,14 +1,22 @@
-"""Progress of a command on standard error: a bar in a terminal, lines in a log, a sentence at Ctrl-C."""
+"""Progress of a command on standard error: a bar in a terminal, lines in a log, a sentence at Ctrl-C.
+
+:class:`Steps` counts the work of long commands; :func:`waiting` shows what a single answer is waiting for.
+"""
 
 from __future__ import annotations
 
+import threading
 import time
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
-import click
+from ..exceptions import Cancelled
+from ..report.plain import escaped
+from ..report.terminal import terminal
+from . import interrupts
+from .printing import say
 
 if TYPE_CHECKING:
     from rich.progress import Progress
@@ -19,6 +27,9 @@ PAUSE = 5.0
 """Shortest time between two log lines about preparations [s]."""
 WINDOW, LEAST = 120.0, 10
 """The remaining time is estimated from the last ``WINDOW`` seconds, and from at least ``LEAST`` steps."""
+
+DELAY = 1.0
+"""Work that takes less time than this shows nothing [s]."""
 
 GOES_ON = "the same command goes on from there"
 
@@ -49,10 +60,10 @@ class Steps:
 
     def prepare(self, words: str) -> None:
         """Show what is being prepared."""
-        self._bar.update(self._task, description=words)
+        self._bar.update(self._task, description=escaped(words))
         if not self._bar.console.is_terminal and time.perf_counter() - self._line > PAUSE:
             self._line = time.perf_counter()
-            click.echo(words, err=True)
+            say(words, err=True)
 
     def step(self, what: str, done: float, of: float, last: str = "") -> None:
         """Show the number of finished units of work.
@@ -78,10 +89,76 @@ class Steps:
         if before < done < of:
             left = f"about {duration((now - then) / (done - before) * (of - done))} left"
         words = ", ".join(filter(None, (counted, left))) + (f": {last}" if last else "")
-        self._bar.update(self._task, completed=done, description=words.removeprefix(": "))
+        self._bar.update(self._task, completed=done, description=escaped(words.removeprefix(": ")))
         if not self._bar.console.is_terminal and int(LINES * done // of) > self._lines:
             self._lines = int(LINES * done // of)
-            click.echo(f"{percent:>5}{'' if words.startswith(':') else ', '}{words}", err=True)
+            say(f"{percent:>5}{'' if words.startswith(':') else ', '}{words}", err=True)
+        if interrupts.swallowed() and done < of:  # a destructor or a callback has lost the exception
+            raise KeyboardInterrupt
+
+
+class TimeLeft:
+    """Estimates the remaining time of work whose steps take different times.
+
+    Within a step that tells its progress several times, the estimate follows that step's own speed; otherwise
+    it follows the speed since the start.
+    """
+
+    def __init__(self) -> None:
+        self._step, self._start = "", (time.perf_counter(), 0.0)
+        self._begin = self._start
+
+    def words(self, step: str, share: float) -> str:
+        """The remaining time in words, before those of the step; empty where it cannot be known.
+
+        Args:
+            step: Name of the step; what follows a digit in it is a part of the step.
+            share: The whole work's progress, 0..100.
+        """
+        now = time.perf_counter()
+        name = step[: next((k for k, letter in enumerate(step) if letter.isdigit()), len(step))]
+        if name != self._step:
+            self._step, self._start = name, (now, share)
+        then, before = self._start if share > self._start[1] else self._begin
+        if not before < share < 100.0 or now - then < DELAY:
+            return ""
+        return f"about {duration((now - then) / (share - before) * (100.0 - share))} left: "
+
+
+@contextmanager
+def waiting() -> Iterator[Callable[[str, float], None]]:
+    """Show a spinner, a bar and the remaining time on a terminal, from one second on; elsewhere nothing.
+
+    Yields:
+        A function that takes the name of the current step and the whole work's progress, 0..100.
+    """
+    from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+
+    console = terminal(stderr=True)
+    if not console.is_interactive:
+        yield lambda words, share: None
+        return
+    columns = (
+        SpinnerColumn(),
+        BarColumn(20),
+        TimeElapsedColumn(),
+        TextColumn("{task.description}", markup=False),
+    )
+    bar, left = Progress(*columns, console=console, transient=True), TimeLeft()
+    task = bar.add_task("loading", total=100)
+    timer = threading.Timer(DELAY, bar.start)
+    timer.daemon = True
+    timer.start()
+
+    def told(words: str, share: float) -> None:
+        bar.update(task, completed=share, description=escaped(left.words(words, share) + words))
+
+    try:
+        yield told
+    finally:
+        timer.cancel()
+        timer.join()
+        bar.stop()
 
 
 @contextmanager
@@ -90,8 +167,10 @@ def steps(kept: str) -> Iterator[Steps]:
 
     Args:
         kept: End of the sentence at Ctrl-C, which says what happens to the finished work.
+
+    Raises:
+        Cancelled: The work was interrupted; the message says how far it came.
     """
-    from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
     columns = (
@@ -100,12 +179,15 @@ def steps(kept: str) -> Iterator[Steps]:
         TimeElapsedColumn(),
         TextColumn("{task.description}", markup=False),
     )
-    console = Console(stderr=True)
-    with Progress(*columns, console=console, disable=not console.is_terminal, transient=True) as bar:
-        shown = Steps(bar)
-        try:
+    console = terminal(stderr=True)
+    shown = None
+    try:
+        with (
+            interrupts.patient(),
+            Progress(*columns, console=console, disable=not console.is_terminal, transient=True) as bar,
+        ):
+            shown = Steps(bar)
             yield shown
-        except KeyboardInterrupt:
-            bar.stop()
-            click.echo(f"stopped {shown.reached}; {kept}", err=True)
-            raise
+    except KeyboardInterrupt as stop:
+        reached = shown.reached if shown is not None else "while preparing"
+        raise Cancelled(f"stopped {reached}; {kept}") from stop

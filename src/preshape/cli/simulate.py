@@ -188,9 +188,10 @@ def _document(recording: Recording, written: list[Path]) -> dict[str, Any]:
 def _show(
     recording: Recording, protocol: HoldProtocol, title: str, left_out: str, written: list[Path]
 ) -> None:
-    from rich.console import Console
     from rich.table import Table
     from rich.text import Text
+
+    from ..report.terminal import terminal
 
     table = Table(title=title, title_justify="left", title_style="bold")
     table.add_column("stage", no_wrap=True)
@@ -210,7 +211,7 @@ def _show(
             " ".join(row["touching"]) or "nothing",
             state,
         )
-    console = Console()
+    console = terminal()
     console.print(table, highlight=False)
     colour = "green" if recording.result.held else "red"
     console.print(Text(_verdict(recording, protocol), style=f"bold {colour}"), highlight=False)

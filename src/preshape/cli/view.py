@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-import signal
-import threading
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
-from types import FrameType
 from typing import TYPE_CHECKING, Any
 
 import click
 from click.core import ParameterSource
 
 from ..exceptions import EnvironmentFailure, InputError, PreshapeError
+from . import interrupts
 from .options import TableCommand, boxes_from, closure_options, memory_option, object_options, request_from
+from .printing import say
 
 if TYPE_CHECKING:
     from ..app.browser_session import Start
@@ -60,40 +57,18 @@ def view(thing: str, task: str | None, host: str, port: int, sessions: int, **op
         from ..app.server import WILDCARDS, ViewServer
     except ImportError as error:
         raise EnvironmentFailure(f"the browser app needs viser ({error}): pip install viser") from error
-    with _ended_by_signals():
+    with interrupts.patient():  # SIGTERM and SIGHUP too stop the server, which ends its processes
         server = ViewServer(start, host=host, port=port, sessions=sessions)
         try:
-            click.echo(f"preshape view is at {server.address} (Ctrl-C ends it)", err=True)
+            say(f"preshape view is at {server.address} (Ctrl-C ends it)", err=True)
             if host in WILDCARDS:
-                click.echo("other machines reach it under this machine's name, with the same token", err=True)
+                say("other machines reach it under this machine's name, with the same token", err=True)
             while True:
                 time.sleep(3600)
         except KeyboardInterrupt:
             return 0
         finally:
             server.stop()
-
-
-@contextmanager
-def _ended_by_signals() -> Iterator[None]:
-    """Let SIGTERM, and SIGHUP of a closed terminal, act as Ctrl-C: planners end and uploads are deleted."""
-
-    def end(number: int, _frame: FrameType | None) -> None:
-        signal.signal(number, signal.SIG_IGN)  # the end is not to be interrupted
-        raise KeyboardInterrupt
-
-    numbers = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
-    if threading.current_thread() is not threading.main_thread():
-        numbers = []
-    before = {number: signal.getsignal(number) for number in numbers}
-    for number, usual in before.items():
-        if usual is not signal.SIG_IGN:  # as nohup sets it
-            signal.signal(number, end)
-    try:
-        yield
-    finally:
-        for number, usual in before.items():
-            signal.signal(number, usual)
 
 
 def start_of(request: PlanRequest) -> Start:

@@ -6,7 +6,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..exceptions import HandError, shown
-from ..types import Array, freeze, frozen_array, value
+from ..types import LONGEST_NAME, Array, freeze, frozen_array, value
+
+LONGEST_HAND_NAME = LONGEST_NAME - 55
+"""Largest number of characters of a hand's name; the memory adds the analyser's to it."""
 
 POSTURES = ("open", "rest", "closed")
 
@@ -132,6 +135,10 @@ class Hand:
     source: str = ""
 
     def __post_init__(self) -> None:
+        if len(self.name) > LONGEST_HAND_NAME:
+            raise HandError(
+                f"a hand's name must have at most {LONGEST_HAND_NAME} characters, got {len(self.name)}"
+            )
         count = len(self.joints)
         freeze(
             self,

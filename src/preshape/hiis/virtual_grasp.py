@@ -33,7 +33,7 @@ _RING_RADIUS = 1e-5
 _SPOKES = np.pi / 8 + np.pi / 4 * np.arange(8)
 
 _SMOOTH = np.cos(np.radians(50.0))
-"""Facets at a smaller angle approximate one smooth surface [C]; an octagonal cylinder has 45°, a hexagon 60°."""
+"""Facets at a smaller angle approximate one smooth surface [C]; an octagonal cylinder has 45°."""
 
 # Places along t that a finger can aim at: opposite the thumb, beside that at +t, and at -t.
 _PLACES = {2: [0], 3: [0, 1], 4: [0, 1, 2]}
@@ -304,7 +304,7 @@ class RayAnalyser:
         """First contact of each ray, which runs along a coordinate axis.
 
         Where facets of a smooth surface meet, the normal is the mean over those that the finger can touch, so
-        it does not depend on where the surface is divided into facets. At a sharp edge it is that of one side.
+        it does not depend on where the surface is divided into facets. At a sharp edge one side counts.
 
         Returns:
             (..., 3) point [m], the ray's origin if it misses; (..., 3) inward normal, zero if it misses; and
@@ -324,7 +324,7 @@ class RayAnalyser:
         true = distance_to(self.mesh, hits.triangle, centre, along.reshape(-1, 3)).reshape(reach.shape)
         flat = np.abs(np.subtract(true, reach, out=np.zeros_like(true), where=met)) <= near
         depth = np.where(flat, true, reach)
-        # 3. Of what the ring hits, the nearest is the contact; of several equally near, the first on the ring.
+        # 3. Of what the ring hits, the nearest is the contact; of equally near ones, the first on the ring.
         front = depth <= depth.min(axis=0) + near
         first = np.argmax(front, axis=0), np.arange(len(origins))
         # The inward normal points along the ray, whichever way the triangles of a scan are wound.

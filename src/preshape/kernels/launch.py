@@ -1,4 +1,4 @@
-"""Use of Warp: silent import, compilation with a message, and kernel launches on several CPU threads."""
+"""Use of Warp: silent import, and kernel launches on several CPU threads."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from concurrent.futures import ThreadPoolExecutor, wait
 from contextlib import contextmanager
 from functools import cache
 from itertools import pairwise
-from pathlib import Path
-from types import ModuleType
 from typing import Any
 
+from ..exceptions import EnvironmentFailure
+from ..files import spare_folder
 from ..processes import usable_cores
 
 SMALLEST_PART = 16
@@ -26,31 +26,27 @@ def warp() -> Any:
     import warp as wp
 
     wp.config.log_level = max(wp.config.log_level, wp.LOG_ERROR)
-    with _no_standard_error():
-        wp.init()
+    try:
+        with _no_standard_error():
+            wp.init()
+    except OSError as error:
+        usual, spare = error.filename, spare_folder("kernels")
+        if not spare.is_dir():
+            raise EnvironmentFailure(
+                f"no folder for compiled kernels: {usual} cannot be made ({error.strerror}), nor one in "
+                f"{spare.parent}; set WARP_CACHE_PATH to a folder that can be written"
+            ) from error
+        announce(f"compiled kernels cannot be kept in {usual}; they are kept in {spare}")
+        wp.config.kernel_cache_dir = str(spare)
+        with _no_standard_error():
+            wp.init()
     return wp
 
 
-def load_kernels(module: ModuleType, device: str) -> None:
-    """Load a module of kernels, compiling it if necessary, before several threads use it.
-
-    Args:
-        module: A Python module with Warp kernels.
-        device: ``cpu`` or a CUDA device's name.
-    """
-    wp = warp()
-    # Warp names the folder of the compiled module by a hash of its content; the CPU runs blocks of one
-    # thread.
-    folder = wp.get_module(module.__name__).get_module_identifier(1 if device == "cpu" else None)
-    if not (Path(wp.config.kernel_cache_dir) / folder).exists():
-        _announce_compilation()
-    wp.load_module(module, device=device)
-
-
 @cache
-def _announce_compilation() -> None:
-    """Tell the user once that the first use takes longer."""
-    print("compiling the kernels for this machine, once: about 20 s ...", file=sys.stderr, flush=True)
+def announce(sentence: str) -> None:
+    """Say something on standard error, once."""
+    print(sentence, file=sys.stderr, flush=True)
 
 
 @contextmanager

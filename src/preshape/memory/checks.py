@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from ..exceptions import InputError, shown
-from ..types import Array
+from ..types import LONGEST_NAME, Array
 
 LARGEST = 2**63 - 1
 Fields = Mapping[str, Any]
@@ -39,13 +39,15 @@ def exactly(fields: object, names: Sequence[str], what: str) -> Fields:
 
 
 def text(data: object, name: str) -> str:
-    """Return ``data`` if it is text that is not empty and can be encoded as UTF-8.
+    """Return ``data`` if it is a name: text that is not empty, not too long, and can be encoded as UTF-8.
 
     Raises:
         InputError: It is anything else.
     """
     if not isinstance(data, str) or not data:
         raise InputError(f"{name} must be text, got {shown(data)}")
+    if len(data) > LONGEST_NAME:
+        raise InputError(f"{name} must have at most {LONGEST_NAME} characters, got {len(data)}")
     try:
         data.encode()
     except UnicodeEncodeError as error:

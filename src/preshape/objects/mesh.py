@@ -8,7 +8,17 @@ from functools import cached_property
 import numpy as np
 
 from ..exceptions import InputError, ObjectError
-from ..types import Array, Attributes, IntArray, freeze, numbers, positive_number, read_only, rebuilt
+from ..types import (
+    LONGEST_NAME,
+    Array,
+    Attributes,
+    IntArray,
+    freeze,
+    numbers,
+    positive_number,
+    read_only,
+    rebuilt,
+)
 from .scans.scan import Scan
 
 
@@ -165,12 +175,16 @@ def _check_name(name: object) -> None:
     """Refuse a name that the memory could not store after the search.
 
     Raises:
-        ObjectError: The name is empty, or no valid Unicode text.
+        ObjectError: The name is empty or too long, or no valid Unicode text.
     """
     try:
-        if isinstance(name, str) and name.strip():
+        if isinstance(name, str) and name.strip() and len(name) <= LONGEST_NAME:
             name.encode()
             return
     except UnicodeEncodeError:
         pass
+    if isinstance(name, str) and len(name) > LONGEST_NAME:
+        raise ObjectError(
+            f"an object's name must have at most {LONGEST_NAME} characters, got {len(name)}; rename it"
+        )
     raise ObjectError(f"an object's name must be text that is not empty, got {name!a:.60}; give or rename it")

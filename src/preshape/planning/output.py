@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import base64
 import tempfile
-from html import escape
 from pathlib import Path
 
 from ..files import file_stem, make_folder, write_json, write_text, write_whole
 from ..hiis.analyser import VirtualGrasp
 from ..objects.load import IN_MEMORY
+from ..report.plain import html_text as escape
 from .answers import PlanRecord, answers_of
 from .document import Document, plan_to_json
 

@@ -5,13 +5,13 @@ from __future__ import annotations
 import io
 from collections.abc import Sequence
 
-from rich.console import Console, Group, RenderableType
+from rich.console import Group, RenderableType
 from rich.panel import Panel
 from rich.table import Table
 from rich.text import Text
 
 from ..hiis.decision import Status
-from ..report.terminal import fact_grid
+from ..report.terminal import fact_grid, terminal
 from ..tasks import task_from_numbers
 from ..tasks.task import COMPONENTS
 from ..types import STEPS, quality_text, two_digits
@@ -34,7 +34,7 @@ def summary_text(plan: PlanRecord, *, explain: bool = False, width: int = 80) ->
         width: Width of the text in columns.
     """
     out = io.StringIO()
-    Console(file=out, width=width).print(summary(plan_to_json(plan), explain=explain), highlight=False)
+    terminal(file=out, width=width).print(summary(plan_to_json(plan), explain=explain), highlight=False)
     return out.getvalue().rstrip("\n")
 
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from typing import Any
 
 from ..hands.hand import Hand
 from ..hiis.analyser import Grasp
@@ -21,13 +22,23 @@ from .hand_simulation import HandResult
 from .plan import Plan
 from .request import VERIFIED
 
+Progress = Callable[[str, float], None]
+"""Called with what is done and the share of the test that is finished, 0..1."""
 
-def verified_plan(plan: Plan, *, keep: int) -> tuple[Plan, list[tuple[Grasp, bool]]]:
+
+def _untold(words: str, share: float) -> None:
+    """Tell nobody."""
+
+
+def verified_plan(
+    plan: Plan, *, keep: int, progress: Progress = _untold
+) -> tuple[Plan, list[tuple[Grasp, bool]]]:
     """The plan with the first of its answers that holds, tested with the plan's own mass and friction.
 
     Args:
         plan: The plan, with all answers that may be tested.
         keep: Number of answers to keep.
+        progress: Called as the test advances; it may raise an exception to stop it.
 
     Returns:
         The plan, and the grasps whose outcome is worth remembering, each with True if it held.
@@ -36,7 +47,9 @@ def verified_plan(plan: Plan, *, keep: int) -> tuple[Plan, list[tuple[Grasp, boo
     if not answers:
         return replace(plan, verified=Verified(held=False, tried=0, reason="there is no answer to test")), []
     rules = HoldProtocol(friction=plan.request.stated_friction, mass=plan.mass.kg, stop_early=True)
-    results = hold_until_held(plan.hand, plan.mesh, [a.hand_result for a in answers], protocol=rules)
+    results = hold_until_held(
+        plan.hand, plan.mesh, [a.hand_result for a in answers], protocol=rules, progress=progress
+    )
     reached = [k for k, a in enumerate(answers) if a.hand_result.grasp is not None]
     own_mass = object_mass(plan.mesh).kg
     tried = [
@@ -62,6 +75,7 @@ def hold_until_held(
     answers: Sequence[HandResult],
     *,
     protocol: HoldProtocol,
+    progress: Progress = _untold,
 ) -> list[HoldResult]:
     """Test answers in their order until one holds.
 
@@ -72,6 +86,7 @@ def hold_until_held(
         mesh: The object, at the size that planning used.
         answers: The hand on each grasp; hands that did not reach their grasp are left out.
         protocol: Settings of the holding test.
+        progress: Called as the test advances.
 
     Returns:
         A result for each answer that was tested; only the last one may have held.
@@ -84,17 +99,35 @@ def hold_until_held(
     if not reached:
         return []
     physical = physics_hand(hand)
+    progress("cutting the object into convex pieces, once for an object", 0.0)
     pieces = decompose(mesh)
     n, poses = len(reached), poses_of([answer for _, answer in reached])
     grasps = palm_grasps(hand, [mesh.name] * n, [1.0] * n, poses).for_hand(physical)
     scene = build_scene(physical, pieces, 1.0, protocol)
     results: list[HoldResult] = []
     for row, (index, _) in enumerate(reached):
-        result = hold_test(scene, grasps.poses(row), protocol, row=index, object_name=mesh.name)
+        told = _steps(progress, protocol, row, n)
+        result = hold_test(
+            scene, grasps.poses(row), protocol, row=index, object_name=mesh.name, observer=told
+        )
         results.append(result)
         if result.held:
             break
     return results
+
+
+def _steps(progress: Progress, protocol: HoldProtocol, row: int, of: int) -> Callable[[str, Any], None]:
+    """Observer of one test, which tells the progress whenever another step of the test begins."""
+    steps = ("grasp", "squeeze", *(load.name for load in protocol.loads()))
+    told: set[str] = set()
+
+    def observer(step: str, _: Any) -> None:
+        if step not in told:
+            share = (row + len(told) / len(steps)) / of
+            told.add(step)
+            progress(f"trying answer {row + 1} of {of} in simulated physics: {step}", share)
+
+    return observer
 
 
 def worth_remembering(result: HoldResult, rules: HoldProtocol, own_mass: float) -> bool:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import base64
 import re
 from collections.abc import Iterator
-from html import escape
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -13,6 +12,7 @@ from typing import Any
 from ..exceptions import EnvironmentFailure
 from ..files import write_json, write_text, write_whole
 from .markdown import markdown
+from .plain import html_text as escape
 from .values import Block, Bullets, Cell, Figure, Heading, Report, Table, cell_text
 
 POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:"

@@ -2,15 +2,44 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Iterator, Sequence
+from typing import IO, TYPE_CHECKING
 
+from .plain import escaped
 from .values import Cell, Table, cell_text
 
 if TYPE_CHECKING:
-    from rich.console import Console
+    from rich.console import Console, ConsoleOptions
     from rich.table import Table as Grid
     from rich.text import Text
+
+
+def terminal(*, stderr: bool = False, file: IO[str] | None = None, width: int | None = None) -> Console:
+    """Console that shows the control characters of texts instead of sending them to the terminal.
+
+    Args:
+        stderr: Whether it writes to standard error.
+        file: Where it writes instead.
+        width: Width in characters; by default the terminal's.
+    """
+    from rich.console import Console, ConsoleRenderable, RenderHook
+    from rich.segment import Segment
+
+    class Escaping(RenderHook):
+        def process_renderables(self, renderables: list[ConsoleRenderable]) -> list[ConsoleRenderable]:
+            return [Shown(each) for each in renderables]
+
+    class Shown:
+        def __init__(self, renderable: ConsoleRenderable) -> None:
+            self._renderable = renderable
+
+        def __rich_console__(self, console: Console, options: ConsoleOptions) -> Iterator[Segment]:
+            for part in console.render(self._renderable, options):
+                yield part if part.control else Segment(escaped(part.text), part.style)
+
+    console = Console(stderr=stderr, file=file, width=width, highlight=False)
+    console.push_render_hook(Escaping())
+    return console
 
 
 def report_console(width: int) -> Console:
@@ -19,9 +48,7 @@ def report_console(width: int) -> Console:
     Args:
         width: Width in characters if standard output is no terminal, so that logs look the same everywhere.
     """
-    from rich.console import Console
-
-    console = Console(highlight=False)
+    console = terminal()
     if not console.is_terminal:
         console.width = width
     return console

@@ -10,7 +10,6 @@ import base64
 import hashlib
 import json
 from collections.abc import Sequence
-from html import escape
 from importlib import resources
 from typing import Any
 
@@ -18,6 +17,7 @@ import numpy as np
 
 from ..exceptions import InputError
 from ..report.page import base_style
+from ..report.plain import html_text as escape
 from ..types import value
 from . import readings
 from .camera import Camera

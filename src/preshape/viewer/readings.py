@@ -7,8 +7,8 @@ from files.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from html import escape
 
+from ..report.plain import html_text as escape
 from ..types import quality_text, two_digits
 from .words import (
     QUALITY,

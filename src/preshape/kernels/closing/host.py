@@ -144,7 +144,8 @@ class ClosingKernel:
     def __init__(
         self, tables: HandTables, distances: DistanceField, *, device: str = "cpu", threads: int | None = None
     ) -> None:
-        from ..launch import load_kernels, usable_threads, warp
+        from ..cache import load_kernels
+        from ..launch import usable_threads, warp
 
         self._wp = wp = warp()
         from . import warp as warp_closing

@@ -19,7 +19,8 @@ from ...exceptions import InputError, shown
 from ...files import cache_folder, keep_arrays, read_arrays
 from ...objects.mesh import TriangleMesh
 from ...types import Array, IntArray, freeze, frozen_array, read_only, value
-from ..launch import in_parts, load_kernels, usable_threads, warp
+from ..cache import load_kernels
+from ..launch import in_parts, usable_threads, warp
 from ..packed_launch import FIRST_ROW, DeviceRows, PackedLaunch
 from .winding import oriented_triangles
 

@@ -103,7 +103,8 @@ class FittingKernel:
         device: str,
         threads: int,
     ) -> None:
-        from ..launch import load_kernels, warp
+        from ..cache import load_kernels
+        from ..launch import warp
         from ..packed_launch import FIRST_ROW, DeviceRows, PackedLaunch
 
         wp = warp()

@@ -110,7 +110,8 @@ class MarginKernel:
         device: str = "cpu",
         threads: int | None = None,
     ) -> None:
-        from ..launch import load_kernels, usable_threads, warp
+        from ..cache import load_kernels
+        from ..launch import usable_threads, warp
         from ..packed_launch import FIRST_ROW, DeviceRows, PackedLaunch
 
         asked = frozen_array(wrenches, (None, 6), "wrenches asked for")
