@@ -63,7 +63,9 @@ def lesson(number: int, *, grip: bool = False, **changes: Any) -> Experience:
         wrench=rng.normal(size=6),
         match=float(rng.uniform(0, 6)),
         created="2026-01-02T03:04:05Z",
-        grip=np.concatenate([rng.normal(size=3), turn / np.linalg.norm(turn), [7.0], joints]) if grip else None,
+        grip=np.concatenate([rng.normal(size=3), turn / np.linalg.norm(turn), [7.0], joints])
+        if grip
+        else None,
         quality=float(rng.uniform(0, 6)) if grip else None,
         outcome=("", "held", "lost")[number % 3],
         scene="" if number % 2 else "table 0",

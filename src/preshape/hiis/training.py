@@ -145,9 +145,7 @@ def train(
     return best
 
 
-def _train_in_rounds(
-    x: Array, y: Array, attempts: Sequence[NetworkWeights], target: float
-) -> NetworkWeights:
+def _train_in_rounds(x: Array, y: Array, attempts: Sequence[NetworkWeights], target: float) -> NetworkWeights:
     """Train on a part of many samples at a time; the work is bounded, however many there are [C].
 
     1. Each round takes the samples that the network gets wrong, the latest first, as at most half of

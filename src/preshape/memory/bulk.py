@@ -8,14 +8,22 @@ than those there, and never decide alone that a row is bad.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from itertools import chain
 from typing import Any
 
 import numpy as np
 
 from ..exceptions import InputError
 from ..objects.shape import LENGTH as SHAPE_LENGTH
-from ..types import OLD_UNIT_NAME, UNIT_NAME, Array, Attributes, BoolArray, Experience, from_columns, read_only
+from ..types import (
+    OLD_UNIT_NAME,
+    UNIT_NAME,
+    Array,
+    Attributes,
+    BoolArray,
+    Experience,
+    from_columns,
+    read_only,
+)
 from . import checks
 from .limits import LIMITS, within
 from .records import EXPERIENCE_COLUMNS, KINDS, MATCH_LIMITS, OUTCOMES, SCENE_LENGTH, Row
@@ -72,19 +80,22 @@ def experiences(
 
 def _together(cell: Mapping[str, Sequence[Any]]) -> list[Experience] | None:
     """The experiences of these columns; ``None`` if any cell needs a closer look."""
-    plain = [cell[name] for name in _NUMBERS]
-    if set(map(type, chain(*plain))) != {float} or not _plain_cells(cell):
+    numbers = np.array([cell[name] for name in _NUMBERS])
+    if numbers.dtype != np.float64 or not _plain_cells(cell):  # not only numbers, or only whole ones
         return None
-    numbers = read_only(np.ascontiguousarray(np.array(plain).T))
+    numbers = read_only(np.ascontiguousarray(numbers.T))
     shapes, grips = _arrays(cell["shape"], _is_shape), _arrays(cell["grip"], _is_grip)
     if shapes is None or grips is None or not ((numbers >= _LOW) & (numbers <= _HIGH)).all():
         return None
-    of_object = {"extents": list(numbers[:, 0:3]), "shape": shapes}
+    area, volume, approach_value, match = numbers[:, 15:].T.tolist()
+    of_object = {"extents": list(numbers[:, 0:3]), "area": area, "volume": volume, "shape": shapes}
     attributes = from_columns(Attributes, cell | of_object)  # type: ignore[operator]
     changed: dict[str, Sequence[Any]] = {
         "attributes": attributes,
         "task": list(numbers[:, 3:9]),
         "wrench": list(numbers[:, 9:15]),
+        "approach_value": approach_value,
+        "match": match,
         "flip": list(map(bool, cell["flip"])),
         "grip": grips,
         "outcome": [outcome or "" for outcome in cell["outcome"]],

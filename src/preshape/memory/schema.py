@@ -274,7 +274,7 @@ def _schema_of(connection: sqlite3.Connection) -> set[_Item]:
     }
 
 
-_NO_QUOTES = str.maketrans("", "", "\"`[]")
+_NO_QUOTES = str.maketrans("", "", '"`[]')
 _STATISTICS = ("sqlite_stat1", "sqlite_stat4")
 """Tables that ANALYZE makes; SQLite allows nobody else to use names with this beginning."""
 
