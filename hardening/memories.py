@@ -210,8 +210,8 @@ def main(arguments: list[str]) -> int:
     write_json(given.out / "memories.json", report)
     faults = report["faults"]
     print(
-        f"\n{report['cells']} absurd cells, {report['schemas']} schemas, {report['files']} files with changed "
-        f"bytes, {report['first runs']} first runs side by side; {len(faults)} faults"
+        f"\n{report['cells']} absurd cells, {report['schemas']} schemas, {report['files']} files with "
+        f"changed bytes, {report['first runs']} first runs side by side; {len(faults)} faults"
     )
     for fault in faults[:20]:
         print(f"  {fault}")

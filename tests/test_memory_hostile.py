@@ -242,7 +242,7 @@ def test_weights_of_no_use_are_trained_again_once(monkeypatch: pytest.MonkeyPatc
             "another table 'experiences'",
         ),
         (
-            "UPDATE sqlite_master SET sql = replace(sql, 'match NOT NULL', 'match NOT NULL CHECK (match > 2)')"
+            "UPDATE sqlite_master SET sql = replace(sql, 'match NOT NULL', 'match CHECK (match > 2)')"
             " WHERE name = 'experiences'",
             "another table 'experiences'",
         ),

@@ -116,8 +116,8 @@ def train(
 
     Training stops when the mean-square error meets the target and every output is on the correct side of 0.5.
     If the earlier weights do not lead there, training starts again from fresh weights, up to three times.
-    More than ``MOST_SAMPLES`` samples are learnt in rounds (:func:`_train_in_rounds`), so that the work does not
-    grow with the memory.
+    More than ``MOST_SAMPLES`` samples are learnt in rounds (:func:`_train_in_rounds`), so that the work does
+    not grow with the memory.
 
     Args:
         x: (n, i) inputs, 13 in the paper.

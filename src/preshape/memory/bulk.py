@@ -1,6 +1,6 @@
 """Read many rows at once: whole columns are checked and converted, instead of one cell after the other.
 
-A block of ``BLOCK`` rows is taken in bulk only if every cell passes here. Otherwise its rows go, one by one, through
+Rows are taken in bulk only if every cell of the block passes here. Otherwise they go, one by one, through
 :func:`.records.experience_from_row`, which finds the fault and words it. So the checks here may be stricter
 than those there, and never decide alone that a row is bad.
 """

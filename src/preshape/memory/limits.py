@@ -1,8 +1,8 @@
 """Limits of what a lesson can say of an object, a wrench or a hand; a value outside is no measurement.
 
-A number such as 1e308 is finite, and yet makes every sum that it joins infinite: one such lesson would disable
-all others of its hand. The limits are far outside of everything that a hand can meet. A task has none,
-because the estimator clips it (:func:`preshape.hiis.estimator.inputs`).
+A number such as 1e308 is finite, and yet makes every sum that it joins infinite: one such lesson would
+disable all others of its hand. The limits are far outside of everything that a hand can meet. A task has
+none, because the estimator clips it (:func:`preshape.hiis.estimator.inputs`).
 """
 
 from __future__ import annotations
