@@ -17,6 +17,7 @@ MODULES = (
     "bench_modes",
     "bench_training",
     "bench_learning",
+    "bench_memory",
     "bench_load",
     "bench_closing",
     "bench_closure",

@@ -13,7 +13,7 @@ import pytest
 
 pytest.importorskip("hardening.objects", reason="the folder hardening is not here")
 
-from hardening import kill, objects
+from hardening import kill, memories, objects
 from hardening.blobs import as_obj, blob
 
 from preshape.memory import Memory
@@ -166,3 +166,14 @@ def test_what_a_kill_could_do_would_be_seen(tmp_path: Path) -> None:
         memory.add([one])
     assert kill.faults(path, told) == ["incomplete lesson: a-1"]
     assert kill.faults(tmp_path / "none", {"a-0"}) == ["lost: a-0"]
+
+
+def test_hostile_memories_do_not_stop_a_hand(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    model = tmp_path / "model.sqlite"
+    memories.taught(model)
+    monkeypatch.setattr(memories, "EXPERIENCE_COLUMNS", ("area", "created"))
+    assert memories.absurd_cells(tmp_path, model, (1e308,)) == []
+    assert memories.foreign_schemas(tmp_path, model) == []
+    # And what goes wrong would be seen.
+    monkeypatch.setattr(memories, "SCHEMAS", ("ANALYZE",))
+    assert memories.foreign_schemas(tmp_path, model)[0] == "opened: ANALYZE"

@@ -123,6 +123,7 @@ def snapshot(folder: Path) -> dict[str, bytes]:
 # --- round trip -----------------------------------------------------------------------------------
 
 finite = st.floats(allow_nan=False, allow_infinity=False)
+real = st.floats(-1e9, 1e9)
 names = st.text(min_size=1, max_size=20).filter(lambda t: t.isprintable() or "\0" in t)
 counts = st.integers(0, 2**63 - 1)
 six = st.lists(finite, min_size=6, max_size=6)
@@ -131,20 +132,20 @@ experiences_of_any_kind = st.builds(
     kind=st.sampled_from(KINDS),
     object_name=names,
     hand=names,
-    extents=st.lists(st.floats(0, allow_infinity=False), min_size=3, max_size=3),
+    extents=st.lists(st.floats(1e-12, 1e3), min_size=3, max_size=3),
     vertices=counts,
     vertex_normals=counts,
     faces=counts,
     triangles=counts,
-    area=finite,
-    volume=finite,
+    area=st.floats(1e-24, 1e6),
+    volume=real,
     task=six,
     plane=st.integers(1, 12),
     flip=st.booleans(),
     approach_value=st.floats(-1, 1),
     approach_set=st.integers(0, 6),
     fingers=st.integers(2, 4),
-    wrench=six,
+    wrench=st.lists(real, min_size=6, max_size=6),
     match=st.floats(0, 6),
 )
 
@@ -791,7 +792,7 @@ def test_an_interrupted_transaction_leaves_nothing() -> None:
 def test_export_and_import_give_the_same_memory(path: Path) -> None:
     document, again = path.with_name("a.json"), path.with_name("b.json")
     with Memory.open(path) as memory, Memory.open(":memory:") as other:
-        memory.add([experience(object_name="Würfel"), experience(kind="best", area=-0.0)])
+        memory.add([experience(object_name="Würfel"), experience(kind="best", volume=-0.0)])
         memory.add([experience(hand="allegro")], weights(9))
         memory.export(document)
         assert other.import_(document) == 3

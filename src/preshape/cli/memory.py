@@ -87,9 +87,10 @@ def export_(file: str, memory: str | None, as_json: bool) -> None:
     from ..memory import Memory
 
     with Memory.open(memory, read_only=True) as store:
-        store.export(Path(file))
-        count = store.count()
-    _done(as_json, {"exported": count, "file": file}, f"exported {count} experiences to {file}")
+        count = store.export(Path(file))
+        left_out = [store.remark] if store.skipped else []
+    sentence = "\n".join([f"exported {count} experiences to {file}", *left_out])
+    _done(as_json, {"exported": count, "file": file, "warnings": left_out}, sentence)
 
 
 @memory.command(name="import", epilog="Example: preshape memory import learnt.json")

@@ -6,6 +6,7 @@ the approach value, and the number of virtual fingers, each in binary.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from decimal import Decimal
 from functools import cache
 from typing import Literal
@@ -26,7 +27,7 @@ INPUT_COUNTS: dict[str, int] = {"paper": INPUTS, "shape": 6 + 3 + LENGTH}
 """Number of inputs of each kind: 13 and 37."""
 
 _COUNT_DECADES = 6.0  # scales counts up to a million to about 1 [C]
-_DECIMALS = 9  # of the inputs
+_DECIMALS, _FAR = 9, 10.0  # of the inputs, and where they are clipped
 _LIMIT, _PARTS = 40, 256  # range and resolution of the table of exponentials
 
 
@@ -50,12 +51,7 @@ class Estimate:
 
 
 def inputs(task: Array, attributes: Attributes, u: float, kind: InputKind = "paper") -> Array:
-    """The input vector IV (eq. 5), scaled to about unit range [C].
-
-    Extents are divided by 4U, and the decimal logarithms of counts by 6. Task components are clipped at ±10,
-    far beyond any value of a task. The kind ``shape`` has the shape descriptor instead of the counts, because
-    the counts change with every new triangulation of the object [C]. All inputs are rounded to nine decimals:
-    the last bits of logarithms and wrenches differ between processors, and must not reach the weights.
+    """The input vector IV (eq. 5) of a task and an object; see :func:`inputs_of`.
 
     Args:
         task: (6,) Q.
@@ -69,16 +65,44 @@ def inputs(task: Array, attributes: Attributes, u: float, kind: InputKind = "pap
     Raises:
         InputError: The kind is unknown, or it is ``shape`` and the attributes have no descriptor.
     """
+    vector: Array = inputs_of([task], [attributes], u, kind)[0]
+    return vector
+
+
+def inputs_of(
+    tasks: Sequence[Array], attributes: Sequence[Attributes], u: float, kind: InputKind = "paper"
+) -> Array:
+    """The input vectors of n tasks and objects (eq. 5), scaled to about unit range [C].
+
+    Extents are divided by 4U, and the decimal logarithms of counts by 6. All inputs are clipped at ±10, far
+    beyond any value of a task or an object that a hand can hold: one absurd lesson must not spoil the
+    training on all others. The kind ``shape`` has the shape descriptor instead of the counts, because
+    the counts change with every new triangulation of the object [C]. All inputs are rounded to nine decimals:
+    the last bits of logarithms and wrenches differ between processors, and must not reach the weights.
+
+    Args:
+        tasks: n times (6,) Q.
+        attributes: Attributes of the n objects [m].
+        u: The hand's U [m].
+        kind: ``paper`` or ``shape``.
+
+    Returns:
+        (n, 13) or (n, 37) input vectors.
+
+    Raises:
+        InputError: The kind is unknown, or it is ``shape`` and some attributes have no descriptor.
+    """
     one_of(kind, "kind of inputs", tuple(INPUT_COUNTS))
-    counts = (attributes.vertices, attributes.vertex_normals, attributes.faces, attributes.triangles)
-    sizes = attributes.extents / (LENGTH_UNIT * u)
+    sizes = np.array([a.extents for a in attributes]) / (LENGTH_UNIT * u)
     if kind == "shape":
-        if attributes.shape is None:
+        shapes = [a.shape for a in attributes if a.shape is not None]
+        if len(shapes) < len(attributes):
             raise InputError("inputs of kind shape need a shape descriptor, got none: use described(mesh)")
-        described = attributes.shape
+        described = np.array(shapes)
     else:
+        counts = [(a.vertices, a.vertex_normals, a.faces, a.triangles) for a in attributes]
         described = np.log10(np.maximum(counts, 1)) / _COUNT_DECADES
-    return np.round(np.concatenate([np.clip(task, -10.0, 10.0), sizes, described]), _DECIMALS)
+    return np.round(np.clip(np.column_stack([tasks, sizes, described]), -_FAR, _FAR), _DECIMALS)
 
 
 def encode(plane: int, approach_set: int, fingers: int) -> Array:

@@ -23,6 +23,7 @@ from .learning import (
     outcomes_of,
     seed_experiences,
     training_set,
+    usable,
 )
 from .lessons import not_yet_learnt, of_this_mesh
 
@@ -155,7 +156,8 @@ class Knowledge:
         everything = (*self.experiences, *new)
         weights = self._trained(everything)
         with self._writing():
-            self.memory.add(new, weights)
+            # A lost lesson leaves fewer samples than the stored weights had; they are replaced all the same.
+            self.memory.add(new, weights, instead_of=self._weights)
         self.experiences, self._weights = everything, weights
         return weights
 
@@ -189,10 +191,13 @@ class Knowledge:
             self._weights = self._trained(self.experiences)
             if seeds and self._may_store:
                 with self._writing():
-                    self.memory.add(seeds, self._weights)
+                    stored = self.memory.add(seeds, self._weights, first=True)
+                if not stored:  # another process was faster
+                    self.experiences = self.memory.experiences(hand=self.layout.name)
+                    self._weights = self.memory.weights(self.layout.name)
         x, _ = training_set(self.experiences, self.layout.u, kind=self._kind)
         weights = self._weights
-        if weights is None or weights.trained_on != len(x) or weights.w1.shape[1] != x.shape[1]:
+        if weights is None or weights.trained_on != len(x) or not usable(weights, self._kind):
             # Another process has learnt in the meantime, experiences were imported, or a lesson was lost.
             self._weights = self._trained(self.experiences)
             if self._may_store:

@@ -11,12 +11,13 @@ from dataclasses import replace
 
 import numpy as np
 
+from ..memory.limits import usable as weights_usable
 from ..objects.mesh import TriangleMesh, box_mesh
 from ..objects.shape import described
 from ..types import ANSWER_KIND, Array, Attributes, BoolArray, Experience, NetworkWeights, one_of, value
 from .analyser import Aim, Analyser, Exploration, FingerRule, Grasp, Grip, HandLayout
 from .critic import SLACK
-from .estimator import INPUT_COUNTS, OUTPUTS, InputKind, encode, inputs
+from .estimator import HIDDEN, INPUT_COUNTS, OUTPUTS, InputKind, encode, inputs, inputs_of
 from .fuzzy import FuzzySets, approaching_degrees
 from .planes import PLANES
 from .training import train
@@ -262,24 +263,39 @@ def training_set(
         InputError: The kind is unknown.
     """
     one_of(kind, "kind of inputs", tuple(INPUT_COUNTS))
-    rows: dict[bytes, tuple[Array, Array, bytes]] = {}
+    taught = [
+        e
+        for e in experiences
+        if not (e.kind in ("landmark", ANSWER_KIND) or (e.kind == "best" and e.outdated))
+        and not (kind == "shape" and e.attributes.shape is None)
+    ]
+    if not taught:
+        return np.zeros((0, INPUT_COUNTS[kind])), np.zeros((0, OUTPUTS))
+    x = inputs_of([e.task for e in taught], [e.attributes for e in taught], u, kind)
+    rows: dict[bytes, int] = {}
     in_scene = set[bytes]()
-    for e in experiences:
-        untaught = e.kind in ("landmark", ANSWER_KIND) or (e.kind == "best" and e.outdated)
-        if untaught or (kind == "shape" and e.attributes.shape is None):
-            continue
-        x = inputs(e.task, e.attributes, u, kind)
-        key, bits = np.round(x, 6).tobytes(), encode(e.plane, e.approach_set, e.fingers)
+    for index, (e, same) in enumerate(zip(taught, np.round(x, 6), strict=True)):
+        key = same.tobytes()
         if e.scene and key in rows and key not in in_scene:
             continue
         if e.outcome != "lost":
-            rows[key] = (x, bits, grasp_key(e))
+            rows[key] = index
             (in_scene.add if e.scene else in_scene.discard)(key)
-        elif key in rows and rows[key][2] == grasp_key(e):
+        elif key in rows and grasp_key(taught[rows[key]]) == grasp_key(e):
             del rows[key]
-    if not rows:
-        return np.zeros((0, INPUT_COUNTS[kind])), np.zeros((0, OUTPUTS))
-    return np.array([x for x, _, _ in rows.values()]), np.array([y for _, y, _ in rows.values()])
+    codes = [(e.plane, e.approach_set, e.fingers) for e in (taught[index] for index in rows.values())]
+    bits = {code: encode(*code) for code in set(codes)}
+    y = np.array([bits[code] for code in codes]).reshape(-1, OUTPUTS)
+    return x[list(rows.values())], y
+
+
+def usable(weights: NetworkWeights | None, kind: InputKind) -> bool:
+    """Whether weights are of the estimator's layers for these inputs, and small enough to be summed."""
+    if weights is None:
+        return False
+    hidden, inner = weights.w1.shape
+    fits = (inner, hidden, *weights.w2.shape) == (INPUT_COUNTS[kind], HIDDEN, OUTPUTS, HIDDEN)
+    return fits and weights_usable(weights)
 
 
 def learn(
@@ -295,7 +311,7 @@ def learn(
     Args:
         experiences: Experiences of one hand, in the order in which they were stored.
         u: The hand's U [m].
-        start: The current weights; weights for another kind of inputs are ignored.
+        start: The current weights; they are ignored if they are not :func:`usable`.
         seed: Seed of fresh weights.
         kind: Kind of the inputs, ``paper`` or ``shape``.
 
@@ -303,9 +319,7 @@ def learn(
         InputError: The kind is unknown, or there is nothing to train on.
     """
     x, y = training_set(experiences, u, kind=kind)
-    if start is not None and start.w1.shape[1] != x.shape[1]:
-        start = None
-    return train(x, y, start=start, seed=seed)
+    return train(x, y, start=start if usable(start, kind) else None, seed=seed)
 
 
 def _task(move: Array, turn: Array) -> Array:

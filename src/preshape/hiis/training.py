@@ -20,6 +20,9 @@ from .lbfgs import minimise
 TARGET_ERROR = 5e-4
 """Mean-square error at which training stops: the smallest of table 4 [P]."""
 
+MOST_SAMPLES = 1500
+"""Largest number of samples that are trained on together; up to here, all of them are."""
+
 TARGETS, WITHIN = (0.1, 0.9), 0.1
 """Back-propagation: outputs for the bits 0 and 1, and limit of the first weights [R]."""
 
@@ -28,6 +31,7 @@ _DECAYS = (1e-5, 1e-6, 1e-7)
 tolerant of disturbed tasks [C]."""
 _PRECISION = Context(prec=17)
 _LN2 = float(_PRECISION.ln(Decimal(2)))
+_MANY_WRONG = 0.05  # share of wrongly read codes with which weights count as no good start
 _SURE = 0.45  # largest distance of an output from its bit; at 0.5 the code would be read wrongly
 
 
@@ -112,6 +116,8 @@ def train(
 
     Training stops when the mean-square error meets the target and every output is on the correct side of 0.5.
     If the earlier weights do not lead there, training starts again from fresh weights, up to three times.
+    More than ``MOST_SAMPLES`` samples are learnt in rounds (:func:`_train_in_rounds`), so that the work does
+    not grow with the memory.
 
     Args:
         x: (n, i) inputs, 13 in the paper.
@@ -124,6 +130,8 @@ def train(
     layers = (x.shape[1], LAYERS[1], y.shape[1])
     fresh = (initial_weights(seed + i, layers) for i in range(3))
     attempts = [*([start] if start is not None else []), *fresh]
+    if len(x) > MOST_SAMPLES:
+        return _train_in_rounds(x, y, attempts[:2], target)
     best: NetworkWeights | None = None
     for begin in attempts:
         done = begin
@@ -133,6 +141,34 @@ def train(
                 return done
         if best is None or done.mean_square_error < best.mean_square_error:
             best = done
+    assert best is not None
+    return best
+
+
+def _train_in_rounds(x: Array, y: Array, attempts: Sequence[NetworkWeights], target: float) -> NetworkWeights:
+    """Train on a part of many samples at a time; the work is bounded, however many there are [C].
+
+    1. Each round takes the samples that the network gets wrong, the latest first, as at most half of
+       ``MOST_SAMPLES``; the others are spread evenly over all samples and keep it from forgetting.
+    2. It descends on these, each round with a smaller decay, until they are learnt.
+    3. Rounds end once all samples are learnt. The second attempt is made only if the first ends with more
+       than ``_MANY_WRONG`` of all samples wrong. The smallest error over all samples wins.
+    """
+    best: NetworkWeights | None = None
+    for begin in attempts:
+        done = begin
+        for decay in _DECAYS:
+            wrong = np.flatnonzero(_furthest(done, x, y) >= _SURE)[-MOST_SAMPLES // 2 :]
+            spread = np.linspace(0, len(x) - 1, MOST_SAMPLES - len(wrong)).astype(np.int64)
+            part = np.union1d(wrong, spread)
+            found = _descend(x[part], y[part], done, target, decay)
+            done = _measured(found.w1, found.b1, found.w2, found.b2, x, y, done.epochs + found.epochs)
+            if best is None or done.mean_square_error < best.mean_square_error:
+                best = done
+            if _learned(done, x, y, target):
+                return done
+        if np.mean(_furthest(done, x, y) >= 0.5) <= _MANY_WRONG:
+            break
     assert best is not None
     return best
 
@@ -221,6 +257,12 @@ def _measured(w1: Array, b1: Array, w2: Array, b2: Array, x: Array, y: Array, ep
     """Weights with their mean-square error on the training set."""
     bare = NetworkWeights(w1=w1, b1=b1, w2=w2, b2=b2, mean_square_error=1.0, trained_on=len(x), epochs=epochs)
     return replace(bare, mean_square_error=mean_square_error(bare, x, y))
+
+
+def _furthest(weights: NetworkWeights, x: Array, y: Array) -> Array:
+    """(n,) largest distance of an output from its bit, for each sample."""
+    distances: Array = np.abs(predict(weights, x) - y).max(axis=1)
+    return distances
 
 
 def _learned(weights: NetworkWeights, x: Array, y: Array, target: float) -> bool:

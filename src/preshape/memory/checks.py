@@ -16,9 +16,12 @@ from ..types import LONGEST_NAME, Array
 LARGEST = 2**63 - 1
 Fields = Mapping[str, Any]
 
-_SHORTEST_GRIP = 9  # numbers: a pose, the finger mask, one joint
-_UNIT_SLACK = 1e-6
-_MOST_FINGERS = 2**16
+SHORTEST_GRIP = 9
+"""Numbers of the shortest grip: a pose, the finger mask, one joint."""
+UNIT_SLACK = 1e-6
+"""Largest deviation of a quaternion's length from 1."""
+MOST_FINGERS = 2**16
+"""Finger masks are below this number."""
 
 
 def exactly(fields: object, names: Sequence[str], what: str) -> Fields:
@@ -126,14 +129,14 @@ def grip(data: object) -> Array:
             number of at least 1.
     """
     content = vector(data, "grip")
-    if len(content) < _SHORTEST_GRIP:
+    if len(content) < SHORTEST_GRIP:
         raise InputError(
             f"grip must be a pose of 7 numbers, the fingers and joint angles, got {len(content)} numbers"
         )
     *quaternion, fingers = content[3:8].tolist()
-    if not abs(math.hypot(*quaternion) - 1.0) <= _UNIT_SLACK:
+    if not abs(math.hypot(*quaternion) - 1.0) <= UNIT_SLACK:
         raise InputError(f"the grip's quaternion must have length 1, got {shown(quaternion)}")
-    if not (fingers.is_integer() and 1 <= fingers < _MOST_FINGERS):
+    if not (fingers.is_integer() and 1 <= fingers < MOST_FINGERS):
         raise InputError(f"the grip's fingers must be a whole number from 1, got {fingers:.6g}")
     return content
 

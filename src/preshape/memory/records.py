@@ -17,6 +17,7 @@ from ..exceptions import InputError, shown
 from ..objects.shape import LENGTH as SHAPE_LENGTH
 from ..types import FIELD_MASS, OLD_UNIT_NAME, UNIT_NAME, Array, Attributes, Experience, NetworkWeights
 from .checks import exactly, grip, number, numbers, text, utc, vector, whole
+from .limits import weights_within, within
 
 KINDS = ("seed", "task", "best", "landmark", "grip")
 OUTCOMES = ("", "held", "lost")
@@ -52,7 +53,8 @@ _SINCE: dict[int, dict[str, Any]] = {
 }
 """For each format version, the fields that it added, with their values for older documents."""
 _WEIGHTS = ("hand", "w1", "b1", "w2", "b2", "mean_square_error", "trained_on", "epochs")
-_MATCH_SLACK = 1e-9
+MATCH_LIMITS = (-1e-9, 6.0 + 1e-9)
+"""Least and largest match and quality: 0..6, with slack for rounding."""
 
 Row = tuple[Any, ...]
 
@@ -90,7 +92,9 @@ def older_experience_from(fields: object, version: int) -> Experience:
         shape = {**shape, "shape": None}
     if version < 3 and later.get("grip", found.get("grip")) is not None and found["kind"] != "seed":
         later["scene"] = OLD_SCENE
-    return experience_from({**found, **later, "attributes": shape})
+    experience = experience_from({**found, **later, "attributes": shape})
+    within(experience)
+    return experience
 
 
 def experience_from(fields: object) -> Experience:
@@ -139,10 +143,10 @@ def experience_from(fields: object) -> Experience:
         approach_set=whole(found["approach_set"], "approach_set", 0, 6),
         fingers=whole(found["fingers"], "fingers", 2, 4),
         wrench=numbers(found["wrench"], "net wrench"),  # type: ignore[arg-type]
-        match=number(found["match"], "match", -_MATCH_SLACK, 6.0 + _MATCH_SLACK),
+        match=number(found["match"], "match", *MATCH_LIMITS),
         created=utc(found["created"]),
         grip=None if held is None else grip(held),
-        quality=None if quality is None else number(quality, "quality", -_MATCH_SLACK, 6.0 + _MATCH_SLACK),
+        quality=None if quality is None else number(quality, "quality", *MATCH_LIMITS),
         outcome=found["outcome"],
         scene=found["scene"],
         length_unit=found["length_unit"],
@@ -162,6 +166,7 @@ def experience_row(experience: Experience, created: str) -> Row:
     fields = experience_fields(experience)
     fields["created"] = fields["created"] or created
     checked = experience_from(fields)
+    within(checked)
     shape = checked.attributes
     return (
         *(checked.hand, checked.kind, checked.object_name, *shape.extents.tolist()),
@@ -229,6 +234,7 @@ def weights_from(fields: object) -> tuple[str, NetworkWeights]:
         epochs=whole(found["epochs"], "epochs"),
     )
     layers(weights)
+    weights_within(weights)
     return text(found["hand"], "hand"), weights
 
 
@@ -251,10 +257,11 @@ def weights_row(hand: str, weights: NetworkWeights) -> Row:
     Raises:
         InputError: The layers do not fit together, or a number is out of range.
     """
+    weights_within(weights)
     return (
         text(hand, "hand"),
         *layers(weights),
-        *(_blob(weights.w1), _blob(weights.b1), _blob(weights.w2), _blob(weights.b2)),
+        *(packed(weights.w1), packed(weights.b1), packed(weights.w2), packed(weights.b2)),
         number(weights.mean_square_error, "mean_square_error"),
         whole(weights.trained_on, "trained_on"),
         whole(weights.epochs, "epochs"),
@@ -280,7 +287,8 @@ def weights_from_row(row: Row) -> NetworkWeights:
     )
 
 
-def _blob(array: Array) -> bytes:
+def packed(array: Array) -> bytes:
+    """The cell of an array: its little-endian float64 numbers in row-major order."""
     return array.astype("<f8").tobytes()
 
 
@@ -289,7 +297,7 @@ def _listed(array: Array | None) -> list[float] | None:
 
 
 def _optional_blob(array: Array | None) -> bytes | None:
-    return None if array is None else _blob(array)
+    return None if array is None else packed(array)
 
 
 def _optional_array(blob: object, name: str) -> Array | None:

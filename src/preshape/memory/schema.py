@@ -19,6 +19,9 @@ the file switch to write-ahead logging. Its header therefore names this applicat
 byte.
 
 Columns of numbers have no declared type, because a REAL column would lose the sign of -0.0.
+
+A file may come from anybody. So its schema must be exactly that of its version: a trigger, a view, a virtual
+table, a generated column or a constraint would be code of somebody else, run at the next lesson.
 """
 
 from __future__ import annotations
@@ -27,6 +30,7 @@ import sqlite3
 import time
 from collections.abc import Callable
 from contextlib import closing, suppress
+from functools import cache
 from os import fspath, getpid
 from pathlib import Path
 
@@ -114,9 +118,20 @@ MIGRATIONS: dict[int, Callable[[sqlite3.Connection], None]] = {
 """For each version the migration to the next one, which runs inside a transaction."""
 
 
+LONGEST_CELL = 16_000_000
+"""Largest cell or row that is read [bytes]; a damaged or hostile file could claim up to 1 GB."""
+
+
 def connect(uri: str) -> sqlite3.Connection:
-    """A connection without implicit transactions that waits ``BUSY_SECONDS`` for locks."""
-    return sqlite3.connect(uri, uri=True, timeout=BUSY_SECONDS, isolation_level=None)
+    """A connection without implicit transactions that waits ``BUSY_SECONDS`` for locks.
+
+    It trusts neither the schema nor the pages of the file, as SQLite advises for files of others.
+    """
+    connection = sqlite3.connect(uri, uri=True, timeout=BUSY_SECONDS, isolation_level=None)
+    connection.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, LONGEST_CELL)
+    connection.execute("PRAGMA trusted_schema = OFF")
+    connection.execute("PRAGMA cell_size_check = ON")
+    return connection
 
 
 def open_writable(path: Path) -> sqlite3.Connection:
@@ -131,7 +146,6 @@ def open_writable(path: Path) -> sqlite3.Connection:
     connection = connect(f"{path.as_uri()}?mode=rwc")
     try:
         connection.execute("PRAGMA synchronous = FULL")
-        connection.execute("PRAGMA trusted_schema = OFF")
         if _snapshot_version(connection, path) < SCHEMA_VERSION:
             with transaction(connection):
                 _migrate(connection, path)
@@ -241,7 +255,7 @@ def _version(connection: sqlite3.Connection, path: Path) -> int:
     """The schema version, 0 for an empty database; called inside a transaction, because it reads twice.
 
     Raises:
-        MemoryFileError: The file is of another application, or of a newer version.
+        MemoryFileError: The file is of another application or of a newer version, or has a strange schema.
     """
     (application,) = connection.execute("PRAGMA application_id").fetchone()
     (version,) = connection.execute("PRAGMA user_version").fetchone()
@@ -256,7 +270,58 @@ def _version(connection: sqlite3.Connection, path: Path) -> int:
             f"the memory {path} has version {version}, newer than the {SCHEMA_VERSION} known here;"
             f" upgrade preshape or {ELSEWHERE}"
         )
+    _refuse_strange_schema(connection, path, int(version))
     return int(version)
+
+
+_Item = tuple[str, str, str, str]
+
+
+def _schema_of(connection: sqlite3.Connection) -> set[_Item]:
+    """All that a database defines: type, name, table, and definition without spaces, quotes and case."""
+    return {
+        (*map(str, names), "".join(str(sql).lower().translate(_NO_QUOTES).split()))  # type: ignore[misc]
+        for *names, sql in connection.execute("SELECT type, name, tbl_name, sql FROM sqlite_master")
+    }
+
+
+_NO_QUOTES = str.maketrans("", "", '"`[]')
+_STATISTICS = ("sqlite_stat1", "sqlite_stat4")
+"""Tables that ANALYZE makes; SQLite allows nobody else to use names with this beginning."""
+
+
+@cache
+def _own_schema(version: int) -> frozenset[_Item]:
+    """All that a memory of a version defines."""
+    with closing(sqlite3.connect(":memory:")) as connection:
+        for statement in _VERSION_1:
+            connection.execute(statement)
+        for step in range(1, version):
+            MIGRATIONS[step](connection)
+        return frozenset(_schema_of(connection))
+
+
+def _refuse_strange_schema(connection: sqlite3.Connection, path: Path, version: int) -> None:
+    """Refuse a memory that defines more than its version does, or defines it otherwise.
+
+    Raises:
+        MemoryFileError: The message names what is strange or missing.
+    """
+    there, own = _schema_of(connection), _own_schema(version)
+    for kind, name, table, _ in sorted(there - own):
+        if name in _STATISTICS:
+            continue
+        what = f"{kind} {name!r:.60}" + ("" if name == table else f" on {table!r:.60}")
+        changed = any((kind, name) == item[:2] for item in own)
+        raise MemoryFileError(
+            f"the memory {path} has {'another' if changed else 'a'} {what}"
+            f" {'than' if changed else 'that'} preshape {'makes' if changed else 'did not make'};"
+            f" it is not used, because it could run somebody else's code: restore a copy or {ELSEWHERE}"
+        )
+    for kind, name, *_ in sorted(own - there):
+        raise MemoryFileError(
+            f"the memory {path} is damaged (it lacks the {kind} {name!r}); restore a copy or {ELSEWHERE}"
+        )
 
 
 def _foreign(path: Path) -> MemoryFileError:

@@ -14,8 +14,9 @@ from typing import Self
 from ..exceptions import EnvironmentFailure, InputError, MemoryFileError, shown
 from ..files import file_place
 from ..types import Experience, NetworkWeights
-from . import records, schema, summary, transfer
+from . import bulk, records, schema, summary, transfer
 from .failures import ELSEWHERE, one_line, transaction, translated
+from .limits import usable
 from .summary import MemoryStatistics, ObjectSummary
 
 _COLUMNS = ", ".join(records.EXPERIENCE_COLUMNS)
@@ -52,12 +53,15 @@ class Memory:
     Attributes:
         where: Path of the file as text, or ``:memory:``.
         read_only: Whether changes are refused.
+        skipped: The number of each experience that was left out when reading, with the reason; see
+            :mod:`.limits`.
     """
 
     def __init__(self, connection: sqlite3.Connection, where: str, *, read_only: bool) -> None:
         self._connection = connection
         self.where = where
         self.read_only = read_only
+        self.skipped: dict[int, str] = {}
         self._place = file_place(where)
 
     @classmethod
@@ -115,17 +119,25 @@ class Memory:
         self.close()
 
     def add(
-        self, experiences: Sequence[Experience], weights: NetworkWeights | None = None
+        self,
+        experiences: Sequence[Experience],
+        weights: NetworkWeights | None = None,
+        *,
+        instead_of: NetworkWeights | None = None,
+        first: bool = False,
     ) -> tuple[int, ...]:
         """Store experiences, and the weights trained with them, in one transaction.
 
         Args:
             experiences: Experiences; an empty ``created`` is set to the current time.
-            weights: Weights for the hand of these experiences; see :meth:`save_weights`.
+            weights: Weights for the hand of these experiences.
+            instead_of: The weights that they replace; see :meth:`save_weights`.
+            first: Whether this is a first lesson. If the hand has one already, because another process was
+                faster, nothing is stored.
 
         Returns:
             Number of each experience in the memory; numbers are never reused. On return the experiences are
-            on disk.
+            on disk. Empty if there was a first lesson already.
 
         Raises:
             InputError: An experience is out of range, or weights are given and the experiences are not of one
@@ -142,9 +154,11 @@ class Memory:
                 )
             trained = records.weights_row(hands.pop(), weights)
         with self._writing():
+            if first and self._has_first_lesson({experience.hand for experience in experiences}):
+                return ()
             numbers = tuple(self._insert(rows))
             if trained is not None:
-                self._connection.execute(_UPSERT, trained)
+                self._replace_weights(trained, instead_of)
         return numbers
 
     def replace(
@@ -179,6 +193,9 @@ class Memory:
     ) -> tuple[Experience, ...]:
         """The experiences in the order in which they were stored.
 
+        One with numbers that no object or hand can have is left out and noted in ``skipped``, so that it does
+        not disable the others.
+
         Args:
             hand: Only those of this hand.
             kinds: Only those of these kinds; see ``KINDS``.
@@ -189,7 +206,8 @@ class Memory:
         """
         query, values = f"SELECT id, {_COLUMNS} FROM experiences WHERE 1", list[str]()
         if hand is not None:
-            query, values = f"{query} AND hand = ?", [hand]
+            # The index gives the numbers; read through it directly, whole records would have to be sorted.
+            query, values = f"{query} AND id IN (SELECT id FROM experiences WHERE hand = ?)", [hand]
         if kinds is not None:
             wanted = [kinds] if isinstance(kinds, str) else list(kinds)
             for kind in wanted:
@@ -198,9 +216,28 @@ class Memory:
             query, values = f"{query} AND kind IN ({', '.join('?' * len(wanted))})", values + wanted
         if gripped:
             query = f"{query} AND grip IS NOT NULL"
-        with translated(self.where):
-            rows = self._connection.execute(f"{query} ORDER BY id", values).fetchall()
-        return tuple(self._experience(number, tuple(row)) for number, *row in rows)
+        found: list[Experience] = []
+        with (
+            translated(self.where),
+            closing(self._connection.execute(f"{query} ORDER BY id", values)) as cursor,
+        ):
+            while rows := cursor.fetchmany(bulk.BLOCK):
+                block, absurd = bulk.experiences(rows, self._experience)
+                found += block
+                self.skipped |= absurd
+        return tuple(found)
+
+    @property
+    def remark(self) -> str:
+        """One sentence about the experiences that were skipped; empty if all can be used."""
+        if not self.skipped:
+            return ""
+        number, reason = next(iter(self.skipped.items()))
+        more = f" (and {len(self.skipped) - 1} more)" if len(self.skipped) > 1 else ""
+        return (
+            f"the memory {self.where} has a lesson that is skipped, because its numbers cannot be real:"
+            f" experience {number}: {reason}{more}; memory export leaves it out"
+        )
 
     def state(self) -> tuple[int, int]:
         """A value that changes whenever this or another process changes the memory."""
@@ -246,12 +283,7 @@ class Memory:
         """
         row = records.weights_row(hand, weights)
         with self._writing():
-            if instead_of is not None:
-                read = dict(zip(records.WEIGHT_COLUMNS, records.weights_row(hand, instead_of), strict=True))
-                self._connection.execute(
-                    "DELETE FROM weights WHERE hand = :hand AND w1 = :w1 AND trained_on = :trained_on", read
-                )
-            return self._connection.execute(_UPSERT, row).rowcount > 0
+            return self._replace_weights(row, instead_of)
 
     def reset(self, hand: str | None = None) -> int:
         """Delete everything, or everything of one hand; returns the number of experiences deleted."""
@@ -270,8 +302,13 @@ class Memory:
         with translated(self.where), transaction(self._connection, "BEGIN"):
             return summary.statistics(self._connection, self.where)
 
-    def export(self, path: Path | str) -> None:
+    def export(self, path: Path | str) -> int:
         """Write everything to one JSON document (see :mod:`.transfer`), whole or not at all.
+
+        Experiences and weights outside the limits (:mod:`.limits`) are left out.
+
+        Returns:
+            Number of experiences written.
 
         Raises:
             InputError: ``path`` is the memory itself.
@@ -284,9 +321,9 @@ class Memory:
         with translated(self.where), transaction(self._connection, "BEGIN"):
             experiences = self.experiences()
             rows = self._connection.execute(f"SELECT {_WEIGHT_COLUMNS} FROM weights ORDER BY hand").fetchall()
-        transfer.write_document(
-            target, experiences, [(str(row[0]), self._weights(tuple(row))) for row in rows]
-        )
+        weights = [(str(row[0]), self._weights(tuple(row))) for row in rows]
+        transfer.write_document(target, experiences, [pair for pair in weights if usable(pair[1])])
+        return len(experiences)
 
     def import_(self, path: Path | str) -> int:
         """Add the content of an exported document (:meth:`export`) in one transaction; all of it is checked.
@@ -319,6 +356,19 @@ class Memory:
             )
         with translated(self.where), transaction(self._connection):
             yield
+
+    def _has_first_lesson(self, hands: Iterable[str]) -> bool:
+        query = "SELECT 1 FROM experiences WHERE hand = ? AND kind = 'seed'"
+        return any(self._connection.execute(query, (hand,)).fetchone() for hand in hands)
+
+    def _replace_weights(self, row: records.Row, instead_of: NetworkWeights | None) -> bool:
+        """Store a row of weights by the rule of :meth:`save_weights`; returns whether it is stored now."""
+        if instead_of is not None:
+            self._connection.execute(
+                "DELETE FROM weights WHERE hand = ? AND w1 = ? AND trained_on = ?",
+                (row[0], records.packed(instead_of.w1), instead_of.trained_on),
+            )
+        return self._connection.execute(_UPSERT, row).rowcount > 0
 
     def _insert(self, rows: Iterable[records.Row]) -> Iterator[int]:
         with closing(self._connection.cursor()) as cursor:

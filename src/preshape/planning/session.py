@@ -154,6 +154,8 @@ class Session:
         self._tell("opening the memory; a hand's first time includes the lesson with the cube", 12)
         key = _element_key(request, hand, mesh, mass)
         controller = self._controller_of(request, hand, mesh, mass, key)
+        if self.memory.remark:
+            warnings.append(self.memory.remark)
         if self._element is None or self._element[0] != (*key, mesh, controller):
             self._element = (*key, mesh, controller), controller.prepare(mesh)
         return Prepared(
