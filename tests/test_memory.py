@@ -674,7 +674,7 @@ def test_a_full_disk_stores_nothing_and_says_so(path: Path) -> None:
         (pages,) = memory._connection.execute("PRAGMA page_count").fetchone()
         memory._connection.execute(f"PRAGMA max_page_count = {pages}")
         with pytest.raises(EnvironmentFailure, match="disk is full and nothing was stored") as caught:
-            memory.add([experience(object_name="y" * 500)] * 100)
+            memory.add([experience(object_name="y" * 250)] * 200)
         assert isinstance(caught.value.__cause__, sqlite3.OperationalError)
         assert memory.count() == 1
         memory._connection.execute("PRAGMA max_page_count = 100000")
