@@ -18,6 +18,7 @@ MODULES = (
     "bench_training",
     "bench_learning",
     "bench_load",
+    "bench_large",
     "bench_closing",
     "bench_closure",
     "bench_physics",

@@ -360,5 +360,6 @@ def test_a_rod_of_a_metre_is_lifted_at_its_middle() -> None:
     vertices = (CUBE - 0.5) * [0.018, 0.018, 1.0]
     rod = TriangleMesh(name="rod", vertices=vertices, triangles=np.array(SIDES))
     best = case("shadow", rod, "lift", mass=0.1).grips[0]
-    assert best.task_margin > 1.0 and best.hold_margin > 1.0 and best.quality >= 3.0
+    assert min(best.task_margin, best.hold_margin) > 1.0
+    assert best.quality >= 3.0
     assert abs(best.contacts.points[:, 2].mean()) < 0.05  # m; elsewhere its weight would turn it

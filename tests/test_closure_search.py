@@ -342,9 +342,11 @@ def test_a_longer_object_is_no_harder_to_push_and_harder_to_turn(
             task, hold = longer.strengths(few, demand)
             strengths[name, length] = [task, hold, longer.thorough_strengths(few, demand, press)]
     for short, long in zip(strengths["push", LONGEST], strengths["push", 0.5], strict=True):
-        assert short.max() > 0 and np.array_equal(short, long)
+        assert short.max() > 0
+        assert np.array_equal(short, long)
     turned = [strengths["turn", length][0] for length in (LONGEST, 0.5)]
     holds = turned[0] > 0
-    assert holds.sum() >= 10 and (turned[1] < 0.5 * turned[0])[holds].all()
+    assert holds.sum() >= 10
+    assert (turned[1] < 0.5 * turned[0])[holds].all()
     shorter = ClosureSearch(search.hand, search.field, search.cog, LONGEST / 2, search.settings)
     assert (shorter.strengths(few, LIFT)[0] > 1.01 * strengths["push", LONGEST][0])[holds].all()

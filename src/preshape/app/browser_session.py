@@ -176,7 +176,7 @@ class BrowserSession:
 
     def _changed(self, source: str, unit: str) -> PlanRequest:
         """The first request with another object."""
-        return replace(self._start.request, source=source, unit=unit, scale=1.0, view=None)
+        return replace(self._start.request, source=source, unit=unit, scale=1.0, view=None, cut_table=None)
 
     def _upload(self) -> None:
         with self._reported():

@@ -16,9 +16,9 @@ HOLD = np.concatenate([np.eye(6), -np.eye(6)])
 LEVER = 0.05
 """Torque divided by force in plain holding [m], as in the field's harder test; less on small objects."""
 LONGEST = 0.1
-"""Largest ℓ by which torques are compared with forces, unless the task itself turns the object [m] [C]. In the
-cone of a pure push or pull, torques are what a disturbance adds to its load. They come from where the fingers
-and the load act, which a longer object does not change; its weight acts at its centre of mass in any case."""
+"""Largest ℓ by which torques are compared with forces, unless the task itself turns the object [m] [C]. In
+the cone of a push or pull, torques are what a disturbance adds to its load. They come from where fingers and
+load act, which a longer object does not change; its weight acts at its centre of mass in any case."""
 FEWEST_NODES = 50
 """Least number of grid nodes inside the object for a centre of mass; with fewer, the COG is used."""
 

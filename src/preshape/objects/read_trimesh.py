@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from ..exceptions import ObjectError
+from . import checks
 from .read_raw import RawMesh, assemble, group_rows, merge_equal
 from .read_text import plain_text, printable
 
@@ -78,7 +79,8 @@ def _read_binary_stl(name: str, data: bytes, facets: int) -> RawMesh:
     """Read a binary STL without trimesh, whose import and copies cost more than a million triangles."""
     rows = np.frombuffer(data, _STL_FACET, facets, offset=84)
     corners = rows["corners"].reshape(-1, 3) + np.float32(0.0)  # -0 becomes 0
-    assemble(name, corners, np.arange(3 * facets), np.full(facets, 3))
+    checks.has_faces(name, 3 * facets, facets)
+    checks.finite(name, corners, 0)
     first, place = group_rows(corners)
     return RawMesh(
         vertices=corners[first].astype(np.float64),
