@@ -300,13 +300,13 @@ def test_only_what_draws_imports_the_viewer() -> None:
     drawing = [f for f in imports_of(ROOT) if unit_of(f.target) == "viewer" and f.target != "viewer.words"]
     assert {unit_of(f.source) for f in drawing} <= DRAWING
     inside = {f.target for f in imports_of(ROOT) if f.source == "viewer.words"}
-    assert inside == {"objects.mass", "types"}
+    assert inside == {"objects.mass", "tasks.task", "types"}
 
 
-def test_the_viewer_knows_values_objects_hands_and_report_styles_only() -> None:
+def test_the_viewer_knows_values_objects_tasks_hands_and_report_styles_only() -> None:
     known = {unit_of(f.target) for f in imports_of(ROOT) if unit_of(f.source) == "viewer"} - {"viewer"}
     assert known
-    assert known <= {"exceptions", "files", "types", "objects", "hands", "report"}
+    assert known <= {"exceptions", "files", "types", "objects", "tasks", "hands", "report"}
 
 
 # The checks themselves: each sees the fault it is for, in whatever file it stands.

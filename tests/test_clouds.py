@@ -228,7 +228,7 @@ def test_the_file_s_unit_is_kept_and_its_camera_is_in_it(tmp_path, monkeypatch):
     assert mesh.extents == pytest.approx([0.03] * 3, abs=1e-3)
     asked: list[object] = []
 
-    def stop(name: str, cloud: RawCloud, camera: object) -> None:
+    def stop(name: str, cloud: RawCloud, camera: object, *, cut_table: bool | None) -> None:
         asked.append(camera)
         raise ObjectError("stopped")
 
@@ -409,7 +409,7 @@ def test_a_table_in_a_cloud_is_named_and_cut_off_when_asked(tmp_path, on_table, 
     assert cut.extents.max() < 1.2 * np.linalg.norm(mesh.extents)
     assert 0.5 * mesh.volume < cut.volume < 2.0 * mesh.volume
     assert len(points) > 3 * cut.scan.points > 300  # the points that are left
-    assert load_object(file, view=view, cut_table=False).extents.max() > 2 * cut.extents.max()
+    assert load_object(file, view=view, cut_table=False).extents.max() > 1.4 * cut.extents.max()
     words = ["plan", str(file), "--task", "lift", "--view", ",".join(map(str, view)), "--no-learn", "--json"]
     memory = ["--memory", str(tmp_path / "m.sqlite")]
     assert cli.run([*words, *memory]) == 2

@@ -40,7 +40,7 @@ from preshape.physics.grasps import read_grasps, write_grasps
 from preshape.physics.hand import physics_hand
 from preshape.physics.pieces import ConvexPieces
 from preshape.planner import plan
-from preshape.planning.document import plan_to_json, read_plan
+from preshape.planning.document import lacking, plan_to_json, read_plan
 from preshape.planning.grasp_sets import read_grasp_file
 
 main._COMMANDS.setdefault("export", ("export", "Write a plan for other programs."))
@@ -625,11 +625,14 @@ def test_the_best_grasp_of_a_plan_without_an_answer(tmp_path: Path) -> None:
     (message,) = yaml_read(out)
     assert message["id"].endswith("/best")
     assert {**message, "id": ""} == {**messages_of(RAYS)[0], "id": ""}
-    said = "best grasp of a plan without an answer; executable: false; too weak"
+    why = lacking({**RAYS, **refused})
+    assert why.endswith("; too weak")  # after what the critic said of the grasp
+    said = f"best grasp of a plan without an answer; executable: false; {why}"
     assert f"# {said}\n" in out
+    assert "# grasp_quality: 0 to 1, a sixth of a grip's quality" in out
     report = json.loads(run("export", str(file), "--format", "moveit", "--best", "--json")[1])
-    assert (report["best"], report["executable"], report["lacking"]) == (True, False, "too weak")
-    assert "executable: false; too weak" in run("export", str(file), "--format", "moveit", "--best")[2]
+    assert (report["best"], report["executable"], report["lacking"]) == (True, False, why)
+    assert f"executable: false; {why}" in run("export", str(file), "--format", "moveit", "--best")[2]
     scene = run("export", str(file), "--format", "mjcf", "--best")[1]
     assert f"<!-- {said} -->" in scene
     file.write_text(json.dumps(RAYS))  # a plan with an answer is written as without the option

@@ -28,6 +28,7 @@ from preshape.planning.document import plan_to_json, planned_load, read_plan, re
 from preshape.planning.request import PlanRequest
 from preshape.planning.session import CLOSURE_SUFFIX, Session
 from preshape.planning.summary import summary_text
+from preshape.tasks.task import COMPONENTS
 from preshape.viewer.words import scene_words
 
 QUICK = ClosureSettings(everywhere=300, on_plane=120, at_aim=60, persistence=0, rounds=1, elite=8, finished=3)
@@ -434,7 +435,15 @@ def test_an_answer_of_rays_without_the_motion_says_so(session: Session) -> None:
             share = np.abs(plan.request.asked.q) / [1, 1, 1, 0.8, 0.8, 0.8]
             largest = share >= share.max() - 1e-9
             assert bool(missing) == bool((plan.answer.grasp.adi[largest] <= 1e-9).all())
-            assert ("gives nothing along" in str(plan).splitlines()[0]) == bool(missing)
+            headline = str(plan).splitlines()[0]
+            assert ("Grasp found, but it" in headline) == bool(missing)
+            asked, given = plan.request.asked.q, plan.answer.grasp.net_wrench
+            opposed = [COMPONENTS[k] for k in np.flatnonzero((asked * given < 0) & (np.abs(given) > 0.1))]
+            if missing in opposed:
+                assert f"opposes {missing}" in headline
+                assert any(
+                    "the grasp opposes it with" in warning for warning in plan_to_json(plan)["warnings"]
+                )
     assert 0 < sum(map(bool, found.values())) < len(found) / 2
 
 

@@ -363,7 +363,7 @@ def test_primitives_of_one_step_and_of_numbers():
 @pytest.mark.parametrize(
     ("call", "message"),
     [
-        ({"kind": "bend", "axis": "x", "amount": 1}, "a primitive is translate or rotate, got 'bend'"),
+        ({"kind": "bend", "axis": "x", "amount": 1}, "no kind of primitive 'bend'; known: translate, rotate"),
         ({"kind": "rotate", "axis": "w", "amount": 1}, r"an axis is one of \+x -x \+y -y \+z -z, got 'w'"),
         ({"kind": "rotate", "axis": (0, 0, 0), "amount": 1}, "must have a direction"),
         ({"kind": "rotate", "axis": (0, 1), "amount": 1}, "an axis must be 3 numbers, got 2"),
@@ -574,7 +574,7 @@ def test_json_of_a_rounded_displacement_is_stable():
         ({"name": "a", "q": Q1, "primitives": 3}, "list of kind, axis, amount"),
         (
             {"name": "a", "q": Q1, "primitives": [{"kind": "x", "axis": "x", "amount": 1}]},
-            "translate or rotate",
+            "translate, rotate",
         ),
         ({"name": "a", "q": Q1, "gravity": [0, 0]}, "gravity must be 3 numbers"),
     ],

@@ -228,8 +228,8 @@ def test_a_grip_is_told_by_what_decided_it_and_the_paper_s_indices_are_folded_la
     press = 10 * len(gripped["contacts"])
     order = [
         "quality 5.09 of 6, 3 is enough",
-        f"task margin 3.40 × the task's load, for 0.31 kg at a press of {press:.0f} N",
-        "hold margin 2.00 ×",
+        f"task margin 3.4 × the task's load, for 0.31 kg at a press of {press:.0f} N",
+        "hold margin 2.0 ×",
         f"press {press:.1f} N",
         "mass 0.31 kg (as given); this grip holds up to 0.74 kg at its strongest press",
         "friction 0.3, table under the object, 1 box to avoid",
@@ -259,9 +259,20 @@ def test_a_grip_is_told_by_what_decided_it_and_the_paper_s_indices_are_folded_la
 
 
 def test_a_headline_says_the_mode_in_plain_words_and_what_the_grasp_does_not_give(document) -> None:
-    said = words(readings.headline({**document, "missing_motion": "Tz"}))
-    assert "Grasp found, but it gives nothing along Tz" in said
-    assert 'class="head warn"' in readings.headline({**document, "missing_motion": "Tz"})
+    lift = {"missing_motion": "Tz", "task": {**document["task"], "q": [0.1, 0.1, 1, 0.05, 0.05, 0.05]}}
+    for given, told in (
+        (0.05, "gives nothing along Tz"),
+        (-1.16, "opposes Tz"),
+        (0.3, "gives too little along Tz"),
+        (1.9, "gives too much along Tz"),
+    ):
+        shown = readings.headline({**document, **lift, "net_wrench": [0, 0, given, 0, 0, 0]})
+        assert f"Grasp found, but it {told}" in words(shown)
+        assert 'class="head warn"' in shown
+    both = {"missing_motion": "Tx and Rz", "task": {"q": [1, 0.1, 0.1, 0.05, 0.05, -0.8]}}
+    assert plan_words.missing_words({**both, "net_wrench": [0, 0, 0, 0, 0, 1]}) == (
+        "gives nothing along Tx and opposes Rz"
+    )
     plain = readings.headline({**document, "missing_motion": ""})
     assert "nothing along" not in plain
     assert 'class="head good"' in plain

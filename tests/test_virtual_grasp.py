@@ -379,8 +379,13 @@ def test_a_grasp_in_full_says_what_the_exploration_said(name: str) -> None:
             assert (start - point) @ came >= 0
             assert np.linalg.norm(normal) == pytest.approx(1)
             assert normal @ came < 0  # inward, whoever wound the triangle
-            assert abs(normal @ mesh.normals[triangle]) == pytest.approx(1)
-            assert abs((point - mesh.corners[triangle, 0]) @ normal) < 1e-9  # on that triangle's plane
+            corners, facet = mesh.corners[triangle], mesh.normals[triangle]
+            assert abs((point - corners[0]) @ facet) < 1e-9  # on that triangle's plane
+            sides = np.roll(corners, -1, axis=0) - corners
+            inside = np.cross(sides, point - corners) @ facet / np.linalg.norm(sides, axis=1)
+            assert inside.min() > -aside * 10  # and on that triangle, beside which a ray of the ring may pass
+            if inside.min() > aside * 10:  # other facets are too far to count
+                assert abs(normal @ facet) == pytest.approx(1)
             assert (point - mesh.cog) @ g.plane.approach_axis == pytest.approx(
                 g.approach_value * mesh.extents @ np.abs(g.plane.approach_axis) / 2, abs=aside
             )
@@ -429,6 +434,68 @@ def test_a_finer_triangulation_of_the_same_surface_changes_nothing(name: str) ->
     q = np.array(Q1)
     aim = Aim(values=CRISP)
     same(RayAnalyser(mesh, UTAH).explore(q, aim), RayAnalyser(finer, UTAH).explore(q, aim))
+
+
+def cylinder(sides: int, turn: float, radius: float = 0.03, height: float = 0.12) -> TriangleMesh:
+    """An upright prism of many sides, turned by ``turn`` facets about z, with a fan on each end."""
+    angle = 2 * np.pi * (np.arange(sides) + turn) / sides
+    ring = radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    rings = [np.column_stack([ring, np.full(sides, z)]) for z in (-height / 2, height / 2)]
+    vertices = np.vstack([*rings, [[0, 0, -height / 2], [0, 0, height / 2]]])
+    k, n = np.arange(sides), np.roll(np.arange(sides), -1)
+    parts = [(k, n, n + sides), (k, n + sides, k + sides)]
+    parts += [(n, k, np.full(sides, 2 * sides)), (k + sides, n + sides, np.full(sides, 2 * sides + 1))]
+    triangles = np.concatenate([np.stack(part, axis=1) for part in parts])
+    return TriangleMesh(name="cylinder", vertices=vertices, triangles=triangles)
+
+
+@pytest.mark.parametrize("sides", [16, 36])
+def test_where_the_facets_of_a_round_object_meet_does_not_matter(sides: int) -> None:
+    # Opposite the thumb, the rays hit facets of one cylinder in the middle and edges of the other: with the
+    # mean normal both say what the round surface says, and only the radius to a facet's middle differs.
+    q, aim = np.array([0.1, 0.1, 1.0, 0.05, 0.05, 0.05]), Aim(values=CRISP, fingers=[2])
+    found = [table(RayAnalyser(cylinder(sides, turn), UTAH).explore(q, aim)) for turn in (0.0, 0.5)]
+    upright = [key for key in found[0] if not (plane(key[0]).approach_axis[:2].any() and key[2] != 0.0)]
+    assert len(upright) > 50
+    for key in upright:
+        (wrench, match), (other, other_match) = (cylinder_found[key] for cylinder_found in found)
+        assert other == pytest.approx(wrench, abs=0.02), key
+        assert other_match == pytest.approx(match, abs=0.2), key
+
+
+@pytest.mark.parametrize("turned", [False, True])
+def test_where_facets_meet_the_normal_is_their_mean(turned: bool) -> None:
+    # A flat spindle whose tips point at thumb and finger: at a tip four facets meet, at an edge two.
+    tip = np.array([[0.0, 0.006, 0.0]])
+    base = np.array([[x, 0.0, z] for x in (-0.02, 0.02) for z in (-0.02, 0.02)])
+    vertices = np.vstack([tip, -tip, base])
+    fan = [[0, 2, 3], [0, 3, 5], [0, 5, 4], [0, 4, 2], [1, 3, 2], [1, 5, 3], [1, 4, 5], [1, 2, 4]]
+    mesh = TriangleMesh(name="spindle", vertices=vertices, triangles=np.array(fan))
+    mesh = remade(mesh, mesh.vertices, mesh.triangles[:, ::-1]) if turned else mesh
+    thumb = RayAnalyser(mesh, UTAH).virtual_grasp(np.array(Q1), 5, False, 0.0, 2).contacts
+    assert thumb.points[0] == pytest.approx(tip[0], abs=1e-9)
+    assert thumb.normals_in == pytest.approx(np.array([[0, -1, 0], [0, 1, 0]]), abs=1e-9)
+    # Turned by an eighth about y, an edge of the spindle lies at v along x, where two facets meet.
+    c = np.sqrt(0.5)
+    eighth = np.array([[c, 0, c], [0, 1, 0], [-c, 0, c]])
+    spindle = remade(mesh, mesh.vertices @ eighth.T, mesh.triangles)
+    on_edge = RayAnalyser(spindle, UTAH).virtual_grasp(np.array(Q1), 5, False, 0.5, 2).contacts
+    normals = np.array([n for n in spindle.normals * (-1 if turned else 1) if n[0] > 0.1 and n[1] > 0.1])
+    assert len(normals) == 2
+    mean = -normals.mean(axis=0) / np.linalg.norm(normals.mean(axis=0))
+    assert on_edge.normals_in[0] == pytest.approx(mean, abs=1e-6)
+    # At a sharp edge, which no finger holds as it holds a round surface, one facet's normal counts.
+    sharp = remade(spindle, spindle.vertices * [1.0, 8.0, 1.0], spindle.triangles)
+    on_edge = RayAnalyser(sharp, UTAH).virtual_grasp(np.array(Q1), 5, False, 0.5, 2).contacts
+    off = np.abs(-sharp.normals @ on_edge.normals_in.T).max(axis=0)
+    assert off == pytest.approx(np.ones(2), abs=1e-9)
+    # At the rim of a face, the face alone is touched, on every side of the cube alike.
+    cube = load_library_object("cube")
+    half = cube.extents[0] / 2
+    for v in (-1.0, 1.0):
+        rim = RayAnalyser(cube, UTAH).virtual_grasp(np.array(Q1), 5, False, v, 2).contacts
+        assert rim.points[0] == pytest.approx([v * half, half, 0.0], abs=1e-9)
+        assert rim.normals_in == pytest.approx(np.array([[0, -1, 0], [0, 1, 0]]), abs=1e-9)
 
 
 @pytest.mark.parametrize("name", ["cube", "bowl", "hammer"])

@@ -258,7 +258,7 @@ def test_the_soft_finger_basis(seed: int, n: int, angle: float) -> None:
 
 
 def test_bad_readings_are_refused() -> None:
-    with pytest.raises(InputError, match=r"one of net, basis, got 'full'"):
+    with pytest.raises(InputError, match=r"no reading 'full'; known: net, basis"):
         screw_measures(np.eye(6), reading="full")
     with pytest.raises(InputError, match="positions and normals"):
         screw_measures(np.eye(6), reading="basis")

@@ -22,8 +22,25 @@ Each message is one or two sentences: what was expected, what came, what to do.
 from __future__ import annotations
 
 import difflib
+import reprlib
 from collections.abc import Iterable
 from typing import ClassVar
+
+_LONGEST = 60
+_short = reprlib.Repr()
+_short.maxstring = _short.maxother = _short.maxlong = _LONGEST
+
+
+def shown(given: object) -> str:
+    """What a caller gave, for messages: its ``repr`` in one line, with ``...`` for the middle of a long one.
+
+    >>> shown("lift"), len(shown("lift " * 1000))
+    ("'lift'", 60)
+    """
+    try:
+        return " ".join(_short.repr(given).split())
+    except Exception:  # a foreign object's own repr may fail in any way
+        return f"a value of {type(given).__name__}"
 
 
 class PreshapeError(Exception):
@@ -77,17 +94,18 @@ class UnknownName(InputError):
 
     def nearest(self, count: int = 3) -> tuple[str, ...]:
         """The known names that are most similar, best first."""
-        if not self.name.strip():
+        name = self.name.strip().lower()
+        if not name or len(name) > 2 * _LONGEST:
             return ()
-        close = difflib.get_close_matches(self.name.lower(), self.known, n=count, cutoff=0.4)
-        inside = [known for known in self.known if self.name.lower() in known.lower()]
+        close = difflib.get_close_matches(name, self.known, n=count, cutoff=0.4)
+        inside = [known for known in self.known if name in known.lower()]
         return tuple(dict.fromkeys([*inside, *close]))[:count]
 
     def __str__(self) -> str:
         hint = self.nearest()
         known = ", ".join(self.known)
         guess = f"did you mean {' or '.join(hint)}? Known: {known}" if hint else f"known: {known}"
-        return f"no {self.noun} {self.name!r}; {guess}{self.more}"
+        return f"no {self.noun} {shown(self.name)}; {guess}{self.more}"
 
 
 class UnknownObject(UnknownName):
@@ -97,9 +115,40 @@ class UnknownObject(UnknownName):
 
 
 class UnknownTask(UnknownName):
-    """There is no task family of that name."""
+    """There is no task family of that name; the message also suggests tasks for common words.
+
+    >>> UnknownTask("pick it up", ["lift", "pour", "hand_over"]).nearest()
+    ('lift', 'hand_over')
+    """
 
     noun = "task"
+    # What people say, and the tasks that do it.
+    _MEANT: ClassVar[dict[str, str]] = {
+        "lift": "pick grasp grab hold take raise carry move up keep catch get",
+        "hand_over": "pick carry give pass bring place handover move",
+        "insert": "place put set plug lower down peg",
+        "press": "squeeze place put stamp click",
+        "slide": "wipe drag shift move place sweep",
+        "strike": "hammer hit knock swing beat",
+        "turn": "rotate spin dial knob",
+        "twist": "rotate wring key unlock lock",
+        "screw": "tighten bolt fasten drive",
+        "unscrew": "loosen unbolt uncap",
+        "pour": "tilt drink tip fill empty serve",
+        "push": "shove close",
+        "pull": "draw tug drag",
+        "lever": "pry bend",
+        "shake": "stir mix rattle",
+        "open": "door drawer swing",
+    }
+
+    def nearest(self, count: int = 3) -> tuple[str, ...]:
+        """The tasks that a word of the text names, means or resembles, best first."""
+        words = self.name.lower().replace("_", " ").split()[:20]
+        named = [known for known in self.known if known in words]
+        meant = [known for word in words for known in self._MEANT if word in self._MEANT[known].split()]
+        found = [known for known in (*named, *meant) if known in self.known]
+        return tuple(dict.fromkeys(found))[:count] or super().nearest(count)
 
 
 class UnknownHand(UnknownName):

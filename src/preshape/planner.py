@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from .closure.settings import ClosureSettings
-from .exceptions import InputError
+from .exceptions import InputError, shown
 from .hands.hand import Hand
 from .hiis.decision import Settings
 from .memory import Memory
@@ -126,4 +126,4 @@ def _file_of(memory: Any) -> str | None:
         return memory.where
     if memory is None or isinstance(memory, str | Path):
         return None if memory is None else str(memory)
-    raise InputError(f"memory must be a file, an open memory or None, got {memory!r:.60}")
+    raise InputError(f"memory must be a file, an open memory or None, got {shown(memory)}")

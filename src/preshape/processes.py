@@ -12,7 +12,7 @@ from multiprocessing import get_context
 from multiprocessing.connection import Connection
 from typing import Any, TypeVar
 
-from .exceptions import InputError
+from .exceptions import InputError, shown
 
 R = TypeVar("R")
 
@@ -31,7 +31,7 @@ def process_count(workers: int | None) -> int:
         InputError: ``workers`` is below 1.
     """
     if workers is not None and workers < 1:
-        raise InputError(f"workers must be 1 or more, got {workers!r}")
+        raise InputError(f"workers must be 1 or more, got {shown(workers)}")
     return workers or usable_cores()
 
 

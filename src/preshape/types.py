@@ -14,14 +14,14 @@ preshape.exceptions.InputError: point must be finite, got [ 1.  2. nan]
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, fields
 from typing import Any, TypeVar, dataclass_transform
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .exceptions import InputError
+from .exceptions import InputError, shown
 
 Array = NDArray[np.float64]
 """Array of floats; docstrings state its shape."""
@@ -74,6 +74,21 @@ def read_only(array: _A) -> _A:
     return array
 
 
+def numbers(data: ArrayLike, name: str) -> Array:
+    """A float64 copy of numbers of any shape; text, truth values and complex numbers are none.
+
+    Raises:
+        InputError: The data are not numbers.
+    """
+    try:
+        given = np.asarray(data)
+        if given.dtype.kind in "cbSUmM":  # of a complex number, NumPy would drop the imaginary part
+            raise TypeError(f"an array of {given.dtype}")
+        return np.array(given, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise InputError(f"{name} must be numbers, got {shown(data)}") from error
+
+
 def frozen_array(data: ArrayLike, shape: tuple[int | None, ...], name: str) -> Array:
     """A checked, read-only float64 copy of ``data``.
 
@@ -85,12 +100,7 @@ def frozen_array(data: ArrayLike, shape: tuple[int | None, ...], name: str) -> A
     Raises:
         InputError: The data are not numbers, have another shape, or are not finite.
     """
-    try:
-        if np.iscomplexobj(data):  # NumPy would only warn that it drops the imaginary part
-            raise TypeError("complex numbers")
-        array = np.array(data, dtype=np.float64)
-    except (TypeError, ValueError, OverflowError) as error:
-        raise InputError(f"{name} must be numbers, got {data!r:.80}") from error
+    array = numbers(data, name)
     if array.shape != shape and (
         array.ndim != len(shape)
         or any(n is not None and n != m for n, m in zip(shape, array.shape, strict=True))
@@ -124,7 +134,33 @@ def finite_number(given: object, name: str, wanted: str = "a finite number") -> 
                 return number
     except OverflowError:  # a whole number of hundreds of digits
         pass
-    raise InputError(f"{name} must be {wanted}, got {given!r:.60}")
+    raise InputError(f"{name} must be {wanted}, got {shown(given)}")
+
+
+def one_of(given: object, noun: str, known: Sequence[str]) -> str:
+    """One of the known names as a str.
+
+    Args:
+        given: What the caller gave.
+        noun: What it names, for the message.
+        known: The known names.
+
+    Raises:
+        InputError: It is no text, or none of the names.
+    """
+    if not isinstance(given, str) or given not in known:
+        raise InputError(f"no {noun} {shown(given)}; known: {', '.join(known)}")
+    return str(given)
+
+
+def an_instance(given: object, kind: type, name: str) -> None:
+    """Refuse a value of another type.
+
+    Raises:
+        InputError: It is not an instance of ``kind``.
+    """
+    if not isinstance(given, kind):
+        raise InputError(f"{name} must be a value of {kind.__name__}, got {shown(given)}")
 
 
 def positive_number(given: object, name: str, wanted: str = "a positive, finite number") -> float:
@@ -135,7 +171,7 @@ def positive_number(given: object, name: str, wanted: str = "a positive, finite 
     """
     number = finite_number(given, name, wanted)
     if not number > 0:
-        raise InputError(f"{name} must be {wanted}, got {given!r:.60}")
+        raise InputError(f"{name} must be {wanted}, got {shown(given)}")
     return number
 
 
@@ -146,8 +182,47 @@ def whole_number(given: object, name: str, least: int) -> int:
         InputError: It is not a whole number, or is below ``least``.
     """
     if isinstance(given, bool) or not isinstance(given, int | np.integer) or given < least:
-        raise InputError(f"{name} must be a whole number of at least {least}, got {given!r:.60}")
+        raise InputError(f"{name} must be a whole number of at least {least}, got {shown(given)}")
     return int(given)
+
+
+def told_apart(*given: float, digits: int = 2) -> tuple[str, ...]:
+    """Numbers as text, with as many decimals as are needed that different numbers read differently.
+
+    Args:
+        given: The numbers.
+        digits: Least number of decimals.
+
+    >>> told_apart(2.9996, 3.0), told_apart(2.5, 3.0)
+    (('2.9996', '3.0000'), ('2.50', '3.00'))
+    """
+    for decimals in range(digits, 18):
+        texts = tuple(f"{number:.{decimals}f}" for number in given)
+        if len(set(texts)) == len(set(given)):
+            return texts
+    return tuple(map(repr, given))
+
+
+ENOUGH = 3.0
+"""Quality at which a grip just balances the load, by default also the critic's threshold."""
+
+
+def quality_text(quality: float, digits: int = 2) -> str:
+    """A quality with so many decimals, or more where it would read as just enough and is not.
+
+    >>> quality_text(3.68, 1), quality_text(2.98, 1)
+    ('3.7', '2.98')
+    """
+    return told_apart(quality, ENOUGH, digits=digits)[0]
+
+
+def two_digits(number: float) -> str:
+    """A number of zero or more with one decimal, and at least two significant digits; 1.0 is only 1.
+
+    >>> two_digits(12.34), two_digits(0.034), two_digits(0.0), two_digits(0.997)
+    ('12.3', '0.034', '0', '0.997')
+    """
+    return told_apart(number, 1.0, digits=1)[0] if number >= 0.95 else f"{number:.2g}"
 
 
 def freeze(instance: Any, **fields: Any) -> None:

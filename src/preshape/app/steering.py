@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ..exceptions import InputError
+from ..exceptions import InputError, shown
 from ..hiis.critic import Thresholds
 from ..hiis.planes import AXIS_NAMES
 from ..planning.request import AUTO, PlanRequest, analyser_of
@@ -112,7 +112,7 @@ class Steering:
         """
         p = self._panel
         if p.hand.value not in p.hand.options:
-            raise InputError(f"no hand {p.hand.value!r:.60} here; choose one of the list")
+            raise InputError(f"no hand {shown(p.hand.value)} here; choose one of the list")
         text = self.task()
         own_gravity = not np.array_equal(np.asarray(base.gravity), np.asarray(base.asked.gravity))
         loaded = p.analyser.value != "rays"
@@ -149,7 +149,7 @@ class Steering:
             mass = math.nan
         if not 0.0 <= mass < math.inf:
             raise InputError(
-                f"mass is a number of kilograms, or empty for the object's own, got {text!r:.40}"
+                f"mass is a number of kilograms, or empty for the object's own, got {shown(text)}"
             )
         return mass or None
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from ..exceptions import EnvironmentFailure, InputError
+from ..exceptions import EnvironmentFailure, InputError, shown
 from ..types import FRICTION
 from .options import (
     check_folder,
@@ -142,7 +142,7 @@ def _mass(text: str) -> float | None:
     try:
         return float(text)
     except ValueError as error:
-        raise InputError(f"--mass takes a number of kilograms or {OWN}, got {text!r}") from error
+        raise InputError(f"--mass takes a number of kilograms or {OWN}, got {shown(text)}") from error
 
 
 def cases_of(objects: tuple[str, ...], scales: str, pieces: str | None) -> list[Case]:
@@ -165,7 +165,7 @@ def cases_of(objects: tuple[str, ...], scales: str, pieces: str | None) -> list[
 
     factors = numbers_in(scales)
     if not factors or not all(0 < f < 1e3 for f in factors):
-        raise InputError(f"--scales takes positive numbers such as 0.06,0.08, got {scales!r}")
+        raise InputError(f"--scales takes positive numbers such as 0.06,0.08, got {shown(scales)}")
     folder = None if pieces is None else Path(pieces)
     if folder is not None and not folder.is_dir():
         raise EnvironmentFailure(f"no folder {folder}; --pieces is the one that holds the objects")

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from ..exceptions import InputError
+from ..exceptions import InputError, shown
 from ..report.terminal import print_table, report_console
 from ..types import FIELD_MASS, FRICTION
 from .options import check_least, checkpoint_option, json_option, names_in, numbers_in, workers_option
@@ -141,7 +141,7 @@ def _direction(text: str | None) -> Array | None:
         return np.zeros(3)
     found = np.array(numbers_in(text))
     if found.shape != (3,) or not np.isfinite(found).all() or not found.any():
-        raise InputError(f"--gravity is a direction X,Y,Z such as 0,0,-1, or none, got {text!r}")
+        raise InputError(f"--gravity is a direction X,Y,Z such as 0,0,-1, or none, got {shown(text)}")
     return found / np.linalg.norm(found)
 
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from ..exceptions import InputError
+from ..exceptions import InputError, shown
 from ..types import FIELD_MASS, FRICTION
 from .options import check_least, json_option, names_in, pieces_option, scales_option
 from .printing import emit
@@ -129,7 +129,7 @@ def _engine(name: str, workers: int | None, address: str | None) -> Engine:
     from ..processes import usable_cores
 
     if name not in ENGINES:
-        raise InputError(f"no engine {name!r}; known: {', '.join(ENGINES)}")
+        raise InputError(f"no engine {shown(name)}; known: {', '.join(ENGINES)}")
     if name == "ray":
         if workers is not None:
             raise InputError("--workers is for local processes; a Ray cluster has its own number")

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from ..exceptions import InputError
+from ..exceptions import InputError, shown
 from .options import best_option, json_option, numbers_in
 from .printing import emit, name_files
 
@@ -103,7 +103,7 @@ def export(
     missing.
     """
     if kind not in FORMATS:
-        raise InputError(f"--format must be one of {', '.join(FORMATS)}, got {kind!r}")
+        raise InputError(f"--format must be one of {', '.join(FORMATS)}, got {shown(kind)}")
     if not all(name.strip() for name in out):
         raise InputError("--out needs a file, got an empty name")
     from ..export.moveit import MoveItOptions
@@ -191,7 +191,9 @@ def _moveit(
         f"moveit_msgs/msg/Grasp, {_count(len(messages))}{', the answer first' if len(messages) > 1 else ''}\n"
         f"from {Path(file).name} by preshape {__version__}\n"
         f"planned for {grasps[0].mass:g} kg, friction {grasps[0].friction:g}\n"
-        f"grasp_pose: {link} in {options.frame}, the object's own frame [m]\n{grasps[0].warning}",
+        f"grasp_pose: {link} in {options.frame}, the object's own frame [m]\n"
+        "grasp_quality: 0 to 1, a sixth of a grip's quality or a virtual grasp's TFVADI; 0.5 is just enough\n"
+        f"{grasps[0].warning}",
     )
     for path in paths:
         if path.suffix.lower() == ".mcap":

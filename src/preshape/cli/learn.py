@@ -101,8 +101,10 @@ def _own_tasks(name: str) -> tuple[str, ...]:
 
 
 def _row(name: str, task: str, plan: Plan, weights: NetworkWeights) -> dict[str, Any]:
-    from ..planning.answers import missing_motion
+    from ..planning.document import plan_to_json
+    from ..viewer.words import missing_words
 
+    document = plan_to_json(plan)
     shown = plan.answer or plan.best
     grasp = shown.grasp if shown else None
     return {
@@ -115,7 +117,8 @@ def _row(name: str, task: str, plan: Plan, weights: NetworkWeights) -> dict[str,
         "judged": grasp.judged if grasp else None,
         "tfvadi": grasp.tfvadi if grasp else None,
         "score": grasp.score_text if grasp else None,
-        "missing_motion": missing_motion(plan, plan.answer) if plan.answer else "",
+        "missing_motion": document["missing_motion"],
+        "mismatch": missing_words(document) if document["missing_motion"] else "",
         "samples": weights.trained_on,
         "mean_square_error": weights.mean_square_error,
         "reason": plan.decision.reason,
@@ -131,7 +134,7 @@ def _line(row: dict[str, Any]) -> str:
         mark = "[yellow]![/]"
     if row["plane"] is None:
         return f"{mark} {row['object']:<14} {row['task']:<12} {row['reason']}"
-    lacking = f" gives nothing along {row['missing_motion']}; " if row["missing_motion"] else ""
+    lacking = f" {row['mismatch']}; " if row["mismatch"] else ""
     return (
         f"{mark} {row['object']:<14} {row['task']:<12} plane {row['plane']:>2}  {row['score']}  "
         f"[dim]{lacking}{row['reason']}[/]"

@@ -60,7 +60,7 @@ def show(memory: str | None, as_json: bool) -> None:
                     str(o.experiences),
                     str(o.tasks),
                     o.best,
-                    o.last_seen[:19].replace("T", " "),
+                    o.last_seen[:16].replace("T", " "),
                     " ".join(o.hands),
                 )
                 for o in known

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from ..exceptions import InputError
+from ..exceptions import InputError, shown
 
 if TYPE_CHECKING:
     from ..planning.request import PlanRequest
@@ -99,7 +99,7 @@ def names_in(text: str, option: str) -> tuple[str, ...]:
     """
     names = [part.strip() for part in text.split(",")]
     if not all(names):
-        raise InputError(f"{option} takes names with commas between, got {text!r}")
+        raise InputError(f"{option} takes names with commas between, got {shown(text)}")
     return tuple(dict.fromkeys(names))
 
 
@@ -198,7 +198,7 @@ def boxes_from(given: tuple[str, ...]) -> list[list[float]]:
     boxes = [numbers_in(text) for text in given]
     for text, box in zip(given, boxes, strict=True):
         if len(box) != 6:
-            raise InputError(f'--avoid takes six numbers, "x0 y0 z0 x1 y1 z1", got {text!r}')
+            raise InputError(f'--avoid takes six numbers, "x0 y0 z0 x1 y1 z1", got {shown(text)}')
     return boxes
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from ..exceptions import InputError
+from ..exceptions import InputError, shown
 from .options import (
     TableCommand,
     check_folder,
@@ -144,5 +144,5 @@ def _view(text: str | None) -> list[float] | str | None:
         return None if text is None else "all"
     numbers = numbers_in(text)
     if len(numbers) != 3 or not all(map(math.isfinite, numbers)):
-        raise InputError(f"--view takes a camera's position x,y,z or all, got {text!r}")
+        raise InputError(f"--view takes a camera's position x,y,z or all, got {shown(text)}")
     return numbers

@@ -25,7 +25,7 @@ def print_rows(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
 
     Args:
         columns: Heading of each column. After ``>`` the column is aligned right, and after ``~`` its text may
-            be wrapped.
+            be wrapped, in a narrow terminal within words too, so that nothing of it is lost.
         rows: Text of each cell; names and paths are not read as markup.
     """
     from rich.console import Console
@@ -34,8 +34,13 @@ def print_rows(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
 
     table = Table(box=None, header_style="bold", pad_edge=False)
     for heading in columns:
-        justify = "right" if heading[0] == ">" else "left"
-        table.add_column(heading.lstrip(">~"), justify=justify, no_wrap=heading[0] != "~")  # type: ignore[arg-type]
+        wrap = heading[0] == "~"
+        table.add_column(
+            heading.lstrip(">~"),
+            justify="right" if heading[0] == ">" else "left",
+            no_wrap=not wrap,
+            overflow="fold" if wrap else "ellipsis",
+        )
     for row in rows:
         table.add_row(*map(Text, row))
     Console().print(table, highlight=False)

@@ -170,8 +170,6 @@ def _found(document: dict[str, Any], folder: Path, changes: dict[str, Any]) -> P
     source = plan_object(str(document["object"]["source"]), None, folder)
     size = object_extent(source, None)
     if size is None:
-        raise InputError(
-            f"the plan's object {source!r:.80} is neither here nor built in; run from its folder"
-        )
+        raise InputError(f"the plan's object {source!r} is neither here nor built in; run from its folder")
     place = {"source": source, "unit": "m", "scale": extent / size, "view": None, "cut_table": None}
     return request_of(document, **(changes | place))

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..hiis.analyser import Grip
-from ..types import FIELD_MASS, GRAVITY
+from ..types import FIELD_MASS, GRAVITY, told_apart, two_digits
 from .demand import Demand
 from .search import ClosureSearch
 from .settings import ClosureSettings
@@ -96,11 +96,13 @@ def shortfall(search: ClosureSearch, grip: Grip, demand: Demand) -> str:
         demand: What the task asks at the planned mass.
     """
     if grip.refused:
-        return f"the best of these balances {grip.task_margin:.1f} times the load, but {grip.refused}"
+        return f"the best of these balances {two_digits(grip.task_margin)} times the load, but {grip.refused}"
     settings, margin = search.settings, min(grip.task_margin, grip.hold_margin)
     mass, most = settings.planned_mass, heaviest_mass(search, grip, demand)
     if most >= mass:
-        return f"the best grip balances {margin:.2f} times the load: a lower threshold would accept it"
+        return (
+            f"the best grip balances {two_digits(margin)} times the load: a lower threshold would accept it"
+        )
     share = f"{settings.friction_share:g} of the friction {settings.friction:g}"
     if most < NOTHING * mass:
         return (
@@ -109,8 +111,9 @@ def shortfall(search: ClosureSearch, grip: Grip, demand: Demand) -> str:
         )
     limit = strongest_press(grip, search.hand.torque_limits)
     bound = "the joint torques allow" if limit <= settings.strongest else "at this mass the planner allows"
+    held, asked = told_apart(most, mass, digits=1)
     return (
-        f"the best grip would hold {most:.2g} kg, and {mass:.3g} kg is asked: {bound} a press of "
+        f"the best grip would hold {held} kg, and {asked} kg is asked: {bound} a press of "
         f"{min(limit, settings.strongest):.0f} N; a lighter object (--mass), more friction (--friction) or a "
         "stronger hand would help"
     )

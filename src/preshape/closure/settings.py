@@ -7,7 +7,7 @@ from dataclasses import field
 
 import numpy as np
 
-from ..exceptions import InputError
+from ..exceptions import InputError, shown
 from ..kernels.closing.host import Obstacles
 from ..types import FIELD_MASS, FRICTION, GRAVITY, finite_number, freeze, value, whole_number
 
@@ -79,9 +79,9 @@ class ClosureSettings:
             if name != "threads" or self.threads is not None:
                 freeze(self, **{name: whole_number(getattr(self, name), name, int(name in _COUNTS))})
         if not isinstance(self.obstacles, Obstacles):
-            raise InputError(f"obstacles must be a value of Obstacles, got {self.obstacles!r:.60}")
+            raise InputError(f"obstacles must be a value of Obstacles, got {shown(self.obstacles)}")
         if not isinstance(self.device, str) or not _DEVICE.fullmatch(self.device):
-            raise InputError(f"device must be cpu, cuda or cuda:N, got {self.device!r}")
+            raise InputError(f"device must be cpu, cuda or cuda:N, got {shown(self.device)}")
         if self.press_least > self.press_most:
             raise InputError(
                 f"press_least must not be above press_most, got {self.press_least:g} and {self.press_most:g}"
@@ -89,11 +89,11 @@ class ClosureSettings:
         for name in ("friction", "mass", "press_least", "press_most", "safety", "hold"):
             number = getattr(self, name)
             if number is not None and not number > 0:
-                raise InputError(f"{name} must be above zero, got {number!r}")
+                raise InputError(f"{name} must be above zero, got {shown(number)}")
         if not self.torsion >= 0:
-            raise InputError(f"torsion must be zero or more [m], got {self.torsion!r}")
+            raise InputError(f"torsion must be zero or more [m], got {shown(self.torsion)}")
         if not 0 < self.friction_share <= 1:
-            raise InputError(f"friction_share must be in 0..1, got {self.friction_share!r}")
+            raise InputError(f"friction_share must be in 0..1, got {shown(self.friction_share)}")
 
     @property
     def mu(self) -> float:

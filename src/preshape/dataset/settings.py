@@ -19,7 +19,7 @@ from ..objects.mesh import TriangleMesh
 from ..physics.task.motion import task_motion
 from ..planning.planner_bench import Case, Progress
 from ..tasks import Task, parse_task
-from ..types import FIELD_MASS, FRICTION, value
+from ..types import FIELD_MASS, FRICTION, freeze, positive_number, value, whole_number
 
 THRESHOLD = 3.0
 """Smallest quality (0 to 6) of a ranked grasp: the critic's default, at which it just balances the load."""
@@ -59,12 +59,9 @@ class DatasetSettings:
 
     def __post_init__(self) -> None:
         for name, least in (("per", 1), ("per_shard", 1), ("candidates", 1), ("seed", 0)):
-            if getattr(self, name) < least:
-                raise InputError(f"{name} must be {least} or more, got {getattr(self, name)}")
+            freeze(self, **{name: whole_number(getattr(self, name), name, least)})
         for name in ("friction", "mass"):
-            number = getattr(self, name)
-            if not (math.isfinite(number) and number > 0):
-                raise InputError(f"{name} must be a number above 0, got {number!r}")
+            freeze(self, **{name: positive_number(getattr(self, name), name)})
 
     def to_json(self) -> dict[str, Any]:
         """The settings and the scene as plain JSON values."""

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from ..exceptions import InputError
+from ..exceptions import InputError, shown
 from ..spatial import inverse, pose, pose_from_seven, seven_from_pose
 from ..types import Array, freeze, frozen_array, value
 from .forces import contact_forces
@@ -61,7 +61,9 @@ class MoveItOptions:
             ("--up-frame", self.up_frame, False),
         ):
             if (needed and not name) or name.startswith("/") or any(c.isspace() for c in name):
-                raise InputError(f"{option} needs a frame's name without spaces and leading /, got {name!r}")
+                raise InputError(
+                    f"{option} needs a frame's name without spaces and leading /, got {shown(name)}"
+                )
         if not all(name.strip() for name in self.touch_objects):
             raise InputError("--object-name needs a name, got an empty one")
         for option, distance in (

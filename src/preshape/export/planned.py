@@ -10,7 +10,7 @@ from ..exceptions import InputError
 from ..hands.hand import Hand
 from ..hands.load import load_hand, recorded_hand
 from ..physics.grasps import Fault
-from ..planning.document import Document, no_answer, planned_load, request_of, version_of
+from ..planning.document import Document, lacking, no_answer, planned_load, request_of, version_of
 from ..types import Array, freeze, frozen_array, value
 from ..viewer.words import answers_of
 
@@ -142,7 +142,7 @@ def planned_grasps(
         mass, friction = planned_load(document)
         facts = {"mass": mass, "friction": friction, "up": _up(document)}
         if answers[0] is document.get("best"):
-            facts["lacking"] = str(document["reason"])
+            facts["lacking"] = lacking(document)
         candidates = [_planned(answers[k], k, model, facts, name) for k in chosen]
     except (KeyError, TypeError, ValueError, AttributeError, IndexError, OverflowError) as error:
         raise InputError(f"{name} is not a plan of this program ({type(error).__name__}: {error})") from error

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from ..exceptions import HandError, InputError
+from ..exceptions import HandError, InputError, shown
 from ..objects.read_text import printable
 from ..types import value
 from .compiled import CompiledModel
@@ -143,7 +143,7 @@ def _numbers(data: Table) -> list[Finding]:
         inside = tables[table]
         if isinstance(inside, dict) and key in inside and not _is_positive(inside[key]):
             what = "U" if key == "u" else f"{table}{key}"
-            text = f"{what} must be a positive number of {unit}, got {inside[key]!r:.60}"
+            text = f"{what} must be a positive number of {unit}, got {shown(inside[key])}"
             found.append(Finding(code="not_positive", text=text))
     u = data.get("u")
     if _is_positive(u) and float(u) > LARGEST_U:  # type: ignore[arg-type]
@@ -155,7 +155,7 @@ def _numbers(data: Table) -> list[Finding]:
 def _finger(entry: Table, name: str) -> list[Finding]:
     radius = entry.get("tip_radius")
     if radius is not None and not _is_positive(radius):
-        text = f"the {name}'s tip_radius must be a positive number of m, got {radius!r:.60}"
+        text = f"the {name}'s tip_radius must be a positive number of m, got {shown(radius)}"
         return [Finding(code="tip_radius", text=text)]
     if radius is not None and not SMALLEST_TIP <= float(radius) <= LARGEST_TIP:
         text = (
@@ -243,7 +243,7 @@ def _require_position(numbers: Any, label: str) -> None:
         return isinstance(x, (int, float)) and (x == 0 or _is_positive(abs(x)))
 
     if not (isinstance(numbers, list) and len(numbers) == 3 and all(finite(x) for x in numbers)):
-        raise HandError(f"{label} must be three numbers in m, got {numbers!r:.60}")
+        raise HandError(f"{label} must be three numbers in m, got {shown(numbers)}")
 
 
 def _joint_findings(data: Table, model: CompiledModel) -> list[Finding]:
@@ -251,7 +251,7 @@ def _joint_findings(data: Table, model: CompiledModel) -> list[Finding]:
     listed = {joint for entry in fingers_of(data) for joint in joints_of(entry)}
     named = data.get("fixed", [])
     if not isinstance(named, (list, dict)):
-        text = f"fixed must be a list of joints, or a table of joints and angles, got {named!r:.60}"
+        text = f"fixed must be a list of joints, or a table of joints and angles, got {shown(named)}"
         return [Finding(code="unknown_joint", text=text)]
     fixed = {str(joint) for joint in named}
     inside = model.joints_under(data.get("root"))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..exceptions import HandError
+from ..exceptions import HandError, shown
 from ..types import Array, freeze, frozen_array, value
 
 POSTURES = ("open", "rest", "closed")
@@ -152,7 +152,7 @@ class Hand:
             if finger.name == name:
                 return finger
         known = ", ".join(finger.name for finger in self.fingers)
-        raise HandError(f"{self.name} has no finger {name!r}; it has {known}")
+        raise HandError(f"{self.name} has no finger {shown(name)}; it has {known}")
 
     def columns(self, name: str) -> slice:
         """Columns of a finger's joints in ``joints`` and in every posture ``q``."""
@@ -163,7 +163,7 @@ class Hand:
     def posture(self, kind: str) -> Array:
         """(n,) joint angles [rad] of the whole hand in the posture ``open``, ``rest`` or ``closed``."""
         if kind not in POSTURES:
-            raise HandError(f"no posture {kind!r}; known: {', '.join(POSTURES)}")
+            raise HandError(f"no posture {shown(kind)}; known: {', '.join(POSTURES)}")
         return self._whole({finger.name: getattr(finger, kind) for finger in self.fingers})
 
     def at(self, c: float | ArrayLike) -> Array:

@@ -23,7 +23,7 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-from ..exceptions import EnvironmentFailure, HandError, UnknownHand
+from ..exceptions import EnvironmentFailure, HandError, UnknownHand, shown
 from ..objects.read_text import printable
 from . import menagerie
 from .compiled import read_model
@@ -154,9 +154,9 @@ def built_in_text(name: str) -> tuple[Table, str]:
         data = tomllib.loads((folder / f"{name}.toml").read_text(encoding="utf-8"))
         return data, (folder / str(data.get("mjcf", f"{name}.xml"))).read_text(encoding="utf-8")
     except OSError as error:
-        raise EnvironmentFailure(f"the files of hand {name!r} cannot be read: {error}") from error
+        raise EnvironmentFailure(f"the files of hand {shown(name)} cannot be read: {error}") from error
     except tomllib.TOMLDecodeError as error:
-        raise HandError(f"hand {name!r}: the description is not valid TOML: {error}") from error
+        raise HandError(f"hand {shown(name)}: the description is not valid TOML: {error}") from error
 
 
 def _from_file(path: Path, side: str | None) -> Hand:
@@ -205,5 +205,5 @@ def _split_side(name: str, side: str | None) -> tuple[str, str | None]:
             name, side = name.removesuffix(f":{word}"), word
             break
     if side not in (None, *SIDES):
-        raise HandError(f"side must be right or left, got {side!r}")
+        raise HandError(f"side must be right or left, got {shown(side)}")
     return name, side

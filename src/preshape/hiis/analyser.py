@@ -15,7 +15,17 @@ import numpy as np
 
 from ..exceptions import InputError
 from ..objects.mesh import TriangleMesh
-from ..types import LENGTH_UNIT, Array, BoolArray, ContactCoefficients, Experience, IntArray, value
+from ..types import (
+    LENGTH_UNIT,
+    Array,
+    BoolArray,
+    ContactCoefficients,
+    Experience,
+    IntArray,
+    quality_text,
+    two_digits,
+    value,
+)
 from .planes import PLANES, ApproachPlane
 
 MAX_FINGERS = 4
@@ -211,15 +221,15 @@ class Grip(Grasp, GripPosture):
     @property
     def score_text(self) -> str:
         """Quality with its name."""
-        return f"quality {self.quality:.1f}"
+        return f"quality {quality_text(self.quality, 1)}"
 
     @property
     def description(self) -> str:
         """Plane, fingers in contact, press and margins."""
         return (
             f"{self.plane.label}, {len(self.fingers_touching)} fingers: squeezing with {self.press:.0f} N it "
-            f"balances {self.task_margin:.1f} times the task's load, {self.hold_margin:.1f} times the pushes "
-            "expected"
+            f"balances {two_digits(self.task_margin)} times the task's load, {two_digits(self.hold_margin)} "
+            "times the pushes expected"
         )
 
     @property

@@ -6,13 +6,14 @@ The critic only compares a score with a threshold and gives the reason.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
 
 from ..exceptions import InputError
+from ..objects.mesh import TriangleMesh
 from ..objects.shape import LENGTH, attribute_distance, described, shape_distance
-from ..types import Attributes, Experience, freeze, frozen_array, value
+from ..types import Attributes, Experience, finite_number, freeze, told_apart, value
 from .analyser import Aim, Analyser
 from .fuzzy import FuzzySets, tfvadi
 
@@ -50,10 +51,10 @@ class Thresholds:
     recognition: float = 5.0
 
     def __post_init__(self) -> None:
-        both = frozen_array([self.estimation, self.recognition], (2,), "thresholds")
-        if not ((both >= 0) & (both <= 6)).all():
-            raise InputError(f"thresholds must lie in 0..6, got {both.tolist()}")
-        freeze(self, estimation=float(both[0]), recognition=float(both[1]))
+        both = [finite_number(limit, "thresholds: each") for limit in (self.estimation, self.recognition)]
+        if not all(0 <= limit <= 6 for limit in both):
+            raise InputError(f"thresholds must lie in 0..6, got {both}")
+        freeze(self, estimation=both[0], recognition=both[1])
 
 
 @value
@@ -99,7 +100,8 @@ def judge(match: float | None, threshold: float, *, subject: str = "TFVADI", why
         return Verdict(reward=False, match=None, reason=f"no grasp found{f': {why}' if why else ''}")
     met = match >= threshold - SLACK
     relation = "meets" if met else "is below"
-    reason = f"{subject} {match:.2f} {relation} the threshold {threshold:.2f}"
+    score, limit = (f"{match:.2f}", f"{threshold:.2f}") if met else told_apart(match, threshold)
+    reason = f"{subject} {score} {relation} the threshold {limit}"
     return Verdict(reward=met, match=match, reason=reason)
 
 
@@ -128,11 +130,8 @@ def recognise(
         distance: Function that returns the distance between the attributes of two objects.
         within: Largest attribute distance of an experience that is compared.
     """
-    here = analyser.mesh.attributes
-    near = [e for e in experiences if not e.outdated and distance(here, e.attributes) <= within + SLACK]
-    if any(e.attributes.shape is not None for e in near):
-        seen = described(analyser.mesh)
-        near = [e for e in near if same_shape(seen, e.attributes)]
+    current = [e for e in experiences if not e.outdated]
+    near = of_this_object(current, analyser.mesh, distance=distance, within=within)
     best, name = 0.0, None
     for e in _distinct(near):
         aim = Aim(planes=[e.plane], values=[e.approach_value], fingers=[e.fingers], flips=[e.flip])
@@ -148,6 +147,28 @@ def recognise(
         )
     verdict = judge(best, threshold, subject=f"recognition as {name or near[0].object_name}:")
     return Recognition(verdict=verdict, candidates=len(near), nearest=name)
+
+
+def of_this_object(
+    experiences: Iterable[Experience],
+    mesh: TriangleMesh,
+    *,
+    distance: Callable[[Attributes, Attributes], float] = attribute_distance,
+    within: float = SAME_OBJECT,
+) -> list[Experience]:
+    """The lessons of objects that may be this one: of the same size, within 5 %, and of the same shape.
+
+    Args:
+        experiences: Lessons.
+        mesh: The current object. Its shape is described only if a lesson is of its size.
+        distance: Function that returns the distance between the attributes of two objects.
+        within: Largest distance of the attributes.
+    """
+    near = [e for e in experiences if distance(mesh.attributes, e.attributes) <= within + SLACK]
+    if all(e.attributes.shape is None for e in near):
+        return near
+    here = described(mesh)
+    return [e for e in near if same_shape(here, e.attributes)]
 
 
 def same_shape(a: Attributes, b: Attributes) -> bool:
@@ -198,8 +219,9 @@ def recognise_shape(
     first = int(np.argmin(distances))
     name, distance = known[near[first]][0], float(distances[first])
     met = distance <= within
-    relation = "is within" if met else "is above"
-    reason = f"the distance of its shape to {name}, {distance:.3f}, {relation} {within:.3f}"
+    told, limit = told_apart(distance, within, digits=3)
+    relation, limits = ("is that of", "within") if met else ("differs from that of", "above")
+    reason = f"its shape {relation} {name}: the distance {told} is {limits} {limit}"
     return Recognition(
         verdict=Verdict(reward=met, match=None, reason=reason), candidates=len(near), nearest=name
     )

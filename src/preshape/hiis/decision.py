@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import field
 from enum import Enum
 
-from ..exceptions import InputError
 from ..tasks import Task
-from ..types import ContactCoefficients, value
+from ..types import ContactCoefficients, an_instance, freeze, one_of, value, whole_number
 from .analyser import FINGER_RULES, FingerRule, Grasp
 from .critic import Thresholds
 from .estimator import Estimate
@@ -30,7 +29,7 @@ class Status(Enum):
 
 _HELP = {
     Status.ANSWER: "The preshape below matches the task.",
-    Status.CORRECTION: "The object is known, but this task does not fit it: ask for another, or teach it.",
+    Status.CORRECTION: "The object is known, but this task does not fit it.",
     Status.DEADLOCK: "No grasp is good enough for this task: ask for another task, or for less.",
     Status.NO_GRASP: "No grasp was found: allow other approach axes, more room, or another size.",
 }
@@ -47,6 +46,10 @@ class Settings:
         seed: Seed of fresh network weights and of the analysers.
         finger_rule: Virtual fingers that the search for virtual grasps may use: ``up_to`` as many as fit, or
             ``all`` that fit.
+
+    Raises:
+        InputError: A part is of another type, the seed is no whole number of 0 or more, or there is no such
+            finger rule.
     """
 
     thresholds: Thresholds = field(default_factory=Thresholds)
@@ -56,10 +59,11 @@ class Settings:
     finger_rule: FingerRule = "up_to"
 
     def __post_init__(self) -> None:
-        if self.finger_rule not in FINGER_RULES:
-            raise InputError(
-                f"a finger rule must be one of {', '.join(FINGER_RULES)}, got {self.finger_rule!r}"
-            )
+        an_instance(self.thresholds, Thresholds, "thresholds of the settings")
+        an_instance(self.sets, FuzzySets, "sets of the settings")
+        an_instance(self.coefficients, ContactCoefficients, "coefficients of the settings")
+        one_of(self.finger_rule, "finger rule", FINGER_RULES)
+        freeze(self, seed=whole_number(self.seed, "seed", 0))
 
 
 @value
@@ -107,7 +111,7 @@ class Decision:
         grasp: The answer; ``None`` without one.
         best: The answer; without an answer, the best grasp found, which is not good enough.
         alternatives: Further answers, best first.
-        offers: Tasks that some grasp fits, nearest to the requested task first (mode 2).
+        offers: Tasks that some grasp fits, nearest to the requested task first (task correction).
         transitions: Every step with its reason.
         estimate: The estimator's estimate; ``None`` after mode 3.
     """

@@ -14,7 +14,7 @@ import numpy as np
 
 from ..exceptions import InputError
 from ..objects.shape import LENGTH
-from ..types import LENGTH_UNIT, Array, Attributes, BoolArray, IntArray, NetworkWeights, value
+from ..types import LENGTH_UNIT, Array, Attributes, BoolArray, IntArray, NetworkWeights, one_of, value
 
 INPUTS, HIDDEN, OUTPUTS = 13, 45, 9
 LAYERS = (INPUTS, HIDDEN, OUTPUTS)
@@ -69,8 +69,7 @@ def inputs(task: Array, attributes: Attributes, u: float, kind: InputKind = "pap
     Raises:
         InputError: The kind is unknown, or it is ``shape`` and the attributes have no descriptor.
     """
-    if kind not in INPUT_COUNTS:
-        raise InputError(f"no kind of inputs {kind!r}; known: {', '.join(INPUT_COUNTS)}")
+    one_of(kind, "kind of inputs", tuple(INPUT_COUNTS))
     counts = (attributes.vertices, attributes.vertex_normals, attributes.faces, attributes.triangles)
     sizes = attributes.extents / (LENGTH_UNIT * u)
     if kind == "shape":

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..exceptions import InputError
-from ..types import Array, freeze, frozen_array, value
+from ..types import Array, an_instance, freeze, frozen_array, numbers, one_of, value
 
 SET_NAMES = ("RWD-H", "RWD-M", "RWD-L", "ZERO", "FWD-L", "FWD-M", "FWD-H")
 """Names of the seven sets, in the order of their index (§2.4, table 5; the paper swaps two descriptions)."""
@@ -58,9 +58,7 @@ class FuzzySets:
         corners = frozen_array(self.corners, (7, 4), "fuzzy set corners")
         if (np.diff(corners, axis=1) < 0).any():
             raise InputError(f"fuzzy set corners must not decrease, got {corners.tolist()}")
-        if self.shape not in SHAPES:
-            raise InputError(f"fuzzy set shape must be one of {', '.join(SHAPES)}, got {self.shape!r}")
-        freeze(self, corners=corners)
+        freeze(self, corners=corners, shape=one_of(self.shape, "fuzzy set shape", SHAPES))
 
     def changed(self, sets: Mapping[str, ArrayLike]) -> FuzzySets:
         """A copy with some sets replaced by name, as in fig. 16.
@@ -68,10 +66,10 @@ class FuzzySets:
         >>> FuzzySets().changed({"ZERO": [-0.08, -0.03, 0.03, 0.08]}).corners[3]
         array([-0.08, -0.03,  0.03,  0.08])
         """
+        an_instance(sets, Mapping, "changed fuzzy sets")
         corners = self.corners.copy()
-        for name, four in sets.items():
-            if name not in SET_NAMES:
-                raise InputError(f"no fuzzy set {name!r}; known: {', '.join(SET_NAMES)}")
+        for given, four in sets.items():
+            name = one_of(given, "fuzzy set", SET_NAMES)
             corners[SET_NAMES.index(name)] = frozen_array(four, (4,), f"fuzzy set {name}")
         return FuzzySets(corners=corners, shape=self.shape)
 
@@ -84,7 +82,7 @@ class FuzzySets:
         Returns:
             (..., 7) memberships, 0..1.
         """
-        return np.moveaxis(self.layers(x), 0, -1)
+        return np.moveaxis(self.layers(numbers(x, "what belongs to fuzzy sets")), 0, -1)
 
     def layers(self, x: ArrayLike) -> Array:
         """(7, ...) as :meth:`membership`, with the sets first, which is faster for many numbers."""
@@ -168,7 +166,7 @@ def approaching_degrees(q: ArrayLike, w: ArrayLike, sets: FuzzySets | None = Non
         (..., 6) degrees, 0..1.
     """
     sets = sets or FuzzySets()
-    q, w = np.asarray(q), np.asarray(w)
+    q, w = numbers(q, "a task"), numbers(w, "a net wrench")
     dimensions = max(q.ndim, w.ndim)
     q, w = (x.reshape(*[1] * (dimensions - x.ndim), *x.shape) for x in (q, w))
     return adi(sets.layers(q), sets.layers(w))

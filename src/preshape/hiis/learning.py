@@ -11,10 +11,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..exceptions import InputError
 from ..objects.mesh import TriangleMesh, box_mesh
 from ..objects.shape import described
-from ..types import ANSWER_KIND, Array, Attributes, BoolArray, Experience, NetworkWeights, value
+from ..types import ANSWER_KIND, Array, Attributes, BoolArray, Experience, NetworkWeights, one_of, value
 from .analyser import Aim, Analyser, Exploration, FingerRule, Grasp, Grip, HandLayout
 from .critic import SLACK
 from .estimator import INPUT_COUNTS, OUTPUTS, InputKind, encode, inputs
@@ -262,8 +261,7 @@ def training_set(
     Raises:
         InputError: The kind is unknown.
     """
-    if kind not in INPUT_COUNTS:
-        raise InputError(f"no kind of inputs {kind!r}; known: {', '.join(INPUT_COUNTS)}")
+    one_of(kind, "kind of inputs", tuple(INPUT_COUNTS))
     rows: dict[bytes, tuple[Array, Array, bytes]] = {}
     in_scene = set[bytes]()
     for e in experiences:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..exceptions import InputError
+from ..exceptions import InputError, shown
 from ..types import Array, BoolArray, frozen_array, read_only, value
 
 AXIS_NAMES = ("+x", "-x", "+y", "-y", "+z", "-z")
@@ -58,7 +58,7 @@ def axis_vector(name: str) -> Array:
         InputError: The name is not one of the six.
     """
     if name.lower() not in AXIS_NAMES:
-        raise InputError(f"an axis must be one of {', '.join(AXIS_NAMES)}, got {name!r}")
+        raise InputError(f"an axis must be one of {', '.join(AXIS_NAMES)}, got {shown(name)}")
     vector = np.zeros(3)
     vector["xyz".index(name[1].lower())] = 1.0 if name[0] == "+" else -1.0
     return vector
@@ -111,6 +111,6 @@ def allowed_planes(approaches: str | None) -> BoolArray:
         return np.ones(12, dtype=bool)
     names = [name.strip() for name in approaches.split(",") if name.strip()]
     if not names:
-        raise InputError(f"approaches must be axes such as +z,-x, got {approaches!r}")
+        raise InputError(f"approaches must be axes such as +z,-x, got {shown(approaches)}")
     wanted = np.array([axis_vector(name) for name in names])
     return (APPROACH_AXES @ wanted.T > 0.5).any(axis=1)

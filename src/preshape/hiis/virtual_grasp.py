@@ -17,7 +17,7 @@ import numpy as np
 from ..exceptions import ObjectError
 from ..kernels.rays import MISS, Hits, RayCaster, distance_to
 from ..objects.mesh import TriangleMesh
-from ..types import Array, BoolArray, ContactCoefficients, Experience, IntArray, value
+from ..types import Array, BoolArray, ContactCoefficients, Experience, IntArray, told_apart, value
 from .analyser import Aim, Exploration, Grasp, GraspContacts, HandLayout, VirtualGrasp
 from .fuzzy import FuzzySets, approaching_degrees
 from .planes import APPROACH_AXES, OPPOSITION_AXES, TRANSVERSE_AXES, plane
@@ -26,9 +26,14 @@ from .wrench import FINGER, THUMB, contact_wrenches, net_wrench, screw_measures
 _CACHED_AIMS = 40
 """Number of cached aims: task correction alternates between the planes."""
 
-# On a symmetric object, an exact ray may hit an edge, where both normals are correct. To make
-# the choice definite, a ray shifted by this fraction of the largest extent (1 to 2 µm) selects the triangle.
-_NUDGE = 1e-5 * np.array([0.62, 0.48, 0.62])
+# On a symmetric object, a ray may hit an edge or a vertex exactly. The facets that meet there are those that
+# rays on a ring of this radius, a fraction of the largest extent (1 to 2 µm), hit around it.
+_RING_RADIUS = 1e-5
+# No spoke lies along an axis or a diagonal, where edges are likely; the ring has the symmetry of the axes.
+_SPOKES = np.pi / 8 + np.pi / 4 * np.arange(8)
+
+_SMOOTH = np.cos(np.radians(50.0))
+"""Facets at a smaller angle approximate one smooth surface [C]; an octagonal cylinder has 45°, a hexagon 60°."""
 
 # Places along t that a finger can aim at: opposite the thumb, beside that at +t, and at -t.
 _PLACES = {2: [0], 3: [0, 1], 4: [0, 1, 2]}
@@ -118,7 +123,7 @@ class RayAnalyser:
         self.coefficients = coefficients or ContactCoefficients()
         self.sets = sets or FuzzySets()
         self._cast = cast or RayCaster(mesh).cast
-        self._nudge = mesh.extents.max() * _NUDGE
+        self._radius = float(mesh.extents.max()) * _RING_RADIUS
         self._cache: dict[tuple[bytes, ...], _Survey] = {}
 
     measure = "TFVADI"
@@ -271,11 +276,7 @@ class RayAnalyser:
             + offsets[:, :, None, :, None] * t[:, None, None, None]
         )
         direction = np.broadcast_to(-sides[:, None, :, None], origin.shape)
-        point, triangle = self._hit(origin, direction)
-        normal = self.mesh.normals[triangle]
-        # The inward normal points along the ray, whichever way the triangles of a scan are wound.
-        along = np.einsum("...i,...i->...", normal, direction)
-        normal = np.where(along[..., None] < 0, -normal, normal)
+        point, normal, triangle = self._hit(origin, direction)
         as_finger, as_thumb = self._wrenches(point, normal, a, t)
         return _Field(
             origin=origin,
@@ -293,24 +294,55 @@ class RayAnalyser:
         sides = np.stack([t, -t], axis=1)  # (P, 2, 3)
         origin = target[:, :, None] + (sides * (2.0 * half_t)[:, None, None])[:, None]
         direction = np.broadcast_to(-sides[:, None], origin.shape)
-        point, triangle = self._hit(origin, direction)
+        point, _, triangle = self._hit(origin, direction)
         aside = np.einsum("pvsi,pvsi->pvs", point - target[:, :, None], -direction)
         met = (triangle != MISS).all(axis=2) & (aside > 0).all(axis=2)
         whole = half_t[:, None, None]
         return np.where(met[..., None], np.minimum(aside, whole), whole)
 
-    def _hit(self, origin: Array, direction: Array) -> tuple[Array, IntArray]:
-        """First hit point of each ray [m] and the triangle hit; if a ray misses, its origin and -1."""
+    def _hit(self, origin: Array, direction: Array) -> tuple[Array, Array, IntArray]:
+        """First contact of each ray, which runs along a coordinate axis.
+
+        Where facets of a smooth surface meet, the normal is the mean over those that the finger can touch, so
+        it does not depend on where the surface is divided into facets. At a sharp edge it is that of one side.
+
+        Returns:
+            (..., 3) point [m], the ray's origin if it misses; (..., 3) inward normal, zero if it misses; and
+            (...) one of the triangles that meet there, -1 if the ray misses.
+        """
         origins, directions = origin.reshape(-1, 3), direction.reshape(-1, 3)
-        aside = origins + self._nudge
-        picked = self._cast(aside, directions)
-        hit = (picked.triangle != MISS)[:, None]
-        reach = np.where(hit, picked.distance[:, None], 0.0)
-        true = np.where(hit, distance_to(self.mesh, picked.triangle, origins, directions)[:, None], 0.0)
-        # If the chosen triangle is almost parallel to the ray, its plane does not give the true hit point.
-        flat = np.abs(true - reach) <= 10 * self._nudge.max()
-        point = np.where(flat, origins + true * directions, aside + reach * directions)
-        return np.where(hit, point, origins).reshape(origin.shape), picked.triangle.reshape(origin.shape[:-1])
+        # 1. Cast the rays of a ring around each ray. Axis 0 of the arrays is the ring.
+        across = [np.roll(np.abs(directions), shift, axis=1) for shift in (1, 2)]
+        ring = np.multiply.outer(np.cos(_SPOKES), across[0]) + np.multiply.outer(np.sin(_SPOKES), across[1])
+        aside = origins + self._radius * ring
+        along = np.broadcast_to(directions, aside.shape)
+        hits = self._cast(aside.reshape(-1, 3), along.reshape(-1, 3))
+        triangle, reach = (array.reshape(aside.shape[:2]) for array in (hits.triangle, hits.distance))
+        # 2. A triangle's plane gives the distance along the true ray, unless they are almost parallel.
+        met, near = triangle != MISS, 10 * self._radius
+        centre = np.broadcast_to(origins, aside.shape).reshape(-1, 3)
+        true = distance_to(self.mesh, hits.triangle, centre, along.reshape(-1, 3)).reshape(reach.shape)
+        flat = np.abs(np.subtract(true, reach, out=np.zeros_like(true), where=met)) <= near
+        depth = np.where(flat, true, reach)
+        # 3. Of what the ring hits, the nearest is the contact; of several equally near, the first on the ring.
+        front = depth <= depth.min(axis=0) + near
+        first = np.argmax(front, axis=0), np.arange(len(origins))
+        # The inward normal points along the ray, whichever way the triangles of a scan are wound.
+        normals = self.mesh.normals[triangle]
+        slope = np.einsum("kni,kni->kn", normals, along)
+        normals = np.where(slope[..., None] < 0, -normals, normals)
+        # 4. The flat facets beside it form one smooth surface with it, unless they meet it at a sharp edge.
+        smooth = np.einsum("kni,ni->kn", normals, normals[first]) >= _SMOOTH
+        meets = met & flat & front & smooth
+        meets[first] = met[first]
+        normal = np.einsum("kn,kni->ni", meets, normals)
+        length = np.linalg.norm(normal, axis=1, keepdims=True)
+        normal = np.divide(normal, length, out=np.zeros_like(normal), where=length > 0)
+        hit = met[first][:, None]
+        begin = np.where(flat[first][:, None], origins, aside[first])
+        point = np.where(hit, begin + np.where(hit, depth[first][:, None], 0.0) * directions, origins)
+        shape = origin.shape
+        return point.reshape(shape), normal.reshape(shape), triangle[first].reshape(shape[:-1])
 
     def _spread(self, reach: Array) -> tuple[Array, BoolArray]:
         """(P, V, 3) offsets of the places along t [m], and (P, V, 3) whether 1, 2, 3 fingers fit.
@@ -344,11 +376,11 @@ def _refuse_large(mesh: TriangleMesh, layout: HandLayout) -> None:
     largest = float(mesh.extents.max())
     if largest > limit * (1 + 1e-9):
         axis = "xyz"[int(np.argmax(mesh.extents))]
-        digits = next(n for n in range(16) if round(largest * 1000, n) > round(limit * 1000, n))
+        told, most = told_apart(largest * 1000, limit * 1000, digits=0)
         fits = _rounded_down(mesh.scale * limit / largest)
         raise ObjectError(
-            f"{mesh.name} measures {largest * 1000:.{digits}f} mm along {axis}, over the "
-            f"{limit * 1000:.{digits}f} mm (4U) that the ray analyser allows the {layout.name} hand; "
+            f"{mesh.name} measures {told} mm along {axis}, over the {most} mm (4U) that the ray analyser "
+            f"allows the {layout.name} hand; "
             f"--scale {fits} would fit"
         )
 

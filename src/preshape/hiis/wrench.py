@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..exceptions import InputError
-from ..types import Array, ContactCoefficients
+from ..types import Array, ContactCoefficients, one_of
 from .planes import ApproachPlane
 
 THUMB, FINGER = 1.0, -1.0
@@ -184,8 +184,7 @@ def screw_measures(
     Raises:
         InputError: The reading is unknown, or it is ``basis`` and the contacts are missing.
     """
-    if reading not in READINGS:
-        raise InputError(f"a reading must be one of {', '.join(READINGS)}, got {reading!r}")
+    one_of(reading, "reading", READINGS)
     if reading == "basis":
         if positions is None or normals_in is None:
             raise InputError("the basis reading needs contact positions and normals")

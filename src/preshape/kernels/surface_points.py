@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from ..exceptions import InputError
+from ..exceptions import InputError, shown
 from ..objects.mesh import TriangleMesh
 from ..types import Array, BoolArray, IntArray, read_only
 from .field.winding import oriented_triangles
@@ -41,11 +41,11 @@ def surface_points(mesh: TriangleMesh, spacing: float, seed: int = 0) -> tuple[A
         InputError: ``spacing`` is not positive, or so small that there would be millions of points.
     """
     if not (math.isfinite(spacing) and spacing > 0):
-        raise InputError(f"spacing must be a positive length [m], got {spacing!r}")
+        raise InputError(f"spacing must be a positive length [m], got {shown(spacing)}")
     wanted = OVERSAMPLING * mesh.area / spacing**2
     if wanted > MOST_CANDIDATES:
         least = math.sqrt(OVERSAMPLING * mesh.area / MOST_CANDIDATES)
-        raise InputError(f"spacing must be {least:.2g} m or more for this object, got {spacing!r}")
+        raise InputError(f"spacing must be {least:.2g} m or more for this object, got {shown(spacing)}")
     triangles = oriented_triangles(mesh)
     normals = np.where((triangles == mesh.triangles).all(axis=1)[:, None], mesh.normals, -mesh.normals)
     rng = np.random.default_rng(seed)

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ..exceptions import InputError
+from ..exceptions import InputError, shown
 from ..types import Array
 
 LARGEST = 2**63 - 1
@@ -28,13 +28,13 @@ def exactly(fields: object, names: Sequence[str], what: str) -> Fields:
         InputError: It is anything else; the message gives the first missing or unknown name.
     """
     if not isinstance(fields, Mapping):
-        raise InputError(f"{what} must be an object with {', '.join(names)}, got {fields!r:.60}")
+        raise InputError(f"{what} must be an object with {', '.join(names)}, got {shown(fields)}")
     for name in names:
         if name not in fields:
             raise InputError(f"{what} lacks {name!r}")
     for name in fields:
         if name not in names:
-            raise InputError(f"{what} has the unknown field {name!r:.60}; known: {', '.join(names)}")
+            raise InputError(f"{what} has the unknown field {shown(name)}; known: {', '.join(names)}")
     return fields
 
 
@@ -45,11 +45,11 @@ def text(data: object, name: str) -> str:
         InputError: It is anything else.
     """
     if not isinstance(data, str) or not data:
-        raise InputError(f"{name} must be text, got {data!r:.60}")
+        raise InputError(f"{name} must be text, got {shown(data)}")
     try:
         data.encode()
     except UnicodeEncodeError as error:
-        raise InputError(f"{name} must be valid Unicode text, got {data!r:.60}") from error
+        raise InputError(f"{name} must be valid Unicode text, got {shown(data)}") from error
     return data
 
 
@@ -65,7 +65,7 @@ def whole(data: object, name: str, low: int = 0, high: int = LARGEST) -> int:
         number = -1
     if not low <= number <= high:
         limits = "not below 0" if (low, high) == (0, LARGEST) else f"{low}..{high}"
-        raise InputError(f"{name} must be a whole number {limits}, got {data!r:.60}")
+        raise InputError(f"{name} must be a whole number {limits}, got {shown(data)}")
     return number
 
 
@@ -85,7 +85,7 @@ def number(data: object, name: str, low: float = -math.inf, high: float = math.i
             result = math.inf
     if not (math.isfinite(result) and low <= result <= high):
         limits = "" if math.isinf(low) else f" {low:.3g}..{high:.3g}"
-        raise InputError(f"{name} must be a finite number{limits}, got {data!r:.60}")
+        raise InputError(f"{name} must be a finite number{limits}, got {shown(data)}")
     return result
 
 
@@ -96,7 +96,7 @@ def numbers(data: object, name: str, depth: int = 1) -> list[Any]:
         InputError: It is anything else.
     """
     if not isinstance(data, list | tuple):
-        raise InputError(f"{name} must be a list of numbers, got {data!r:.60}")
+        raise InputError(f"{name} must be a list of numbers, got {shown(data)}")
     if depth > 1:
         return [numbers(part, name, depth - 1) for part in data]
     return [number(part, name) for part in data]
@@ -130,7 +130,7 @@ def grip(data: object) -> Array:
         )
     *quaternion, fingers = content[3:8].tolist()
     if not abs(math.hypot(*quaternion) - 1.0) <= _UNIT_SLACK:
-        raise InputError(f"the grip's quaternion must have length 1, got {quaternion!r:.80}")
+        raise InputError(f"the grip's quaternion must have length 1, got {shown(quaternion)}")
     if not (fingers.is_integer() and 1 <= fingers < _MOST_FINGERS):
         raise InputError(f"the grip's fingers must be a whole number from 1, got {fingers:.6g}")
     return content
@@ -149,5 +149,5 @@ def utc(data: object, name: str = "created") -> str:
         except ValueError:
             moment = None
     if moment is None or moment.utcoffset() != timedelta(0):
-        raise InputError(f"{name} must be an ISO 8601 time in UTC, got {data!r:.60}")
+        raise InputError(f"{name} must be an ISO 8601 time in UTC, got {shown(data)}")
     return str(data)

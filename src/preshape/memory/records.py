@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from ..exceptions import InputError
+from ..exceptions import InputError, shown
 from ..objects.shape import LENGTH as SHAPE_LENGTH
 from ..types import FIELD_MASS, OLD_UNIT_NAME, UNIT_NAME, Array, Attributes, Experience, NetworkWeights
 from .checks import exactly, grip, number, numbers, text, utc, vector, whole
@@ -103,21 +103,21 @@ def experience_from(fields: object) -> Experience:
     shape = exactly(found["attributes"], _ATTRIBUTES, "attributes")
     described, held, quality = shape["shape"], found["grip"], found["quality"]
     if found["kind"] not in KINDS:
-        raise InputError(f"kind must be one of {', '.join(KINDS)}, got {found['kind']!r:.60}")
+        raise InputError(f"kind must be one of {', '.join(KINDS)}, got {shown(found['kind'])}")
     if not isinstance(found["flip"], bool):
-        raise InputError(f"flip must be true or false, got {found['flip']!r:.60}")
+        raise InputError(f"flip must be true or false, got {shown(found['flip'])}")
     if not (isinstance(found["outcome"], str) and found["outcome"] in OUTCOMES):
-        raise InputError(f"outcome must be empty, held or lost, got {found['outcome']!r:.60}")
+        raise InputError(f"outcome must be empty, held or lost, got {shown(found['outcome'])}")
     if not (isinstance(found["scene"], str) and len(found["scene"]) <= SCENE_LENGTH):
         raise InputError(
-            f"scene must be text of at most {SCENE_LENGTH} characters, got {found['scene']!r:.60}"
+            f"scene must be text of at most {SCENE_LENGTH} characters, got {shown(found['scene'])}"
         )
     if found["length_unit"] not in (UNIT_NAME, OLD_UNIT_NAME):
         units = f"{UNIT_NAME} or {OLD_UNIT_NAME}"
-        raise InputError(f"length_unit must be {units}, got {found['length_unit']!r:.60}")
+        raise InputError(f"length_unit must be {units}, got {shown(found['length_unit'])}")
     extents = numbers(shape["extents"], "object extents")
     if any(extent < 0.0 for extent in extents):
-        raise InputError(f"object extents must not be below 0, got {extents!r:.60}")
+        raise InputError(f"object extents must not be below 0, got {shown(extents)}")
     return Experience(
         kind=found["kind"],
         object_name=text(found["object_name"], "object_name"),
@@ -297,7 +297,7 @@ def _optional_array(blob: object, name: str) -> Array | None:
     if blob is None:
         return None
     if not isinstance(blob, bytes) or len(blob) % 8:
-        got = f"{len(blob)} bytes" if isinstance(blob, bytes) else f"{blob!r:.40}"
+        got = f"{len(blob)} bytes" if isinstance(blob, bytes) else f"{shown(blob)}"
         raise InputError(f"{name} must be a whole number of 8-byte numbers, got {got}")
     return np.frombuffer(blob, dtype="<f8").astype(np.float64)
 
@@ -305,7 +305,7 @@ def _optional_array(blob: object, name: str) -> Array | None:
 def _array(blob: object, shape: tuple[int, ...], name: str) -> Array:
     length = 8 * math.prod(shape)
     if not isinstance(blob, bytes) or len(blob) != length:
-        got = f"{len(blob)} bytes" if isinstance(blob, bytes) else f"{blob!r:.40}"
+        got = f"{len(blob)} bytes" if isinstance(blob, bytes) else f"{shown(blob)}"
         raise InputError(f"{name} must be {length} bytes for the shape {shape}, got {got}")
     array = np.frombuffer(blob, dtype="<f8").reshape(shape).astype(np.float64)
     if not np.isfinite(array).all():

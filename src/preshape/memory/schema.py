@@ -181,8 +181,19 @@ def _readable(path: Path, way: str) -> sqlite3.Connection:
     except BaseException:
         connection.close()
         raise
-    connection.close()
+    close_readable(connection, path)
     return copy
+
+
+def close_readable(connection: sqlite3.Connection, path: Path) -> None:
+    """Close a connection for reading without leaving files beside the memory.
+
+    SQLite creates an empty log to read a memory, and only a connection that may write can remove it again.
+    """
+    connection.close()
+    if Path(f"{fspath(path)}-wal").exists() and not _has_log(path):
+        with suppress(sqlite3.Error), closing(connect(f"{path.as_uri()}?mode=rw")) as writing:
+            writing.execute("PRAGMA user_version").fetchone()
 
 
 def open_transient() -> sqlite3.Connection:

@@ -11,7 +11,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
-from ..exceptions import EnvironmentFailure, InputError, MemoryFileError
+from ..exceptions import EnvironmentFailure, InputError, MemoryFileError, shown
 from ..files import file_place
 from ..types import Experience, NetworkWeights
 from . import records, schema, summary, transfer
@@ -76,9 +76,9 @@ class Memory:
             MemoryFileError: The file is not a memory, damaged, or of a newer version; it is not changed.
             EnvironmentFailure: It cannot be opened or created.
         """
-        where = os.fspath(default_path() if path is None else path)
-        if not where or "\0" in where:
-            raise MemoryFileError(f"a memory needs the path of a file, got {where!r}; {ELSEWHERE}")
+        where = str(default_path() if path is None else path)
+        if not isinstance(path, str | Path | None) or not where or "\0" in where:
+            raise MemoryFileError(f"a memory needs the path of a file, got {shown(path)}; {ELSEWHERE}")
         with translated(where):
             if where == ":memory:":
                 return cls(schema.open_transient(), where, read_only=read_only)
@@ -101,7 +101,10 @@ class Memory:
             if not self.read_only and file_place(self.where) != self._place:
                 with suppress(sqlite3.Error):
                     self._connection.execute("PRAGMA wal_checkpoint(TRUNCATE)")
-            self._connection.close()
+            if self.read_only and self.where != ":memory:":
+                schema.close_readable(self._connection, Path(self.where))
+            else:
+                self._connection.close()
 
     def __enter__(self) -> Self:
         return self
@@ -191,7 +194,7 @@ class Memory:
             wanted = [kinds] if isinstance(kinds, str) else list(kinds)
             for kind in wanted:
                 if kind not in records.KINDS:
-                    raise InputError(f"no kind {kind!r:.60}; known: {', '.join(records.KINDS)}")
+                    raise InputError(f"no kind {shown(kind)}; known: {', '.join(records.KINDS)}")
             query, values = f"{query} AND kind IN ({', '.join('?' * len(wanted))})", values + wanted
         if gripped:
             query = f"{query} AND grip IS NOT NULL"
@@ -337,7 +340,7 @@ class Memory:
             return records.weights_from_row(row)
         except InputError as error:
             raise MemoryFileError(
-                f"the memory {self.where} is damaged: weights of {row[0]!r:.60}: {one_line(error)};"
+                f"the memory {self.where} is damaged: weights of {shown(row[0])}: {one_line(error)};"
                 f" restore a copy, reset that hand or {ELSEWHERE}"
             ) from error
 

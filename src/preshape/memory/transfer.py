@@ -40,7 +40,7 @@ from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
-from ..exceptions import EnvironmentFailure, InputError, MemoryFileError
+from ..exceptions import EnvironmentFailure, InputError, MemoryFileError, shown
 from ..files import write_text
 from ..types import Experience, NetworkWeights
 from . import checks, records
@@ -123,7 +123,7 @@ _REMEDY = "give a file written by memory export; nothing was imported"
 
 def _each(items: object, noun: str, build: Callable[[object], _T]) -> tuple[_T, ...]:
     if not isinstance(items, list):
-        raise InputError(f"{noun}: a list was expected, got {items!r:.60}")
+        raise InputError(f"{noun}: a list was expected, got {shown(items)}")
     built = []
     for position, item in enumerate(items, start=1):
         try:

@@ -13,8 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..exceptions import InputError
-from ..types import Array
+from ..types import Array, one_of
 from .closure import force_closure, reached
 from .contacts import Contacts, generators
 from .face_descent import lower as lower_face
@@ -50,8 +49,7 @@ def epsilon(contacts: Contacts, norm: str = "L1", *, edges: int = 8) -> Measure:
     Raises:
         InputError: There is no such norm, or :func:`~preshape.metrics.generators` rejects the edges.
     """
-    if norm not in NORMS:
-        raise InputError(f"no norm {norm!r}; known: {', '.join(NORMS)}")
+    one_of(norm, "norm", NORMS)
     status = force_closure(contacts).status
     if status is not MetricStatus.OK:
         zero = 0.0 if status in (MetricStatus.NOT_CLOSED, MetricStatus.RANK_DEFICIENT) else None

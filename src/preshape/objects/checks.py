@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..exceptions import InputError, ObjectError
+from ..exceptions import InputError, ObjectError, shown
 from ..types import Array, IntArray, positive_number
 
 UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "inch": 0.0254}
@@ -30,7 +30,7 @@ def metres(unit: str, scale: float) -> float:
         InputError: The unit is unknown, or the scale is not a positive, finite number.
     """
     if not isinstance(unit, str) or unit not in UNITS:
-        raise InputError(f"unknown unit {unit!r:.60}; known: {', '.join(UNITS)}")
+        raise InputError(f"unknown unit {shown(unit)}; known: {', '.join(UNITS)}")
     return UNITS[unit] * positive_number(scale, "scale")
 
 

@@ -15,7 +15,7 @@ from collections.abc import Callable
 from functools import cache
 from typing import TYPE_CHECKING
 
-from ..exceptions import ObjectError, UnknownObject
+from ..exceptions import ObjectError, UnknownObject, shown
 from ..types import Array, IntArray, value
 from .generator import dolphin, fruit, hardware, primitives, tools, vessels
 from .generator.shapes import finish
@@ -177,7 +177,7 @@ def load_library_object(name: str, *, scale: float = 1.0) -> TriangleMesh:
     """
     found = entry(name)
     if not (math.isfinite(scale) and scale > 0):
-        raise ObjectError(f"scale must be a positive number, got {scale!r}")
+        raise ObjectError(f"scale must be a positive number, got {shown(scale)}")
     vertices, triangles = _arrays(name)
     return TriangleMesh(
         name=name, vertices=vertices * scale, triangles=triangles, mass=found.mass * scale**3, scale=scale

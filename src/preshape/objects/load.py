@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ..exceptions import EnvironmentFailure, InputError, ObjectError, PreshapeError
+from ..exceptions import EnvironmentFailure, InputError, ObjectError, PreshapeError, shown
 from ..types import Array, frozen_array
 from . import checks, read_gltf, read_obj, read_ply, read_trimesh
 from .mesh import TriangleMesh
@@ -101,6 +101,8 @@ def load_object(
         EnvironmentFailure: The file cannot be read.
     """
     factor = checks.metres(unit, scale)
+    if not isinstance(source, str | Path):
+        raise ObjectError(f"an object is a file or the name of a library object, got {shown(source)}")
     if not _is_file(source):
         _check_mesh_options(str(source), view, cut_table)
         return _from_library(str(source), unit, float(scale))
@@ -184,14 +186,14 @@ def _content(path: Path, name: str, suffix: str) -> bytes:
             raise ObjectError(f"{name}: this is not a regular file; name a mesh file")
         if suffix not in _ALL_READERS:
             raise ObjectError(
-                f"{name}: a file with suffix {suffix!r} cannot be read as an object; "
+                f"{name}: a file with suffix {shown(suffix)} cannot be read as an object; "
                 f"known: {', '.join(_ALL_READERS)}"
             )
         data = path.read_bytes()
     except (FileNotFoundError, NotADirectoryError) as error:
         raise ObjectError(f"{name}: there is no such file; check the path") from error
     except ValueError as error:
-        raise ObjectError(f"{name!r}: this is not a path; check it") from error
+        raise ObjectError(f"{shown(name)}: this is not a path; check it") from error
     except OSError as error:
         raise EnvironmentFailure(
             f"{name}: cannot be read ({error.strerror}); check its permissions"

@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from ..exceptions import InputError, ObjectError
-from ..types import Array, Attributes, IntArray, freeze, positive_number, read_only, rebuilt
+from ..types import Array, Attributes, IntArray, freeze, numbers, positive_number, read_only, rebuilt
 from .scans.scan import Scan
 
 
@@ -45,10 +45,13 @@ class TriangleMesh:
     def __post_init__(self) -> None:
         _check_name(self.name)
         try:
-            vertices = np.array(self.vertices, dtype=np.float64)
-            triangles = np.array(self.triangles, dtype=np.int64)
-        except (TypeError, ValueError, OverflowError) as error:
-            raise ObjectError(f"{self.name}: vertices and triangles must be numbers: {error}") from error
+            vertices = numbers(self.vertices, f"{self.name}: vertices")
+            corners = numbers(self.triangles, f"{self.name}: triangles")
+        except InputError as error:
+            raise ObjectError(str(error)) from error
+        if not (np.isfinite(corners) & (corners == corners.round())).all():
+            raise ObjectError(f"{self.name}: triangles must be whole numbers")
+        triangles = np.clip(corners, -(2.0**53), 2.0**53).astype(np.int64)
         if vertices.ndim != 2 or vertices.shape[1] != 3:
             raise ObjectError(f"{self.name}: vertices must be n×3, got shape {vertices.shape}")
         if triangles.ndim != 2 or triangles.shape[1] != 3:

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import unquote
 
-from ..exceptions import ObjectError
+from ..exceptions import ObjectError, shown
 from .read_raw import RawMesh
 from .read_text import printable
 from .read_trimesh import read_scene
@@ -62,19 +62,19 @@ def read_gltf(name: str, data: bytes, path: Path) -> RawMesh:
 def _beside(name: str, uri: str, path: Path) -> bytes:
     beside = Path(unquote(uri))
     if beside.is_absolute() or ".." in beside.parts or ":" in uri:
-        raise ObjectError(f"{name}: refers to the buffer {uri!r:.80}; only files beside it are read")
+        raise ObjectError(f"{name}: refers to the buffer {shown(uri)}; only files beside it are read")
     try:
         return (path.parent / beside).read_bytes()
     except OSError as error:
         raise ObjectError(
-            f"{name}: its buffer {uri!r:.80} cannot be read ({error.strerror}); put it beside the file"
+            f"{name}: its buffer {shown(uri)} cannot be read ({error.strerror}); put it beside the file"
         ) from error
 
 
 def _item(entries: list[Any], index: object) -> Any:
     """An entry; a negative index is an error of the file and not the last entry."""
     if not isinstance(index, int) or not 0 <= index < len(entries):
-        raise IndexError(f"no entry {index!r:.20} among {len(entries)}")
+        raise IndexError(f"no entry {shown(index)} among {len(entries)}")
     return entries[index]
 
 

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from ..exceptions import ObjectError
+from ..exceptions import ObjectError, shown
 from ..types import Array, IntArray
 from .read_raw import RawMesh, assemble
 from .read_text import plain_text, printable
@@ -85,7 +85,7 @@ def read_ply(name: str, data: bytes) -> RawMesh | RawCloud:
             case [] | ["comment" | "obj_info", *_]:
                 pass
             case _:
-                raise ObjectError(f"{name}: the PLY header has an unknown line {line!r:.60}")
+                raise ObjectError(f"{name}: the PLY header has an unknown line {shown(line)}")
     if form not in _FORMATS:
         raise ObjectError(f"{name}: the PLY header names no format; known: {', '.join(_FORMATS)}")
     body: str | bytes = data[end:]

@@ -32,7 +32,7 @@ from typing import Any
 import numpy as np
 
 from .. import spatial
-from ..exceptions import EnvironmentFailure, InputError
+from ..exceptions import EnvironmentFailure, InputError, shown
 from ..files import read_arrays, write_whole
 from ..objects.read_text import printable
 from ..types import Array, freeze, frozen_array, value
@@ -115,7 +115,7 @@ class GraspSet:
 
     def __post_init__(self) -> None:
         if self.frame not in FRAMES:
-            raise InputError(f"no frame {self.frame!r:.60}; known: {', '.join(FRAMES)}")
+            raise InputError(f"no frame {shown(self.frame)}; known: {', '.join(FRAMES)}")
         count = len(self.objects)
         if len(self.origin) not in (0, count):
             raise InputError(f"origin must name {count} rows, got {len(self.origin)}")

@@ -10,8 +10,18 @@ import math
 
 import numpy as np
 
-from ..exceptions import InputError
-from ..types import FIELD_MASS, FRICTION, Array, freeze, frozen_array, value
+from ..exceptions import InputError, shown
+from ..types import (
+    FIELD_MASS,
+    FRICTION,
+    Array,
+    finite_number,
+    freeze,
+    frozen_array,
+    one_of,
+    value,
+    whole_number,
+)
 
 PROBE_SETS = ("six", "all")
 """``six`` has forces along ±x, ±y, ±z; ``all`` has 14 forces, 14 torques, also along 8 diagonals [C]."""
@@ -106,15 +116,12 @@ class HoldProtocol:
         for name in (*rest, "position_error", "turn_error", "size_error"):
             _number(name, getattr(self, name), least=0.0)
         for name in ("stages", "stage_steps", "checks", "check_steps", "ladder_rungs"):
-            if getattr(self, name) < 1:
-                raise InputError(f"{name} must be 1 or more, got {getattr(self, name)!r}")
-        if self.seed < 0:
-            raise InputError(f"seed must be 0 or more, got {self.seed!r}")
+            freeze(self, **{name: whole_number(getattr(self, name), name, 1)})
+        freeze(self, seed=whole_number(self.seed, "seed", 0))
         _number("ladder_factor", self.ladder_factor, least=1.0, open_end=True)
         if self.size_error >= 0.5:
-            raise InputError(f"size_error must be a share under 0.5, got {self.size_error!r}")
-        if self.probes not in PROBE_SETS:
-            raise InputError(f"no probe set {self.probes!r}; known: {', '.join(PROBE_SETS)}")
+            raise InputError(f"size_error must be a share under 0.5, got {shown(self.size_error)}")
+        one_of(self.probes, "probe set", PROBE_SETS)
 
     def loads(self) -> tuple[Probe, ...]:
         """The probes at strength 1."""
@@ -152,7 +159,7 @@ def _name(direction: Array) -> str:
     return "".join(f"{'-' if d < 0 else '+'}{a}" for a, d in zip("xyz", direction, strict=True) if d)
 
 
-def _number(name: str, number: float, *, least: float, open_end: bool = False) -> None:
-    bad = not math.isfinite(number) or number < least or (open_end and number == least)
-    if bad:
+def _number(name: str, given: float, *, least: float, open_end: bool = False) -> None:
+    number = finite_number(given, name)
+    if number < least or (open_end and number == least):
         raise InputError(f"{name} must be {'above' if open_end else 'at least'} {least:g}, got {number!r}")

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from ..exceptions import HandError, InputError, ObjectError
+from ..exceptions import HandError, InputError, ObjectError, shown
 from ..types import Array, IntArray, value
 from .hand import PhysicsHand
 from .pieces import ConvexPieces
@@ -80,7 +80,7 @@ def build_scene(
     import mujoco
 
     if not (np.isfinite(scale) and scale > 0):
-        raise InputError(f"{pieces.name}: scale must be a positive number, got {scale!r}")
+        raise InputError(f"{pieces.name}: scale must be a positive number, got {shown(scale)}")
     spec = mujoco.MjSpec()
     if hand is not None:
         _add_hand(spec, hand, protocol)
@@ -165,7 +165,7 @@ def _describe(model: Any, hand: PhysicsHand | None, protocol: HoldProtocol) -> S
             int(mujoco.mjtJoint.mjJNT_HINGE),
             int(mujoco.mjtJoint.mjJNT_SLIDE),
         ):
-            raise HandError(f"joint {joint!r} of the hand is neither a hinge nor a slide")
+            raise HandError(f"joint {shown(joint)} of the hand is neither a hinge nor a slide")
     controls = _control_matrix(model)[:, speeds] if joints else np.zeros((0, 0))
     for joint, column in zip(joints, controls.T, strict=True):
         if not column.any():

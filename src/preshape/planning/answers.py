@@ -17,6 +17,7 @@ from ..objects.mesh import TriangleMesh
 from ..objects.scans.trust import Trust, seen_weight, trust_of
 from ..tasks.task import COMPONENTS, ROTATION_ABSENT, TRANSLATION_ABSENT
 from ..types import Array, value
+from ..viewer.words import mismatch
 from .hand_simulation import HandResult
 from .request import PlanRequest
 
@@ -132,14 +133,19 @@ def shortfalls(plan: PlanRecord, answer: Answer) -> tuple[str, ...]:
         return ()
     q, g = plan.decision.task.q, answer.grasp
     return tuple(
-        f"{name}: the task asks {asked:+.2f}, the grasp gives {given:+.2f}"
+        f"{name}: the task asks {asked:+.2f}, the grasp {_gives(name, asked, given)} {given:+.2f}"
         for name, asked, given, degree, limit in zip(COMPONENTS, q, g.net_wrench, g.adi, _ABSENT, strict=True)
         if abs(asked) > limit + 1e-9 and degree <= 1e-9
     )
 
 
+def _gives(name: str, asked: float, given: float) -> str:
+    """Verb of a shortfall: what opposes the task is said to."""
+    return "opposes it with" if mismatch(name, asked, given) == "opposes" else "gives"
+
+
 def missing_motion(plan: PlanRecord, answer: Answer) -> str:
-    """The task's largest component if a virtual grasp gives nothing along it; otherwise empty."""
+    """The task's largest component if a virtual grasp does not match it (ADI 0); otherwise empty."""
     if isinstance(answer.grasp, Grip):
         return ""
     share = np.abs(plan.decision.task.q) / [1.0, 1.0, 1.0, 0.8, 0.8, 0.8]

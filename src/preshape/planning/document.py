@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from .._version import __version__
-from ..exceptions import EnvironmentFailure, InputError
+from ..exceptions import EnvironmentFailure, InputError, shown
 from ..hiis.analyser import Grasp, Grip
 from ..hiis.critic import Thresholds
 from ..hiis.decision import Settings
@@ -90,7 +90,7 @@ def version_of(document: Document) -> int:
     version = document.get("schema", 1)
     if isinstance(version, bool) or not isinstance(version, int) or version < 1:
         raise InputError(
-            f"schema, the version of the plan's format, must be a whole number, got {version!r:.40}"
+            f"schema, the version of the plan's format, must be a whole number, got {shown(version)}"
         )
     if version > SCHEMA:
         raise InputError(
@@ -178,6 +178,18 @@ def obstacles_of(document: Document) -> str:
     parts = ["the table"] if request.get("table") is not None else []
     parts += [f"{boxes} box{'es' if boxes > 1 else ''}"] if boxes else []
     return " and ".join(parts)
+
+
+def lacking(document: Document) -> str:
+    """Why the best grasp of a plan without an answer is not good enough.
+
+    The last step may say only that the object is known; then the step before it that judged a grasp says it.
+    """
+    judged = [
+        t["reason"] for t in document["transitions"] if t["outcome"] in ("penalty", "deadlock", "no grasp")
+    ]
+    reason = str(document["reason"])
+    return reason if not judged or judged[-1] in reason else f"{judged[-1]}; {reason}"
 
 
 def no_answer(document: Document) -> str:

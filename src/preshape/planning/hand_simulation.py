@@ -23,7 +23,7 @@ from ..hands.inverse import InverseKinematics, Placement, Reach
 from ..hands.kinematics import HandKinematics, hand_geometry, pose_vector
 from ..hiis.analyser import Grasp, Grip
 from ..objects.mesh import TriangleMesh
-from ..types import Array, freeze, frozen_array, value
+from ..types import Array, freeze, frozen_array, two_digits, value
 
 __all__ = [
     "HandPose",
@@ -105,8 +105,8 @@ class HandResult:
             status=HandStatus.REACHED if free else HandStatus.BLOCKED,
             reason=grip.refused
             or f"{len(grip.fingers_touching)} fingers closed until they touched; the squeeze balances "
-            f"{grip.task_margin:.1f} times the task's load and "
-            f"{grip.hold_margin:.1f} times the pushes expected",
+            f"{two_digits(grip.task_margin)} times the task's load and "
+            f"{two_digits(grip.hold_margin)} times the pushes expected",
             fingers=grip.fingers_touching,
             joints=hand.joints,
             grasp=pose(grip.grasp) if free else None,

@@ -20,10 +20,12 @@ class Plan(PlanRecord):
 
     def __repr__(self) -> str:
         what = f"{self.mesh.name}, {self.decision.task.label}, {self.hand.name}"
-        if self.answer is None:
-            return f"<Plan {what}: {self.decision.status.value.replace('_', ' ')}>"
-        g = self.answer.grasp
-        return f"<Plan {what}: {g.plane.label}, {g.score_text} of 6>"
+        shown = self.answer or self.best
+        found = f"{shown.grasp.plane.label}, {shown.grasp.score_text} of 6" if shown else "nothing found"
+        if self.answer is not None:
+            return f"<Plan {what}: {found}>"
+        status = self.decision.status.value.replace("_", " ")
+        return f"<Plan {what}: {status}, the best is {found}; {self.decision.reason}>"
 
     def __str__(self) -> str:
         return summary_text(self)

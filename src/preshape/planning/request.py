@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from ..closure.settings import ClosureSettings
-from ..exceptions import InputError
+from ..exceptions import InputError, shown
 from ..hands.hand import Hand
 from ..hands.load import source_of
 from ..hiis.critic import Thresholds
@@ -41,6 +41,7 @@ from ..types import (
     finite_number,
     freeze,
     frozen_array,
+    one_of,
     positive_number,
     value,
     whole_number,
@@ -82,6 +83,7 @@ _KINDS: tuple[tuple[str, Any, str], ...] = (
     ("memory", str | None, "the path of a file, :memory:, or None for the user's"),
 )
 """Types of fields, and what the message asks for; :class:`PlanRequest` says what they mean."""
+_REAL_HAND = "a real hand (--hand shadow, leap or allegro) or the closure analyser (--analyser closure)"
 _SIX = "six numbers (lower, then upper corner, in metres)"
 
 
@@ -148,13 +150,11 @@ class PlanRequest:
                 freeze(self, **{name: str(given)})
         for name, kinds, wanted in _KINDS:
             if not isinstance(given := getattr(self, name), kinds):
-                raise InputError(f"{name} must be {wanted}, got {given!r:.60}")
+                raise InputError(f"{name} must be {wanted}, got {shown(given)}")
         task = self.task
         if not isinstance(task, Task):
             task = parse_task(task) if isinstance(task, str) else task_from_numbers(task)
-        freeze(
-            self, task=task, settings=_settings(self.settings), analyser=analyser_of(self.analyser, self.hand)
-        )
+        freeze(self, task=task, analyser=analyser_of(self.analyser, self.hand))
         freeze(self, gravity=task.gravity if self.gravity is None else _gravity(self.gravity))
         freeze(self, table=_table(self.table), avoid=_boxes(self.avoid), view=_view(self.view))
         freeze(self, learn=bool(self.learn), verify=bool(self.verify))
@@ -177,11 +177,13 @@ class PlanRequest:
     def _refuse_what_rays_ignore(self) -> None:
         """Refuse obstacles and loads for the ray analyser, which would ignore them without notice."""
         if self.table is not None or self.avoid:
-            raise InputError("a table and boxes to avoid need the closure analyser (--analyser closure)")
+            raise InputError(
+                f"a table and boxes to avoid need {_REAL_HAND}; the analyser of {self.hand_name} here is rays"
+            )
         if not self.verify and (self.stated_mass is not None or not self._usual_friction):
             raise InputError(
-                "friction and mass need the closure analyser (--analyser closure), "
-                "or a test in physics (--verify)"
+                f"friction and mass need {_REAL_HAND}, or a test in physics (--verify); "
+                f"the analyser of {self.hand_name} here is rays"
             )
 
     @property
@@ -380,7 +382,7 @@ class PlanRequest:
             ) from error
         if "source" not in changes and str(read["source"]).endswith(IN_MEMORY):
             raise InputError(
-                f"the object of this request, {read['source']!r:.80}, was a mesh in Python, which plan.json "
+                f"the object of this request, {shown(read['source'])}, was a mesh in Python, which plan.json "
                 "does not contain; give the mesh or its file as source (Plan.save writes its surface beside "
                 "plan.json)"
             )
@@ -399,9 +401,7 @@ def analyser_of(analyser: str | None, hand: str | Hand) -> str:
     """
     name = hand.removesuffix(":right") if isinstance(hand, str) else hand.name
     chosen = analyser or ("rays" if name == RAY_HAND else "closure")
-    if chosen not in ANALYSERS:
-        raise InputError(f"no analyser {chosen!r}; known: {', '.join(ANALYSERS)}")
-    return chosen
+    return one_of(chosen, "analyser", ANALYSERS)
 
 
 def _items(given: object, wanted: str) -> tuple[Any, ...]:
@@ -411,11 +411,11 @@ def _items(given: object, wanted: str) -> tuple[Any, ...]:
         InputError: It is neither; the message says what is wanted.
     """
     if not isinstance(given, Iterable) or isinstance(given, str | bytes | Mapping | Set):
-        raise InputError(f"{wanted}, got {given!r:.60}")
+        raise InputError(f"{wanted}, got {shown(given)}")
     try:
         return tuple(given)
     except TypeError as error:  # an array without a dimension
-        raise InputError(f"{wanted}, got {given!r:.60}") from error
+        raise InputError(f"{wanted}, got {shown(given)}") from error
 
 
 def _numbers(given: object, count: int, wanted: str) -> tuple[float, ...]:
@@ -474,20 +474,6 @@ def _view(view: object) -> tuple[float, ...] | str | None:
     return _numbers(view, 3, f"a view must be a camera's position, three numbers, or {ALL_ROUND}")
 
 
-def _settings(settings: Settings) -> Settings:
-    """The settings with their seed as an int.
-
-    Raises:
-        InputError: The seed is not a whole number of zero or more, or a part is of another type.
-    """
-    parts = {"thresholds": Thresholds, "sets": FuzzySets, "coefficients": ContactCoefficients}
-    for name, kind in parts.items():
-        if not isinstance(given := getattr(settings, name), kind):
-            raise InputError(f"{name} of the settings must be a value of {kind.__name__}, got {given!r:.60}")
-    seed = whole_number(settings.seed, "seed", 0)
-    return settings if type(settings.seed) is int else replace(settings, seed=seed)
-
-
 def _table(table: float | str | None) -> float | str | None:
     """The table as a height [m] or ``auto``; ``None`` and ``none`` are free space.
 
@@ -503,7 +489,7 @@ def _table(table: float | str | None) -> float | str | None:
         try:
             table = float(table)
         except ValueError as error:
-            raise InputError(f"a table must be {wanted}, got {table!r:.60}") from error
+            raise InputError(f"a table must be {wanted}, got {shown(table)}") from error
     height = finite_number(table, "a table", wanted)
     if abs(height) > FARTHEST:
         raise InputError(f"a table must be {wanted}, at most {FARTHEST:g}, got {height:g}")

@@ -18,14 +18,14 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 
 from ..closure.settings import ClosureSettings
-from ..exceptions import Cancelled, EnvironmentFailure, InputError
+from ..exceptions import Cancelled, EnvironmentFailure, InputError, shown
 from ..files import file_place, file_state
 from ..hands.hand import Hand
 from ..hands.load import load_hand
 from ..hiis.analyser import Analyser, Grasp, HandLayout
 from ..hiis.controller import Controller
+from ..hiis.critic import of_this_object
 from ..hiis.decision import Decision, Settings
-from ..hiis.lessons import of_this_mesh
 from ..memory import Memory, default_path
 from ..objects.library import load_library_object
 from ..objects.mass import ObjectMass, object_mass
@@ -61,7 +61,7 @@ class Prepared:
         element: The analyser, prepared for the object.
         warnings: What the caller should know about the request.
         seconds: Time of ``load`` and ``prepare`` [s].
-        known: Whether the memory holds an experience of this object, of any task and scene.
+        known: Whether the memory holds an experience of this object (5 % of scale), of any task and scene.
     """
 
     request: PlanRequest
@@ -101,7 +101,7 @@ class Session:
         cancel: threading.Event | None = None,
     ) -> None:
         if not isinstance(memory, Memory | str | Path | None):
-            raise InputError(f"memory must be a file, an open memory or None, got {memory!r:.60}")
+            raise InputError(f"memory must be a file, an open memory or None, got {shown(memory)}")
         self._own, self._learn = not isinstance(memory, Memory), learn
         self.memory = memory if isinstance(memory, Memory) else Memory.open(memory, read_only=not learn)
         # The path as it was given: a link in it may later lead to another file.
@@ -164,7 +164,7 @@ class Session:
             element=self._element[1],
             warnings=tuple(warnings),
             seconds={"load": loaded - start, "prepare": time.perf_counter() - loaded},
-            known=bool(of_this_mesh(controller.experiences, mesh.attributes)),
+            known=bool(of_this_object(controller.experiences, mesh)),
         )
 
     def run(self, request: PlanRequest, *, partial: Partial | None = None) -> Plan:

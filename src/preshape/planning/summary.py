@@ -14,7 +14,7 @@ from ..hiis.decision import Status
 from ..report.terminal import fact_grid
 from ..tasks import task_from_numbers
 from ..tasks.task import COMPONENTS
-from ..types import STEPS
+from ..types import STEPS, quality_text, two_digits
 from ..viewer import words
 from .answers import PlanRecord
 from .document import Document, plan_to_json
@@ -90,9 +90,10 @@ def _answer(answer: Document) -> Table:
     way = f"{words.way_in_words(answer)}; {_plane(answer)}"
     rows: list[Row]
     if grip:
-        margins = f"{grip['task_margin']:.1f} times the task's load, {grip['hold_margin']:.1f} times pushes"
+        task, hold = two_digits(grip["task_margin"]), two_digits(grip["hold_margin"])
+        margins = f"{task} times the task's load, {hold} times pushes"
         rows = [
-            ("quality", f"{grip['quality']:.1f} of 6 (3 is just enough)"),
+            ("quality", f"{quality_text(grip['quality'], 1)} of 6 (3 is just enough)"),
             ("margins", f"{margins} from any side, {words.load_words(answer)}"),
             ("fingers", fingers),
             ("clearance", f"{1000 * grip['clearance']:.0f} mm to the object on the way in"),
@@ -113,8 +114,7 @@ def _answer(answer: Document) -> Table:
 
 def _plane(answer: Document) -> str:
     """Approach plane with its axes and the thumb's side."""
-    axes, side = words.plane_words(answer), words.thumb_side(answer)
-    return f"plane {answer['plane']}: {axes}, thumb on the {side} side"
+    return f"plane {answer['plane']}: {words.plane_words(answer)}, {words.thumb_words(answer)}"
 
 
 def _indices(answer: Document) -> Table:
@@ -162,7 +162,7 @@ def _offers(document: Document) -> Table:
 
 def _alternatives(document: Document) -> Table:
     rows: list[Row] = [
-        (f"answer {number}", f"{words.answer_words(other)}; {words.plane_words(other)}")
+        (f"answer {number}", f"{words.answer_words(other)}; {words.place_words(other)}")
         for number, other in enumerate(document["alternatives"], start=2)
     ]
     return fact_grid(*rows)
@@ -171,7 +171,7 @@ def _alternatives(document: Document) -> Table:
 def after_words(document: Document) -> Sequence[str]:
     """Advice on what to do next, one sentence each; empty if there is none."""
     if document["status"] != "answer":
-        return (Status(document["status"]).help,)
+        return (Status(document["status"]).help, *words.correction_words(document))
     if not document["executable"] and not document["alternatives"]:
         return ("This hand cannot execute it as it stands: --count 5 shows other answers.",)
     return ()

@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..exceptions import InputError, TaskError
+from ..exceptions import InputError, TaskError, shown
 from ..spatial import (
     along_screw,
     checked_pose,
@@ -183,9 +183,9 @@ def task_from_primitives(
     Raises:
         TaskError: There are no primitives.
     """
-    steps = tuple(primitives)
+    steps = tuple(primitives) if np.iterable(primitives) else ()
     if not steps or not all(isinstance(step, Primitive) for step in steps):
-        raise TaskError(f"a task needs at least one primitive, translate or rotate, got {steps!r:.80}")
+        raise TaskError(f"a task needs at least one primitive, translate or rotate, got {shown(primitives)}")
     moved = compose(steps)
     q = q_of_displacement(moved)
     task = Task(name=name, q=q, displacement=moved, means=means, gravity=gravity, primitives=steps)

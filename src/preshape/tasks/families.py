@@ -14,7 +14,7 @@ from typing import Literal
 
 import numpy as np
 
-from ..exceptions import TaskError, UnknownTask
+from ..exceptions import TaskError, UnknownTask, shown
 from ..types import Array, value
 from .task import (
     AXES,
@@ -251,6 +251,8 @@ def named_task(text: str) -> Task:
     >>> named_task("push").label, named_task("turn:-y").describe()
     ('push:+x', 'turning about -Y')
     """
+    if not isinstance(text, str):
+        raise TaskError(f"the name of a task must be text, got {shown(text)}")
     name, colon, axis = text.partition(":")
     key = "_".join(name.strip().lower().replace("-", " ").replace("_", " ").split())
     if key not in FAMILIES:
@@ -261,7 +263,7 @@ def named_task(text: str) -> Task:
     try:
         return _task(family, axis_name(axis))
     except TaskError as error:
-        raise TaskError(f"task {text!r}: {error}; write for example {key}:{family.axis}") from error
+        raise TaskError(f"task {shown(text)}: {error}; write for example {key}:{family.axis}") from error
 
 
 def all_named_tasks() -> tuple[Task, ...]:
@@ -279,9 +281,9 @@ def parse_task(text: str) -> Task:
     >>> parse_task("1,1,.1,.05,.8,.05").describe() == parse_task("1 1 0 0 1 0").describe()
     True
     """
-    if not text.strip(" ,\t\r\n"):
+    if isinstance(text, str) and not text.strip(" ,\t\r\n"):
         raise TaskError(f"a task is six numbers {' '.join(COMPONENTS)} or a name such as lift, got nothing")
-    if any(_is_number(token) for token in text.replace(",", " ").split()):
+    if isinstance(text, str) and any(_is_number(token) for token in text.replace(",", " ").split()):
         return task_from_numbers(text)
     return named_task(text)
 

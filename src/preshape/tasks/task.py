@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..exceptions import InputError, TaskError
+from ..exceptions import InputError, TaskError, shown
 from ..spatial import checked_pose, vector_from_rotation
-from ..types import Array, freeze, frozen_array, value
+from ..types import Array, freeze, frozen_array, one_of, value
 
 # Values of a component of translation and of rotation that is present or absent (§2.2) [P].
 TRANSLATION_PRESENT, TRANSLATION_ABSENT = 1.0, 0.1
@@ -36,7 +36,7 @@ def axis_name(text: str) -> str:
     name = text.strip().lower()
     name = f"+{name}" if name in ("x", "y", "z") else name
     if name not in AXES:
-        raise TaskError(f"an axis is one of {' '.join(AXES)}, got {text!r}")
+        raise TaskError(f"an axis is one of {' '.join(AXES)}, got {shown(text)}")
     return name
 
 
@@ -83,9 +83,8 @@ class Primitive:
     amount: float
 
     def __post_init__(self) -> None:
-        if self.kind not in ("translate", "rotate"):
-            raise TaskError(f"the kind of a primitive is translate or rotate, got {self.kind!r}")
         try:
+            one_of(self.kind, "kind of primitive", ("translate", "rotate"))
             amount = float(frozen_array(self.amount, (), f"the amount of a {self.kind} primitive"))
         except InputError as error:
             raise TaskError(str(error)) from error
@@ -131,8 +130,14 @@ class Task:
             moved = None if moved is None else checked_pose(moved, "a task's displacement")
         except InputError as error:
             raise TaskError(str(error)) from error
+        texts = {name: getattr(self, name) for name in ("name", "means", "axis")}
+        if not all(isinstance(text, str) for text in texts.values()):
+            raise TaskError(f"name, means and axis of a task must be text, got {shown(texts)}")
+        steps = self.primitives
+        if not isinstance(steps, list | tuple) or not all(isinstance(step, Primitive) for step in steps):
+            raise TaskError(f"primitives of a task must be a list of Primitive, got {shown(steps)}")
         gravity = axis_vector(gravity) if gravity.any() else gravity
-        freeze(self, q=q, gravity=gravity, displacement=moved, primitives=tuple(self.primitives))
+        freeze(self, q=q, gravity=gravity, displacement=moved, primitives=tuple(steps))
 
     @property
     def label(self) -> str:
@@ -193,18 +198,19 @@ def task_from_numbers(
     try:
         items = list(re.split(r"[,\s]+", values.strip(" ,\t\r\n")) if isinstance(values, str) else values)
     except TypeError as error:
-        raise TaskError(f"{_SIX}, got {values!r:.80}") from error
+        raise TaskError(f"{_SIX}, got {shown(values)}") from error
     items = [item for item in items if not (isinstance(item, str) and not item)]
     if len(items) != 6:
         raise TaskError(f"{_SIX}, got {len(items)}")
     q = np.zeros(6)
     for i, (item, component) in enumerate(zip(items, COMPONENTS, strict=True)):
         try:
-            if isinstance(item, str) and "_" in item:  # Python reads 1_0 as 10; no other format does
+            # Python reads 1_0 as 10, and NumPy drops an imaginary part; nobody means either.
+            if (isinstance(item, str) and "_" in item) or np.iscomplexobj(item):
                 raise ValueError
             q[i] = float(item)
         except (TypeError, ValueError, OverflowError) as error:
-            raise TaskError(f"{_SIX}; number {i + 1} ({component}) is {item!r:.40}") from error
+            raise TaskError(f"{_SIX}; number {i + 1} ({component}) is {shown(item)}") from error
         if not np.isfinite(q[i]):
             raise TaskError(f"{_SIX}, all finite; number {i + 1} ({component}) is {q[i]}")
     return Task(name=name, q=q, means=means or "Six numbers of Q.", gravity=gravity)
@@ -233,16 +239,14 @@ def from_json(data: Mapping[str, Any]) -> Task:
         TaskError: The data are not a task, or break a rule of :class:`Task`.
     """
     if not isinstance(data, Mapping) or not {"name", "q"} <= set(data):
-        raise TaskError(f"a stored task must have name and q, got {data!r:.80}")
+        raise TaskError(f"a stored task must have name and q, got {shown(data)}")
     texts = {key: data.get(key, "") for key in ("name", "means", "axis")}
     steps = data.get("primitives", ())
-    if not all(isinstance(text, str) for text in texts.values()):
-        raise TaskError(f"name, means and axis of a stored task must be text, got {texts!r:.80}")
     if not isinstance(steps, list | tuple) or not all(
         isinstance(step, Mapping) and set(step) == {"kind", "axis", "amount"} for step in steps
     ):
         raise TaskError(
-            f"primitives of a stored task must be a list of kind, axis, amount, got {steps!r:.80}"
+            f"primitives of a stored task must be a list of kind, axis, amount, got {shown(steps)}"
         )
     return Task(
         q=data["q"],

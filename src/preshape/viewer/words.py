@@ -10,7 +10,8 @@ from collections.abc import Sequence
 from typing import Any
 
 from ..objects.mass import ObjectMass
-from ..types import FIELD_MASS, FRICTION, MODES, STEPS
+from ..tasks.task import COMPONENTS, ROTATION_ABSENT, TRANSLATION_ABSENT
+from ..types import FIELD_MASS, FRICTION, MODES, STEPS, quality_text, two_digits
 
 Document = dict[str, Any]
 
@@ -44,7 +45,8 @@ def answers_of(document: Document, *, best: bool = True) -> list[Document]:
 def result(document: Document) -> tuple[str, str, str]:
     """Sign, kind (``good``, ``warn`` or ``bad``) and words of a plan's result.
 
-    The words name the motion that a virtual grasp does not give, and a test in physics that failed.
+    The words name the motion that a virtual grasp does not give or opposes, and a test in physics that
+    failed.
     """
     status = str(document["status"])
     sign, kind, title = _RESULTS.get(status, ("", "warn", status))
@@ -52,9 +54,38 @@ def result(document: Document) -> tuple[str, str, str]:
     if status == "answer" and verified and not verified["held"]:
         return "✕", "bad", "No answer held in physics"
     if document.get("missing_motion"):
-        return "!", "warn", f"{title}, but it gives nothing along {document['missing_motion']}"
+        return "!", "warn", f"{title}, but it {missing_words(document)}"
     shown = "; the best try is shown" if document.get("best") and not document.get("plane") else ""
     return sign, kind, title + shown
+
+
+def missing_words(document: Document) -> str:
+    """What an answer makes of the task's largest components, if it matches none of them.
+
+    >>> lift = {"missing_motion": "Tz", "task": {"q": [0.1, 0.1, 1, 0, 0, 0]}}
+    >>> missing_words({**lift, "net_wrench": [0, 0, -1.16, 0, 0, 0]})
+    'opposes Tz'
+    """
+    parts: dict[str, list[str]] = {}
+    numbers = zip(COMPONENTS, document["task"]["q"], document["net_wrench"], strict=True)
+    for name, asked, given in numbers:
+        if name in document["missing_motion"].split(" and "):
+            parts.setdefault(mismatch(name, asked, given), []).append(name)
+    return " and ".join(f"{verb} {' and '.join(names)}" for verb, names in parts.items())
+
+
+def mismatch(name: str, asked: float, given: float) -> str:
+    """How a component of a net wrench fails the task, as a verb that the component's name follows.
+
+    >>> mismatch("Tz", 1.0, -1.16), mismatch("Tz", 1.0, 0.05), mismatch("Rx", 0.8, 0.3)
+    ('opposes', 'gives nothing along', 'gives too little about')
+    """
+    along = "along" if name[0] == "T" else "about"
+    if abs(given) <= (TRANSLATION_ABSENT if name[0] == "T" else ROTATION_ABSENT):
+        return f"gives nothing {along}"
+    if asked * given < 0:
+        return "opposes"
+    return f"gives too {'little' if abs(given) < abs(asked) else 'much'} {along}"
 
 
 def mode_words(mode: int, known: bool = True) -> str:
@@ -73,6 +104,18 @@ def mode_words(mode: int, known: bool = True) -> str:
 def plan_mode(document: Document) -> str:
     """The mode in which a plan ended, in plain words; a plan of an older program does not say ``known``."""
     return mode_words(int(document["mode"]), document.get("known", True))
+
+
+def correction_words(document: Document) -> tuple[str, ...]:
+    """What to do after a task correction, in one sentence; empty after any other result."""
+    if document["status"] != "task_correction":
+        return ()
+    if document["mode"] == 3:
+        return ("All planes were searched: ask for another task, or for this one with another load.",)
+    return (
+        "Not all planes were searched: ask for another task, or explore and learn this one "
+        "(preshape learn OBJECT --task TASK).",
+    )
 
 
 def step_words(transition: Document) -> str:
@@ -115,6 +158,21 @@ def thumb_side(answer: Document) -> str:
     return axis_words([-x if answer["flip"] else x for x in answer["opposition_axis"]])
 
 
+def thumb_words(answer: Document) -> str:
+    """On which side of the object the thumb stands."""
+    return f"thumb on the {thumb_side(answer)} side"
+
+
+def place_words(answer: Document) -> str:
+    """What tells an answer from others of its plane: the aim of a virtual grasp, the palm of a grip."""
+    words = [plane_words(answer), thumb_words(answer)]
+    grasp = answer["hand"]["grasp"]
+    if answer.get("grip") and grasp:
+        palm = ", ".join(f"{1000 * x:.0f}" for x in grasp["palm_pose"][:3])
+        return ", ".join([*words, way_in_words(answer), f"palm at {palm} mm"])
+    return ", ".join([*words, f"approach value {answer['approach_value']:+.2f}"])
+
+
 def axis_words(axis: Sequence[float]) -> str:
     """The signed coordinate axis nearest to a vector, such as ``+X``."""
     i = max(range(3), key=lambda k: abs(axis[k]))
@@ -132,9 +190,9 @@ def figures(answer: Document) -> list[tuple[str, str, str]]:
     grip = answer.get("grip")
     if grip:
         return [
-            ("quality", f"{grip['quality']:.2f}", "of 6"),
-            ("task margin", f"{grip['task_margin']:.1f}", ""),
-            ("hold margin", f"{grip['hold_margin']:.1f}", ""),
+            ("quality", quality_text(grip["quality"]), "of 6"),
+            ("task margin", two_digits(grip["task_margin"]), ""),
+            ("hold margin", two_digits(grip["hold_margin"]), ""),
             ("press", f"{press(answer):.0f}", "N"),
         ]
     indices = [("TFVADI", f"{answer['tfvadi']:.2f}"), ("stability", f"{answer['stability']}")]

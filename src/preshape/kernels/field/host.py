@@ -16,7 +16,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...exceptions import InputError
+from ...exceptions import InputError, shown
 from ...files import cache_folder, keep_arrays, read_arrays
 from ...objects.mesh import TriangleMesh
 from ...types import Array, IntArray, freeze, frozen_array, read_only, value
@@ -91,9 +91,9 @@ def prepare_field(
         InputError: ``cells`` is not in 8..512, or ``padding`` is negative or not finite.
     """
     if isinstance(cells, bool) or not isinstance(cells, int | np.integer) or not 8 <= cells <= MOST_CELLS:
-        raise InputError(f"cells must be a whole number from 8 to {MOST_CELLS}, got {cells!r}")
+        raise InputError(f"cells must be a whole number from 8 to {MOST_CELLS}, got {shown(cells)}")
     if not (math.isfinite(padding) and padding >= 0):
-        raise InputError(f"padding must be a length of 0 or more [m], got {padding!r}")
+        raise InputError(f"padding must be a length of 0 or more [m], got {shown(padding)}")
     digest = _digest(mesh, int(cells), float(padding))
     if cache is None:
         return _fill(mesh, int(cells), float(padding), digest)

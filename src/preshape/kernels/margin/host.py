@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ...exceptions import InputError
+from ...exceptions import InputError, shown
 from ...types import Array, IntArray, frozen_array, read_only, value
 
 CONTACTS = 8
@@ -142,7 +142,7 @@ class MarginKernel:
             wp.get_device(device)
         except (RuntimeError, ValueError) as error:
             known = ", ".join(str(d) for d in wp.get_devices())
-            raise InputError(f"no device {device!r} here; known: {known}") from error
+            raise InputError(f"no device {shown(device)} here; known: {known}") from error
         load_kernels(warp_margin, device)
 
         def rows(dtype: Any, *shape: int) -> DeviceRows:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ...exceptions import InputError, ObjectError
+from ...exceptions import InputError, ObjectError, shown
 from ...types import Array, IntArray, freeze, frozen_array, value
 from .all_round import outward_normals, poisson
 from .cleaning import check_enough, cleaned, spacing_of
@@ -102,7 +102,7 @@ def _camera(
     """(3,) position of the camera [m]; ``None`` for all sides."""
     if isinstance(asked, str):
         if asked != ALL_ROUND:
-            raise InputError(f"a view is a camera's position x,y,z or {ALL_ROUND}, got {asked!r}")
+            raise InputError(f"a view is a camera's position x,y,z or {ALL_ROUND}, got {shown(asked)}")
         return None
     low, high = points.min(axis=0), points.max(axis=0)
     given = cloud.camera if asked is None else frozen_array(asked, (3,), "the camera's position")

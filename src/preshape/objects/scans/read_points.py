@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...exceptions import ObjectError
+from ...exceptions import ObjectError, shown
 from ...types import Array
 from .scan import RawCloud
 
@@ -44,7 +44,7 @@ def read_xyz(name: str, data: bytes) -> RawCloud:
         if len(values) < 3:
             if not rows:
                 continue
-            raise ObjectError(f"{name}: line {number} should hold x, y and z, found {line.strip()!r:.60}")
+            raise ObjectError(f"{name}: line {number} should hold x, y and z, found {shown(line.strip())}")
         rows.append(values)
     return _cloud(name, np.array(rows, dtype=np.float64).reshape(-1, 3), no_echo=False)
 
@@ -90,7 +90,7 @@ def read_pcd(name: str, data: bytes) -> RawCloud:
         raise ObjectError(f"{name}: the PCD header is invalid; {_SHORT}") from error
     form = " ".join(header.get("DATA", []))
     if form not in _DATA:
-        raise ObjectError(f"{name}: no PCD data format {form!r:.30}; known: {', '.join(_DATA)}")
+        raise ObjectError(f"{name}: no PCD data format {shown(form)}; known: {', '.join(_DATA)}")
     parts = [
         (f"{place}", kind, (count,)) for place, (kind, count) in enumerate(zip(kinds, counts, strict=True))
     ]

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from ...exceptions import InputError
+from ...exceptions import InputError, shown
 from ...types import Array, IntArray, freeze, frozen_array, value
 from ..grasps import HandPoses
 from ..measures import place
@@ -98,7 +98,7 @@ class Recording:
             InputError: The stage was not recorded.
         """
         if stage not in self.stage:
-            raise InputError(f"no stage {stage!r} in the recording; known: {', '.join(self.stages)}")
+            raise InputError(f"no stage {shown(stage)} in the recording; known: {', '.join(self.stages)}")
         start = self.stage.index(stage)
         return slice(start, start + self.stage.count(stage))
 

@@ -21,7 +21,7 @@ import numpy as np
 
 from ... import spatial
 from ...exceptions import InputError
-from ...types import Array, value
+from ...types import Array, an_instance, finite_number, freeze, positive_number, value, whole_number
 from ..grasps import HandPoses
 from ..hold.six_directions import Observer, take_hold, unstable
 from ..protocol import HoldProtocol
@@ -73,12 +73,11 @@ class TaskProtocol:
 
     def __post_init__(self) -> None:
         for name in ("acceleration", "rise", "duration", "rest"):
-            if not (math.isfinite(getattr(self, name)) and getattr(self, name) > 0):
-                raise InputError(f"{name} must be above 0, got {getattr(self, name)!r}")
-        if not (math.isfinite(self.strength) and self.strength >= 0):
+            positive_number(getattr(self, name), name)
+        if finite_number(self.strength, "strength") < 0:
             raise InputError(f"strength must be at least 0, got {self.strength!r}")
-        if self.look_steps < 1:
-            raise InputError(f"look_steps must be 1 or more, got {self.look_steps!r}")
+        freeze(self, look_steps=whole_number(self.look_steps, "look_steps", 1))
+        an_instance(self.hold, HoldProtocol, "hold")
         if any((self.hold.position_error, self.hold.turn_error, self.hold.size_error)):
             raise InputError("the task test does not apply errors of pose or size; leave them at 0")
 
