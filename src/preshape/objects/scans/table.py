@@ -28,7 +28,7 @@ OUTER = 2.0
 
 
 @value
-class Table:
+class TablePlane:
     """A plane with most of the points of a cloud, and an object on it.
 
     Attributes:
@@ -45,7 +45,7 @@ class Table:
         freeze(self, sides=frozen_array(self.sides, (2,), "sides of the table"))
 
 
-def find_table(points: Array, seed: int = 0) -> Table | None:
+def find_table(points: Array, seed: int = 0) -> TablePlane | None:
     """The table in a cloud; ``None`` if there is none.
 
     1. Draw planes through three points each, and take the one near most of a sample of the points.
@@ -91,4 +91,4 @@ def find_table(points: Array, seed: int = 0) -> Table | None:
     inside = bool((rest[0] > table[0]).all() and (rest[1] < table[1]).all())
     if not inside or ratios.min() < WIDER or ratios.prod() < LARGER:
         return None
-    return Table(share=float(on.mean()), sides=np.ptp(table, axis=0), above=above)
+    return TablePlane(share=float(on.mean()), sides=np.ptp(table, axis=0), above=above)
