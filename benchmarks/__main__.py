@@ -19,6 +19,7 @@ MODULES = (
     "bench_learning",
     "bench_memory",
     "bench_load",
+    "bench_large",
     "bench_closing",
     "bench_closure",
     "bench_physics",

@@ -354,3 +354,12 @@ def test_hands_that_cannot_open_are_no_error(mug: Case) -> None:
     closing = np.ones((3, len(mug.hand.fingers)))
     for rows in (np.arange(3), np.zeros(0, dtype=np.int64)):
         assert len(finisher.opener.find(inside, closing, rows, np.ones(3, dtype=np.int64), range(1, 13))) == 0
+
+
+def test_a_rod_of_a_metre_is_lifted_at_its_middle() -> None:
+    vertices = (CUBE - 0.5) * [0.018, 0.018, 1.0]
+    rod = TriangleMesh(name="rod", vertices=vertices, triangles=np.array(SIDES))
+    best = case("shadow", rod, "lift", mass=0.1).grips[0]
+    assert min(best.task_margin, best.hold_margin) > 1.0
+    assert best.quality >= 3.0
+    assert abs(best.contacts.points[:, 2].mean()) < 0.05  # m; elsewhere its weight would turn it

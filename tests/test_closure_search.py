@@ -17,7 +17,7 @@ from preshape.closure.candidates import (
     merged,
     quaternions,
 )
-from preshape.closure.demand import Demand, inner_centre
+from preshape.closure.demand import LONGEST, Demand, inner_centre
 from preshape.closure.preshapes import posture_at
 from preshape.closure.search import ClosureSearch
 from preshape.closure.settings import ClosureSettings
@@ -328,3 +328,25 @@ def test_plain_holding_is_ranked_by_holding_alone(search: ClosureSearch, box: Tr
     found = search.evaluate(drawn(search, box), PLAIN)
     assert np.array_equal(found.task, found.hold)
     assert (np.diff(found.hold) <= 0).all()
+
+
+def test_a_longer_object_is_no_harder_to_push_and_harder_to_turn(
+    search: ClosureSearch, found: RankedCandidates
+) -> None:
+    few, turning = found.closings.take(np.arange(40)), replace(LIFT, direction=np.array([0, 0, 1, 0.5, 0, 0]))
+    strengths = {}
+    for length in (LONGEST, 0.5):
+        longer = ClosureSearch(search.hand, search.field, search.cog, length, search.settings)
+        press = np.full(40, search.settings.middling)
+        for name, demand in (("push", LIFT), ("turn", turning)):
+            task, hold = longer.strengths(few, demand)
+            strengths[name, length] = [task, hold, longer.thorough_strengths(few, demand, press)]
+    for short, long in zip(strengths["push", LONGEST], strengths["push", 0.5], strict=True):
+        assert short.max() > 0
+        assert np.array_equal(short, long)
+    turned = [strengths["turn", length][0] for length in (LONGEST, 0.5)]
+    holds = turned[0] > 0
+    assert holds.sum() >= 10
+    assert (turned[1] < 0.5 * turned[0])[holds].all()
+    shorter = ClosureSearch(search.hand, search.field, search.cog, LONGEST / 2, search.settings)
+    assert (shorter.strengths(few, LIFT)[0] > 1.01 * strengths["push", LONGEST][0])[holds].all()

@@ -26,6 +26,7 @@ from preshape.objects.scans.read_points import read_npy, read_pcd, read_xyz
 from preshape.objects.scans.scan import RawCloud, Scan
 from preshape.objects.scans.sight import HIDDEN, hidden_share, sight_of
 from preshape.objects.scans.symmetry import symmetries
+from preshape.objects.scans.table import find_table
 from preshape.objects.scans.trust import UNSEEN, seen_weight, trust_of
 from preshape.physics.pieces import ConvexPieces
 from preshape.planner import plan
@@ -227,7 +228,7 @@ def test_the_file_s_unit_is_kept_and_its_camera_is_in_it(tmp_path, monkeypatch):
     assert mesh.extents == pytest.approx([0.03] * 3, abs=1e-3)
     asked: list[object] = []
 
-    def stop(name: str, cloud: RawCloud, camera: object) -> None:
+    def stop(name: str, cloud: RawCloud, camera: object, *, cut_table: bool | None) -> None:
         asked.append(camera)
         raise ObjectError("stopped")
 
@@ -376,6 +377,77 @@ def test_suffixes_of_clouds_are_known():
     assert CLOUD_SUFFIXES == (".pcd", ".xyz", ".npy")
 
 
+# -- tables and pixels without an echo -----------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def on_table(box) -> tuple[TriangleMesh, np.ndarray, np.ndarray]:
+    """The box on a tilted table, the points of one view of both, and the camera's position."""
+    mesh, _, _ = box
+    edges = [(-0.12, -0.15), (0.18, -0.15), (0.18, 0.15), (-0.12, 0.15)]
+    table = np.array([[x, y, mesh.bounds[0, 2]] for x, y in edges])
+    both = TriangleMesh(
+        name="both",
+        vertices=np.concatenate([mesh.vertices, table]),
+        triangles=np.concatenate([mesh.triangles, np.array([[0, 1, 2], [0, 2, 3]]) + len(mesh.vertices)]),
+    )
+    turn = np.linalg.qr(np.random.default_rng(3).normal(size=(3, 3)))[0]
+    camera = mesh.cog + 0.6 * np.array([0.5, 0.6, 0.7])
+    return mesh, depth_view(both, camera, noise=0.0008, rng=np.random.default_rng(1)) @ turn, camera @ turn
+
+
+def test_a_table_in_a_cloud_is_named_and_cut_off_when_asked(tmp_path, on_table, capsys):
+    mesh, points, camera = on_table
+    file = tmp_path / "scan.npy"
+    np.save(file, points)
+    view = camera.tolist()
+    with pytest.raises(
+        ObjectError, match=r"\d\d % of the points lie on one plane of .* probably a table; .*cut"
+    ):
+        load_object(file, view=view)
+    cut = load_object(file, view=view, cut_table=True)
+    assert cut.extents.max() < 1.2 * np.linalg.norm(mesh.extents)
+    assert 0.5 * mesh.volume < cut.volume < 2.0 * mesh.volume
+    assert len(points) > 3 * cut.scan.points > 300  # the points that are left
+    assert load_object(file, view=view, cut_table=False).extents.max() > 1.4 * cut.extents.max()
+    words = ["plan", str(file), "--task", "lift", "--view", ",".join(map(str, view)), "--no-learn", "--json"]
+    memory = ["--memory", str(tmp_path / "m.sqlite")]
+    assert cli.run([*words, *memory]) == 2
+    assert "--cut-table" in json.loads(capsys.readouterr().out)["reason"]
+    assert cli.run([*words, *memory, "--cut-table"]) in (0, 1)
+    document = json.loads(capsys.readouterr().out)
+    assert document["request"]["object"]["cut_table"] is True
+    jsonschema.Draft202012Validator(plan_schema()).validate(document)
+
+
+@pytest.mark.parametrize("name", ["box", "domino", "phone", "plate", "pan", "bowl", "hammer", "hand_wheel"])
+def test_no_side_of_an_object_is_taken_for_a_table(name):
+    mesh = load_library_object(name)
+    for away in ([0, 0, 1], [1, 0.3, 0.5], [-0.5, 0.8, 0.9], [0.2, -0.1, 1.0], [0.7, 0.7, 0.2]):
+        camera = mesh.cog + 0.5 * np.array(away) / np.linalg.norm(away)
+        assert find_table(depth_view(mesh, camera, noise=0.001, rng=np.random.default_rng(0))) is None
+
+
+def test_a_cloud_without_a_table_is_not_cut(tmp_path, box):
+    _, points, camera = box
+    file = tmp_path / "scan.npy"
+    np.save(file, points)
+    asked, plain = (load_object(file, view=camera, cut_table=cut) for cut in (True, None))
+    assert np.array_equal(asked.vertices, plain.vertices)
+    with pytest.raises(InputError, match="cutting off a table is for a point cloud"):
+        load_object("mug", cut_table=True)
+
+
+def test_rows_of_zeros_are_no_echoes_and_the_camera_stays_at_the_origin(box):
+    _, points, camera = box
+    plain = complete("box", RawCloud(points=points - camera))
+    holes = np.insert(points - camera, [0, 50, 50, 900, len(points)], [0.0, -0.0, 0.0], axis=0)
+    made = complete("box", RawCloud(points=holes))
+    assert made.scan.camera is not None
+    assert np.array_equal(made.vertices, plain.vertices)
+    assert made.scan.points == len(points)
+
+
 # -- trust and plans -----------------------------------------------------------------------------------
 
 
@@ -443,6 +515,28 @@ def test_a_plan_on_a_cloud_says_which_contacts_were_seen_and_prefers_them(on_clo
     unseen = replace(made, mesh=replace(made.mesh, scan=None))
     assert seen_first(unseen, keep=1) is unseen
     assert plan_to_json(unseen)["cloud"] is None
+
+
+def test_an_answer_at_trust_0_is_no_answer(on_cloud):
+    made, _ = on_cloud
+    scan = made.mesh.scan
+    blind = replace(made, mesh=replace(made.mesh, scan=replace(scan, seen=np.zeros_like(scan.seen))))
+    refused = seen_first(blind, keep=2)
+    assert refused.answer is None
+    assert refused.alternatives == ()
+    document = plan_to_json(refused)
+    assert document["status"] == "deadlock"
+    assert "guessed surface (trust 0)" in document["reason"]
+    assert document["best"] is not None
+    jsonschema.Draft202012Validator(plan_schema()).validate(document)
+    # Of two answers, one of which touches what was seen, only that one is kept.
+    answers = [made.answer, *made.alternatives]
+    triangles = [set(answer.grasp.contacts.triangles.tolist()) for answer in answers]
+    lone = sorted(triangles[-1] - set().union(*triangles[:-1]))
+    only = np.isin(np.arange(len(scan.seen)), lone)
+    kept = seen_first(replace(made, mesh=replace(made.mesh, scan=replace(scan, seen=only))), keep=4)
+    assert kept.answer is answers[-1]
+    assert kept.alternatives == ()
 
 
 def test_the_surface_that_was_planned_with_is_written_whole(tmp_path, box):

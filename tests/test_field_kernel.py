@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -499,3 +500,11 @@ def test_fields_of_scans_agree_with_exact_queries(name: str, reference: Path) ->
     assert np.median(error) < middle / 1000
     assert np.quantile(error, 0.99) < tail / 1000
     assert error.max() < 0.6 * field.spacing
+
+
+def test_what_field_and_queries_share_is_made_once_for_each_mesh() -> None:
+    mesh = load_library_object("box")
+    again = replace(mesh)
+    assert SurfaceQuery(mesh).mesh is SurfaceQuery(mesh).mesh
+    assert SurfaceQuery(again).mesh is not SurfaceQuery(mesh).mesh
+    assert oriented_triangles(mesh) is oriented_triangles(mesh)

@@ -123,7 +123,13 @@ def test_a_library_mesh_that_was_scaled_in_python_is_found_again(tmp_path: Path)
     mug = load_library_object("mug", scale=1.2)
     made = preshape.plan(mug, "pour", memory=":memory:")
     document = plan_to_json(made)
-    assert document["request"]["object"] == {"source": "mug", "unit": "m", "scale": 1.2, "view": None}
+    assert document["request"]["object"] == {
+        "source": "mug",
+        "unit": "m",
+        "scale": 1.2,
+        "view": None,
+        "cut_table": None,
+    }
     assert document["object"]["source"] == "mug"
     again = request_of(document)
     with Session(":memory:") as session:

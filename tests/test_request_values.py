@@ -45,6 +45,7 @@ REFUSED: dict[str, list[tuple[Any, str]]] = {
     "unit": [("yard", "known: m"), (5, "known: m"), (["m"], "known: m"), (None, "known: m")],
     "scale": [(0, "scale"), (-1.0, "scale"), (NAN, "scale"), ("2", "scale"), (HUGE, "scale"), (1j, "scale"),
               (True, "scale"), (None, "scale")],
+    "cut_table": [(1, "True, False or None"), ("yes", "True, False or None")],
     "view": [("left", "camera"), (5, "camera"), ([1, 2], "camera"), ([1, 2, NAN], "camera"), ({}, "camera")],
     "mass": [(0, "mass"), (-1.0, "mass"), (NAN, "mass"), ("1", "mass"), (True, "mass"), (HUGE, "mass"),
              ([1.0], "mass")],

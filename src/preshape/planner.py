@@ -51,6 +51,7 @@ def plan(
     avoid: Sequence[Sequence[float]] = (),
     verify: bool = False,
     view: Sequence[float] | str | None = None,
+    cut_table: bool | None = None,
 ) -> Plan:
     """Plan a preshape.
 
@@ -77,6 +78,8 @@ def plan(
             the answer.
         view: Camera position of a point cloud, in the file's frame and unit, or ``all`` for points from all
             round; by default what the file says, else its origin where that can be.
+        cut_table: Whether a table in a point cloud is cut off; ``False`` keeps it as part of the object. By
+            default a cloud with a table is refused.
 
     Raises:
         InputError: An argument that cannot be used; the message says what to change.
@@ -96,6 +99,7 @@ def plan(
         scale=scale,
         unit=unit,
         view=view,
+        cut_table=cut_table,
         mass=mass,
         friction=friction,
         table=table,

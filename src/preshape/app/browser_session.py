@@ -177,7 +177,7 @@ class BrowserSession:
 
     def _changed(self, source: str, unit: str) -> PlanRequest:
         """The first request with another object."""
-        return replace(self._start.request, source=source, unit=unit, scale=1.0, view=None)
+        return replace(self._start.request, source=source, unit=unit, scale=1.0, view=None, cut_table=None)
 
     def _received(self, path: Path) -> None:
         """Load an upload, in a thread of its own: the caller is the server's event loop."""

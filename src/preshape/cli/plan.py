@@ -56,6 +56,11 @@ if TYPE_CHECKING:
     help="Camera position of a point cloud, in its frame and unit, or all; default: its origin if outside.",
 )
 @click.option(
+    "--cut-table/--no-cut-table",
+    default=None,
+    help="Cut off the table in a point cloud, or keep it as part of the object; default: refuse it.",
+)
+@click.option(
     "--explain", is_flag=True, help="Also show the paper's indices and the match of each component."
 )
 @click.option("--out", metavar="DIR", help="Also write plan.json, plan.png and plan.html there.")
@@ -67,6 +72,7 @@ def plan(
     count: int,
     verify: bool,
     view: str | None,
+    cut_table: bool | None,
     explain: bool,
     out: str | None,
     as_json: bool,
@@ -85,6 +91,7 @@ def plan(
             hand=options["hand"],
             options=options,
             view=_view(view),
+            cut_table=cut_table,
             count=count,
             learn=not no_learn,
             verify=verify,

@@ -81,11 +81,9 @@ def start_of(request: PlanRequest) -> Start:
     from ..app.browser_session import Start
     from ..hands.load import load_hand
     from ..objects.library import names
-    from ..objects.load import load_object
 
-    source = request.object_name
-    if source not in names():
-        load_object(source, unit=request.unit, scale=request.scale, view=request.view)
+    if request.object_name not in names():
+        request.load()
     load_hand(request.hand_name)
     return Start(request=request)
 
@@ -135,13 +133,12 @@ def _check_shown(document: dict[str, Any], request: PlanRequest) -> None:
         InputError: A part of the plan cannot be drawn.
     """
     from ..hands.load import load_hand, recorded_hand
-    from ..objects.load import load_object
     from ..pictures import document_motion, plan_scene
     from ..viewer.words import answers_of
 
     load_hand(request.hand_name)
     hand = recorded_hand(document["hand"])
-    mesh = load_object(str(request.source), unit=request.unit, scale=request.scale, view=request.view)
+    mesh = request.load()
     answers: list[dict[str, Any] | None] = [*answers_of(document)]
     for answer in answers or [None]:
         plan_scene(document, mesh, hand, answer)
@@ -159,7 +156,7 @@ def _found(document: dict[str, Any], folder: Path, changes: dict[str, Any]) -> P
     Raises:
         InputError: The document is no plan, or its object is not found.
     """
-    from ..objects.load import IN_MEMORY, load_object
+    from ..objects.load import IN_MEMORY
     from ..physics.locate import object_extent, plan_object
     from ..planning.document import request_of, version_of
 
@@ -170,8 +167,7 @@ def _found(document: dict[str, Any], folder: Path, changes: dict[str, Any]) -> P
             source = plan_object(asked, None, folder)
             request = request_of(document, **{**changes, "source": source})
             try:
-                mesh = load_object(source, unit=request.unit, scale=request.scale, view=request.view)
-                if abs(float(mesh.extents.max()) / extent - 1.0) < 0.01:
+                if abs(float(request.load().extents.max()) / extent - 1.0) < 0.01:
                     return request
             except PreshapeError:
                 pass  # the object's file is gone; the plan may name a file beside it with the surface
@@ -181,5 +177,5 @@ def _found(document: dict[str, Any], folder: Path, changes: dict[str, Any]) -> P
     size = object_extent(source, None)
     if size is None:
         raise InputError(f"the plan's object {source!r} is neither here nor built in; run from its folder")
-    place = {"source": source, "unit": "m", "scale": extent / size, "view": None}
+    place = {"source": source, "unit": "m", "scale": extent / size, "view": None, "cut_table": None}
     return request_of(document, **(changes | place))

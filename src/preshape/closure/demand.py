@@ -15,6 +15,10 @@ HOLD = np.concatenate([np.eye(6), -np.eye(6)])
 """Wrenches of plain holding: forces along the axes, torques about them; torques divided by :data:`LEVER`."""
 LEVER = 0.05
 """Torque divided by force in plain holding [m], as in the field's harder test; less on small objects."""
+LONGEST = 0.1
+"""Largest ℓ by which torques are compared with forces, unless the task itself turns the object [m] [C]. In
+the cone of a push or pull, torques are what a disturbance adds to its load. They come from where fingers and
+load act, which a longer object does not change; its weight acts at its centre of mass in any case."""
 FEWEST_NODES = 50
 """Least number of grid nodes inside the object for a centre of mass; with fewer, the COG is used."""
 
@@ -24,7 +28,8 @@ class Demand:
     """What a grip must produce, in units of the sum of its normal forces.
 
     Attributes:
-        direction: (6,) wrench of the task (force; torque divided by ℓ), or ``None`` for plain holding.
+        direction: (6,) wrench of the task (force; torque divided by :meth:`unit`), or ``None`` for plain
+            holding.
         half_angle: Half-angle of the cone around that wrench [rad].
         base: (6,) wrench that the grip must always produce to carry the object: minus the weight.
         load: Expected load of the task, in weights of the object; for plain holding it is one weight.
@@ -39,6 +44,15 @@ class Demand:
         freeze(self, base=frozen_array(self.base, (6,), "base wrench"))
         if self.direction is not None:
             freeze(self, direction=frozen_array(self.direction, (6,), "task direction"))
+
+    def unit(self, length: float) -> float:
+        """Length by which the torques of this demand are divided [m].
+
+        Args:
+            length: ℓ, half the object's largest extent [m].
+        """
+        turns = self.direction is not None and bool(np.any(self.direction[3:]))
+        return length if turns else min(length, LONGEST)
 
 
 def task_demand(q: Array, weight: Array) -> Demand:

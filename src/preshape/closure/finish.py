@@ -19,7 +19,7 @@ from ..kernels.field.host import SurfaceQuery
 from ..kernels.hand_spheres import FINE
 from ..types import Array, value
 from .candidates import RankedCandidates
-from .demand import Demand
+from .demand import LONGEST, Demand
 from .hand_tables import hand_tables
 from .opening import ALONG, NEAREST, OPENING, Opener
 from .preshapes import posture_at
@@ -133,7 +133,9 @@ class Finisher:
             self.tables, search.field, device=self.settings.device, threads=self.settings.threads
         )
         self.opener = Opener(self.tables, self.kernel, HandKinematics(search.hand), self.settings.obstacles)
-        self.squeezer = Squeezer(search.hand, self.tables, search.cog, search.length, self.settings.mu)
+        self.squeezer = Squeezer(
+            search.hand, self.tables, search.cog, min(search.length, LONGEST), self.settings.mu
+        )
         self._links = joint_links(search.hand)
 
     def close(self, found: RankedCandidates) -> Closings:

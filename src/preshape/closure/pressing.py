@@ -66,7 +66,7 @@ class Squeezer:
         hand: The hand.
         tables: Its tables.
         cog: (3,) point that torques are about [m].
-        length: ℓ, half the object's largest extent [m].
+        length: Length by which torques are divided [m].
         mu: Friction that the forces may use.
 
     Attributes:

@@ -137,7 +137,8 @@ class ClosureSearch:
         kernel = self._task_kernel(demand)
         task, floor = None, least * self.settings.hold
         if kernel is not None:
-            task = kernel.strengths(*contacts, self.length, self.cog, least=least * demand.load)
+            unit = demand.unit(self.length)
+            task = kernel.strengths(*contacts, unit, self.cog, least=least * demand.load)
         hold: Array | float = math.inf
         if task is not None and ranking:
             hold = task / demand.load * self.settings.hold
@@ -156,13 +157,13 @@ class ClosureSearch:
         kernel = self._task_kernel(demand, thorough=True)
         if kernel is None:
             return self.strengths(closings, demand)[0]
-        strength = np.zeros(len(press))
+        strength, unit = np.zeros(len(press)), demand.unit(self.length)
         for carrying in np.unique(press):  # mostly all the same
             rows = np.flatnonzero(press == carrying)
             part = closings.take(rows)
             base = demand.base * (self.settings.middling / carrying)
             strength[rows] = kernel.strengths(
-                part.points, part.normals_in, part.counts, self.length, self.cog, base=base
+                part.points, part.normals_in, part.counts, unit, self.cog, base=base
             )
         return strength
 
@@ -181,7 +182,8 @@ class ClosureSearch:
         points, normals = np.zeros((1, CONTACTS, 3)), np.zeros((1, CONTACTS, 3))
         points[0, :n], normals[0, :n] = grip.contacts.points, grip.contacts.normals_in
         base = np.asarray(demand.base) * (weight / usual)
-        return float(kernel.strengths(points, normals, np.array([n]), self.length, self.cog, base=base)[0])
+        unit = demand.unit(self.length)
+        return float(kernel.strengths(points, normals, np.array([n]), unit, self.cog, base=base)[0])
 
     def _margin_kernel(self, wrenches: Array, **cone: Any) -> MarginKernel:
         s = self.settings

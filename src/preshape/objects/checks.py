@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
+from numpy.typing import NDArray
 
 from ..exceptions import InputError, ObjectError, shown
 from ..types import Array, IntArray, positive_number
@@ -42,7 +45,7 @@ def has_faces(name: str, vertices: int, faces: int) -> None:
         )
 
 
-def finite(name: str, vertices: Array, first: int) -> None:
+def finite(name: str, vertices: NDArray[np.floating[Any]], first: int) -> None:
     """Refuse positions that are NaN or infinite; ``first`` is the number that the format starts at."""
     if not np.isfinite(vertices).all():
         bad = ~np.isfinite(vertices).all(axis=1)

@@ -65,6 +65,7 @@ def load_object(
     unit: str = "m",
     scale: float = 1.0,
     view: Sequence[float] | Array | str | None = None,
+    cut_table: bool | None = None,
 ) -> TriangleMesh:
     """Read an object from a file, or build one of the library.
 
@@ -84,13 +85,15 @@ def load_object(
         view: For a point cloud, the position of the camera in the frame and unit of the file, or ``all`` for
             points from all sides. By default the camera of the file is used, or else the origin if a camera
             there could have seen all points; otherwise the points count as seen from all sides.
+        cut_table: For a point cloud, whether a table that the object stands on is cut off; ``False`` keeps it
+            as part of the object, and ``None`` refuses it. A cloud without a table does not change.
 
     Returns:
         The mesh [m]; the mesh of a library object includes its mass [kg].
 
     Raises:
-        InputError: The unit is unknown, the scale is not a positive, finite number, or the view is
-            not a possible camera position or is given for a mesh.
+        InputError: The unit is unknown, the scale is not a positive, finite number, the view is not a
+            possible camera position, or ``view`` or ``cut_table`` is given for a mesh.
         UnknownObject: There is neither a file nor a library object of that name.
         ObjectError: The file is missing, empty, a folder, not a mesh, or has an unknown suffix; a position is
             not finite; there are no faces or no area; the object is flat; an index is out of range; the size
@@ -101,8 +104,7 @@ def load_object(
     if not isinstance(source, str | Path):
         raise ObjectError(f"an object is a file or the name of a library object, got {shown(source)}")
     if not _is_file(source):
-        if view is not None:
-            raise _no_cloud(str(source))
+        _check_mesh_options(str(source), view, cut_table)
         return _from_library(str(source), unit, float(scale))
     path, name = Path(source), str(source)
     suffix = path.suffix.lower()
@@ -112,9 +114,8 @@ def load_object(
         with np.errstate(all="ignore"):  # the checks find numbers that are not finite, and name them
             raw = _ALL_READERS[suffix](name, data, path)
             if isinstance(raw, RawCloud):
-                return _from_cloud(name, path.stem, raw, factor, float(scale), view)
-            if view is not None:
-                raise _no_cloud(name)
+                return _from_cloud(name, path.stem, raw, factor, float(scale), view, cut_table)
+            _check_mesh_options(name, view, cut_table)
             return _finish(name, path.stem, raw, factor, float(scale))
     except (PreshapeError, KeyboardInterrupt):
         raise
@@ -230,8 +231,15 @@ def _noun(suffix: str) -> str:
     return "point cloud" if suffix in CLOUD_SUFFIXES else "mesh"
 
 
-def _no_cloud(name: str) -> InputError:
-    return InputError(f"{name}: a view is for a point cloud, this is a mesh; leave it out")
+def _check_mesh_options(name: str, view: object, cut_table: bool | None) -> None:
+    """Refuse options of point clouds for a mesh.
+
+    Raises:
+        InputError: One of them is given.
+    """
+    for given, what in ((view, "a view"), (cut_table, "cutting off a table")):
+        if given is not None:
+            raise InputError(f"{name}: {what} is for a point cloud, this is a mesh; leave it out")
 
 
 def _from_cloud(
@@ -241,18 +249,19 @@ def _from_cloud(
     factor: float,
     scale: float,
     view: Sequence[float] | Array | str | None,
+    cut_table: bool | None,
 ) -> TriangleMesh:
     """Scale a cloud and make a closed surface."""
     from .scans.complete import complete
 
     points = raw.points * factor
-    echoes = points[np.isfinite(points).all(axis=1)]
+    echoes = RawCloud(points=points).echoes
     if len(echoes) and np.ptp(echoes, axis=0).any():
         checks.size(name, np.ptp(echoes, axis=0))
     if view is not None and not isinstance(view, str):
         view = factor * frozen_array(view, (3,), "the camera's position")
     camera = None if raw.camera is None else factor * raw.camera
-    made = complete(name, RawCloud(points=points, camera=camera), view)
+    made = complete(name, RawCloud(points=points, camera=camera), view, cut_table=cut_table)
     return TriangleMesh(
         name=stem, vertices=made.vertices, triangles=made.triangles, scale=scale, scan=made.scan
     )

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -147,13 +149,13 @@ def merge_equal(vertices: Array, triangles: IntArray) -> tuple[Array, IntArray]:
     return vertices[unique] + 0.0, inverse[triangles]
 
 
-def group_rows(rows: NDArray[np.float64] | NDArray[np.int64]) -> tuple[IntArray, IntArray]:
-    """Group equal rows of three 8-byte numbers.
+def group_rows(rows: NDArray[np.float64 | np.float32] | NDArray[np.int64]) -> tuple[IntArray, IntArray]:
+    """Group equal rows of three numbers of 4 or 8 bytes.
 
     Returns:
         (k,) index of the first row of each group, in order of appearance, and (n,) group of each row.
     """
-    bits = np.ascontiguousarray(rows).view(np.uint64)
+    bits = np.ascontiguousarray(rows).view(f"u{rows.dtype.itemsize}")
     key = np.zeros(len(rows), dtype=np.uint64)
     for column in bits.T:
         key = (key ^ column) * np.uint64(0x9E3779B97F4A7C15)
@@ -177,7 +179,7 @@ def group_rows(rows: NDArray[np.float64] | NDArray[np.int64]) -> tuple[IntArray,
     return heads[ranks], place[group]
 
 
-def _changes(bits: NDArray[np.uint64], order: IntArray) -> BoolArray:
+def _changes(bits: NDArray[Any], order: IntArray) -> BoolArray:
     """(n - 1,) whether each row differs from the row before it, in the given order."""
     ordered = bits[order].T
     x, y, z = (column[1:] != column[:-1] for column in ordered)

@@ -10,7 +10,7 @@ import numpy as np
 from ..closure.finish import margin_of
 from ..hands.hand import Hand
 from ..hiis.analyser import Grasp, Grip
-from ..hiis.decision import Decision, Settings, Transition
+from ..hiis.decision import Decision, Settings, Status, Transition
 from ..objects.load import stored_source
 from ..objects.mass import ObjectMass
 from ..objects.mesh import TriangleMesh
@@ -163,6 +163,9 @@ def answers_of(plan: PlanRecord) -> tuple[Answer, ...]:
 def seen_first(plan: P, *, keep: int) -> P:
     """Order the answers on a point cloud by margin times how much of the surface at the contacts was seen.
 
+    Answers that touch only guessed surface are left out. If there are no others, the plan has no answer, and
+    the best of them is what was found.
+
     Args:
         plan: The plan, with all answers to choose from; a plan for a mesh is returned as it is.
         keep: Number of answers to keep.
@@ -176,9 +179,32 @@ def seen_first(plan: P, *, keep: int) -> P:
         judged = margin_of(g.judged) if isinstance(g, Grip) else g.judged
         return judged * seen_weight(scan, g.contacts.triangles)
 
-    best, *others = sorted(answers_of(plan), key=lambda answer: -rank(answer))
+    ranked = sorted(answers_of(plan), key=lambda answer: -rank(answer))
+    seen = [answer for answer in ranked if scan.seen[answer.grasp.contacts.triangles].any()]
+    if not seen:
+        return _untrusted(plan, ranked[0])
+    best, *others = seen
     plan = replace(plan, alternatives=tuple(others[: keep - 1]))
     return chosen(plan, best, "its contacts rest most on the surface that was seen")
+
+
+def _untrusted(plan: P, best: Answer) -> P:
+    """The plan without an answer, because its best one has a trust of 0."""
+    why = (
+        f"{best.grasp.score_text}, but all its contacts are on guessed surface (trust 0): "
+        "scan the object from another side, or from several"
+    )
+    last = Transition(mode=plan.decision.mode, outcome="deadlock", reason=why)
+    decision = replace(
+        plan.decision,
+        status=Status.DEADLOCK,
+        reason=why,
+        grasp=None,
+        best=best.grasp,
+        alternatives=(),
+        transitions=(*plan.decision.transitions, last),
+    )
+    return replace(plan, answer=None, alternatives=(), best=best, decision=decision)
 
 
 def chosen(plan: P, answer: Answer, why: str) -> P:

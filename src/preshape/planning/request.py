@@ -26,7 +26,7 @@ from ..hiis.planes import allowed_planes
 from ..kernels.closing.host import Obstacles
 from ..memory.records import SCENE_LENGTH
 from ..objects.checks import metres
-from ..objects.load import IN_MEMORY, stored_source
+from ..objects.load import IN_MEMORY, load_object, stored_source
 from ..objects.mass import object_mass
 from ..objects.mesh import TriangleMesh
 from ..objects.scans.complete import ALL_ROUND
@@ -75,6 +75,7 @@ _KINDS: tuple[tuple[str, Any, str], ...] = (
     ("hand", str | Hand, "the name of a hand, its description file, or a loaded hand"),
     ("analyser", str | None, f"{' or '.join(ANALYSERS)}, or empty for the hand's default"),
     ("approaches", str | None, "text of approach axes such as +z,-x, or None for all"),
+    ("cut_table", bool | np.bool_ | None, "True, False or None"),
     ("learn", bool | np.bool_, "True or False"),
     ("verify", bool | np.bool_, "True or False"),
     ("settings", Settings, "a value of Settings"),
@@ -99,6 +100,8 @@ class PlanRequest:
         scale: Factor on the object's size.
         view: Camera position of a point cloud, as three numbers in the cloud's frame and unit, or ``all`` if
             the points show the object from all sides; ``None`` reads the position from the file.
+        cut_table: Whether a table in a point cloud is cut off; ``False`` keeps it as part of the object, and
+            ``None`` refuses a cloud with a table.
         mass: Mass of the object [kg]; ``None`` takes the object's own, or an estimate from its volume.
         friction: Friction coefficient between hand and object; ``None`` is the field's 0.6.
         table: Height of a table along the mesh frame's z [m], ``auto`` for the object's lowest point, or
@@ -127,6 +130,7 @@ class PlanRequest:
     unit: str = "m"
     scale: float = 1.0
     view: Sequence[float] | str | None = None
+    cut_table: bool | None = None
     mass: float | None = None
     friction: float | None = None
     table: float | str | None = None
@@ -154,11 +158,15 @@ class PlanRequest:
         freeze(self, gravity=task.gravity if self.gravity is None else _gravity(self.gravity))
         freeze(self, table=_table(self.table), avoid=_boxes(self.avoid), view=_view(self.view))
         freeze(self, learn=bool(self.learn), verify=bool(self.verify))
+        if self.cut_table is not None:
+            freeze(self, cut_table=bool(self.cut_table))
         allowed_planes(self.approaches)
         metres(self.unit, self.scale)
         freeze(self, scale=float(self.scale))
         if isinstance(self.source, TriangleMesh) and (self.unit != "m" or self.scale != 1.0):
             raise InputError("a TriangleMesh is in metres at its final size: unit and scale are for files")
+        if isinstance(self.source, TriangleMesh) and self.cut_table is not None:
+            raise InputError("a TriangleMesh has no points to cut off: cut_table is for files of points")
         freeze(self, count=whole_number(self.count, "count, the number of answers,", 1))
         for name in ("mass", "friction"):
             if (given := getattr(self, name)) is not None:
@@ -193,6 +201,21 @@ class PlanRequest:
     def object_name(self) -> str:
         """The object's file or name."""
         return self.source.name if isinstance(self.source, TriangleMesh) else str(self.source)
+
+    def load(self) -> TriangleMesh:
+        """The object from its file or from the library; a mesh as it is [m].
+
+        Raises:
+            InputError: ``view`` or ``cut_table`` does not fit the file.
+            UnknownObject: There is neither a file nor a library object of that name.
+            ObjectError: The file cannot be used.
+            EnvironmentFailure: The file cannot be read.
+        """
+        if isinstance(self.source, TriangleMesh):
+            return self.source
+        return load_object(
+            self.source, unit=self.unit, scale=self.scale, view=self.view, cut_table=self.cut_table
+        )
 
     @property
     def stated_mass(self) -> float | None:
@@ -298,6 +321,7 @@ class PlanRequest:
                 "unit": self.unit,
                 "scale": self.scale * scale,
                 "view": list(view) if isinstance(view, tuple) else view,
+                "cut_table": self.cut_table,
             },
             "task": task_to_json(self.asked),
             "hand": self.hand_name,
@@ -345,6 +369,7 @@ class PlanRequest:
             )
             read: dict[str, Any] = {
                 **{name: thing[name] for name in ("source", "unit", "scale", "view")},
+                "cut_table": thing.get("cut_table"),
                 "task": task_from_json(data["task"]),
                 "settings": settings,
                 "search": ClosureSettings(**{name: data["search"][name] for name in _SEARCH}),

@@ -28,7 +28,6 @@ from ..hiis.critic import of_this_object
 from ..hiis.decision import Decision, Settings
 from ..memory import Memory, default_path
 from ..objects.library import load_library_object
-from ..objects.load import load_object
 from ..objects.mass import ObjectMass, object_mass
 from ..objects.mesh import TriangleMesh
 from ..types import Array, Experience, value
@@ -260,7 +259,7 @@ class Session:
         key, last = _file_key(request), self._mesh
         # A glTF file may name files with its vertices, which may have changed instead.
         if last is None or last[0] != key or str(request.source).lower().endswith((".gltf", ".glb")):
-            made = load_object(request.source, unit=request.unit, scale=request.scale, view=request.view)
+            made = request.load()
             if last is None or last[0] != key or not last[1].same_as(made):
                 self._mesh = last = key, made
         return last[1]
@@ -466,7 +465,7 @@ def closure_controller(
 def _file_key(request: PlanRequest) -> tuple[Any, ...]:
     """Key of a loaded object in the cache; a file that was written again is another object."""
     source = str(request.source)
-    return source, request.unit, request.scale, request.view, file_state(source)
+    return source, request.unit, request.scale, request.view, request.cut_table, file_state(source)
 
 
 def _element_key(request: PlanRequest, hand: Hand, mesh: TriangleMesh, mass: ObjectMass) -> tuple[Any, ...]:

@@ -11,6 +11,7 @@ import hashlib
 import math
 from pathlib import Path
 from typing import Any
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -31,6 +32,7 @@ COARSE = 32  # nodes along the longest side of the coarsest grid, all of which a
 BAND = 0.01  # every grid is exact within this distance of the surface [m], where fingertips' centres are
 USER_CACHE = ""
 """Stands for the folder ``PRESHAPE_CACHE``, or for the user's own cache folder if that is not set."""
+_WARP_MESHES: WeakKeyDictionary[TriangleMesh, dict[str, Any]] = WeakKeyDictionary()
 
 
 @value
@@ -186,14 +188,17 @@ def _warp() -> tuple[Any, Any]:
 
 
 def _warp_mesh(mesh: TriangleMesh, device: str) -> Any:
+    """The mesh on a device, made once for field and query and kept as long as the mesh exists."""
     wp, warp_field = _warp()
     load_kernels(warp_field, device)
-    triangles = oriented_triangles(mesh)
-    return wp.Mesh(
-        points=wp.array(mesh.vertices.astype(np.float32), dtype=wp.vec3, device=device),
-        indices=wp.array(triangles.astype(np.int32).ravel(), dtype=int, device=device),
-        support_winding_number=True,
-    )
+    on_devices = _WARP_MESHES.setdefault(mesh, {})
+    if device not in on_devices:
+        on_devices[device] = wp.Mesh(
+            points=wp.array(mesh.vertices.astype(np.float32), dtype=wp.vec3, device=device),
+            indices=wp.array(oriented_triangles(mesh).astype(np.int32).ravel(), dtype=int, device=device),
+            support_winding_number=True,
+        )
+    return on_devices[device]
 
 
 def _fill(mesh: TriangleMesh, cells: int, padding: float, digest: str) -> DistanceField:

@@ -6,10 +6,15 @@ not, one of them is reversed.
 
 from __future__ import annotations
 
+from weakref import WeakKeyDictionary
+
 import numpy as np
 
 from ...objects.mesh import TriangleMesh
+from ...objects.read_raw import group_rows
 from ...types import Array, BoolArray, IntArray
+
+_ORIENTED: WeakKeyDictionary[TriangleMesh, IntArray] = WeakKeyDictionary()
 
 
 def oriented_triangles(mesh: TriangleMesh) -> IntArray:
@@ -20,7 +25,8 @@ def oriented_triangles(mesh: TriangleMesh) -> IntArray:
        then be a cavity.
     3. All open parts are reversed together if their total volume is negative.
 
-    A part that cannot be wound consistently (a Möbius band) is not changed.
+    A part that cannot be wound consistently (a Möbius band) is not changed. The result is kept as long as the
+    mesh exists, because field, surface query and antipodal pairs need it.
 
     Args:
         mesh: Any mesh.
@@ -28,26 +34,32 @@ def oriented_triangles(mesh: TriangleMesh) -> IntArray:
     Returns:
         (m, 3) indices into ``mesh.vertices``; the mesh's own array if nothing had to be reversed.
     """
+    if mesh not in _ORIENTED:
+        _ORIENTED[mesh] = _oriented(mesh)
+    return _ORIENTED[mesh]
+
+
+def _oriented(mesh: TriangleMesh) -> IntArray:
     # Edges that belong to two triangles join them; an edge of one triangle makes its part open.
-    points, same = np.unique(mesh.vertices, axis=0, return_inverse=True)
-    faces = same.ravel()[mesh.triangles]
-    count = len(faces)
-    edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
-    owner = np.tile(np.arange(count), 3)
-    forward = edges[:, 0] < edges[:, 1]
-    key = edges.min(axis=1) * len(points) + edges.max(axis=1)
-    order = np.argsort(key, kind="stable")
-    key, owner, forward = key[order], owner[order], forward[order]
+    places, same = group_rows(mesh.vertices + 0.0)  # -0 becomes 0
+    faces = same[mesh.triangles]
+    key = np.concatenate([_edge_key(faces[:, k], faces[:, (k + 1) % 3], len(places)) for k in range(3)])
+    order = np.argsort(key)
+    key = key[order]
     starts = np.flatnonzero(np.r_[True, key[1:] != key[:-1]])
     sizes = np.diff(np.r_[starts, len(key)])
     shared = starts[sizes == 2]
-    a, b, alike = owner[shared], owner[shared + 1], forward[shared] != forward[shared + 1]
+    first, second = order[shared], order[shared + 1]
+    corner, count = faces.T.ravel(), len(faces)  # the corners at which the edges start
+    a, b, alike = first % count, second % count, corner[first] != corner[second]
+    alone = order[starts[sizes == 1]] % count
+    del places, same, faces, key, order, starts, sizes, shared, first, second, corner
     # 1. Winding of each part
     part, turn = _parts(a, b, alike, mesh.areas)
     open_part = np.zeros(part.max() + 1, dtype=bool)
-    open_part[part[owner[starts[sizes == 1]]]] = True
+    open_part[part[alone]] = True
     # 2. and 3. Six times the volume under each triangle says which way its part faces.
-    sixfold = np.einsum("ij,ij->i", mesh.corners[:, 0] - mesh.cog, np.cross(*_sides(mesh)))
+    sixfold = np.einsum("ij,ij->i", mesh.corners[:, 0] - mesh.cog, mesh.crosses)
     volume = np.bincount(part, weights=np.where(turn, -sixfold, sixfold))
     backward = np.where(open_part, volume[open_part].sum() < 0, volume < 0)
     lone = _not_within_another(mesh, part)
@@ -57,9 +69,9 @@ def oriented_triangles(mesh: TriangleMesh) -> IntArray:
     return np.where(turn[:, None], mesh.triangles[:, ::-1], mesh.triangles)
 
 
-def _sides(mesh: TriangleMesh) -> tuple[Array, Array]:
-    corners = mesh.corners
-    return corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+def _edge_key(a: IntArray, b: IntArray, count: int) -> IntArray:
+    """One number for each edge between two of ``count`` places, the same in both directions."""
+    return np.minimum(a, b) * count + np.maximum(a, b)
 
 
 def _parts(a: IntArray, b: IntArray, alike: BoolArray, areas: Array) -> tuple[IntArray, BoolArray]:
@@ -71,6 +83,10 @@ def _parts(a: IntArray, b: IntArray, alike: BoolArray, areas: Array) -> tuple[In
     from scipy.sparse.csgraph import connected_components
 
     count = len(areas)
+    if alike.all():  # wound consistently, as most files are: half the graph does
+        graph = coo_array((np.ones(len(a), dtype=np.int8), (a, b)), shape=(count, count))
+        part = connected_components(graph, directed=False)[1].astype(np.int64)
+        return part, np.zeros(count, dtype=bool)
     rows = np.concatenate([a, a + count])
     columns = np.concatenate([np.where(alike, b, b + count), np.where(alike, b + count, b)])
     graph = coo_array((np.ones(len(rows), dtype=np.int8), (rows, columns)), shape=(2 * count, 2 * count))
@@ -90,11 +106,11 @@ def _parts(a: IntArray, b: IntArray, alike: BoolArray, areas: Array) -> tuple[In
 def _not_within_another(mesh: TriangleMesh, part: IntArray) -> BoolArray:
     """For each part, whether no other part's bounding box holds its own."""
     count = int(part.max()) + 1
-    low = np.full((count, 3), np.inf)
-    high = np.full((count, 3), -np.inf)
-    np.minimum.at(low, part, mesh.corners.min(axis=1))
-    np.maximum.at(high, part, mesh.corners.max(axis=1))
-    if count > 2000:  # too many to compare in pairs; such fragments are no cavities
+    if count == 1 or count > 2000:  # so many fragments are no cavities, and too many to compare in pairs
         return np.ones(count, dtype=bool)
+    order = np.argsort(part, kind="stable")
+    starts = np.searchsorted(part[order], np.arange(count))
+    low = np.minimum.reduceat(mesh.corners.min(axis=1)[order], starts)
+    high = np.maximum.reduceat(mesh.corners.max(axis=1)[order], starts)
     within = np.all((low[:, None] > low[None]) & (high[:, None] < high[None]), axis=2)
     return np.logical_not(within.any(axis=1))

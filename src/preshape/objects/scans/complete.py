@@ -14,6 +14,7 @@ from .scan import RawCloud, Scan
 from .sight import HIDDEN, Sight, hidden_share, sight_of
 from .surface import SEEN_SPACINGS, Grid, grid_round, seen_triangles, zero_of_values, zero_surface
 from .symmetry import Symmetry, symmetries
+from .table import find_table
 
 NEAR = 8.0
 """A node that lies more than this number of spacings in free space is outside [C]."""
@@ -41,7 +42,13 @@ class Completed:
         freeze(self, vertices=frozen_array(self.vertices, (None, 3), "vertices"))
 
 
-def complete(name: str, cloud: RawCloud, camera: Sequence[float] | Array | str | None = None) -> Completed:
+def complete(
+    name: str,
+    cloud: RawCloud,
+    camera: Sequence[float] | Array | str | None = None,
+    *,
+    cut_table: bool | None = None,
+) -> Completed:
     """Make a closed surface from points.
 
     Args:
@@ -51,18 +58,42 @@ def complete(name: str, cloud: RawCloud, camera: Sequence[float] | Array | str |
             sides. ``None`` takes the camera of the file. If the file has none, it takes the origin, provided
             that the origin lies outside the bounding box and few points are hidden from there; otherwise the
             points count as seen from all sides.
+        cut_table: Whether a table in the cloud is cut off; ``False`` keeps it as part of the object, and
+            ``None`` refuses it.
 
     Raises:
-        ObjectError: The points do not make one body: too few points, two objects, or all points on a plane.
+        ObjectError: The points do not make one body: too few points, two objects, all points on a plane, or a
+            table with the object on it.
         InputError: The camera is among the points, or cannot have seen them.
     """
-    points = cloud.points[np.isfinite(cloud.points).all(axis=1)]
+    points = cloud.echoes
     check_enough(name, len(points), "points")
+    if cut_table is not False:
+        points = _without_table(name, points, cut=cut_table is True)
     place = _camera(name, points, cloud, camera)
     clean = cleaned(name, points, place)
     if place is None:
         return _from_all_round(name, len(points), clean)
     return _from_one_side(name, len(points), clean, place)
+
+
+def _without_table(name: str, points: Array, *, cut: bool) -> Array:
+    """The points of what stands on a table, or all points if there is no table.
+
+    Raises:
+        ObjectError: There is a table, and it is not to be cut off.
+    """
+    table = find_table(points)
+    if table is None:
+        return points
+    if cut:
+        return points[table.above]
+    sides = " × ".join(f"{1000 * side:.0f}" for side in table.sides)
+    raise ObjectError(
+        f"{name}: {100 * table.share:.0f} % of the points lie on one plane of {sides} mm that the others "
+        "stand on, probably a table; cut it off with --cut-table, or keep it as part of the object with "
+        "--no-cut-table"
+    )
 
 
 def _camera(

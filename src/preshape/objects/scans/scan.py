@@ -13,7 +13,7 @@ class RawCloud:
     """The points of a file.
 
     Attributes:
-        points: (n, 3) positions in the file's unit; rows of NaN are pixels without an echo.
+        points: (n, 3) positions in the file's unit; rows of NaN, or of zeros, are pixels without an echo.
         camera: (3,) position of the camera that the file names, or ``None``.
     """
 
@@ -24,6 +24,11 @@ class RawCloud:
         points = np.array(self.points, dtype=np.float64)
         camera = None if self.camera is None else frozen_array(self.camera, (3,), "camera position")
         freeze(self, points=read_only(points), camera=camera)
+
+    @property
+    def echoes(self) -> Array:
+        """(k, 3) the points without the pixels that have no echo."""
+        return self.points[np.isfinite(self.points).all(axis=1) & self.points.any(axis=1)]
 
 
 @value
