@@ -268,27 +268,25 @@ def test_things_that_are_no_files(tmp_path: Path) -> None:
 def test_no_permission_is_not_the_object_s_fault(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """As with a file of another user; a superuser who runs the test can read everything."""
 
-    def forbidden(self: Path) -> bytes:
+    def forbidden(*_: object, **__: object) -> bytes:
         raise PermissionError(13, "Permission denied")
 
     file = tmp_path / "a.obj"
     file.write_text(TETRA + FACES)
-    monkeypatch.setattr(Path, "read_bytes", forbidden)
+    monkeypatch.setattr("preshape.files.open", forbidden, raising=False)
     with pytest.raises(EnvironmentFailure, match=r"cannot be read .Permission denied.") as caught:
         load_object(file)
     assert caught.value.exit_code == 3
 
 
 def test_a_file_removed_between_look_and_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    real = Path.read_bytes
-
-    def late(self: Path) -> bytes:
-        self.unlink()
-        return real(self)
+    def late(path: Path, *how: object, **more: object) -> object:
+        path.unlink()
+        return open(path, *how, **more)  # type: ignore[call-overload]
 
     file = tmp_path / "a.obj"
     file.write_text(TETRA + FACES)
-    monkeypatch.setattr(Path, "read_bytes", late)
+    monkeypatch.setattr("preshape.files.open", late, raising=False)
     with pytest.raises(ObjectError, match="no such file"):
         load_object(file)
 

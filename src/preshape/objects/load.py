@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import stat
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -11,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..exceptions import EnvironmentFailure, InputError, ObjectError, PreshapeError
+from ..files import MOST_OF_MESH, read_file
 from ..types import Array, frozen_array
 from . import checks, read_gltf, read_obj, read_ply, read_trimesh
 from .mesh import TriangleMesh
@@ -175,18 +175,13 @@ def _from_library(name: str, unit: str, scale: float) -> TriangleMesh:
 
 def _content(path: Path, name: str, suffix: str) -> bytes:
     """The content of a file with a known suffix."""
+    if suffix not in _ALL_READERS and not path.is_dir() and path.exists():
+        raise ObjectError(
+            f"{name}: a file with suffix {suffix!r} cannot be read as an object; "
+            f"known: {', '.join(_ALL_READERS)}"
+        )
     try:
-        mode = path.stat().st_mode
-        if stat.S_ISDIR(mode):
-            raise ObjectError(f"{name}: this is a folder; name one mesh file in it")
-        if not stat.S_ISREG(mode):
-            raise ObjectError(f"{name}: this is not a regular file; name a mesh file")
-        if suffix not in _ALL_READERS:
-            raise ObjectError(
-                f"{name}: a file with suffix {suffix!r} cannot be read as an object; "
-                f"known: {', '.join(_ALL_READERS)}"
-            )
-        data = path.read_bytes()
+        data = read_file(path, MOST_OF_MESH, f"{_noun(suffix)} file", refusal=ObjectError)
     except (FileNotFoundError, NotADirectoryError) as error:
         raise ObjectError(f"{name}: there is no such file; check the path") from error
     except ValueError as error:
