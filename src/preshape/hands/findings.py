@@ -317,8 +317,8 @@ def _size_findings(model: CompiledModel) -> list[Finding]:
         if extents.max() > LARGEST_SHAPE:
             size = " × ".join(f"{extent:.3g}" for extent in extents)
             text = (
-                f"the mesh {m.mesh(mesh).name!r} of the link {m.body(body).name!r} measures {size} m, more than "
-                'a part of a hand: if it is in millimetres, give it the scale "0.001 0.001 0.001"'
+                f"the mesh {m.mesh(mesh).name!r} of the link {m.body(body).name!r} measures {size} m, more "
+                'than a part of a hand: if it is in millimetres, give it the scale "0.001 0.001 0.001"'
             )
             found.append(Finding(code="mesh_size", text=text))
     return found

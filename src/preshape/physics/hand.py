@@ -129,7 +129,10 @@ def hand_from_mjcf(
         spec = mujoco.MjSpec.from_string(text)
         folder = path.parent / spec.meshdir
         files = sorted({mesh.file for mesh in spec.meshes})
-        assets = tuple((Path(file).name, read_file(folder / file, MOST_OF_MESH, "mesh", refusal=HandError)) for file in files)
+        assets = tuple(
+            (Path(file).name, read_file(folder / file, MOST_OF_MESH, "mesh", refusal=HandError))
+            for file in files
+        )
     except OSError as error:
         raise EnvironmentFailure(f"cannot read {error.filename}: {error.strerror}") from error
     except (ValueError, UnicodeDecodeError) as error:
