@@ -99,7 +99,8 @@ def _bodies(
     part = _connected(point[triangles])
     plates: list[BoolArray] = []
     if part.any():
-        plates = [own for own in _masks(part) if _is_ground(vertices, triangles, own)]
+        wide = [part == one for one in _widest(vertices[triangles], part)]
+        plates = [own for own in wide if _is_ground(vertices, triangles, own)]
     rest = ~np.any(plates, axis=0) if plates else np.ones(len(triangles), dtype=bool)
     specks, bodies = 0, [rest]
     while part[rest].min(initial=0) != part[rest].max(initial=0):
@@ -177,6 +178,17 @@ def _connected(faces: IntArray) -> IntArray:
     graph = coo_array((np.ones(len(ends), dtype=np.int8), (ends[:, 0], ends[:, 1])), shape=(count, count))
     label = connected_components(graph, directed=False)[1]
     return np.asarray(np.unique(label[faces[:, 0]], return_inverse=True)[1]).ravel()
+
+
+def _widest(corners: Array, part: IntArray) -> list[int]:
+    """The parts that may be wider than all others; none if too many are alike."""
+    count = int(part.max()) + 1
+    low, high = np.full((count, 3), np.inf), np.full((count, 3), -np.inf)
+    np.minimum.at(low, part, corners.min(axis=1))
+    np.maximum.at(high, part, corners.max(axis=1))
+    spans = np.linalg.norm(high - low, axis=1)
+    found = np.flatnonzero(spans >= 0.5 * spans.max())
+    return found.tolist() if len(found) <= _LISTED else []
 
 
 def _is_ground(vertices: Array, triangles: IntArray, own: BoolArray) -> bool:
@@ -273,7 +285,7 @@ def _without_holes(
     if float(np.linalg.norm(crosses.sum(axis=0))) > ONE_SIDED * area:
         raise ObjectError(
             f"{name}: the surface is open and shows one side only, as the mesh of a depth image does; give "
-            "its points (PLY without faces, PCD, XYZ or NPY), whose far side is completed, or a closed surface"
+            "its points (PLY without faces, PCD, XYZ, NPY), whose far side is completed, or a closed surface"
         )
     place = np.zeros((count, 3))
     place[point] = vertices

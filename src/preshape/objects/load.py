@@ -73,9 +73,10 @@ def load_object(
     All parts, groups and scene nodes of a file become one mesh in the axes of the file. Polygons, also
     concave ones, are cut into triangles. Seams, holes, and parts that touch or overlap are accepted. What
     lies apart is refused or left out, and large holes are closed (:mod:`preshape.objects.bodies`). Triangles
-    without area, duplicate triangles and unused vertices are dropped. ``counts`` (table 2) holds the numbers **of
-    the file**: OBJ, PLY and OFF state them; in STL and glTF equal positions count once. If a file has no
-    normals or does not state their number (PLY, OFF, STL, glTF), one normal is counted per vertex [C].
+    without area, duplicate triangles and unused vertices are dropped. ``counts`` (table 2) holds the numbers
+    **of the file**, if all of it is the object: OBJ, PLY and OFF state them; in STL and glTF equal positions
+    count once. If a file has no normals or does not state their number (PLY, OFF, STL, glTF), one normal is
+    counted per vertex [C].
 
     A point cloud (.pcd, .xyz, .npy, or a .ply without faces) becomes a closed surface whose unseen side is
     guessed; ``scan`` says which side (:mod:`preshape.objects.scans.complete`).

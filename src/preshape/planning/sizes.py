@@ -10,7 +10,7 @@ from ..types import LENGTH_UNIT
 
 TOO_SMALL = 0.25
 """An object smaller than this share of a fingertip's width is far below the hand [C]."""
-TOO_LARGE = 5.0
+TOO_LARGE = 3.0
 """An object of which every extent exceeds 4U by this factor is far beyond the hand [C]."""
 LEAST_FITTING = 0.5
 """Least largest extent of an object that fits a hand, as a share of a fingertip's width [C]."""
