@@ -123,6 +123,66 @@ def test_a_task_that_was_taught_is_never_said_not_to_fit(monkeypatch, name, task
             assert "taught" not in other.reason
 
 
+class Blocked:
+    """An element that finds nothing for one task on a single plane, and answers everything else."""
+
+    def __init__(self, element: RayAnalyser, q) -> None:
+        self._element, self._q = element, q
+
+    def __getattr__(self, name):
+        return getattr(self._element, name)
+
+    def explore(self, q, aim):
+        found = self._element.explore(q, aim)
+        none = np.zeros(len(found), dtype=bool)
+        return found.where(none) if len(aim.planes) == 1 and np.array_equal(q, self._q) else found
+
+    def recall(self, q, lessons):
+        return []
+
+
+def test_a_taught_task_whose_grasp_no_longer_fits_is_explored_and_any_other_is_corrected():
+    taught, other = parse_task("pour"), parse_task("turn")
+    with Memory.open(":memory:") as memory:
+        c = Controller(memory, LAYOUT)
+        first = c.teach(prepared("mug"), taught)
+        again = c.run(Blocked(prepared("mug"), taught.q), taught, may_learn=False)
+        assert [t.outcome for t in again.transitions] == ["penalty", "penalty", "known", "explored", "reward"]
+        assert again.grasp.judged == first.grasp.judged
+        refused = c.run(Blocked(prepared("mug"), other.q), other, may_learn=False)
+        assert (refused.mode, refused.status) == (2, Status.CORRECTION)
+        assert "recognition as mug" in refused.reason
+        assert "on the planes that were searched, no grasp found" in refused.reason
+
+
+def test_a_correction_carries_the_best_grasp_that_was_searched():
+    with Memory.open(":memory:") as memory:
+        Controller(memory, LAYOUT).teach(prepared("mug"), parse_task("pour"))
+        strict = Settings(thresholds=Thresholds(estimation=5.9))
+        decision = Controller(memory, LAYOUT, settings=strict).run(prepared("mug"), parse_task("lift"))
+    assert decision.status is Status.CORRECTION
+    assert decision.grasp is None
+    assert 0.0 < decision.best.judged < 5.9
+    assert f"TFVADI {decision.best.judged:.2f} is below the threshold 5.90" in decision.reason
+
+
+@pytest.mark.parametrize(("match", "known"), [(3.0, True), (2.9, False)])
+def test_an_object_is_known_by_a_task_that_was_learnt_well_enough(match, known):
+    """A deadlock leaves a lesson, and so does a migrated grasp; neither may refuse other tasks."""
+    with Memory.open(":memory:") as memory:
+        Controller(memory, LAYOUT).teach(prepared("mug"), parse_task("pour"))
+        lessons = memory.experiences()
+    scored = [replace(e, match=match) if (e.kind, e.object_name) == ("task", "mug") else e for e in lessons]
+    scored = [e for e in scored if e.kind != "grip"]
+    with Memory.open(":memory:") as memory:
+        memory.add(scored)
+        c = Controller(memory, LAYOUT)
+        other = parse_task("turn")
+        decision = c.run(Blocked(prepared("mug"), other.q), other, may_learn=False)
+    assert decision.transitions[2].outcome == ("known" if known else "unknown")
+    assert decision.mode == (2 if known else 3)
+
+
 def test_a_repeated_lesson_is_not_stored_again():
     with Memory.open(":memory:") as memory:
         c = Controller(memory, LAYOUT)
@@ -149,7 +209,7 @@ def test_a_real_hand_knows_an_object_only_in_the_scene_and_by_what_was_good_enou
             monkeypatch.setattr(Controller, name, lambda *args, **more: nothing)
         monkeypatch.setattr(Controller, "_offers", lambda *args: ())
         known, unknown = (c.run(prepared("mug"), other, may_learn=False) for c in (there, here))
-        assert known.status is Status.CORRECTION
+        assert [t.outcome for t in known.transitions[:4]] == ["penalty", "penalty", "known", "explored"]
         assert "its shape to mug" in known.transitions[2].reason
         assert [t.outcome for t in unknown.transitions[:3]] == ["penalty", "penalty", "unknown"]
         assert "knows mug only with another load, friction, table or boxes" in unknown.transitions[2].reason

@@ -104,6 +104,27 @@ def test_it_does_not_make_the_object_a_known_one(memory: Memory) -> None:
     assert not recognition.verdict.reward
 
 
+def test_what_the_memory_holds_never_makes_a_search_find_less(memory: Memory) -> None:
+    """Stored grips are tried beside the candidates and displace none, whatever they are of."""
+    for name, task in (("bottle", LIFT), ("brick", TWIST), ("box", TWIST)):
+        ask(memory, name, task)
+    mesh, lessons = load_library_object("box"), memory.experiences()
+    assert sum(e.grip is not None for e in lessons) > 50
+    tried = []
+    for planes in (ALL_PLANES, (7,), (12,)):
+        aim = Aim(planes=planes, values=np.linspace(-0.95, 0.95, 40))
+        without, having = (
+            ClosureAnalyser(
+                mesh, HAND, layout_of(HAND), settings=QUICK, gravity=LIFT.gravity, known=lambda k=known: k
+            ).explore(LIFT.q, aim)
+            for known in ((), lessons)
+        )
+        fresh, found = (e.match.tolist() for e in (without, having))
+        assert max(found, default=0.0) >= max(fresh, default=0.0) - 1e-12
+        tried.append(having.tried - without.tried)
+    assert tried[0] > 0
+
+
 @pytest.mark.parametrize("why", ["not to learn", "read only"])
 def test_nothing_is_remembered_where_nothing_may_be(memory: Memory, why: str) -> None:
     if why == "read only":

@@ -84,8 +84,8 @@ class ClosureAnalyser:
         gravity: (3,) unit direction of gravity in the mesh frame; zeros mean no gravity.
         seed: Seed of every random draw; the same seed gives the same grips.
         known: Function that returns the experiences of this hand; their grips may be recalled.
-        scene: The scene of the request. Mode 0 recalls grips of this scene only; the wider searches start
-            from stored grips of any scene.
+        scene: The scene of the request. Mode 0 recalls grips of this scene only; the wider searches try
+            stored grips of any scene.
     """
 
     def __init__(
@@ -222,14 +222,16 @@ class ClosureAnalyser:
 
         1. At an estimate (mode 0), try the stored grips first: those of the most similar object, then the
            others. If a stored grip is still nearly as good as when it was stored, it is the answer.
-        2. Draw candidates, add the stored grips that lie in the aim, and rank them all. In a search of all
-           planes (mode 3), draw more if too few close or the best margin is too small.
+        2. Draw candidates and rank them. In a search of all planes (mode 3), draw more if too few close or
+           the best margin is too small.
         3. Refine the best. Rank those that differ from each other again under pose errors.
         4. Finish the best.
         5. In a search of all planes, while the margin is too small: drop candidates similar to those that
            failed, draw others in their place, and repeat from 3.
         6. If everything has been searched and no grip is good enough, allow a firm press.
-        7. Sort by quality. If there is no grip, find the nearest miss, and report why the candidates failed
+        7. In the wider searches, finish the best stored grips that lie in the aim, too. They stay apart from
+           the candidates: what the memory holds must not make a search find less.
+        8. Sort by quality. If there is no grip, find the nearest miss, and report why the candidates failed
            and what would help against the rule that refused most of them.
         """
         size = float(self.mesh.extents.max())
@@ -258,8 +260,6 @@ class ClosureAnalyser:
         # 2. Candidates.
         rng = np.random.default_rng([self.seed, zlib.crc32(_key(aim))])
         drawn = self._draw(rng, aim, effort.candidates)
-        if known is not None and known.aimed.any():
-            drawn = concatenated(drawn, known.drawn.take(np.flatnonzero(known.aimed)))
         found = self.search.evaluate(drawn, demand)
         if not one_plane:
             found = self._draw_more(rng, aim, found, demand, settings.persistence)
@@ -289,7 +289,13 @@ class ClosureAnalyser:
         # 6. Firm press.
         if not unexplored and _best_margin(finished) < 1.0:
             finished = self.finisher.finish(source, demand, replace(options, by_joints=True, firm=True))
-        # 7. Answer.
+        # 7. Stored grips in the aim.
+        if known is not None and not at_estimate:
+            aimed = known.drawn.take(np.flatnonzero(known.aimed))
+            tried += len(aimed)
+            gentle = unexplored or _best_margin(finished) >= 1.0
+            remembered += self._finish_recalled(aimed, demand, aim, gentle)
+        # 8. Answer.
         answers = self.grips(q, sorted([*remembered, *finished], key=lambda grip: -grip.margin))
         answers.sort(key=lambda grip: -grip.judged)
         reason, miss = "" if answers else self._why_none(found), None
@@ -370,7 +376,7 @@ class ClosureAnalyser:
     def _finish_recalled(
         self, known: DrawnCandidates, demand: Demand, aim: Aim, unexplored: bool
     ) -> list[FinishedGrip]:
-        """Turn recalled candidates into grips of this object."""
+        """Turn recalled candidates into grips of this object; with a firm press if all has been searched."""
         if not len(known):
             return []
         found = self.search.evaluate(known, demand)

@@ -7,10 +7,13 @@
     mode 1  search the estimated plane    ── reward ──> answer
        │ penalty
     mode 2  is the object known?          ── yes ─────> ask for task correction, offer tasks that fit
-       │ no
+       │ no, or with a real hand
     mode 3  explore, learn, self-test     ── reward ──> answer
        │ penalty
     deadlock, until meta control resets it
+
+A real hand explores a known object too, before it says that the task does not fit [C]: exploring costs less
+than a second, and a task must not be refused because another one was taught before.
 
 Only this module combines the parts of the system; each of them can be used and tested alone.
 """
@@ -29,7 +32,16 @@ from ..objects.shape import described
 from ..tasks import Task, all_named_tasks
 from ..types import ANSWER_KIND, Array, Attributes, BoolArray, Experience, NetworkWeights
 from .analyser import Aim, Analyser, Exploration, Grasp, Grip, HandLayout
-from .critic import SLACK, Recognition, Verdict, judge, recognise, recognise_shape
+from .critic import (
+    SLACK,
+    Recognition,
+    Thresholds,
+    Verdict,
+    judge,
+    of_this_object,
+    recognise,
+    recognise_shape,
+)
 from .decision import Decision, Offer, Settings, Status, Transition, decided
 from .estimator import Estimate, InputKind, decode, inputs, predict
 from .knowledge import Knowledge
@@ -40,7 +52,7 @@ from .learning import (
     search_values,
     seed_cube,
 )
-from .lessons import best_first, good_enough, of_this_mesh, of_this_object
+from .lessons import best_first, of_this_mesh, well_learnt
 from .planes import allowed_planes
 from .virtual_grasp import RayAnalyser
 
@@ -166,13 +178,22 @@ class Controller:
             return self._answer(pa, task, len(steps) - 1, grasp, steps, allowed, count, estimate)
 
         recognition = self._mode_2(pa)
+        known = recognition.verdict.reward
         steps.append(_step(2, recognition.verdict, met="known", missed="unknown"))
-        if recognition.verdict.reward:
-            if approaches is not None:
-                steps[-1] = replace(steps[-1], reason=f"{steps[-1].reason}; approaches allowed: {approaches}")
+        if known and self._settled(pa, task, allowed):
+            words = [f"the object is known ({recognition.verdict.reason})", verdict.reason]
+            words[1] = f"on the planes that were searched, {words[1]}"
+            words += [f"approaches allowed: {approaches}"] if approaches is not None else []
+            steps[-1] = replace(steps[-1], reason="; ".join(words))
             offers = self._offers(pa, task, allowed)
-            return decided(task, 2, Status.CORRECTION, steps, estimate, offers=offers)
-        return self._mode_3(pa, task, allowed, count, steps, may_learn, stored, grasp)
+            return decided(task, 2, Status.CORRECTION, steps, estimate, best=grasp, offers=offers)
+        decision = self._mode_3(pa, task, allowed, count, steps, may_learn, stored, grasp)
+        if known and decision.grasp is None:
+            self.deadlock = False
+            steps[-1] = replace(steps[-1], outcome="correction")
+            offers = self._offers(pa, task, allowed)
+            return decided(task, 3, Status.CORRECTION, steps, None, best=decision.best, offers=offers)
+        return decision
 
     def teach(
         self, target: TriangleMesh | Analyser, task: Task, *, approaches: str | None = None
@@ -274,9 +295,7 @@ class Controller:
         Mode 2 must never say that a task does not fit which was taught, and which a grasp on the taught plane
         still meets on the current mesh; that may be a finer triangulation of the object.
         """
-        lessons = self.knowledge.of_task(task, allowed)
-        taught = of_this_object(lessons, described(pa.mesh)) if lessons else []
-        planes = {e.plane for e in best_first(taught)} - {estimate.plane}
+        planes = {e.plane for e in self._taught(pa, task, allowed)} - {estimate.plane}
         for number in sorted(planes):
             other, found = self._criticise(pa, task.q, self._on(pa, task.q, number))
             if other is not None and (grasp is None or other.judged > grasp.judged + SLACK):
@@ -284,16 +303,33 @@ class Controller:
                 grasp, verdict = other, replace(found, reason=reason)
         return grasp, verdict
 
+    def _taught(self, pa: Analyser, task: Task, allowed: BoolArray) -> list[Experience]:
+        """The lessons of this task with objects that may be this one, one of each grasp, the best first."""
+        return best_first(of_this_object(self.knowledge.of_task(task, allowed), pa.mesh))
+
+    def _settled(self, pa: Analyser, task: Task, allowed: BoolArray) -> bool:
+        """Whether mode 2 may end the run with a known object: virtual grasps and a task not taught [R].
+
+        A taught task that its grasp no longer meets is explored again, because a mesh may differ from the
+        taught one within the tolerance of recognition.
+        """
+        threshold = self.settings.thresholds.estimation - SLACK
+        return self._kind != "shape" and not any(
+            e.judged >= threshold and not e.outdated for e in self._taught(pa, task, allowed)
+        )
+
     def _mode_2(self, pa: Analyser) -> Recognition:
-        """Whether the object is known."""
+        """Whether the object is known: only objects count with which some task was learnt well enough.
+
+        A threshold above the usual one does not make a known object unknown.
+        """
         s = self.settings
+        enough = min(s.thresholds.estimation, Thresholds().estimation)
+        lessons = well_learnt(self.experiences, self.knowledge.scene, enough)
         if self._kind != "shape":
-            lessons = [e for e in self.experiences if e.kind != ANSWER_KIND]
             return recognise(pa, lessons, s.thresholds.recognition, s.sets)
         here = self._attributes(pa)
-        found = recognise_shape(
-            here, good_enough(self.experiences, self.knowledge.scene, s.thresholds.estimation)
-        )
+        found = recognise_shape(here, lessons)
         if not found.verdict.reward:
             other = recognise_shape(here, [e for e in self.experiences if e.kind != ANSWER_KIND])
             if other.verdict.reward:
@@ -327,7 +363,9 @@ class Controller:
 
         1. Search all allowed planes; without a grasp, report the nearest miss.
         2. Learn what was found, and let the self-test judge it. If nothing may be learnt, or not all planes
-           were allowed, judge the best grasp itself.
+           were allowed, judge the best grasp itself. A grip of a real hand that is not good enough is not
+           learnt: it would teach the estimator where not to grasp, and the same request would search again
+           from other weights [C].
         3. Prefer a better grasp that is stored for this object and task.
         4. If none is good enough, report a deadlock with the best of all that were found, ``searched`` by
            mode 1 among them.
@@ -344,7 +382,7 @@ class Controller:
         best = discovery.answer
         steps.append(Transition(mode=3, outcome="explored", reason=discovery.summary))
         verdict = judge(best.judged, threshold, subject=pa.measure)
-        if may_learn and not self.memory.read_only:
+        if may_learn and not self.memory.read_only and (verdict.reward or not isinstance(best, Grip)):
             # A lesson learnt with restricted approaches would wrongly restrict later plans without them [C].
             whole = None if allowed.all() else self._explore(pa, task, None)
             learnt = self._learn(pa, task, whole or discovery)

@@ -6,11 +6,12 @@ The critic only compares a score with a threshold and gives the reason.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
 
 from ..exceptions import InputError
+from ..objects.mesh import TriangleMesh
 from ..objects.shape import LENGTH, attribute_distance, described, shape_distance
 from ..types import Attributes, Experience, freeze, frozen_array, value
 from .analyser import Aim, Analyser
@@ -128,11 +129,8 @@ def recognise(
         distance: Function that returns the distance between the attributes of two objects.
         within: Largest attribute distance of an experience that is compared.
     """
-    here = analyser.mesh.attributes
-    near = [e for e in experiences if not e.outdated and distance(here, e.attributes) <= within + SLACK]
-    if any(e.attributes.shape is not None for e in near):
-        seen = described(analyser.mesh)
-        near = [e for e in near if same_shape(seen, e.attributes)]
+    current = [e for e in experiences if not e.outdated]
+    near = of_this_object(current, analyser.mesh, distance=distance, within=within)
     best, name = 0.0, None
     for e in _distinct(near):
         aim = Aim(planes=[e.plane], values=[e.approach_value], fingers=[e.fingers], flips=[e.flip])
@@ -148,6 +146,28 @@ def recognise(
         )
     verdict = judge(best, threshold, subject=f"recognition as {name or near[0].object_name}:")
     return Recognition(verdict=verdict, candidates=len(near), nearest=name)
+
+
+def of_this_object(
+    experiences: Iterable[Experience],
+    mesh: TriangleMesh,
+    *,
+    distance: Callable[[Attributes, Attributes], float] = attribute_distance,
+    within: float = SAME_OBJECT,
+) -> list[Experience]:
+    """The lessons of objects that may be this one: of the same size, within 5 %, and of the same shape.
+
+    Args:
+        experiences: Lessons.
+        mesh: The current object. Its shape is described only if a lesson is of its size.
+        distance: Function that returns the distance between the attributes of two objects.
+        within: Largest distance of the attributes.
+    """
+    near = [e for e in experiences if distance(mesh.attributes, e.attributes) <= within + SLACK]
+    if all(e.attributes.shape is None for e in near):
+        return near
+    here = described(mesh)
+    return [e for e in near if same_shape(here, e.attributes)]
 
 
 def same_shape(a: Attributes, b: Attributes) -> bool:

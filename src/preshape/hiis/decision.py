@@ -30,7 +30,7 @@ class Status(Enum):
 
 _HELP = {
     Status.ANSWER: "The preshape below matches the task.",
-    Status.CORRECTION: "The object is known, but this task does not fit it: ask for another, or teach it.",
+    Status.CORRECTION: "The object is known, but this task does not fit it.",
     Status.DEADLOCK: "No grasp is good enough for this task: ask for another task, or for less.",
     Status.NO_GRASP: "No grasp was found: allow other approach axes, more room, or another size.",
 }
@@ -107,7 +107,7 @@ class Decision:
         grasp: The answer; ``None`` without one.
         best: The answer; without an answer, the best grasp found, which is not good enough.
         alternatives: Further answers, best first.
-        offers: Tasks that some grasp fits, nearest to the requested task first (mode 2).
+        offers: Tasks that some grasp fits, nearest to the requested task first (task correction).
         transitions: Every step with its reason.
         estimate: The estimator's estimate; ``None`` after mode 3.
     """

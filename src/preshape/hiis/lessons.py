@@ -8,10 +8,12 @@ import numpy as np
 
 from ..objects.shape import attribute_distance
 from ..types import ANSWER_KIND, Attributes, Experience
-from .critic import SAME_OBJECT, SLACK, same_shape
+from .critic import SLACK
 from .learning import grasp_key, lesson_key
 
 _THE_VERY_OBJECT = 1e-6
+_SCORED = ("seed", "task", ANSWER_KIND)
+"""Kinds of lessons whose score says how well a task was met; the others are compared with themselves."""
 
 
 def of_this_mesh(experiences: Iterable[Experience], here: Attributes) -> list[Experience]:
@@ -22,17 +24,6 @@ def of_this_mesh(experiences: Iterable[Experience], here: Attributes) -> list[Ex
         if np.allclose(e.attributes.extents, here.extents, rtol=_THE_VERY_OBJECT)
         and attribute_distance(here, e.attributes) < _THE_VERY_OBJECT
     ]
-
-
-def of_this_object(experiences: Iterable[Experience], here: Attributes) -> list[Experience]:
-    """The lessons of objects that may be this one: of the same size within 5 %, and of the same shape.
-
-    Args:
-        experiences: Lessons.
-        here: Attributes of the current object; with a shape descriptor, shapes are compared too.
-    """
-    near = [e for e in experiences if attribute_distance(here, e.attributes) <= SAME_OBJECT + SLACK]
-    return [e for e in near if same_shape(here, e.attributes)]
 
 
 def best_first(lessons: Sequence[Experience]) -> list[Experience]:
@@ -51,11 +42,24 @@ def not_yet_learnt(new: Sequence[Experience], known: Sequence[Experience]) -> li
     return [e for e in new if latest.get(_subject(e)) != lesson_key(e)]
 
 
-def good_enough(experiences: Iterable[Experience], scene: str, threshold: float) -> list[Experience]:
-    """The lessons by which a real hand knows an object: of this scene, with a good enough grip."""
-    return [
-        e for e in experiences if e.kind != ANSWER_KIND and e.scene == scene and e.judged >= threshold - SLACK
-    ]
+def well_learnt(experiences: Iterable[Experience], scene: str, threshold: float) -> list[Experience]:
+    """The lessons by which an object is known: those of objects with a good enough grasp in this scene.
+
+    A deadlock is a lesson too, but it must not make its object known. Answers that were stored without
+    teaching are left out.
+
+    Args:
+        experiences: Lessons of one hand.
+        scene: The scene.
+        threshold: Quality or match that is good enough.
+    """
+    lessons = [e for e in experiences if e.scene == scene and not e.outdated]
+    good = {_object(e) for e in lessons if e.kind in _SCORED and e.judged >= threshold - SLACK}
+    return [e for e in lessons if e.kind != ANSWER_KIND and _object(e) in good]
+
+
+def _object(e: Experience) -> tuple[str, bytes]:
+    return e.object_name, e.attributes.extents.tobytes()
 
 
 def _subject(e: Experience) -> tuple[object, ...]:

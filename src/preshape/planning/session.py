@@ -24,8 +24,8 @@ from ..hands.hand import Hand
 from ..hands.load import load_hand
 from ..hiis.analyser import Analyser, Grasp, HandLayout
 from ..hiis.controller import Controller
+from ..hiis.critic import of_this_object
 from ..hiis.decision import Decision, Settings
-from ..hiis.lessons import of_this_mesh
 from ..memory import Memory, default_path
 from ..objects.library import load_library_object
 from ..objects.load import load_object, split_part
@@ -63,7 +63,7 @@ class Prepared:
         element: The analyser, prepared for the object.
         warnings: What the caller should know about the request.
         seconds: Time of ``load`` and ``prepare`` [s].
-        known: Whether the memory holds an experience of this object, of any task and scene.
+        known: Whether the memory holds an experience of this object (5 % of scale), of any task and scene.
     """
 
     request: PlanRequest
@@ -167,7 +167,7 @@ class Session:
             element=self._element[1],
             warnings=tuple(warnings),
             seconds={"load": loaded - start, "prepare": time.perf_counter() - loaded},
-            known=bool(of_this_mesh(controller.experiences, mesh.attributes)),
+            known=bool(of_this_object(controller.experiences, mesh)),
         )
 
     def run(self, request: PlanRequest, *, partial: Partial | None = None) -> Plan:

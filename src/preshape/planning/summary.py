@@ -171,7 +171,7 @@ def _alternatives(document: Document) -> Table:
 def after_words(document: Document) -> Sequence[str]:
     """Advice on what to do next, one sentence each; empty if there is none."""
     if document["status"] != "answer":
-        return (Status(document["status"]).help,)
+        return (Status(document["status"]).help, *words.correction_words(document))
     if not document["executable"] and not document["alternatives"]:
         return ("This hand cannot execute it as it stands: --count 5 shows other answers.",)
     return ()

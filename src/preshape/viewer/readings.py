@@ -14,6 +14,7 @@ from .words import (
     Document,
     answer_words,
     answers_of,
+    correction_words,
     figures,
     fingers_words,
     load_words,
@@ -93,7 +94,7 @@ def wrapped(*parts: str) -> str:
 
 def headline(document: Document) -> str:
     """Result, request, deciding numbers, mode and time; the request because the panel may have changed."""
-    status, (sign, kind, title) = str(document["status"]), result(document)
+    sign, kind, title = result(document)
     asked = document["task"]["name"] or "six numbers"
     lines = [" · ".join((document["object"]["name"], asked, document["hand"]["name"]))]
     shown = answers_of(document)
@@ -102,12 +103,8 @@ def headline(document: Document) -> str:
     seconds = float(document.get("seconds", {}).get("total", 0.0))
     time = f" · {seconds:.1f}\u00a0s" if seconds else ""
     lines.append(f"{plan_mode(document)}: {_MODE_SENTENCES.get(document['mode'], '')}{time}")
-    if status == "task_correction":
-        lines.append(
-            "Tasks that do fit are offered; or teach this one."
-            if document.get("offers")
-            else "No named task fits either: ask for less match, or teach this one."
-        )
+    if correction := correction_words(document):
+        lines += correction
     elif not document.get("plane") and document.get("reason"):
         lines.append(str(document["reason"]))
     text = "<br>".join(escape(line) for line in lines)

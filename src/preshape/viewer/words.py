@@ -75,6 +75,18 @@ def plan_mode(document: Document) -> str:
     return mode_words(int(document["mode"]), document.get("known", True))
 
 
+def correction_words(document: Document) -> tuple[str, ...]:
+    """What to do after a task correction, in one sentence; empty after any other result."""
+    if document["status"] != "task_correction":
+        return ()
+    if document["mode"] == 3:
+        return ("All planes were searched: ask for another task, or for this one with another load.",)
+    return (
+        "Not all planes were searched: ask for another task, or explore and learn this one "
+        "(preshape learn OBJECT --task TASK).",
+    )
+
+
 def step_words(transition: Document) -> str:
     """One step of the search: what was done, the paper's mode, and its outcome."""
     mode = int(transition["mode"])
