@@ -597,6 +597,10 @@ def test_a_gltf_may_declare_compression_and_have_empty_parts_beside_good_ones(tm
     is_box(load_gltf(tmp_path, document))
 
 
+def test_of_a_gltf_it_is_said_that_its_y_is_up(tmp_path: Path) -> None:
+    assert "y is up" in load_gltf(tmp_path, gltf_box()).notes[-1]
+
+
 def test_a_compressed_buffer_view_is_refused_where_its_extension_is_required(tmp_path: Path) -> None:
     document = gltf_box(extensionsRequired=["EXT_meshopt_compression"])
     document["bufferViews"][0]["extensions"] = {"EXT_meshopt_compression": {"buffer": 0}}

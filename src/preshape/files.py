@@ -50,18 +50,20 @@ def read_file(
         OSError: The file cannot be read.
         ValueError: The path cannot be that of a file.
     """
-    mode = os.stat(path).st_mode
+    found = os.stat(path)
+    mode, size = found.st_mode, found.st_size
     if stat.S_ISDIR(mode):
         raise refusal(f"{path}: this is a folder; name one {wanted} in it")
     if not stat.S_ISREG(mode):
         raise refusal(f"{path}: this is not a regular file but a pipe, device or socket; name a {wanted}")
     # If a pipe has taken the file's place in the meantime, opening it does not wait for a writer.
-    with open(path, "rb", opener=lambda name, flags: os.open(name, flags | _NO_WAIT)) as file:
-        content = file.read(most + 1)
-    if len(content) > most:
-        size = max(len(content), os.stat(path).st_size) / MEGABYTE
+    content = b""
+    if size <= most:
+        with open(path, "rb", opener=lambda name, flags: os.open(name, flags | _NO_WAIT)) as file:
+            content = file.read(most + 1)
+    if max(size, len(content)) > most:
         raise refusal(
-            f"{path}: {size:.0f} MB are too much for a {wanted}, of which at most {most // MEGABYTE} MB are "
+            f"{path}: {max(size, len(content)) / MEGABYTE:.0f} MB are too much for a {wanted}, of which at most {most // MEGABYTE} MB are "
             "read; give a smaller one"
         )
     if content.startswith(_LFS):

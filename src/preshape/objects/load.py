@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -46,6 +47,11 @@ CLOUD_SUFFIXES = tuple(_CLOUD_READERS)
 
 IN_MEMORY = " (in memory)"
 """End of the source of an object that was a mesh in Python; nothing can be found under such a name."""
+
+_Y_UP = (
+    "in a glTF file y is up by its standard, and here z is up: the object is planned for as it lies in the "
+    "file's frame; turn it there if it should stand"
+)
 
 _ALL_READERS = {**_READERS, **_CLOUD_READERS}
 
@@ -120,7 +126,8 @@ def load_object(
                 return _from_cloud(name, path.stem, raw, unit, float(scale), view)
             if view is not None:
                 raise _no_cloud(name)
-            return _finish(name, path.stem, raw, unit, float(scale), part)
+            mesh = _finish(name, path.stem, raw, unit, float(scale), part)
+            return replace(mesh, notes=(*mesh.notes, _Y_UP)) if suffix in (".glb", ".gltf") else mesh
     except (PreshapeError, KeyboardInterrupt):
         raise
     except MemoryError as error:
