@@ -61,10 +61,10 @@ def read_file(
     if size <= most:
         with open(path, "rb", opener=lambda name, flags: os.open(name, flags | _NO_WAIT)) as file:
             content = file.read(most + 1)
-    if max(size, len(content)) > most:
+    if (size := max(size, len(content))) > most:
         raise refusal(
-            f"{path}: {max(size, len(content)) / MEGABYTE:.0f} MB are too much for a {wanted}, of which at most {most // MEGABYTE} MB are "
-            "read; give a smaller one"
+            f"{path}: {size / MEGABYTE:.0f} MB are too much for a {wanted}, of which at most "
+            f"{most // MEGABYTE} MB are read; give a smaller one"
         )
     if content.startswith(_LFS):
         raise refusal(
