@@ -92,8 +92,12 @@ def objects(connection: sqlite3.Connection, hand: str | None) -> tuple[ObjectSum
     ).fetchall()
     for name, _, *scores, seen, quality, virtual, _ in rows:
         numbers = [*scores, *(score for score in (quality, virtual) if score is not None)]
-        words = [name, seen, *hands[name]]
-        if not all(isinstance(x, float | int) for x in numbers) or not all(isinstance(x, str) for x in words):
+        words = [name, seen, *hands.get(name, [None])]  # a damaged index may list other names
+        if (
+            name not in tasks
+            or not all(isinstance(x, float | int) for x in numbers)
+            or not all(isinstance(x, str) for x in words)
+        ):
             raise sqlite3.DatabaseError(f"a lesson of {name!r:.60} has text or bytes in the wrong column")
     return tuple(
         ObjectSummary(
