@@ -64,7 +64,8 @@ def _mesh(path: Path) -> None:
 def _hand_toml(path: Path) -> None:
     path.with_name("pincer.xml").write_text(pincer.MJCF)
     with suppress(PreshapeError, UnicodeDecodeError):
-        parse_hand(path.read_text(encoding="utf-8"), pincer.MJCF)
+        if path.is_file():
+            parse_hand(path.read_text(encoding="utf-8"), pincer.MJCF)
     load_hand(path)
 
 
@@ -72,7 +73,8 @@ def _hand_mjcf(path: Path) -> None:
     toml = path.with_name("hand.toml")
     toml.write_text(pincer.TOML)
     with suppress(PreshapeError, UnicodeDecodeError):
-        parse_hand(pincer.TOML, path.read_text(encoding="utf-8"))
+        if path.is_file():
+            parse_hand(pincer.TOML, path.read_text(encoding="utf-8"))
     load_hand(toml)
 
 
@@ -205,6 +207,11 @@ def attempt(reader: Reader, folder: Path, data: bytes) -> str:
     """
     path = folder / reader.file
     path.write_bytes(data)
+    return attempt_file(reader, path)
+
+
+def attempt_file(reader: Reader, path: Path) -> str:
+    """Let a reader read what is at a path; see :func:`attempt`."""
     try:
         with warnings.catch_warnings(record=True) as shown:
             warnings.simplefilter("always")
@@ -212,7 +219,8 @@ def attempt(reader: Reader, folder: Path, data: bytes) -> str:
     except PreshapeError as error:
         message = str(error)
         if isinstance(error, EnvironmentFailure) and isinstance(error.__cause__, MemoryError):
-            raise Fault(f"{len(data)} bytes exhausted the memory: {message}") from error
+            size = path.stat().st_size
+            raise Fault(f"{size} bytes exhausted the memory: {message}") from error
         if not message or len(message) > LONGEST_MESSAGE:
             raise Fault(f"a message of {len(message)} characters: {message:.200}") from error
         if any(unicodedata.category(letter) in {"Cc", "Cs"} for letter in message):

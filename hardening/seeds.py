@@ -78,12 +78,13 @@ def _meshes() -> dict[str, dict[str, bytes | str]]:
     big = head.replace(b"little", b"big") + mark + turned
     mixed = (
         "ply\nformat ascii 1.0\ncomment mixed\nelement vertex 5\nproperty float x\nproperty float y\n"
-        "property float z\nproperty uchar red\nelement face 3\nproperty list uchar int vertex_indices\n"
+        "property float z\nproperty uchar red\nelement face 5\nproperty list uchar int vertex_indices\n"
         "element edge 1\nproperty int a\nproperty int b\nend_header\n"
-        "0 0 0 1\n.03 0 0 2\n0 .05 0 3\n0 0 .07 4\n.03 .05 0 5\n4 0 2 4 1\n3 0 1 3\n3 0 3 2\n0 1\n"
+        "0 0 0 1\n.03 0 0 2\n0 .05 0 3\n0 0 .07 4\n.03 .05 0 5\n"
+        "4 0 2 4 1\n3 0 1 3\n3 0 3 2\n3 1 4 3\n3 2 3 4\n0 1\n"
     )
     corners = "0 0 0\n.03 0 0\n0 .05 0\n0 0 .07\n.03 .05 0\n"
-    off = f"OFF\n# tetra\n5 3 0\n{corners}4 0 2 4 1\n3 0 1 3\n3 0 3 2 9 9 9\n"
+    off = f"OFF\n# pyramid\n5 5 0\n{corners}4 0 2 4 1\n3 0 1 3\n3 1 4 3\n3 2 3 4\n3 0 3 2 9 9 9\n"
     files: dict[str, bytes] = trimesh.exchange.gltf.export_gltf(trimesh.Scene([body]), embed_buffers=True)
     return {
         "obj": {"tetra": tetra, "wedge": wedge},

@@ -37,6 +37,7 @@ def tetra(form: str) -> bytes:
 STL_TEXT = tetra("stl_ascii").decode()
 PNG = b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR\0\0\0\1\0\0\0\1\x08\x02\0\0\0\x90wS\xde"
 NAN_STL = tetra("stl")[:96] + struct.pack("<f", np.nan) + tetra("stl")[100:]
+LFS = f"version https://git-lfs.github.com/spec/v1\noid sha256:{'0' * 64}\nsize 1234567\n"
 WIDE = "v {0} 0 0\nv 0 {0} 0\nv 0 0 {0}\nv {0} {0} {0}\n"
 
 REFUSED: dict[str, tuple[str, str | bytes, str]] = {
@@ -121,7 +122,7 @@ REFUSED: dict[str, tuple[str, str | bytes, str]] = {
     "commas": (
         "a.obj",
         (TETRA + FACES).replace(".03", "0,03"),
-        "line 2 should hold numbers, found 'v 0,03 0 0'",
+        "decimal commas, as in 'v 0,03 0 0'; write them with points",
     ),
     "word face": ("a.obj", TETRA + FACES + "f 1/1 /2 3\n", "line 9 should hold numbers"),
     "half a face": ("a.obj", TETRA + FACES + "f 1.5 2 3\n", "line 9 should hold numbers"),
@@ -180,8 +181,24 @@ REFUSED: dict[str, tuple[str, str | bytes, str]] = {
         "face 4 of 4 announces 4 corners, found 3",
     ),
     "glb cut": ("a.glb", tetra("glb")[:-100], "the header promises 788 bytes, the file has 688"),
-    "millimetres": ("a.obj", WIDE.format(120) + FACES, r"120 × 120 × 120 m, .*--unit mm.*--scale"),
-    "dust": ("a.obj", WIDE.format(1e-5) + FACES, r"1e-05 × 1e-05 × 1e-05 m, .*--unit mm"),
+    "millimetres": (
+        "a.obj",
+        WIDE.format(120) + FACES,
+        r"120 × 120 × 120 m, .*check the unit of the file: --unit mm makes it 120 × 120 × 120 mm$",
+    ),
+    "dust": ("a.obj", WIDE.format(6e-5) + FACES, r"6e-05 m, .*--scale 1000 makes it 60 × 60 × 60 mm"),
+    "no unit fits": ("a.obj", WIDE.format(1e-7) + FACES, r"1e-07 m, .*such as --unit mm.*--scale"),
+    "lfs": ("a.stl", LFS, "a Git LFS pointer and not the mesh file itself; fetch the file with git lfs pull"),
+    "lfs points": ("a.xyz", LFS, "a Git LFS pointer and not the point cloud file itself"),
+    "commas xyz": ("a.xyz", "0 0 0\n0,03 1,2 5\n" * 99, "decimal commas, as in '0,03 1,2 5'"),
+    "commas csv": ("a.xyz", "x;y;z\n0,03;1,2;,5\n" * 99, "decimal commas, as in '0,03;1,2;,5'"),
+    "commas off": ("a.off", OFF_TEXT.replace("0 .05 0", "0 0,05 0"), "decimal commas, as in '0 0,05 0'"),
+    "commas stl": ("a.stl", STL_TEXT.replace("vertex 0.0", "vertex 0,0"), "decimal commas, as in 'vertex"),
+    "map coordinates": (
+        "a.obj",
+        re.sub(r"v (\S+) (\S+)", lambda m: f"v {4e5 + float(m[1])} {5.4e6 + float(m[2])}", TETRA) + FACES,
+        r"lies at 400000\.015 5400000\.025 0\.035 m, so far .*map coordinates.*subtract this position",
+    ),
     "galaxy": ("a.obj", WIDE.format(1e300) + FACES, r"1e\+300 × .* m"),
     "beyond numbers": ("a.obj", WIDE.format(1e308) + "v -1e308 0 0\n" + FACES + "f 1 2 5\n", "inf × .* m"),
     "atom": ("a.obj", WIDE.format(1e-300) + FACES, r"1e-300 × .* m"),
@@ -268,27 +285,25 @@ def test_things_that_are_no_files(tmp_path: Path) -> None:
 def test_no_permission_is_not_the_object_s_fault(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """As with a file of another user; a superuser who runs the test can read everything."""
 
-    def forbidden(self: Path) -> bytes:
+    def forbidden(*_: object, **__: object) -> bytes:
         raise PermissionError(13, "Permission denied")
 
     file = tmp_path / "a.obj"
     file.write_text(TETRA + FACES)
-    monkeypatch.setattr(Path, "read_bytes", forbidden)
+    monkeypatch.setattr("preshape.files.open", forbidden, raising=False)
     with pytest.raises(EnvironmentFailure, match=r"cannot be read .Permission denied.") as caught:
         load_object(file)
     assert caught.value.exit_code == 3
 
 
 def test_a_file_removed_between_look_and_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    real = Path.read_bytes
-
-    def late(self: Path) -> bytes:
-        self.unlink()
-        return real(self)
+    def late(path: Path, *how: object, **more: object) -> object:
+        path.unlink()
+        return open(path, *how, **more)  # type: ignore[call-overload]
 
     file = tmp_path / "a.obj"
     file.write_text(TETRA + FACES)
-    monkeypatch.setattr(Path, "read_bytes", late)
+    monkeypatch.setattr("preshape.files.open", late, raising=False)
     with pytest.raises(ObjectError, match="no such file"):
         load_object(file)
 
@@ -400,7 +415,7 @@ def test_damaged_files_are_refused_or_right(
         assert (mesh.areas > 0).all()
         assert 1e-4 <= mesh.extents.max() <= 10
         assert mesh.extents.min() >= 1e-6 * mesh.extents.max()
-        assert mesh.attributes.triangles >= len(mesh.triangles)
+        assert mesh.attributes.triangles >= len(mesh.triangles) or mesh.notes  # lids
         assert np.isfinite(mesh.volume)
     assert outcomes["mesh"] >= rounds // 40, outcomes
     assert outcomes["refused"] >= rounds // 20, outcomes

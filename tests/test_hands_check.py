@@ -197,6 +197,10 @@ def test_meshes_of_a_package_are_found(tmp_path):
     links = {shape.link: shape for shape in HandKinematics(load_hand(path)).shapes()}
     assert links["index_proximal"].kind == "capsule"
     assert links["index_proximal"].radius == pytest.approx(0.009, abs=1e-6)
+    large = write(tmp_path / "urdf", urdf=swap(urdf, ('link.obj"', 'link.obj" scale="1000 1000 1000"')))
+    (found,) = check_hand(large)
+    assert found.code == "mesh_size"
+    assert re.search(r"the link 'index_proximal' measures 18 × 18 × 50 m, .*millimetres", found.text)
     lost = write(tmp_path / "urdf", urdf=swap(urdf, ("link.obj", "other.obj")))
     with pytest.raises(HandError, match=r"MuJoCo cannot read it: .*other\.obj"):
         check_hand(lost)
@@ -308,6 +312,11 @@ MODEL_FAULTS = [
         "limits_missing",
         [('type="revolute"', 'type="continuous"'), (SPREAD, "")],
         "'thumb_spread' has no limits",
+    ),
+    (
+        "mimic",
+        [(LIMITS, LIMITS + '<mimic joint="thumb_middle" multiplier="0.5"/>')],
+        "'thumb_knuckle' follows 'thumb_middle' (mimic or equality), which is not supported",
     ),
     ("not_a_hinge", [('type="revolute"', 'type="prismatic"')], "'thumb_spread' is no hinge"),
     ("mass_zero", [('<mass value="0.06"/>', '<mass value="0"/>')], "'thumb_proximal' has no mass"),
@@ -576,7 +585,15 @@ def test_the_page_lists_every_finding():
         for code in re.findall(r"`(\w+)`", row.split("|")[1] if "|" in row else "")
     }
     tested = {fault[0] for fault in (*DESCRIPTION_FAULTS, *MODEL_FAULTS)}
-    elsewhere = {"fingers", "roots", "no_shape", "open_collides", "closing_collides", "does_not_close"}
+    elsewhere = {
+        "mesh_size",
+        "fingers",
+        "roots",
+        "no_shape",
+        "open_collides",
+        "closing_collides",
+        "does_not_close",
+    }
     assert listed == tested | elsewhere | {"closes_outward", "thumb_not_opposed", "contradiction"}
 
 

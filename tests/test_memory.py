@@ -981,9 +981,10 @@ def test_what_is_not_a_document_is_refused(tmp_path: Path, raw: bytes) -> None:
         with pytest.raises(MemoryFileError):
             memory.import_(tmp_path / "in.json")
         assert memory.count() == 0
-        for place in (tmp_path, tmp_path / "none.json"):
-            with pytest.raises(EnvironmentFailure, match="cannot import"):
-                memory.import_(place)
+        with pytest.raises(EnvironmentFailure, match="cannot import"):
+            memory.import_(tmp_path / "none.json")
+        with pytest.raises(MemoryFileError, match="this is a folder"):
+            memory.import_(tmp_path)
 
 
 def test_reset_forgets_what_a_real_hand_learnt(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -688,7 +688,7 @@ def test_a_contact_lies_on_the_object_beside_a_wall_along_the_ray() -> None:
     sizes=st.tuples(*[st.one_of(st.floats(0.01, 10.0), st.floats(0.1715, 0.1745))] * 3),
     u=st.sampled_from([0.043, 0.0545, 0.0243]),
 )
-def test_over_4u_is_refused_with_extent_limit_hand_and_a_scale_that_fits(
+def test_over_4u_is_refused_with_extent_limit_and_hand_and_never_with_a_scale_that_fits(
     sizes: tuple[float, ...], u: float
 ) -> None:
     mesh = box(tuple(s / 2 for s in sizes), name="crate")
@@ -707,14 +707,14 @@ def test_over_4u_is_refused_with_extent_limit_hand_and_a_scale_that_fits(
     axis = re.search(r"along ([xyz])", text)
     assert axis is not None
     assert mesh.extents["xyz".index(axis[1])] == mesh.extents.max()
-    extent, most = (float(x) for x in re.findall(r"([\d.]+) mm", text))
+    extent, most = (float(x) for x in re.findall(r"([\d.]+) mm", text)[:2])
     assert extent == pytest.approx(mesh.extents.max() * 1000, abs=0.51)
     assert most == pytest.approx(limit * 1000, abs=0.51)
     assert extent > most  # "172 mm, over the 172 mm" helps nobody
-    scale = float(re.findall(r"--scale ([\d.]+)", text)[0])
-    assert 0 < scale < 1
-    assert scale >= 0.9 * limit / mesh.extents.max()
-    RayAnalyser(box(tuple(s * scale / 2 for s in sizes)), layout)
+    for factor in re.findall(r"--scale ([\d.]+)", text):
+        assert float(factor) in (1000.0, 100.0, 39.3701)  # the reverse of a unit
+    if mesh.extents.max() <= 5 * limit:
+        assert "--analyser closure" in text  # the size is plausible
 
 
 def test_exactly_4u_is_accepted() -> None:
@@ -752,13 +752,15 @@ def test_an_empty_aim_finds_nothing() -> None:
 # --- what is stored, and what is asked for outside the last aim -----------------------------------------
 
 
-@pytest.mark.parametrize("largest", [0.1721, 0.19999, 0.2, 0.5, 1.2345, 9.87])
-def test_the_scale_that_is_proposed_is_the_largest_of_three_digits_that_fits(largest: float) -> None:
+@pytest.mark.parametrize(
+    ("largest", "units"),
+    [(0.1721, ""), (0.5, ""), (1.5, "--unit cm makes it 15 ×"), (9.0, "--unit mm makes it 9 ×")],
+)
+def test_of_an_object_far_beyond_4u_the_unit_that_fits_is_named(largest: float, units: str) -> None:
     with pytest.raises(ObjectError) as refused:
-        RayAnalyser(box((largest / 2, 0.01, 0.01)), UTAH)
-    scale = float(re.findall(r"--scale ([\d.]+)", str(refused.value))[0])
-    step = 10.0 ** (np.floor(np.log10(scale)) - 2)
-    assert scale * largest <= 4 * U * (1 + 1e-9) < (scale + 1.01 * step) * largest
+        RayAnalyser(box((largest / 2, 0.1 * largest, 0.1 * largest)), UTAH)
+    assert units in str(refused.value)
+    assert ("check the unit of the file" in str(refused.value)) == bool(units)
 
 
 def test_rays_start_twice_the_half_extent_away_on_the_side_of_their_finger() -> None:

@@ -1,4 +1,4 @@
-"""Files that are written whole or not at all, and the cache folder."""
+"""Files that are written whole or not at all, limits of reading, and the cache folder."""
 
 from __future__ import annotations
 
@@ -13,7 +13,14 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import IO, Any
 
-from .exceptions import EnvironmentFailure
+from .exceptions import EnvironmentFailure, InputError
+
+MEGABYTE = 2**20
+MOST_OF_MESH, MOST_OF_ARRAYS = 1024 * MEGABYTE, 1024 * MEGABYTE
+"""Largest file of a mesh or a point cloud, and of arrays [bytes]; larger ones do not fit into memory."""
+MOST_OF_JSON, MOST_OF_TOML, MOST_OF_MODEL = 256 * MEGABYTE, MEGABYTE, 64 * MEGABYTE
+"""Largest plan or exported memory, hand description, and MJCF or URDF [bytes]; real ones have 1 % of it."""
+_LFS = b"version https://git-lfs.github.com/spec/"
 
 
 def dumps(document: Any) -> str:
@@ -23,6 +30,51 @@ def dumps(document: Any) -> str:
         ValueError: A number is not finite, which is a defect of this program.
     """
     return json.dumps(document, allow_nan=False, indent=2)
+
+
+def read_file(
+    path: str | Path, most: int, wanted: str = "file", *, refusal: type[InputError] = InputError
+) -> bytes:
+    """The content of a regular file of limited size.
+
+    Pipes, devices and sockets are refused, because reading them may never end.
+
+    Args:
+        path: The file.
+        most: Largest number of bytes.
+        wanted: Noun for messages, such as ``mesh file``.
+        refusal: The error that refuses a file.
+
+    Raises:
+        InputError: The path is a folder or no regular file, the file is too large, or it is the pointer that
+            Git LFS leaves in place of a file.
+        OSError: The file cannot be read.
+        ValueError: The path cannot be that of a file.
+    """
+    found = os.stat(path)
+    mode, size = found.st_mode, found.st_size
+    if stat.S_ISDIR(mode):
+        raise refusal(f"{path}: this is a folder; name one {wanted} in it")
+    if not stat.S_ISREG(mode):
+        raise refusal(f"{path}: this is not a regular file but a pipe, device or socket; name a {wanted}")
+    # If a pipe has taken the file's place in the meantime, opening it does not wait for a writer.
+    content = b""
+    if size <= most:
+        with open(path, "rb", opener=lambda name, flags: os.open(name, flags | _NO_WAIT)) as file:
+            content = file.read(most + 1)
+    if (size := max(size, len(content))) > most:
+        raise refusal(
+            f"{path}: {size / MEGABYTE:.0f} MB are too much for a {wanted}, of which at most "
+            f"{most // MEGABYTE} MB are read; give a smaller one"
+        )
+    if content.startswith(_LFS):
+        raise refusal(
+            f"{path}: this is a Git LFS pointer and not the {wanted} itself; fetch the file with git lfs pull"
+        )
+    return content
+
+
+_NO_WAIT = getattr(os, "O_NONBLOCK", 0)
 
 
 def file_stem(name: str, longest: int = 50) -> str:
@@ -207,17 +259,33 @@ def cache_folder() -> Path:
 
 
 def read_arrays(path: Path) -> dict[str, Any]:
-    """The arrays of an npz file; pickled content is refused.
+    """The arrays of an npz file in a cache; see :func:`arrays_in`.
 
     Raises:
         OSError: The file cannot be read.
-        ValueError: The file is not such an npz file, or is damaged.
+        ValueError: The file is not such an npz file, is damaged, or is no regular file.
+    """
+    try:
+        content = read_file(path, MOST_OF_ARRAYS)
+    except InputError as error:
+        raise ValueError(str(error)) from error
+    return arrays_in(content)
+
+
+def arrays_in(content: bytes) -> dict[str, Any]:
+    """The arrays of an npz file; pickled content is refused.
+
+    Raises:
+        ValueError: The content is not that of an npz file, is damaged, or unpacks to more than
+            ``MOST_OF_ARRAYS``.
     """
     import numpy as np
 
-    content = io.BytesIO(path.read_bytes())
     try:
-        with np.load(content, allow_pickle=False) as stored:
+        with np.load(io.BytesIO(content), allow_pickle=False) as stored:
+            size = sum(item.file_size for item in stored.zip.infolist())
+            if size > MOST_OF_ARRAYS:
+                raise ValueError(f"it unpacks to {size / MEGABYTE:.0f} MB, over {MOST_OF_ARRAYS // MEGABYTE}")
             return {name: stored[name] for name in stored.files}
     except Exception as error:  # a damaged zip file can raise any exception
         raise ValueError(str(error) or type(error).__name__) from error

@@ -49,7 +49,7 @@ def learn(things: tuple[str, ...], tasks: tuple[str, ...], as_json: bool, **opti
 
     from ..hands.load import load_hand
     from ..objects.library import names
-    from ..objects.load import load_object
+    from ..objects.load import load_object, split_part
     from ..planning.session import Session
     from ..report.plain import escaped
     from ..report.terminal import terminal
@@ -61,7 +61,7 @@ def learn(things: tuple[str, ...], tasks: tuple[str, ...], as_json: bool, **opti
         for task in (tasks or _own_tasks(name))
     ]
     for name in dict.fromkeys(lesson.object_name for _, lesson in lessons):
-        if name not in names() and not Path(name).is_file():
+        if name not in names() and not Path(split_part(name)[0]).is_file():
             load_object(name)  # refuse a wrong name before anything is learnt
     console = terminal(stderr=as_json)
     rows: list[dict[str, Any]] = []

@@ -127,6 +127,11 @@ def object_options(command: Command) -> Command:
         click.option("--scale", type=float, default=1.0, help="Factor on the object's size."),
         click.option("--unit", default="m", metavar="m|cm|mm|in", help="Unit of the file."),
         click.option(
+            "--part-of-file",
+            metavar="N|all",
+            help="Of a file with several bodies: the one to plan for, or all as one object.",
+        ),
+        click.option(
             "--approach", metavar="AXES", help="Allowed approaches, as +z,-x (a table below, a wall behind)."
         ),
         click.option("--seed", type=int, default=0, help="Seed of every random draw."),
@@ -202,6 +207,20 @@ def boxes_from(given: tuple[str, ...]) -> list[list[float]]:
     return boxes
 
 
+def source_from(thing: str, options: dict[str, Any]) -> str:
+    """The object, with the part of its file that ``--part-of-file`` chooses.
+
+    Raises:
+        InputError: The option is neither a number from 1 nor ``all``.
+    """
+    part = options["part_of_file"]
+    if part is None:
+        return thing
+    if part != "all" and not (part.isascii() and part.isdecimal() and 1 <= int(part) < 10**6):
+        raise InputError(f"--part-of-file takes a number from 1, or all, got {part!r:.40}")
+    return f"{thing}#{part}"
+
+
 def request_from(thing: str, task: str, *, hand: Any, options: dict[str, Any], **more: Any) -> PlanRequest:
     """The request of a command with ``object_options``, ``closure_options`` and ``memory_option``.
 
@@ -226,7 +245,7 @@ def request_from(thing: str, task: str, *, hand: Any, options: dict[str, Any], *
     )
     same = ("scale", "unit", "mass", "friction", "table", "memory")
     return PlanRequest(
-        source=thing,
+        source=source_from(thing, options),
         task=task,
         hand=hand,
         analyser=options["analyser"] or "",

@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 import warnings
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from html import unescape
 from itertools import count
 from pathlib import Path
@@ -19,6 +19,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from ..exceptions import HandError
+from ..files import MOST_OF_MESH, MOST_OF_MODEL, read_file
 from ..objects.read_text import printable
 from ..types import value
 
@@ -95,6 +96,8 @@ def _compiled(source: Path | str) -> CompiledModel:
             spec = mujoco.MjSpec.from_file(str(source))
         else:
             spec = mujoco.MjSpec.from_string(source)
+        if isinstance(source, Path):
+            _check_assets(spec, source.parent)
         _name_all(spec)
         spec.compiler.fusestatic = False
         spec.compiler.boundmass, spec.compiler.boundinertia = _TINY, 1e-3 * _TINY
@@ -149,7 +152,7 @@ def _repetitions(source: Path | str) -> float:
     while pending:
         place, times = pending.pop()
         try:
-            text = place.read_bytes() if isinstance(place, Path) else place.encode()
+            text = place.encode() if isinstance(place, str) else _model_text(place)
         except (OSError, ValueError):
             continue  # MuJoCo's own message is better
         try:
@@ -177,6 +180,23 @@ def _repetitions(source: Path | str) -> float:
                     seen.add(other)
                     pending.append((other, times))
     return most
+
+
+def _model_text(path: Path) -> bytes:
+    return read_file(path, MOST_OF_MODEL, "model of a hand", refusal=HandError)
+
+
+def _check_assets(spec: Any, folder: Path) -> None:
+    """Refuse meshes, height fields and textures that MuJoCo would wait for, or that do not fit into memory.
+
+    Raises:
+        HandError: One of these files is no regular file, is too large, or is a Git LFS pointer.
+    """
+    named = [(spec.meshdir, item.file) for item in (*spec.meshes, *spec.hfields, *spec.skins)]
+    named += [(spec.texturedir, item.file) for item in spec.textures]
+    for place, file in {(place, file) for place, file in named if file}:
+        with suppress(OSError, ValueError):  # MuJoCo's own message is better
+            read_file(folder / place / file, MOST_OF_MESH, "mesh", refusal=HandError)
 
 
 def _number(text: str) -> float:
@@ -224,7 +244,7 @@ def quiet_mujoco() -> Iterator[None]:
 
 def _urdf_text(path: Path) -> str:
     """A URDF with absolute paths of its meshes, because MuJoCo does not resolve ``package://``."""
-    root = ElementTree.parse(path).getroot()
+    root = ElementTree.fromstring(_model_text(path))
     for mesh in root.iter("mesh"):
         name = mesh.get("filename", "").removeprefix("file://")
         package = name.startswith("package://")

@@ -31,6 +31,9 @@ LARGEST_ANGLE = 1000.0
 LARGEST_U = 0.2
 """Largest plausible U [m] [C]; a larger one means that the file uses another unit."""
 
+LARGEST_SHAPE = 1.0
+"""Largest plausible extent of one shape of a hand [m] [C]; a larger one means that its mesh is in mm."""
+
 
 @value
 class Finding:
@@ -203,7 +206,7 @@ def model_findings(data: Table, model: CompiledModel) -> list[Finding]:
     if "root" not in data and len(model.roots) != 1:
         text = f"the model has {len(model.roots)} root bodies ({_listed(model.roots)}): name one as root"
         found.append(Finding(code="roots", text=text))
-    return found + _joint_findings(data, model) + _mass_findings(model)
+    return found + _joint_findings(data, model) + _mass_findings(model) + _size_findings(model)
 
 
 def _frame_findings(data: Table, palm: Table) -> list[Finding]:
@@ -254,6 +257,7 @@ def _joint_findings(data: Table, model: CompiledModel) -> list[Finding]:
         text = f"fixed must be a list of joints, or a table of joints and angles, got {shown(named)}"
         return [Finding(code="unknown_joint", text=text)]
     fixed = {str(joint) for joint in named}
+    found += _mimic_findings(listed - fixed, model)
     inside = model.joints_under(data.get("root"))
     for joint in sorted((listed | fixed) - set(model.joints)):
         text = f"the model has no joint {joint!r}; it has {_listed(model.joints)}"
@@ -276,6 +280,47 @@ def _joint_findings(data: Table, model: CompiledModel) -> list[Finding]:
             found.append(Finding(code="limits_reversed", text=text))
         elif low == high:
             found.append(Finding(code="limits_missing", text=f"the joint {joint!r} has no limits"))
+    return found
+
+
+def _mimic_findings(listed: set[str], model: CompiledModel) -> list[Finding]:
+    """Joints that follow another joint of the hand, which would be moved as if they were free."""
+    import mujoco
+
+    found, m = [], model.model
+    for row in range(m.neq):
+        first, second = int(m.eq_obj1id[row]), int(m.eq_obj2id[row])
+        if m.eq_type[row] != mujoco.mjtEq.mjEQ_JOINT or second < 0:
+            continue
+        one, other = m.joint(first).name, m.joint(second).name
+        if {one, other} <= listed:
+            text = (
+                f"the joint {one!r} follows {other!r} (mimic or equality), which is not supported: such a "
+                "joint would be moved as if it were free; model it without this law, or name it under fixed"
+            )
+            found.append(Finding(code="mimic", text=text))
+    return found
+
+
+def _size_findings(model: CompiledModel) -> list[Finding]:
+    """Meshes too large for a part of a hand, before anything of their size is computed."""
+    import mujoco
+    import numpy as np
+
+    found, m = [], model.model
+    for shape in range(m.ngeom):
+        if m.geom_type[shape] != mujoco.mjtGeom.mjGEOM_MESH:
+            continue
+        mesh, body = int(m.geom_dataid[shape]), int(m.geom_bodyid[shape])
+        start, count = int(m.mesh_vertadr[mesh]), int(m.mesh_vertnum[mesh])
+        extents = np.ptp(m.mesh_vert[start : start + count], axis=0)
+        if extents.max() > LARGEST_SHAPE:
+            size = " × ".join(f"{extent:.3g}" for extent in extents)
+            text = (
+                f"the mesh {m.mesh(mesh).name!r} of the link {m.body(body).name!r} measures {size} m, more "
+                'than a part of a hand: if it is in millimetres, give it the scale "0.001 0.001 0.001"'
+            )
+            found.append(Finding(code="mesh_size", text=text))
     return found
 
 

@@ -24,6 +24,7 @@ from pathlib import Path
 from typing import Any
 
 from ..exceptions import EnvironmentFailure, HandError, UnknownHand, shown
+from ..files import MOST_OF_TOML, read_file
 from ..objects.read_text import printable
 from . import menagerie
 from .compiled import read_model
@@ -110,11 +111,10 @@ def read_description(path: Path) -> Table:
         EnvironmentFailure: The file cannot be read.
     """
     try:
-        return tomllib.loads(path.read_bytes().decode("utf-8"))
+        content = read_file(path, MOST_OF_TOML, "TOML file of a hand", refusal=HandError)
+        return tomllib.loads(content.decode("utf-8"))
     except FileNotFoundError as error:
         raise HandError(f"there is no file {path}") from error
-    except IsADirectoryError as error:
-        raise HandError(f"{path} is a folder; a hand is a TOML file") from error
     except OSError as error:
         raise EnvironmentFailure(f"{path} cannot be read: {error.strerror or error}") from error
     except (ValueError, RecursionError) as error:  # ValueError: also a number of thousands of digits
@@ -136,7 +136,7 @@ def model_file(data: Table, path: Path) -> Path:
     except OSError:  # the text cannot be a file name
         found = False
     if not found:
-        raise HandError(f"{path}: there is no model {printable(file, 400)}")
+        raise HandError(f"{path}: there is no model {printable(file, 400)}, or it is no regular file")
     return file
 
 

@@ -9,13 +9,13 @@ the rays of all its fingers hit.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from ..exceptions import ObjectError
 from ..kernels.rays import MISS, Hits, RayCaster, distance_to
+from ..objects.checks import other_units
 from ..objects.mesh import TriangleMesh
 from ..types import Array, BoolArray, ContactCoefficients, Experience, IntArray, told_apart, value
 from .analyser import Aim, Exploration, Grasp, GraspContacts, HandLayout, VirtualGrasp
@@ -371,21 +371,19 @@ class RayAnalyser:
         return as_finger, as_thumb[..., 0, :]
 
 
+_FAR = 5.0  # an object that exceeds the limit by more may be in another unit [C]
+
+
 def _refuse_large(mesh: TriangleMesh, layout: HandLayout) -> None:
     limit = layout.length_unit
     largest = float(mesh.extents.max())
     if largest > limit * (1 + 1e-9):
         axis = "xyz"[int(np.argmax(mesh.extents))]
         told, most = told_apart(largest * 1000, limit * 1000, digits=0)
-        fits = _rounded_down(mesh.scale * limit / largest)
+        far = largest > _FAR * limit
+        units = other_units(mesh.extents, mesh.unit, layout.fingertip_width / 2, limit) if far else ""
         raise ObjectError(
             f"{mesh.name} measures {told} mm along {axis}, over the {most} mm (4U) that the ray analyser "
             f"allows the {layout.name} hand; "
-            f"--scale {fits} would fit"
+            f"{units or 'the closure analyser (--analyser closure) has no such limit, or take a larger hand'}"
         )
-
-
-def _rounded_down(number: float) -> str:
-    """A number rounded down to three digits."""
-    power = 10.0 ** (2 - math.floor(math.log10(number)))
-    return f"{math.floor(number * power) / power:.3g}"

@@ -67,7 +67,11 @@ class MemoryStatistics:
 
 
 def objects(connection: sqlite3.Connection, hand: str | None) -> tuple[ObjectSummary, ...]:
-    """One summary for each object, sorted by name; called inside a transaction for consistent counts."""
+    """One summary for each object, sorted by name; called inside a transaction for consistent counts.
+
+    Raises:
+        sqlite3.DatabaseError: A column holds a value of another kind, as in a file that was tampered with.
+    """
     hands: dict[str, list[str]] = {}
     for name, owner in connection.execute(
         f"SELECT DISTINCT object_name, hand FROM experiences {_OF_HAND} ORDER BY hand", (hand,)
@@ -85,7 +89,16 @@ def objects(connection: sqlite3.Connection, hand: str | None) -> tuple[ObjectSum
         " max(CASE WHEN quality IS NULL THEN match END), min(kind = 'seed')"
         f" FROM experiences {_OF_HAND} GROUP BY object_name ORDER BY object_name",
         (hand,),
-    )
+    ).fetchall()
+    for name, _, *scores, seen, quality, virtual, _ in rows:
+        numbers = [*scores, *(score for score in (quality, virtual) if score is not None)]
+        words = [name, seen, *hands.get(name, [None])]  # a damaged index may list other names
+        if (
+            name not in tasks
+            or not all(isinstance(x, float | int) for x in numbers)
+            or not all(isinstance(x, str) for x in words)
+        ):
+            raise sqlite3.DatabaseError(f"a lesson of {name!r:.60} has text or bytes in the wrong column")
     return tuple(
         ObjectSummary(
             name=name,

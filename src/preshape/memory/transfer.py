@@ -41,7 +41,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from ..exceptions import EnvironmentFailure, InputError, MemoryFileError, shown
-from ..files import write_text
+from ..files import MOST_OF_JSON, read_file, write_text
 from ..types import Experience, NetworkWeights
 from . import checks, records
 
@@ -83,7 +83,7 @@ def read_document(
         EnvironmentFailure: The file cannot be read.
     """
     try:
-        raw = path.read_bytes()
+        raw = read_file(path, MOST_OF_JSON, "memory export", refusal=MemoryFileError)
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or error
         raise EnvironmentFailure(f"cannot import {path} ({reason}); check the path") from error

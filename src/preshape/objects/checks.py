@@ -19,6 +19,12 @@ SMALLEST, LARGEST = 1e-4, 10.0
 FLATNESS = 1e-6
 """Least ratio of smallest to largest extent of a solid body [C]."""
 
+GRASPABLE = 0.005, 0.3
+"""Largest extents of objects that hands grasp [m], for choosing a unit that fits [C]."""
+
+BLUR = 2e-4
+"""Largest accepted spacing of single-precision positions, as a share of the largest extent [C]."""
+
 SLIVER = 1e-12
 """Height below which a triangle counts as having no area, as a share of the largest extent [C]."""
 
@@ -82,16 +88,18 @@ def in_range(
         )
 
 
-def solid_triangles(name: str, vertices: Array, triangles: IntArray) -> IntArray:
+def solid_triangles(name: str, vertices: Array, triangles: IntArray, unit: str = "m") -> IntArray:
     """The triangles that have area.
 
     Args:
         name: Name of the file, for messages.
         vertices: (n, 3) finite positions [m].
         triangles: (m, 3) valid indices, at least one.
+        unit: Unit in which the file was read, for messages.
 
     Raises:
-        ObjectError: No triangle has area, or the size is not plausible in metres.
+        ObjectError: No triangle has area, the size is not plausible in metres, or the object is too far from
+            the origin.
     """
     # One array for each coordinate of each corner is several times faster than (m, 3, 3) for a million.
     corners = [[np.ascontiguousarray(axis)[column] for axis in vertices.T] for column in triangles.T]
@@ -103,7 +111,8 @@ def solid_triangles(name: str, vertices: Array, triangles: IntArray) -> IntArray
     empty = f"{name}: all {len(triangles)} triangles have zero area; give a surface mesh"
     if largest == 0:
         raise ObjectError(empty)
-    size(name, extents)
+    size(name, extents, unit)
+    place(name, low, high)
     a, b, c = corners
     u = [q - p for p, q in zip(a, b, strict=True)]
     v = [q - p for p, q in zip(a, c, strict=True)]
@@ -120,17 +129,82 @@ def _dot(a: list[Array], b: list[Array]) -> Array:
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
-def size(name: str, extents: Array) -> None:
-    """Refuse a size that is not plausible in metres.
+def size(name: str, extents: Array, unit: str = "m") -> None:
+    """Refuse a size that is not plausible, and name the units in which a hand could grasp the object.
+
+    Args:
+        name: Name of the file, for messages.
+        extents: (3,) size as it was read [m].
+        unit: Unit in which the file was read.
 
     Raises:
         ObjectError: The largest extent is under 0.1 mm or over 10 m.
     """
     if not SMALLEST <= float(extents.max()) <= LARGEST:
         sizes = " × ".join(f"{extent:.3g}" for extent in extents)
+        fitting = other_units(extents, unit) or (
+            "give the file's unit (such as --unit mm) or a factor (--scale)"
+        )
         raise ObjectError(
             f"{name}: the object is {sizes} m, its largest extent must lie between {SMALLEST:g} and "
-            f"{LARGEST:g} m; give the file's unit (such as --unit mm) or a factor (--scale)"
+            f"{LARGEST:g} m; {fitting}"
+        )
+
+
+def other_units(extents: Array, unit: str, least: float = GRASPABLE[0], most: float = GRASPABLE[1]) -> str:
+    """The units in which an object of absurd size would have a size that a hand can grasp.
+
+    A file that is too small may also have been scaled twice: its factors are the reverse of those units. No
+    factor is named for the only reason that the object would then fit the hand.
+
+    Args:
+        extents: (3,) size as it was read [m].
+        unit: Unit in which the file was read.
+        least: Least plausible largest extent [m].
+        most: Largest plausible extent [m].
+
+    Returns:
+        A sentence fragment such as ``--unit mm makes it 4 × 4 × 9 mm``; empty if no unit fits.
+
+    >>> other_units(np.array([2.4, 2.4, 4.7]), "m")
+    'check the unit of the file: --unit cm makes it 24 × 24 × 47 mm, --unit in makes it 61 × 61 × 119 mm'
+    """
+    tried = [(f"--unit {other}", UNITS[other] / UNITS[unit]) for other in ("mm", "cm", "in", "m")]
+    tried += [(f"--scale {1 / UNITS[other]:.6g}", 1 / UNITS[other]) for other in ("mm", "cm", "in")]
+    words = []
+    for option, factor in tried:
+        made = factor * extents
+        if factor != 1 and least <= made.max() <= most:
+            words.append(f"{option} makes it {in_millimetres(made)}")
+    return f"check the unit of the file: {', '.join(words)}" if words else ""
+
+
+def in_millimetres(extents: Array) -> str:
+    """A size for messages.
+
+    >>> in_millimetres(np.array([0.004, 0.0605, 1.0]))
+    '4 × 60.5 × 1000 mm'
+    """
+    return " × ".join(f"{float(f'{1000 * extent:.3g}'):.10g}" for extent in extents) + " mm"
+
+
+def place(name: str, low: Array, high: Array) -> None:
+    """Refuse an object so far from the origin that single precision blurs it, as with UTM coordinates.
+
+    Args:
+        name: Name of the file, for messages.
+        low: (3,) lower corner of its bounding box [m].
+        high: (3,) upper corner of its bounding box [m].
+
+    Raises:
+        ObjectError: The spacing of single-precision numbers at the object exceeds ``BLUR`` of its size.
+    """
+    largest, far = float((high - low).max()), float(np.maximum(np.abs(low), np.abs(high)).max())
+    if far * 2.0**-23 > BLUR * largest:
+        middle = " ".join(f"{x:.10g}" for x in (low + high) / 2)
+        raise ObjectError(
+            f"{name}: the object lies at {middle} m, so far from the origin that its {largest:.3g} m cannot "
+            "be resolved (map coordinates?); subtract this position from all vertices"
         )
 
 

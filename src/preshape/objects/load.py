@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 import os
-import stat
+import re
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ..exceptions import EnvironmentFailure, InputError, ObjectError, PreshapeError, shown
-from ..types import Array, frozen_array
+from ..files import MOST_OF_MESH, read_file
+from ..types import Array, IntArray, frozen_array
 from . import checks, read_gltf, read_obj, read_ply, read_trimesh
+from .bodies import one_body
 from .mesh import TriangleMesh
 from .read_raw import RawMesh, group_rows
-from .read_text import printable
+from .read_text import printable, refuse_decimal_commas
 from .scans.read_points import read_npy, read_pcd, read_xyz
 from .scans.scan import RawCloud
 
@@ -45,6 +48,11 @@ CLOUD_SUFFIXES = tuple(_CLOUD_READERS)
 IN_MEMORY = " (in memory)"
 """End of the source of an object that was a mesh in Python; nothing can be found under such a name."""
 
+_Y_UP = (
+    "in a glTF file y is up by its standard, and here z is up: the object is planned for as it lies in the "
+    "file's frame; turn it there if it should stand"
+)
+
 _ALL_READERS = {**_READERS, **_CLOUD_READERS}
 
 _SIGNATURES = {
@@ -70,16 +78,19 @@ def load_object(
     """Read an object from a file, or build one of the library.
 
     All parts, groups and scene nodes of a file become one mesh in the axes of the file. Polygons, also
-    concave ones, are cut into triangles. Holes, seams and disconnected parts are accepted. Triangles without
-    area, duplicate triangles and unused vertices are dropped. ``counts`` (table 2) holds the numbers **of
-    the file**: OBJ, PLY and OFF state them; in STL and glTF equal positions count once. If a file has no
-    normals or does not state their number (PLY, OFF, STL, glTF), one normal is counted per vertex [C].
+    concave ones, are cut into triangles. Seams, holes, and parts that touch or overlap are accepted. What
+    lies apart is refused or left out, and large holes are closed (:mod:`preshape.objects.bodies`). Triangles
+    without area, duplicate triangles and unused vertices are dropped. ``counts`` (table 2) holds the numbers
+    **of the file**, if all of it is the object: OBJ, PLY and OFF state them; in STL and glTF equal positions
+    count once. If a file has no normals or does not state their number (PLY, OFF, STL, glTF), one normal is
+    counted per vertex [C].
 
     A point cloud (.pcd, .xyz, .npy, or a .ply without faces) becomes a closed surface whose unseen side is
     guessed; ``scan`` says which side (:mod:`preshape.objects.scans.complete`).
 
     Args:
-        source: File (.obj, .stl, .ply, .off, .glb, .gltf, .pcd, .xyz, .npy) or name of a library object.
+        source: File (.obj, .stl, .ply, .off, .glb, .gltf, .pcd, .xyz, .npy) or name of a library object. Of a
+            mesh file with several bodies, ``FILE#2`` is the second, and ``FILE#all`` all as one object.
         unit: Unit of the file: m, cm, mm, in or inch; library objects are in metres.
         scale: Further factor on all lengths.
         view: For a point cloud, the position of the camera in the frame and unit of the file, or ``all`` for
@@ -100,23 +111,26 @@ def load_object(
             is not plausible; or the points do not form one body (too few, on a plane, or two objects).
         EnvironmentFailure: The file cannot be read.
     """
-    factor = checks.metres(unit, scale)
+    checks.metres(unit, scale)
     if not isinstance(source, str | Path):
         raise ObjectError(f"an object is a file or the name of a library object, got {shown(source)}")
     if not _is_file(source):
         _check_mesh_options(str(source), view, cut_table)
         return _from_library(str(source), unit, float(scale))
-    path, name = Path(source), str(source)
+    given, part = split_part(source)
+    path, name = Path(given), given
     suffix = path.suffix.lower()
     data = _content(path, name, suffix)
     _refuse_other_kinds(name, suffix, data)
+    refuse_decimal_commas(name, data)
     try:
         with np.errstate(all="ignore"):  # the checks find numbers that are not finite, and name them
             raw = _ALL_READERS[suffix](name, data, path)
             if isinstance(raw, RawCloud):
-                return _from_cloud(name, path.stem, raw, factor, float(scale), view, cut_table)
+                return _from_cloud(name, path.stem, raw, unit, float(scale), view, cut_table)
             _check_mesh_options(name, view, cut_table)
-            return _finish(name, path.stem, raw, factor, float(scale))
+            mesh = _finish(name, path.stem, raw, unit, float(scale), part)
+            return replace(mesh, notes=(*mesh.notes, _Y_UP)) if suffix in (".glb", ".gltf") else mesh
     except (PreshapeError, KeyboardInterrupt):
         raise
     except MemoryError as error:
@@ -131,6 +145,21 @@ def load_object(
             f"{name}: no {suffix[1:].upper()} {_noun(suffix)}, or a damaged one ({reason}); "
             f"re-export it or convert it to {'PLY' if suffix in CLOUD_SUFFIXES else 'OBJ'}"
         ) from error
+
+
+_PART = re.compile(r"(.+)#(\d{1,6}|all)", re.DOTALL)
+
+
+def split_part(source: str | Path) -> tuple[str, str | None]:
+    """The path of a file, and the part of it that is wanted, if one is named at the end of the source.
+
+    >>> split_part("cans.obj#2"), split_part("cans.obj")
+    (('cans.obj', '2'), ('cans.obj', None))
+    """
+    found = _PART.fullmatch(str(source))
+    if found is None or os.path.exists(source):  # a file whose name ends so
+        return str(source), None
+    return found[1], found[2]
 
 
 def stored_source(source: str | Path | TriangleMesh) -> tuple[str, float]:
@@ -178,18 +207,13 @@ def _from_library(name: str, unit: str, scale: float) -> TriangleMesh:
 
 def _content(path: Path, name: str, suffix: str) -> bytes:
     """The content of a file with a known suffix."""
+    if suffix not in _ALL_READERS and not path.is_dir() and path.exists():
+        raise ObjectError(
+            f"{name}: a file with suffix {shown(suffix)} cannot be read as an object; "
+            f"known: {', '.join(_ALL_READERS)}"
+        )
     try:
-        mode = path.stat().st_mode
-        if stat.S_ISDIR(mode):
-            raise ObjectError(f"{name}: this is a folder; name one mesh file in it")
-        if not stat.S_ISREG(mode):
-            raise ObjectError(f"{name}: this is not a regular file; name a mesh file")
-        if suffix not in _ALL_READERS:
-            raise ObjectError(
-                f"{name}: a file with suffix {shown(suffix)} cannot be read as an object; "
-                f"known: {', '.join(_ALL_READERS)}"
-            )
-        data = path.read_bytes()
+        data = read_file(path, MOST_OF_MESH, f"{_noun(suffix)} file", refusal=ObjectError)
     except (FileNotFoundError, NotADirectoryError) as error:
         raise ObjectError(f"{name}: there is no such file; check the path") from error
     except ValueError as error:
@@ -246,7 +270,7 @@ def _from_cloud(
     name: str,
     stem: str,
     raw: RawCloud,
-    factor: float,
+    unit: str,
     scale: float,
     view: Sequence[float] | Array | str | None,
     cut_table: bool | None,
@@ -254,16 +278,23 @@ def _from_cloud(
     """Scale a cloud and make a closed surface."""
     from .scans.complete import complete
 
+    factor = checks.metres(unit, scale)
     points = raw.points * factor
     echoes = RawCloud(points=points).echoes
     if len(echoes) and np.ptp(echoes, axis=0).any():
-        checks.size(name, np.ptp(echoes, axis=0))
+        checks.size(name, np.ptp(echoes, axis=0), unit)
+        checks.place(name, echoes.min(axis=0), echoes.max(axis=0))
     if view is not None and not isinstance(view, str):
         view = factor * frozen_array(view, (3,), "the camera's position")
     camera = None if raw.camera is None else factor * raw.camera
     made = complete(name, RawCloud(points=points, camera=camera), view, cut_table=cut_table)
     return TriangleMesh(
-        name=stem, vertices=made.vertices, triangles=made.triangles, scale=scale, scan=made.scan
+        name=stem,
+        vertices=made.vertices,
+        triangles=made.triangles,
+        scale=scale,
+        unit=unit,
+        scan=made.scan,
     )
 
 
@@ -285,7 +316,7 @@ def mesh_from(other: Any, unit: str = "m", scale: float = 1.0) -> TriangleMesh:
             "an object is a file, the name of a built-in object, a TriangleMesh or a trimesh.Trimesh, "
             f"got {type(other).__name__}"
         )
-    factor, metadata = checks.metres(unit, scale), getattr(other, "metadata", None)
+    metadata = getattr(other, "metadata", None)
     name = str((metadata.get("file_name") if isinstance(metadata, Mapping) else None) or "mesh")
     points = frozen_array(vertices, (None, 3), f"{name}: vertices")
     indices = frozen_array(faces, (None, 3), f"{name}: the corners of the triangles")
@@ -295,23 +326,42 @@ def mesh_from(other: Any, unit: str = "m", scale: float = 1.0) -> TriangleMesh:
         raise ObjectError(f"{name}: a mesh needs triangles, n×3 whole numbers; give a surface mesh")
     checks.in_range(name, triangles.ravel(), np.full(len(triangles), 3), len(points), 0, None)
     raw = RawMesh(vertices=points, triangles=triangles, normals=len(points), faces=len(triangles))
-    return _finish(name, Path(name).stem or "mesh", raw, factor, float(scale))
+    return _finish(name, Path(name).stem or "mesh", raw, unit, scale)
 
 
-def _finish(name: str, stem: str, raw: RawMesh, factor: float, scale: float) -> TriangleMesh:
-    """Scale, clean and check a mesh."""
-    vertices = raw.vertices * factor
-    triangles = checks.solid_triangles(name, vertices, raw.triangles)
+def _finish(
+    name: str, stem: str, raw: RawMesh, unit: str, scale: float, part: str | None = None
+) -> TriangleMesh:
+    """Scale, clean and check a mesh, and keep the one object in it."""
+    vertices = raw.vertices * checks.metres(unit, scale)
+    triangles = checks.solid_triangles(name, vertices, raw.triangles, unit)
     a, b, c = triangles.T
     rolled = triangles.copy()  # with the lowest corner first, equal triangles are equal rows
     for lowest, shift in (((b < a) & (b < c), 1), ((c < a) & (c < b), 2)):
         rolled[lowest] = np.roll(triangles[lowest], -shift, axis=1)
     triangles = triangles[group_rows(rolled)[0]]
+    used = vertices[triangles.reshape(-1)]
+    checks.body(name, used.max(axis=0) - used.min(axis=0))
+    body = one_body(name, vertices, triangles, part)
+    vertices, triangles = _used(body.vertices, body.triangles)
+    extents = vertices.max(axis=0) - vertices.min(axis=0)
+    checks.size(name, extents, unit)
+    checks.body(name, extents)
+    counts = raw.counts if body.whole else None
+    return TriangleMesh(
+        name=stem,
+        vertices=vertices,
+        triangles=triangles,
+        counts=counts,
+        scale=float(scale),
+        unit=unit,
+        notes=body.notes,
+    )
+
+
+def _used(vertices: Array, triangles: IntArray) -> tuple[Array, IntArray]:
+    """The vertices that triangles use, and the triangles with their new indices."""
     used = np.zeros(len(vertices), dtype=bool)
     used[triangles.reshape(-1)] = True
     place = np.cumsum(used) - 1
-    vertices = vertices[used]
-    checks.body(name, vertices.max(axis=0) - vertices.min(axis=0))
-    return TriangleMesh(
-        name=stem, vertices=vertices, triangles=place[triangles], counts=raw.counts, scale=scale
-    )
+    return vertices[used], place[triangles]

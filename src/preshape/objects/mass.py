@@ -8,6 +8,7 @@ assumption.
 from __future__ import annotations
 
 from ..types import positive_number, value
+from . import checks
 from .mesh import TriangleMesh
 
 LEAST_ESTIMATE = 0.1
@@ -18,6 +19,10 @@ DENSEST, LIGHTEST = 25_000.0, 5.0
 """Densities outside this range probably come from a wrong unit [kg/m³]; osmium has 22 600, foam rubber 20."""
 HEAVIEST_ESTIMATE = 100.0
 """An estimate above this probably comes from a wrong unit [kg]; no hand lifts as much [C]."""
+MASS_UNITS = {"g": 1e-3, "lb": 0.45359237}
+"""Units in which a mass may have been given by mistake [kg]."""
+SOLID = 20.0, 12_000.0
+"""Densities of plausible objects, from foam to lead [kg/m³]."""
 SHEET = 1e-3
 """A mesh with less volume than this share of its bounding box is an open sheet, whose density is unknown."""
 
@@ -80,11 +85,12 @@ def object_mass(mesh: TriangleMesh, given: float | None = None) -> ObjectMass:
 
 
 def _mass_warning(mesh: TriangleMesh, kg: float, source: str) -> str:
-    """What is absurd about a mass, and what to check; empty if nothing is."""
+    """What is absurd about a mass, and which unit would make it plausible; empty if nothing is absurd."""
     box, volume = float(mesh.extents.prod()), abs(mesh.volume)
     if source == "volume" and kg > HEAVIEST_ESTIMATE:
         return (
-            f"the object's volume of {volume:.3g} m³ filled with water weighs {kg:.3g} kg: {_CHECKS[source]}"
+            f"the object's volume of {volume:.3g} m³ filled with water weighs {kg:.3g} kg: "
+            f"{_remedy(mesh, kg, volume, source)}"
         )
     # The volume of a sheet is not that of its body, which is at most that of the bounding box.
     sheet = volume < SHEET * box
@@ -96,5 +102,17 @@ def _mass_warning(mesh: TriangleMesh, kg: float, source: str) -> str:
     subject = "the assumed mass" if source == "volume" else "a mass"
     return (
         f"{subject} of {kg:.3g} kg in {1e6 * volume:.3g} cm³ is {density:.2g} kg/m³, {side}: "
-        f"{_CHECKS[source]}"
+        f"{_remedy(mesh, kg, volume, source)}"
     )
+
+
+def _remedy(mesh: TriangleMesh, kg: float, volume: float, source: str) -> str:
+    """What to check, with the unit of the mass or of the file that would make the density plausible."""
+    if source == "given" and volume > 0:
+        for unit, factor in MASS_UNITS.items():
+            if SOLID[0] <= factor * kg / volume <= SOLID[1]:
+                return f"--mass is in kilograms; {kg:.3g} {unit} are --mass {factor * kg:.3g}"
+    largest = float(mesh.extents.max())
+    absurd = not checks.GRASPABLE[0] <= largest <= checks.GRASPABLE[1]
+    units = checks.other_units(mesh.extents, mesh.unit) if absurd and source != "known" else ""
+    return units or _CHECKS[source]

@@ -37,7 +37,9 @@ class TriangleMesh:
             ``None``, they are counted in the arrays.
         mass: Mass [kg]; ``None`` if unknown.
         scale: Factor from the size of the file, already applied to the vertices; for messages only.
+        unit: Unit of the file; for messages only.
         scan: How the object was seen, for a mesh made from a point cloud; otherwise ``None``.
+        notes: What was left out of the file or added to it, one sentence each.
 
     Raises:
         ObjectError: The name is empty or no text; an array has the wrong shape, no triangle, a position that
@@ -50,7 +52,9 @@ class TriangleMesh:
     counts: tuple[int, int, int, int] | None = None
     mass: float | None = None
     scale: float = 1.0
+    unit: str = "m"
     scan: Scan | None = None
+    notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         _check_name(self.name)

@@ -1,7 +1,7 @@
 """glTF, text and binary, read by trimesh; files that trimesh would read wrongly or slowly are refused first.
 
-trimesh cannot read triangle fans, line strips, or positions that are normalised, sparse or compressed. Skins
-and morphs are read in their rest state.
+trimesh cannot read triangle fans, line strips, or positions that are sparse or compressed; positions that are
+normalised whole numbers are scaled by a node of our own. Skins and morphs are read in their rest state.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from typing import Any
 from urllib.parse import unquote
 
 from ..exceptions import ObjectError, shown
+from ..files import MOST_OF_MESH, read_file
 from .read_raw import RawMesh
 from .read_text import printable
 from .read_trimesh import read_scene
@@ -20,6 +21,8 @@ from .read_trimesh import read_scene
 # Limits far above any scan: numbers of all parts, of nodes, and of levels of nodes. The time that trimesh
 # needs grows with the third power of the levels.
 _MOST, _NODES, _LEVELS = 60_000_000, 2000, 32
+_STEPS = {5120: 127, 5121: 255, 5122: 32767, 5123: 65535}
+"""Number that stands for 1 in each kind of normalised whole numbers."""
 
 
 def read_gltf(name: str, data: bytes, path: Path) -> RawMesh:
@@ -40,12 +43,7 @@ def read_gltf(name: str, data: bytes, path: Path) -> RawMesh:
             f"{name}: the header promises {max(end, stated)} bytes, the file has {len(data)}; it is cut short"
         )
     tree = json.loads(data[start:end])
-    for extension in tree.get("extensionsRequired", ()):
-        if "compression" in extension:
-            raise ObjectError(
-                f"{name}: the mesh is compressed ({printable(extension)}), which cannot be read; "
-                "export it without compression"
-            )
+    _keep_triangles(name, tree)
     files = {
         uri: _beside(name, uri, path)
         for buffer in tree.get("buffers", ())
@@ -64,7 +62,7 @@ def _beside(name: str, uri: str, path: Path) -> bytes:
     if beside.is_absolute() or ".." in beside.parts or ":" in uri:
         raise ObjectError(f"{name}: refers to the buffer {shown(uri)}; only files beside it are read")
     try:
-        return (path.parent / beside).read_bytes()
+        return read_file(path.parent / beside, MOST_OF_MESH, "buffer", refusal=ObjectError)
     except OSError as error:
         raise ObjectError(
             f"{name}: its buffer {shown(uri)} cannot be read ({error.strerror}); put it beside the file"
@@ -76,6 +74,53 @@ def _item(entries: list[Any], index: object) -> Any:
     if not isinstance(index, int) or not 0 <= index < len(entries):
         raise IndexError(f"no entry {shown(index)} among {len(entries)}")
     return entries[index]
+
+
+def _keep_triangles(name: str, tree: dict[str, Any]) -> None:
+    """Leave out empty parts, and refuse compressed ones; a file may declare compression without using it."""
+    accessors, required = tree.get("accessors", []), tree.get("extensionsRequired", ())
+    for view in tree.get("bufferViews", ()):
+        for extension in view.get("extensions", ()):
+            if "compression" in extension and extension in required:
+                raise _compressed(name, extension)
+    for mesh in tree.get("meshes", ()):
+        kept = []
+        for primitive in mesh["primitives"]:
+            used = [primitive.get("attributes", {}).get("POSITION"), primitive.get("indices")]
+            arrays = [_item(accessors, index) for index in used if index is not None]
+            if used[0] is None or any(array["count"] == 0 for array in arrays):
+                continue
+            for extension in primitive.pop("extensions", ()):
+                if "compression" in extension and not all("bufferView" in array for array in arrays):
+                    raise _compressed(name, extension)
+            kept.append(primitive)
+        mesh["primitives"] = kept
+
+
+def _compressed(name: str, extension: str) -> ObjectError:
+    method = "with Draco " if "draco" in extension.lower() else ""
+    return ObjectError(
+        f"{name}: the mesh is compressed {method}({printable(extension)}), which cannot be read; "
+        "export it without compression"
+    )
+
+
+def _dequantise(tree: dict[str, Any]) -> None:
+    """Read normalised whole numbers as they are; a node around each mesh scales them to -1..1 or 0..1."""
+    accessors, nodes = tree.get("accessors", []), tree["nodes"]
+    quantised = []
+    for mesh in tree.get("meshes", ()):
+        used = [_item(accessors, primitive["attributes"]["POSITION"]) for primitive in mesh["primitives"]]
+        steps = {_STEPS[array["componentType"]] if array.get("normalized") else 1 for array in used}
+        if len(steps) > 1:
+            raise ValueError("the parts of one mesh are quantised differently")
+        quantised.append(next(iter(steps), 1))
+    for accessor in accessors:
+        accessor.pop("normalized", None)
+    for node in [node for node in nodes if "mesh" in node]:
+        if (steps := _item(quantised, node["mesh"])) > 1:
+            node.setdefault("children", []).append(len(nodes))
+            nodes.append({"mesh": node.pop("mesh"), "scale": [1 / steps] * 3})
 
 
 def _check(name: str, tree: dict[str, Any], size: int) -> None:
@@ -94,7 +139,7 @@ def _check(name: str, tree: dict[str, Any], size: int) -> None:
         for primitive in mesh["primitives"]:
             place = primitive["attributes"]["POSITION"]
             position = _item(accessors, place)
-            if position["type"] != "VEC3" or position.get("normalized"):
+            if position["type"] != "VEC3":
                 raise ValueError("positions must be three plain numbers")
             for accessor in (position, _item(accessors, primitive.get("indices", place))):
                 if "sparse" in accessor or "bufferView" not in accessor:
@@ -110,6 +155,7 @@ def _arrange(name: str, tree: dict[str, Any]) -> None:
     if not tree.setdefault("nodes", []):
         tree["nodes"] = [{"mesh": index} for index in range(len(tree.get("meshes", [])))]
         tree.pop("scenes", None)
+    _dequantise(tree)
     nodes = tree["nodes"]
     children = Counter(child for node in nodes for child in node.get("children", ()))
     if not tree.get("scenes"):

@@ -46,6 +46,31 @@ def plain_text(name: str, data: bytes, kind: str) -> bytes:
     return data.removeprefix(b"\xef\xbb\xbf").replace(b"\r\n", b"\n").replace(b"\r", b"\n")
 
 
+def refuse_decimal_commas(name: str, data: bytes) -> None:
+    """Refuse a text whose numbers have decimal commas, which would be read as separators or not at all.
+
+    Three words or more between blanks or semicolons, one of which has a comma between digits, are such
+    numbers; ``1,2,3`` and ``1, 2, 3`` are not. Only the beginning of the file is looked at.
+
+    Raises:
+        ObjectError: A line has decimal commas.
+    """
+    if b"\0" in data[:_BEGINNING]:
+        return
+    for line in data[:_BEGINNING].decode("ascii", "replace").splitlines():
+        words = [word for word in _BETWEEN.split(line.strip()) if word not in ("v", "vertex")]
+        if len(words) >= 3 and all(map(_NUMBER.fullmatch, words)) and any("," in word for word in words):
+            raise ObjectError(
+                f"{name}: the numbers have decimal commas, as in {line.strip()!r:.60}; write them with "
+                "points, as 0.03"
+            )
+
+
+_BEGINNING = 1 << 16
+_BETWEEN = re.compile(r"[\s;]+")
+_NUMBER = re.compile(r"[-+]?(?:\d+[.,]?\d*|[.,]\d+)(?:[eE][-+]?\d+)?(?<!,)")
+
+
 @value
 class NumberRows:
     """The numbers of some lines.

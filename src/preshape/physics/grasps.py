@@ -33,7 +33,7 @@ import numpy as np
 
 from .. import spatial
 from ..exceptions import EnvironmentFailure, InputError, shown
-from ..files import read_arrays, write_whole
+from ..files import MOST_OF_ARRAYS, arrays_in, read_file, write_whole
 from ..objects.read_text import printable
 from ..types import Array, freeze, frozen_array, value
 from .hand import PhysicsHand
@@ -250,13 +250,13 @@ def read_grasps(path: str | Path) -> GraspSet:
     """
     path = Path(path)
     try:
-        with path.open("rb") as file:
-            start = file.read(2)
-    except OSError as error:
-        raise EnvironmentFailure(f"cannot read {path}: {error.strerror}") from error
-    if start != b"PK":
+        content = read_file(path, MOST_OF_ARRAYS, "grasp file")
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise EnvironmentFailure(f"cannot read {path}: {reason}") from error
+    if content[:2] != b"PK":
         raise InputError(f"{path}: not an npz of grasps, which docs/grasp-file.md describes")
-    return _read_npz(path)
+    return _read_npz(path, content)
 
 
 def write_grasps(path: str | Path, grasps: GraspSet) -> None:
@@ -283,11 +283,11 @@ def write_grasps(path: str | Path, grasps: GraspSet) -> None:
     write_whole(Path(path), write)
 
 
-def _read_npz(path: Path) -> GraspSet:
+def _read_npz(path: Path, content: bytes) -> GraspSet:
     try:
         with warnings.catch_warnings(action="ignore"):  # NumPy warns about old formats, which are read
-            arrays = read_arrays(path)
-    except (OSError, ValueError) as error:
+            arrays = arrays_in(content)
+    except ValueError as error:
         raise InputError(
             f"{path}: expected an npz without pickle, this is another file or a damaged one "
             f"({printable(error)})"

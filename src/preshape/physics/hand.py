@@ -10,6 +10,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from ..exceptions import EnvironmentFailure, HandError
+from ..files import MOST_OF_MESH, MOST_OF_MODEL, read_file
 from ..hands.hand import Hand
 from ..types import Array, freeze, frozen_array, value
 
@@ -124,11 +125,14 @@ def hand_from_mjcf(
 
     path = Path(path)
     try:
-        text = path.read_text(encoding="utf-8")
+        text = read_file(path, MOST_OF_MODEL, "model of a hand", refusal=HandError).decode("utf-8")
         spec = mujoco.MjSpec.from_string(text)
         folder = path.parent / spec.meshdir
         files = sorted({mesh.file for mesh in spec.meshes})
-        assets = tuple((Path(file).name, (folder / file).read_bytes()) for file in files)
+        assets = tuple(
+            (Path(file).name, read_file(folder / file, MOST_OF_MESH, "mesh", refusal=HandError))
+            for file in files
+        )
     except OSError as error:
         raise EnvironmentFailure(f"cannot read {error.filename}: {error.strerror}") from error
     except (ValueError, UnicodeDecodeError) as error:

@@ -35,12 +35,14 @@ def object_pieces(name: str, folder: str | Path | None) -> ConvexPieces:
         ObjectError: The mesh cannot be used.
         EnvironmentFailure: A file cannot be read.
     """
+    from ..objects.load import split_part
+
     try:
         return load_pieces(name, folder)
     except UnknownObject:
         raise
     except ObjectError:
-        if not Path(name).is_file():
+        if not Path(split_part(name)[0]).is_file():
             raise
         mesh = _in_millimetres(Path(name))
         if mesh is None:
@@ -58,7 +60,7 @@ def plan_object(source: str, folder: str | Path | None, beside: Path | None) -> 
         beside: Folder of the plan, searched before the working directory; ``None`` for none.
     """
     from ..objects.library import names
-    from ..objects.load import IN_MEMORY
+    from ..objects.load import IN_MEMORY, split_part
 
     bare = Path(source)
     if folder is not None:
@@ -72,7 +74,7 @@ def plan_object(source: str, folder: str | Path | None, beside: Path | None) -> 
         return source
     # Joined to a folder, an absolute path stays as it is.
     places = (beside / bare, bare, beside / bare.name)
-    return next((str(file) for file in places if os.path.isfile(file)), source)
+    return next((str(file) for file in places if os.path.isfile(split_part(file)[0])), source)
 
 
 def object_extent(name: str, folder: str | Path | None) -> float | None:

@@ -18,6 +18,7 @@ from typing import Any
 
 from .._version import __version__
 from ..exceptions import EnvironmentFailure, InputError, shown
+from ..files import MEGABYTE, MOST_OF_JSON, read_file
 from ..hiis.analyser import Grasp, Grip
 from ..hiis.critic import Thresholds
 from ..hiis.decision import Settings
@@ -65,8 +66,13 @@ def read_plan(path: str | Path) -> Document:
     """
     advice = "give a plan.json that preshape plan --out wrote"
     try:
-        text = sys.stdin.read() if str(path) == "-" else Path(path).read_text(encoding="utf-8")
-        document = json.loads(text)
+        if str(path) == "-":
+            content = sys.stdin.buffer.read(MOST_OF_JSON + 1)
+        else:
+            content = read_file(path, MOST_OF_JSON, "plan")
+        if len(content) > MOST_OF_JSON:
+            raise InputError(f"{path} is over {MOST_OF_JSON // MEGABYTE} MB, more than a plan has; {advice}")
+        document = json.loads(content.decode("utf-8"))
     except OSError as error:
         raise EnvironmentFailure(f"cannot read {path}: {error.strerror or error}") from error
     except (ValueError, RecursionError) as error:

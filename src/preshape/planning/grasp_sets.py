@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..exceptions import EnvironmentFailure, InputError
+from ..files import MOST_OF_JSON, read_file
 from ..hands.hand import Hand
 from ..objects.read_text import printable
 from ..physics.grasps import STAGES, Fault, GraspSet, read_grasps
@@ -67,9 +68,10 @@ def read_grasp_file(path: str | Path, *, objects: str | Path | None = None, best
     """
     path = Path(path)
     try:
-        content = path.read_bytes()
-    except OSError as error:
-        raise EnvironmentFailure(f"cannot read {path}: {error.strerror}") from error
+        content = read_file(path, MOST_OF_JSON, "grasp file")
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise EnvironmentFailure(f"cannot read {path}: {reason}") from error
     if content[:2] == b"PK":
         grasps = read_grasps(path)
         return GraspFile(grasps=grasps, planned_for=(PlannedFor(),) * len(grasps))

@@ -28,6 +28,7 @@ from ..hiis.critic import of_this_object
 from ..hiis.decision import Decision, Settings
 from ..memory import Memory, default_path
 from ..objects.library import load_library_object
+from ..objects.load import split_part
 from ..objects.mass import ObjectMass, object_mass
 from ..objects.mesh import TriangleMesh
 from ..types import Array, Experience, value
@@ -35,6 +36,7 @@ from .answers import Answer, seen_first
 from .hand_simulation import execute, hand_geometry
 from .plan import Plan
 from .request import PlanRequest
+from .sizes import refuse_absurd_size
 
 if TYPE_CHECKING:
     from ..closure.analyser import ClosureAnalyser
@@ -146,8 +148,9 @@ class Session:
         self._tell("reading object, task and hand", 5)
         self._open_again()
         hand, mesh = self.hand(request), self.mesh(request)
+        refuse_absurd_size(mesh, hand)
         mass = object_mass(mesh, request.stated_mass)
-        warnings = [mass.warning] if mass.warning else []
+        warnings = [*mesh.notes, *([mass.warning] if mass.warning else [])]
         warnings += out_of_reach(request, mesh, hand)
         loaded = time.perf_counter()
         self._tell("opening the memory; a hand's first time includes the lesson with the cube", 12)
@@ -258,7 +261,8 @@ class Session:
             return request.source
         key, last = _file_key(request), self._mesh
         # A glTF file may name files with its vertices, which may have changed instead.
-        if last is None or last[0] != key or str(request.source).lower().endswith((".gltf", ".glb")):
+        file = split_part(request.source)[0].lower()
+        if last is None or last[0] != key or file.endswith((".gltf", ".glb")):
             made = request.load()
             if last is None or last[0] != key or not last[1].same_as(made):
                 self._mesh = last = key, made
@@ -465,7 +469,8 @@ def closure_controller(
 def _file_key(request: PlanRequest) -> tuple[Any, ...]:
     """Key of a loaded object in the cache; a file that was written again is another object."""
     source = str(request.source)
-    return source, request.unit, request.scale, request.view, request.cut_table, file_state(source)
+    state = file_state(split_part(source)[0])
+    return source, request.unit, request.scale, request.view, request.cut_table, state
 
 
 def _element_key(request: PlanRequest, hand: Hand, mesh: TriangleMesh, mass: ObjectMass) -> tuple[Any, ...]:
