@@ -13,7 +13,7 @@ import pytest
 
 pytest.importorskip("hardening.objects", reason="the folder hardening is not here")
 
-from hardening import kill, memories, objects
+from hardening import kill, memories, objects, odd_objects
 from hardening.blobs import as_obj, blob
 
 from preshape.memory import Memory
@@ -177,3 +177,9 @@ def test_hostile_memories_do_not_stop_a_hand(tmp_path: Path, monkeypatch: pytest
     # And what goes wrong would be seen.
     monkeypatch.setattr(memories, "SCHEMAS", ("ANALYZE",))
     assert memories.foreign_schemas(tmp_path, model)[0] == "opened: ANALYZE"
+
+
+@pytest.mark.parametrize("kind", [kind for kind in odd_objects.KINDS if kind != "slender"])
+def test_an_odd_file_gets_the_right_word(kind: str) -> None:
+    for number in (0, 1):
+        assert odd_objects.one(kind, number, seed=3) == ""
