@@ -6,7 +6,7 @@ The same commands (add --memory FILE to each):
     preshape plan prism --task lift                         mode 3: unknown object; explored, learnt, answered
     preshape plan prism --task "1 1 .1 .05 .8 .05"          mode 1: the estimated plane is searched
     preshape plan prism --task ".6 .6 .6 -.4 -.4 -.4"       mode 2: known object, but the task does not fit
-    preshape plan cone --task lift                          deadlock: no grasp fits, even after learning
+    preshape plan cone --task strike                        deadlock: no grasp fits, even after learning
 """
 
 import preshape
@@ -16,7 +16,7 @@ QUESTIONS = (
     ("prism", "lift"),
     ("prism", "1 1 .1 .05 .8 .05"),
     ("prism", ".6 .6 .6 -.4 -.4 -.4"),
-    ("cone", "lift"),
+    ("cone", "strike"),
 )
 
 with preshape.Memory.open(":memory:") as memory:

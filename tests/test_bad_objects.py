@@ -85,7 +85,7 @@ REFUSED: dict[str, tuple[str, str | bytes, str]] = {
     "points ply": (
         "a.ply",
         PLY_TEXT.split("3 0 2 1")[0].replace("face 4", "face 0"),
-        "a point cloud needs at least 100 points, found 4",
+        "a point cloud needs at least 100 points, found 3",
     ),
     "points off": ("a.off", "OFF\n2 0 0\n0 0 0\n1 1 1\n", "2 vertices but no faces"),
     "faces only": ("a.obj", FACES, "found no vertices"),

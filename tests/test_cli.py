@@ -223,7 +223,7 @@ def test_no_grasp_is_no_answer(run_json, tmp_path):
     path.write_text(
         "".join(f"v {x} {y} {z}\n" for x, y, z in corners) + "".join(f"f {a} {b} {c}\n" for a, b, c in faces)
     )
-    code, document = run_json("plan", path, "--task", "lift")
+    code, document = run_json("plan", f"{path}#all", "--task", "lift")
     assert (code, document["status"], document["mode"]) == (1, "no_grasp", 3)
     assert document["object"]["source"] == str(path)
 
