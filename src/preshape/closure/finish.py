@@ -30,8 +30,9 @@ GAP = 0.0001
 """Distance between finger and surface at which a finger stops closing in a finished grip [m] [C]."""
 DEEPEST = 0.0007
 """Largest accepted penetration of any link into the object [m] [C]."""
-SUNK = 0.5
-"""Least distance of a touching sphere's centre from the surface, as a share of its radius [C]."""
+SUNK, OUTSIDE = 0.003, 1e-5
+"""Largest penetration of a touching sphere, which is the error of a grid that resolves the object, and least
+distance of its centre from the surface [m] [C]."""
 MAX_IMBALANCE = 0.03
 """Largest net wrench of a squeeze's forces, divided by the press; torques are divided by ℓ."""
 INSIDE, OVERLAP = "a link of the closed hand is inside the object", "links of the closed hand overlap"
@@ -155,9 +156,9 @@ class Finisher:
     ) -> tuple[Array, Array, BoolArray]:
         """(n, f, 3), (n, f, 3) exact contact points and inward normals by finger; NaN where not in use.
 
-        Also (n,) whether every contact of a candidate is real: on the surface of the file and not on a lid,
-        with the centre of the touching sphere well outside. Otherwise a wall is too thin for the grid of
-        distances, and the normal may point out of the object.
+        Also (n,) whether every contact of a candidate is real: not on a lid, and with the centre of the
+        touching sphere outside. Where a wall is too thin for the grid of distances, the sphere sinks into it;
+        with the centre inside, the normal would point out of the object.
         """
         n, f = closings.sphere.shape
         places, turns = frames
@@ -171,7 +172,7 @@ class Finisher:
             local = np.einsum("nij,nj->ni", turns[rows, joints], self.tables.sphere[spheres, :3])
             centres = candidates.place[rows] + np.einsum("nij,nj->ni", R[rows], places[rows, joints] + local)
             closest = self.query.closest(centres)
-            sunk = closest.distance < SUNK * self.tables.sphere[spheres, 3]
+            sunk = closest.distance < np.maximum(self.tables.sphere[spheres, 3] - SUNK, OUTSIDE)
             real[rows[sunk | self.query.is_lid[closest.triangle]]] = False
             points[rows, fingers] = near = closest.point
             # The normal points from the sphere's centre to the surface, because an edge has no face normal.
