@@ -31,7 +31,7 @@ from ..objects.library import load_library_object
 from ..objects.load import split_part
 from ..objects.mass import ObjectMass, object_mass
 from ..objects.mesh import TriangleMesh
-from ..types import Array, Experience, value
+from ..types import Array, Experience, an_instance, value
 from .answers import Answer, seen_first
 from .hand_simulation import execute, hand_geometry
 from .plan import Plan
@@ -144,6 +144,7 @@ class Session:
             InputError: Something in the request cannot be used.
             EnvironmentFailure: A file cannot be read.
         """
+        an_instance(request, PlanRequest, "request")
         start = time.perf_counter()
         self._tell("reading object, task and hand", 5)
         self._open_again()
@@ -224,6 +225,7 @@ class Session:
             EnvironmentFailure: A file cannot be read or written, or the memory is open for reading only.
             Cancelled: ``cancel`` was set.
         """
+        an_instance(request, PlanRequest, "request")
         if not request.learn:
             raise InputError(
                 "to teach is to learn, and the request says learn=False; leave it out, or use run"
