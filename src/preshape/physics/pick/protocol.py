@@ -37,6 +37,7 @@ class PickProtocol:
     Attributes:
         friction: Sliding friction of every geom, the table's included.
         torsion: Torsional friction of every geom [m].
+        many_contacts: Whether two flat faces touch at several points; the field's tests use one.
         gravity: Acceleration of the object; the hand carries its own weight [m/s²].
         timestep: Simulation step [s].
         look_steps: Simulation steps between two checks of the object; the table is checked at every step.
@@ -63,6 +64,7 @@ class PickProtocol:
 
     friction: float = FRICTION
     torsion: float = 0.02
+    many_contacts: bool = False
     gravity: float = ACCELERATION
     timestep: float = 0.002
     look_steps: int = 5
@@ -111,6 +113,7 @@ class PickProtocol:
             timestep=self.timestep,
             gain=None,
             torque_limits=True,
+            many_contacts=self.many_contacts,
         )
 
 
