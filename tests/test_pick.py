@@ -103,16 +103,14 @@ class TestOutcomes:
         assert result.status in (PickStatus.SLIPS, PickStatus.DROPS)
         assert result.pushed is not None
 
-    def test_what_slips_and_stays_between_the_fingers_slips(self) -> None:
-        result = attempt(grip(0.0058), protocol=replace(RULES, height=0.03), mass=1.0)
-        assert result.status is PickStatus.SLIPS
-        assert result.held is not None
-        assert result.held.displacement >= RULES.displacement_limit
-
     def test_held_beside_its_weight_it_spins(self) -> None:
         loose = replace(RULES, torsion=0.0005)
         result = attempt(grip(0.06, y=0.015, z=0.0), protocol=loose, hand=BALLS, mass=0.2)
         assert result.status is PickStatus.SPINS
+        # Its centre of mass moves 19 mm on the way: with other limits, that is what counts first.
+        far = replace(loose, displacement_limit=0.01, rotation_limit=3.0)
+        result = attempt(grip(0.06, y=0.015, z=0.0), protocol=far, hand=BALLS, mass=0.2)
+        assert result.status is PickStatus.SLIPS
         assert attempt(grip(0.06, z=0.015), protocol=loose, hand=BALLS, mass=0.2).picked
 
     @pytest.mark.parametrize(

@@ -142,7 +142,9 @@ def hand_from_mjcf(
     if body is None:
         known = ", ".join(body.name for body in spec.bodies)
         raise HandError(f"{path}: no body {root!r}; it has {known}")
-    joints = tuple(joint.name for joint in body.find_all("joint") if joint.name not in fixed)
+    # A joint of the root itself moves the whole hand; here the root is free.
+    inner = [joint for joint in body.find_all("joint") if joint.parent.name != root]
+    joints = tuple(joint.name for joint in inner if joint.name not in fixed)
     return PhysicsHand(
         name=name or path.stem, mjcf=text, assets=assets, root=root, joints=joints, T_root_palm=np.eye(4)
     )
