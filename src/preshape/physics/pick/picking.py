@@ -128,7 +128,7 @@ def pick_up(
     On return, ``data``, a new ``mujoco.MjData`` of the scene, is in the state in which the test ended; after
     a successful pick the hand holds the object at rest. The other arguments are those of :func:`pick_test`.
     """
-    return _Run(scene, data, poses, way_in, protocol, row).run(observer)
+    return _Pick(scene, data, poses, way_in, protocol, row).run(observer)
 
 
 def placed_off(pose: Array, centre: Array, protocol: PickProtocol, row: int) -> Array:
@@ -151,7 +151,7 @@ def placed_off(pose: Array, centre: Array, protocol: PickProtocol, row: int) -> 
     return spatial.pose(turn, axis - turn @ axis + shift)
 
 
-class _Run:
+class _Pick:
     """One test."""
 
     def __init__(
