@@ -17,7 +17,13 @@ from preshape.hiis.analyser import HandLayout
 from preshape.kernels.closing.host import Obstacles
 from preshape.physics.protocol import HoldProtocol
 from preshape.physics.task.protocol import TaskProtocol
-from preshape.tasks import Primitive, named_task, task_from_numbers, task_from_primitives
+from preshape.planning.document import plan_to_json
+from preshape.tasks import (
+    Primitive,
+    named_task,
+    task_from_numbers,
+    task_from_primitives,
+)
 
 LONG = "lift " * 2000
 NAN, INF = float("nan"), float("inf")
@@ -28,6 +34,12 @@ JUNK: list[Any] = [
     np.array([], float), np.bool_(True), np.str_("x"), np.int64(-3), np.float32(NAN),
     np.array([object()] * 6), np.zeros(0), np.datetime64("2020-01-01"),
 ]  # fmt: skip
+
+
+def _session() -> preshape.Session:
+    return preshape.Session(":memory:")
+
+
 GOOD: dict[type, dict[str, Any]] = {
     preshape.ClosureSettings: {},
     preshape.ContactCoefficients: {},
@@ -45,6 +57,11 @@ GOOD: dict[type, dict[str, Any]] = {
     DatasetSettings: {},
 }
 CALLS: dict[str, Callable[[Any], Any]] = {
+    "Session.run": lambda x: _session().run(x),
+    "Session.teach": lambda x: _session().teach(x),
+    "plan_to_json": plan_to_json,
+    "tfvadi wrench": lambda x: preshape.tfvadi([np.ones(6), np.ones(6)], x),
+    "tfvadi sets": lambda x: preshape.tfvadi(np.ones(6), np.ones(6), sets=x),
     "parse_task": preshape.parse_task,
     "named_task": named_task,
     "task_from_numbers": task_from_numbers,
@@ -137,3 +154,9 @@ def test_a_long_text_is_not_repeated_whole(name: str) -> None:
     assert message
     assert "..." in message
     assert len(message) < 450
+
+
+@pytest.mark.parametrize("folder", [None, 3, "", "a\0b", "\ud800", ["x"], b"x"])
+def test_a_folder_that_is_no_path_is_refused(folder: Any) -> None:
+    plan = preshape.plan("cube", "lift", memory=":memory:", learn=False)
+    assert "folder must be a path" in refused(lambda: plan.save(folder))

@@ -164,12 +164,28 @@ def test_lessons_of_another_scene_stop_no_request(memory: Path, lesson: dict[str
         assert p.grasp.judged >= fresh.grasp.judged - 1e-9
 
 
-def test_no_hand_holds_what_is_far_too_large_or_too_heavy(memory: Path) -> None:
-    for more in ({"scale": 12.0}, {"scale": 0.002}, {"closure": replace(QUICK, mass=300.0)}):
-        p = made(memory, "box", learn=False, **more)
-        assert p.decision.status in (Status.NO_GRASP, Status.DEADLOCK)
-        assert p.answer is None
-        VALIDATOR.validate(plan_to_json(p))
+def test_no_hand_holds_what_is_far_too_heavy_and_absurd_sizes_are_refused(memory: Path) -> None:
+    p = made(memory, "box", learn=False, closure=replace(QUICK, mass=300.0))
+    assert p.decision.status in (Status.NO_GRASP, Status.DEADLOCK)
+    assert p.answer is None
+    VALIDATOR.validate(plan_to_json(p))
+    for scale, words in ((40.0, "far beyond"), (0.002, "far below")):
+        with pytest.raises(InputError, match=words):
+            made(memory, "box", learn=False, scale=scale)
+
+
+def test_to_learn_finds_what_to_plan_finds(memory: Path) -> None:
+    """The search of all planes is thinner than that of one: teaching uses the better of the two."""
+    hand, task = load_hand("shadow"), parse_task("lift")
+    for name in ("mug", "bottle"):
+        planned = made(memory, name, learn=False)
+        with Memory.open(":memory:") as store:
+            store.add(Memory.open(memory, read_only=True).experiences())
+            controller = closure_controller(
+                store, hand, settings=Settings(), closure=QUICK, gravity=task.gravity
+            )
+            taught = controller.teach(load_library_object(name), task)
+        assert (taught.status is Status.ANSWER) >= (planned.decision.status is Status.ANSWER)
 
 
 def test_learning_keeps_the_grip_and_the_next_run_answers_with_one_as_good(memory: Path) -> None:

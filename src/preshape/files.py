@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import IO, Any
 
-from .exceptions import EnvironmentFailure, InputError
+from .exceptions import EnvironmentFailure, InputError, shown
 
 MEGABYTE = 2**20
 MOST_OF_MESH, MOST_OF_ARRAYS = 1024 * MEGABYTE, 1024 * MEGABYTE
@@ -89,6 +89,23 @@ def file_stem(name: str, longest: int = 50) -> str:
     """
     safe = "".join(c if c.isalnum() or c in " ._-" else "_" for c in name)
     return safe[:longest].strip(" .") or "unnamed"
+
+
+def path_of(given: object, name: str) -> Path:
+    """A path that a caller gave.
+
+    Args:
+        given: Text or a path.
+        name: What it is, for the message.
+
+    Raises:
+        InputError: It is neither, it is empty, or no file system can have it.
+    """
+    text = str(given) if isinstance(given, str | Path) else ""
+    with contextlib.suppress(UnicodeEncodeError):
+        if os.fsencode(text) and "\0" not in text:
+            return Path(text)
+    raise InputError(f"{name} must be a path, got {shown(given)}")
 
 
 def file_state(path: str | Path) -> tuple[int, ...] | None:

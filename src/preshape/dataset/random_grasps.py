@@ -72,7 +72,10 @@ def random_grasp_settings(friction: float = FRICTION) -> ClosureSettings:
 
 
 def random_generator(seed: int, hand: str, object_name: str) -> np.random.Generator:
-    """Random generator of one hand and object; it does not depend on the other hands and objects."""
+    """Random generator of one hand and object.
+
+    Its seed is made of their names, so the grasps stay the same if other hands and objects are added.
+    """
     return np.random.default_rng([seed, zlib.crc32(hand.encode()), zlib.crc32(object_name.encode())])
 
 

@@ -204,10 +204,6 @@ class Controller:
         self.knowledge.renew(pa, may_learn=True)
         return self._mode_3(pa, task, allowed, 1, [], True, self._best_stored(pa, task, allowed))
 
-    def learn_outcomes(self, pa: Analyser, task: Task, tried: Sequence[tuple[Grasp, bool]]) -> None:
-        """Store what the physics test said of grasps; see :meth:`.knowledge.Knowledge.learn_outcomes`."""
-        self.knowledge.learn_outcomes(pa, task, tried)
-
     def reset(self) -> None:
         """Reset a deadlock, as meta control does; the next run starts at mode 0."""
         self.deadlock = False
@@ -335,11 +331,11 @@ class Controller:
         here = self._attributes(pa)
         found = recognise_shape(here, self._well_learnt())
         if not found.verdict.reward:
-            other = recognise_shape(here, [e for e in self.experiences if e.kind != ANSWER_KIND])
+            other = recognise_shape(here, self.experiences)
             if other.verdict.reward:
                 reason = (
-                    f"the memory knows {other.nearest} only with another load, friction, table or boxes, or "
-                    "with grips that are not good enough"
+                    f"the memory knows {other.nearest} only with another load, friction, table or boxes, by "
+                    "answers that were not taught, or with grips that are not good enough"
                 )
                 return replace(found, verdict=replace(found.verdict, reason=reason))
         return found
@@ -365,7 +361,8 @@ class Controller:
     ) -> Decision:
         """Explore all allowed planes, learn, and self-test with the user's task: mode 0, then mode 1.
 
-        1. Search all allowed planes; without a grasp, report the nearest miss.
+        1. Search all allowed planes; without a grasp, report the nearest miss. With a real hand, prefer a
+           better grip that the closer search of one plane (mode 1) has ``searched``, or finds now.
         2. Learn what was found, and let the self-test judge it. If nothing may be learnt, or not all planes
            were allowed, judge the best grasp itself. A grip of a real hand that is not good enough is not
            learnt: it would teach the estimator where not to grasp, and the same request would search again
@@ -383,8 +380,12 @@ class Controller:
             reason = f"no grasp found on any allowed plane: {found.reason}{'; ' if lacking else ''}{lacking}"
             steps.append(Transition(mode=3, outcome="no grasp", reason=reason))
             return decided(task, 3, Status.NO_GRASP, steps, None, best=miss)
-        best = discovery.answer
         steps.append(Transition(mode=3, outcome="explored", reason=discovery.summary))
+        if isinstance(discovery.answer, Grip) and discovery.answer.judged < threshold - SLACK:
+            searched = searched or self._self_test(pa, task.q, allowed)[0]
+            if searched is not None and searched.judged > discovery.answer.judged:
+                discovery = replace(discovery, answer=searched, taught=searched)
+        best = discovery.answer
         verdict = judge(best.judged, threshold, subject=pa.measure)
         if may_learn and not self.memory.read_only and (verdict.reward or not isinstance(best, Grip)):
             # A lesson learnt with restricted approaches would wrongly restrict later plans without them [C].

@@ -31,7 +31,7 @@ _HELP = {
     Status.ANSWER: "The preshape below matches the task.",
     Status.CORRECTION: "The object is known, but this task does not fit it.",
     Status.DEADLOCK: "No grasp is good enough for this task: ask for another task, or for less.",
-    Status.NO_GRASP: "No grasp was found: allow other approach axes, more room, or another size.",
+    Status.NO_GRASP: "No grasp was found; the reason says what would help.",
 }
 
 

@@ -165,7 +165,8 @@ def approaching_degrees(q: ArrayLike, w: ArrayLike, sets: FuzzySets | None = Non
     Returns:
         (..., 6) degrees, 0..1.
     """
-    sets = sets or FuzzySets()
+    sets = FuzzySets() if sets is None else sets
+    an_instance(sets, FuzzySets, "sets")
     q, w = numbers(q, "a task"), numbers(w, "a net wrench")
     dimensions = max(q.ndim, w.ndim)
     q, w = (x.reshape(*[1] * (dimensions - x.ndim), *x.shape) for x in (q, w))
@@ -181,7 +182,7 @@ def tfvadi(q: ArrayLike, w: ArrayLike, sets: FuzzySets | None = None) -> Array:
         InputError: The last axis of either is not six numbers.
     """
     for name, pattern in (("task", q), ("wrench", w)):
-        shape = np.shape(pattern)
+        shape = numbers(pattern, f"a {name}").shape
         if not shape or shape[-1] != 6:
             raise InputError(f"a {name} must be six numbers, got shape {shape}")
     return approaching_degrees(q, w, sets).sum(axis=-1)

@@ -101,7 +101,11 @@ def inscribe(space: WrenchSpace, base: Array, axis: Array, half_angle: float, *,
 
 
 def _probed(space: WrenchSpace, base: Array, axis: Array, half_angle: float, best: Fit) -> Fit:
-    """``best`` or a lower fit near it: a corner of the space may meet the conditions of a minimum, too."""
+    """``best``, or a lower fit near it if there is one.
+
+    At a corner of the wrench space the search can stop although the fit is not the lowest. So the fits
+    around it are tried.
+    """
     for _ in range(_PROBES):
         around = _around(space, best.normal, _PROBE_ANGLES)
         k, _ = phi(space, base, axis, half_angle, around)

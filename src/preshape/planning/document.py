@@ -24,7 +24,7 @@ from ..hiis.critic import Thresholds
 from ..hiis.decision import Settings
 from ..hiis.fuzzy import SET_NAMES
 from ..tasks import family_names
-from ..types import FIELD_MASS, FRICTION, LENGTH_UNIT
+from ..types import FIELD_MASS, FRICTION, LENGTH_UNIT, an_instance
 from ..viewer.words import answers_of
 from .answers import Answer, PlanRecord, missing_motion, scan_trust, shortfalls
 from .hand_simulation import HandPose
@@ -40,7 +40,12 @@ _PLAN_KEYS = {"status", "hand", "object", "task", "plane"}
 
 
 def plan_to_json(plan: PlanRecord) -> Document:
-    """A plan as plain JSON values; see the schema for each key."""
+    """A plan as plain JSON values; see the schema for each key.
+
+    Raises:
+        InputError: It is no plan.
+    """
+    an_instance(plan, PlanRecord, "plan")
     document = _answer(plan, plan.answer)
     document["alternatives"] = [_answer(plan, other) for other in plan.alternatives]
     document["best"] = None if plan.best is None else {**_answer(plan, plan.best), "executable": False}

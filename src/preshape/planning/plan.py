@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from ..files import path_of
 from ..types import value
 from .answers import PlanRecord
 from .output import notebook_html, save_plan, show_plan
@@ -44,9 +45,10 @@ class Plan(PlanRecord):
             The files that were written.
 
         Raises:
+            InputError: The folder is no path.
             EnvironmentFailure: A file cannot be written.
         """
-        return save_plan(self, Path(folder))
+        return save_plan(self, path_of(folder, "folder"))
 
     def show(self) -> Path:
         """Open the plan's page in the web browser; returns the page's file.

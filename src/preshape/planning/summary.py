@@ -92,8 +92,9 @@ def _answer(answer: Document) -> Table:
     if grip:
         task, hold = two_digits(grip["task_margin"]), two_digits(grip["hold_margin"])
         margins = f"{task} times the task's load, {hold} times pushes"
+        enough = "but it is not to be executed" if words.refused(answer) else "3 is just enough"
         rows = [
-            ("quality", f"{quality_text(grip['quality'], 1)} of 6 (3 is just enough)"),
+            ("quality", f"{quality_text(grip['quality'], 1)} of 6 ({enough})"),
             ("margins", f"{margins} from any side, {words.load_words(answer)}"),
             ("fingers", fingers),
             ("clearance", f"{1000 * grip['clearance']:.0f} mm to the object on the way in"),

@@ -23,7 +23,7 @@ from ..spatial import (
     rotation_from_vector,
     vector_from_rotation,
 )
-from ..types import Array, frozen_array
+from ..types import Array, frozen_array, numbers
 from .task import (
     NO_MOTION,
     ROTATION_ABSENT,
@@ -100,9 +100,10 @@ def task_from_displacement(
 
 
 def _rotation(data: ArrayLike) -> Array:
-    if np.shape(data) == (3,):
+    shape = numbers(data, "a rotation").shape
+    if shape == (3,):
         return rotation_from_vector(frozen_array(data, (3,), "rotation vector"))
-    if np.shape(data) == (4,):
+    if shape == (4,):
         return rotation_from_quaternion(frozen_array(data, (4,), "rotation quaternion"))
     return frozen_array(data, (3, 3), "rotation")
 

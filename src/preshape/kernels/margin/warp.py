@@ -1,7 +1,7 @@
 """Wrench margins of one candidate, as a Warp function and a kernel; one thread computes one candidate.
 
-:mod:`.host` defines the results. The specification :mod:`.plain` gives the method, whose steps 1 to 4 are the
-modes here. Two things differ:
+:mod:`.host` defines the results. The specification :mod:`.plain` gives the method; the kernel switches
+between its steps 1 to 4. Two things differ:
 
 - A Gram matrix in single precision would lose small distances. The edges of the set of support points are
   therefore stored as an orthonormal basis, which is updated as points join and leave.
