@@ -228,7 +228,7 @@ def test_no_grasp_is_no_answer(run_json, tmp_path):
     )
     code, document = run_json("plan", f"{path}#all", "--task", "lift")
     assert (code, document["status"], document["mode"]) == (1, "no_grasp", 3)
-    assert document["object"]["source"] == str(path)
+    assert document["object"]["source"] == f"{path}#all"
 
 
 # -- options of plan -----------------------------------------------------------------------------------

@@ -567,7 +567,7 @@ def test_text_on_standard_output_and_json(stored: str) -> None:
 
 
 def test_a_plan_from_standard_input(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("sys.stdin", io.StringIO(json.dumps(CLOSURE)))
+    monkeypatch.setattr("sys.stdin", io.TextIOWrapper(io.BytesIO(json.dumps(CLOSURE).encode())))
     assert read_plan("-") == CLOSURE
 
 
