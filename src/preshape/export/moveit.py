@@ -62,11 +62,12 @@ class MoveItOptions:
         ):
             if (needed and not name) or name.startswith("/") or " " in name or not name.isprintable():
                 raise InputError(
-                    f"{option} needs a frame's printable name without spaces and leading /, got {shown(name)}"
+                    f"{option} needs a frame's name without spaces and leading /, in printable characters,"
+                    f" got {shown(name)}"
                 )
         for name in self.touch_objects:
             if not name.strip() or not name.isprintable():
-                raise InputError(f"--object-name needs a printable name, got {shown(name)}")
+                raise InputError(f"--object-name needs a name in printable characters, got {shown(name)}")
         for option, distance in (
             ("--approach-distance", self.approach_distance),
             ("--retreat-distance", self.retreat_distance),
