@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import copy
 import json
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -128,10 +130,56 @@ def test_an_open_shell_is_the_same_solid_for_planner_and_physics() -> None:
     open_shell, whole = mesh_from(shell()), mesh_from(shell(caps=True))
     assert whole.notes == ()
     assert open_shell.notes == (
-        "the surface is open: 2 holes closed by flat lids; the object is planned and tested as a solid",
+        "the surface is open: 2 holes closed by flat lids; the object is planned and tested as a solid, and "
+        "no finger is placed on a lid",
     )
     assert open_shell.volume == pytest.approx(whole.volume, rel=1e-9)
     assert decompose(open_shell).volume == pytest.approx(open_shell.volume, rel=0.02)
+
+
+def test_lids_are_marked_kept_and_said_of_the_mass() -> None:
+    mesh = mesh_from(shell())
+    assert mesh.lids == 2 * 24
+    inner = mesh.corners[:, :, :2].mean(axis=1)  # only a lid's triangle reaches the axis
+    np.testing.assert_array_equal(mesh.is_lid, np.linalg.norm(inner, axis=1) < 0.025)
+    for copied in (copy.deepcopy(mesh), replace(mesh, vertices=2 * mesh.vertices)):
+        np.testing.assert_array_equal(copied.is_lid, mesh.is_lid)
+    assert mesh.same_as(copy.copy(mesh))
+    assert not mesh.same_as(replace(mesh, lids=0))
+    assert "lids enclose as filled with water: the file's surface is open" in object_mass(mesh).warning
+    assert object_mass(mesh, 0.2).warning == object_mass(mesh_from(shell(caps=True))).warning == ""
+    with pytest.raises(ObjectError, match="12 of 12 triangles are no lids"):
+        replace(box_mesh("box", np.ones(3)), lids=12)
+    with pytest.raises(ObjectError, match="the number of lids must be a whole number"):
+        replace(mesh, lids=-1)
+
+
+@pytest.mark.parametrize("caps", [True, False])
+@pytest.mark.parametrize("step", [2, 3, 7])
+def test_mixed_winding_is_mended_and_said(caps: bool, step: int) -> None:
+    """Volume and normals are those of the file that is wound consistently, whatever is reversed."""
+    right, wrong = shell(caps=caps), shell(caps=caps)
+    faces = np.array(wrong.faces)
+    faces[::step] = faces[::step, ::-1]
+    expected, mended = mesh_from(right), mesh_from(trimesh.Trimesh(wrong.vertices, faces, process=False))
+    count = len(faces)
+    assert mended.notes == (
+        "triangles of the file are wound against their neighbours: "
+        f"{-(-count // step)} of {count} were reversed",
+        *expected.notes,
+    )
+    assert mended.volume == pytest.approx(expected.volume, rel=1e-9)
+    assert mended.lids == expected.lids
+    np.testing.assert_allclose(mended.normals[:count], expected.normals[:count], atol=1e-9)
+    assert object_mass(mended).kg == pytest.approx(object_mass(expected).kg, rel=1e-9)
+
+
+def test_consistent_winding_changes_nothing_even_inside_out() -> None:
+    body = trimesh.creation.icosphere(2, 0.03)
+    for faces in (body.faces, body.faces[:, ::-1]):
+        mesh = mesh_from(trimesh.Trimesh(body.vertices, faces, process=False))
+        assert mesh.notes == ()
+        np.testing.assert_array_equal(mesh.triangles, faces)
 
 
 def test_a_small_hole_changes_nothing() -> None:

@@ -2,22 +2,32 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from preshape.closure.candidates import DrawnCandidates, Region, draw_candidates, quaternions
+from preshape.closure.candidates import (
+    DrawnCandidates,
+    RankedCandidates,
+    Region,
+    concatenated,
+    draw_candidates,
+    quaternions,
+)
 from preshape.closure.demand import Demand
+from preshape.closure.finish import Finisher, FinishOptions
 from preshape.closure.hand_pinches import FACING, WIDTHS, Pinches, finger_sets, hand_pinches
 from preshape.closure.hand_tables import hand_tables
 from preshape.closure.pinching import NEAR, ROOM, AntipodalPatches, Pincher, alternating, antipodal_patches
-from preshape.closure.preshapes import preshapes
+from preshape.closure.preshapes import posture_at, preshapes
 from preshape.closure.search import ClosureSearch
 from preshape.closure.settings import ClosureSettings
 from preshape.hands.load import load_hand
 from preshape.hiis.planes import APPROACH_AXES, OPPOSITION_AXES
-from preshape.kernels.chains import rotations
+from preshape.kernels.chains import joint_frames, rotations
 from preshape.kernels.closing.host import Candidates, ClosingKernel, Fate
-from preshape.kernels.field.host import prepare_field
+from preshape.kernels.field.host import SurfaceQuery, prepare_field
 from preshape.kernels.fitting.host import PatchRows, PinchPlacements
 from preshape.kernels.fitting.plain import between, fits_plain, frames, place_plain
 from preshape.objects.load import load_object
@@ -36,6 +46,13 @@ def slab(x: float, y: float, z: float, turned: bool = False) -> TriangleMesh:
     if turned:
         triangles[::2] = triangles[::2, ::-1]
     return TriangleMesh(name="slab", vertices=box.vertices / box.extents * [x, y, z], triangles=triangles)
+
+
+def lidded(mesh: TriangleMesh, axis: int, signs: tuple[float, ...] = (-1.0, 1.0)) -> TriangleMesh:
+    """The mesh with its faces along this axis, of these sides, as lids."""
+    lid = np.isin(mesh.normals[:, axis].round(6), signs)
+    triangles = np.concatenate([mesh.triangles[~lid], mesh.triangles[lid]])
+    return replace(mesh, triangles=triangles, lids=int(lid.sum()))
 
 
 @pytest.fixture(scope="module")
@@ -126,6 +143,13 @@ class TestSpots:
         assert len(antipodal_patches(shell, field, 0.005, 0.04))
         patches = antipodal_patches(shell, field, 0.03, 0.04)
         assert not len(patches)
+
+    def test_none_on_a_lid(self) -> None:
+        """The flat sides of a strip as lids: only the narrow sides remain."""
+        mesh = lidded(slab(0.12, 0.03, 0.003), 2)
+        patches = antipodal_patches(mesh, prepare_field(mesh, cache=None), 0.008, 0.05)
+        assert len(patches)
+        np.testing.assert_allclose(np.abs(patches.normal[:, 1]), 1.0, atol=1e-6)
 
 
 @pytest.mark.parametrize("name", HANDS)
@@ -226,6 +250,75 @@ def pincher(name: str, mesh: TriangleMesh) -> Pincher:
 def searched(name: str, mesh: TriangleMesh) -> ClosureSearch:
     field = prepare_field(mesh)
     return ClosureSearch(load_hand(name), field, mesh.cog, float(mesh.extents.max()) / 2, ClosureSettings())
+
+
+def test_closed_hands_do_not_stand_on_lids() -> None:
+    """In the search, and in the finished grips even if the search did not look, nearest misses included."""
+    mesh = lidded(slab(0.05, 0.05, 0.07), 0, (1.0,))
+    field, query = prepare_field(mesh, cache=None), SurfaceQuery(mesh)
+    hand, demand = load_hand("allegro"), Demand()
+    blind, search = (
+        ClosureSearch(hand, field, mesh.cog, 0.035, ClosureSettings(), query=each) for each in (None, query)
+    )
+    drawn = draw_candidates(np.random.default_rng(0), search.pool, mesh.cog, mesh.extents / 2, 1500, Region())
+
+    def on_lid(found: RankedCandidates) -> np.ndarray:
+        c = found.closings
+        return np.array(
+            [
+                mesh.is_lid[query.closest(p[:n]).triangle].any()
+                for p, n in zip(c.points, c.counts, strict=True)
+            ]
+        )
+
+    every, found = blind.evaluate(drawn, demand), search.evaluate(drawn, demand)
+    touching = on_lid(every)
+    assert 0 < touching.sum() < len(every)
+    assert len(found) == (~touching).sum() > 0
+    assert not on_lid(found).any()
+    wrong = every.take(np.flatnonzero(touching)[:40])
+    options = FinishOptions(count=40, anyway=True)
+    grips = Finisher(blind, query).finish(wrong, demand, options)
+    assert not any(mesh.is_lid[query.closest(grip.points).triangle].any() for grip in grips)
+    bare = replace(mesh, lids=0)  # the same solid, all of which can be touched
+    assert len(Finisher(blind, SurfaceQuery(bare)).finish(wrong, demand, options)) > len(grips)
+
+
+@pytest.mark.parametrize("cells", [None, 64])
+def test_contacts_of_a_long_thin_plate_press_into_it(cells: int | None) -> None:
+    """With 64 cells along a metre, fingertips sink through 4 mm: such contacts are dropped, not inverted."""
+    mesh = slab(0.03, 0.004, 1.0)
+    field, query = prepare_field(mesh, cells=cells, cache=None), SurfaceQuery(mesh)
+    hand = load_hand("shadow")
+    pinches = hand_pinches(hand)
+    search = ClosureSearch(hand, field, mesh.cog, 0.5, ClosureSettings())
+    patches = antipodal_patches(mesh, field, float(pinches.tip[0]), pinches.widest)
+    rng, region = np.random.default_rng(0), Region()
+    drawn = concatenated(
+        Pincher(pinches, patches, mesh.cog, mesh.extents / 2, search.kernel).draw(rng, 300, region),
+        draw_candidates(rng, search.pool, mesh.cog, mesh.extents / 2, 3000, region),
+    )
+    finisher = Finisher(search, query)
+    found = search.evaluate(drawn, Demand())
+    candidates, closings = found.drawn.candidates, finisher.close(found)
+    frames_of = joint_frames(finisher.tables, posture_at(finisher.tables, candidates.start, closings.closing))
+    points, normals, real = finisher.contacts(candidates, closings, frames_of)
+    used = np.isfinite(points).all(axis=2) & ((closings.fate == Fate.CLOSED) & real)[:, None]
+    # A point a little back along an inward normal is outside the plate.
+    assert used.any()
+    assert (query.closest(points[used] - 1e-4 * normals[used]).distance > 0.0).all()
+    sunk = ~real[closings.fate == Fate.CLOSED]
+    assert sunk.mean() == 0.0 if cells is None else sunk.mean() > 0.2
+
+
+def test_only_long_thin_objects_get_more_cells() -> None:
+    """No object of the usual size changes; a metre of plate is resolved, at no more nodes than a cube's."""
+    for size, spacing in (((0.16, 0.16, 0.16), 0.2 / 63), ((0.02, 0.02, 0.2), 0.24 / 63)):
+        assert prepare_field(slab(*size), cache=None).spacing == pytest.approx(spacing, rel=1e-9)
+    assert prepare_field(slab(0.9, 0.9, 0.9), cache=None).distance.shape == (64, 64, 64)
+    plate = prepare_field(slab(0.03, 0.004, 1.0), cache=None)
+    assert plate.spacing == pytest.approx(0.004, rel=0.01)
+    assert plate.distance.size < 64**3
 
 
 def test_rows_in_turn() -> None:

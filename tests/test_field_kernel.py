@@ -14,11 +14,11 @@ from scipy.spatial import cKDTree
 from preshape.exceptions import InputError
 from preshape.kernels.field import plain as field_numpy
 from preshape.kernels.field.host import DistanceField, SurfaceQuery, prepare_field
-from preshape.kernels.field.winding import oriented_triangles
 from preshape.kernels.surface_points import surface_points
 from preshape.objects.library import load_library_object
 from preshape.objects.load import load_object
 from preshape.objects.mesh import TriangleMesh
+from preshape.objects.winding import oriented_triangles
 from preshape.spatial import rotation_from_vector
 from preshape.types import Array
 

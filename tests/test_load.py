@@ -327,7 +327,8 @@ def test_seams_and_rubbish_are_taken_as_they_are_and_a_large_hole_is_closed(tmp_
     assert mesh.area == pytest.approx(BOX_AREA)
     assert mesh.volume == pytest.approx(0.02 * 0.04 * 0.06)
     assert mesh.notes == (
-        "the surface is open: a hole closed by flat lids; the object is planned and tested as a solid",
+        "the surface is open: a hole closed by flat lids; the object is planned and tested as a solid, and "
+        "no finger is placed on a lid",
     )
     assert (mesh.areas > 0).all()
 

@@ -515,6 +515,22 @@ def test_the_winding_of_the_triangles_does_not_matter(name: str) -> None:
         assert np.allclose(g.contacts.normals_in, h.contacts.normals_in, atol=1e-12)
 
 
+def test_no_finger_stands_on_a_lid() -> None:
+    """A cube whose -x face only closes a hole: no grasp has a contact there, and all others stay."""
+    cube = small_box()
+    face = cube.normals[:, 0] < -0.5
+    triangles = np.concatenate([cube.triangles[~face], cube.triangles[face]])
+    solid = replace(cube, triangles=triangles)
+    aim, q = Aim(values=CRISP), np.array(Q1)
+    lidded = RayAnalyser(replace(solid, lids=2), UTAH).explore(q, aim)
+    found = [table(RayAnalyser(solid, UTAH).explore(q, aim)), table(lidded)]
+    across = {key for key in found[0] if abs(plane(key[0]).opposition_axis[0]) > 0.5}
+    assert 0 < len(across) < len(found[0])
+    assert set(found[1]) == set(found[0]) - across
+    for k in range(0, len(lidded), 7):
+        assert (lidded.grasp(k).contacts.triangles < 10).all()
+
+
 def test_the_task_chooses_the_order_and_nothing_else() -> None:
     analyser = RayAnalyser(load_library_object("mug"), UTAH)
     aim = Aim(values=CRISP)

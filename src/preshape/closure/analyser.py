@@ -113,7 +113,13 @@ class ClosureAnalyser:
         self.middle = inner_centre(self.field, mesh)
         length = float(mesh.extents.max()) / 2
         self.search = ClosureSearch(
-            hand, self.field, self.middle, length, self.settings, turns=turn_levers(mesh, self.middle, length)
+            hand,
+            self.field,
+            self.middle,
+            length,
+            self.settings,
+            turns=turn_levers(mesh, self.middle, length),
+            query=self.query,
         )
         pinches = hand_pinches(hand)
         patches = antipodal_patches(mesh, self.field, float(pinches.tip[0]), pinches.widest)

@@ -17,7 +17,7 @@ from ..kernels.chains import joint_frames, rotations
 from ..kernels.closing.host import Candidates, ClosingKernel, Closings, Fate
 from ..kernels.field.host import SurfaceQuery
 from ..kernels.hand_spheres import FINE
-from ..types import Array, value
+from ..types import Array, BoolArray, value
 from .candidates import RankedCandidates
 from .demand import LONGEST, Demand
 from .hand_tables import hand_tables
@@ -30,6 +30,9 @@ GAP = 0.0001
 """Distance between finger and surface at which a finger stops closing in a finished grip [m] [C]."""
 DEEPEST = 0.0007
 """Largest accepted penetration of any link into the object [m] [C]."""
+SUNK, OUTSIDE = 0.003, 1e-5
+"""Largest penetration of a touching sphere, which is the error of a grid that resolves the object, and least
+distance of its centre from the surface [m] [C]."""
 MAX_IMBALANCE = 0.03
 """Largest net wrench of a squeeze's forces, divided by the press; torques are divided by ℓ."""
 INSIDE, OVERLAP = "a link of the closed hand is inside the object", "links of the closed hand overlap"
@@ -150,23 +153,32 @@ class Finisher:
 
     def contacts(
         self, candidates: Candidates, closings: Closings, frames: tuple[Array, Array]
-    ) -> tuple[Array, Array]:
-        """(n, f, 3), (n, f, 3) exact contact points and inward normals by finger; NaN where not in use."""
+    ) -> tuple[Array, Array, BoolArray]:
+        """(n, f, 3), (n, f, 3) exact contact points and inward normals by finger; NaN where not in use.
+
+        Also (n,) whether every contact of a candidate is real: not on a lid, and with the centre of the
+        touching sphere outside. Where a wall is too thin for the grid of distances, the sphere sinks into it;
+        with the centre inside, the normal would point out of the object.
+        """
         n, f = closings.sphere.shape
         places, turns = frames
         R = rotations(candidates.turn)
         points, normals = np.full((n, f, 3), np.nan), np.full((n, f, 3), np.nan)
+        real = np.ones(n, dtype=bool)
         rows, fingers = np.nonzero(closings.sphere >= 0)
         if len(rows):
             spheres = closings.sphere[rows, fingers]
             joints = np.searchsorted(self.tables.sphere_start, spheres, side="right") - 1
             local = np.einsum("nij,nj->ni", turns[rows, joints], self.tables.sphere[spheres, :3])
             centres = candidates.place[rows] + np.einsum("nij,nj->ni", R[rows], places[rows, joints] + local)
-            points[rows, fingers] = near = self.query.closest(centres).point
+            closest = self.query.closest(centres)
+            sunk = closest.distance < np.maximum(self.tables.sphere[spheres, 3] - SUNK, OUTSIDE)
+            real[rows[sunk | self.query.is_lid[closest.triangle]]] = False
+            points[rows, fingers] = near = closest.point
             # The normal points from the sphere's centre to the surface, because an edge has no face normal.
             inward = near - centres
             normals[rows, fingers] = inward / np.maximum(np.linalg.norm(inward, axis=1, keepdims=True), 1e-9)
-        return points, normals
+        return points, normals, real
 
     def finish(
         self, found: RankedCandidates, demand: Demand, options: FinishOptions | None = None
@@ -174,12 +186,13 @@ class Finisher:
         """Turn candidates into grips, in order; candidates that the hand cannot execute are dropped.
 
         1. Close the candidates again with fine spheres, and find their exact contacts.
-        2. Drop those that do not close, penetrate the object, hit an obstacle, or balance none of the load.
+        2. Drop those that do not close or whose contacts are not real; those that penetrate the object, hit
+           an obstacle, or balance none of the load.
         3. In batches: drop hands whose links overlap, then find a pregrasp and a collision-free approach.
         4. For each with both, compute the thorough strength and the squeeze, until there are enough grips.
         5. If a firm press is allowed and no grip is good enough, press harder.
 
-        With ``options.anyway``, steps 2 and 3 drop only candidates that do not close.
+        With ``options.anyway``, steps 2 and 3 drop only candidates that do not close with real contacts.
 
         Args:
             found: A few dozen candidates at most.
@@ -194,13 +207,14 @@ class Finisher:
         closings = self.close(found)
         grasp = posture_at(self.tables, candidates.start, closings.closing)
         frames = joint_frames(self.tables, grasp)
-        contacts = self._with_contacts(closings, *self.contacts(candidates, closings, frames))
+        points, normals, real = self.contacts(candidates, closings, frames)
+        contacts = self._with_contacts(closings, points, normals)
         # 2. Rough checks of all candidates at once.
         task, hold = self.search.strengths(contacts, demand)
         to_object, to_obstacles = self.kernel.clearances(
             candidates.place, candidates.turn, grasp, self.settings.obstacles, enough=OPENING
         )
-        closed, outside = closings.fate == Fate.CLOSED, to_object.min(axis=1) > -DEEPEST
+        closed, outside = real & (closings.fate == Fate.CLOSED), to_object.min(axis=1) > -DEEPEST
         sound = outside & (to_obstacles > 0) & (self.search.score(task, hold, demand) > 0)
         rows, apart = np.flatnonzero(closed & (sound | options.anyway)), np.ones(len(closed), dtype=bool)
         squeeze = cache(partial(self.squeezer.squeeze, candidates, contacts, frames))

@@ -15,10 +15,10 @@ from ..hiis.planes import APPROACH_AXES, OPPOSITION_AXES
 from ..kernels.closing.host import Candidates, ClosingKernel
 from ..kernels.field.host import DistanceField
 from ..kernels.field.plain import field_distance
-from ..kernels.field.winding import oriented_triangles
 from ..kernels.fitting.host import FittingKernel, PatchRows, PinchPlacements
 from ..kernels.rays import MISS, RayCaster
 from ..objects.mesh import TriangleMesh
+from ..objects.winding import oriented_triangles
 from ..types import Array, IntArray, value
 from .candidates import TILT, DrawnCandidates, Region
 from .hand_pinches import Pinches
@@ -78,7 +78,7 @@ def antipodal_patches(
 ) -> AntipodalPatches:
     """Pairs of surface points at which two fingertips can hold the object between them.
 
-    1. Draw points evenly over the surface.
+    1. Draw points evenly over the surface; there are none on lids, which nothing can touch.
     2. Cast a ray inward from each and find the face behind it.
     3. Accept pairs whose normals are opposite and whose distance the hand can span.
     4. Accept those at which a fingertip has room outside both faces.
@@ -94,7 +94,7 @@ def antipodal_patches(
     triangles = oriented_triangles(mesh)
     normals = np.where((triangles == mesh.triangles).all(axis=1)[:, None], mesh.normals, -mesh.normals)
     # 1. Stratified by area, uniform on each triangle.
-    ends = np.cumsum(mesh.areas)
+    ends = np.cumsum(np.where(mesh.is_lid, 0.0, mesh.areas))
     at = (np.arange(SURFACE_POINTS) + rng.random(SURFACE_POINTS)) / SURFACE_POINTS * ends[-1]
     face = np.minimum(np.searchsorted(ends, at, side="right"), len(ends) - 1)
     root, v = np.sqrt(rng.random(SURFACE_POINTS)), rng.random(SURFACE_POINTS)
@@ -105,7 +105,8 @@ def antipodal_patches(
     hits = RayCaster(mesh).cast(points - step * out, -out)
     width = hits.distance + step
     facing = -np.einsum("ij,ij->i", normals[hits.triangle], out) > OPPOSITE
-    rows = np.flatnonzero((hits.triangle != MISS) & facing & (width > THINNEST) & (width < widest))
+    real = (hits.triangle != MISS) & ~mesh.is_lid[hits.triangle] & ~mesh.is_lid[face]
+    rows = np.flatnonzero(real & facing & (width > THINNEST) & (width < widest))
     points, out, width = points[rows], out[rows], width[rows]
     # 4.
     sides = points + tip * out, points - (width + tip)[:, None] * out

@@ -16,7 +16,7 @@ import numpy as np
 from ..hands.hand import Hand
 from ..hiis.analyser import Grip
 from ..kernels.closing.host import Candidates, ClosingKernel, Closings
-from ..kernels.field.host import DistanceField
+from ..kernels.field.host import DistanceField, SurfaceQuery
 from ..kernels.hand_spheres import COARSE
 from ..kernels.margin.host import CONTACTS, MarginKernel
 from ..kernels.tables import HandTables
@@ -48,6 +48,7 @@ class ClosureSearch:
         settings: Friction, device, size of the search.
         turns: Torques of plain holding with their levers (:func:`~preshape.closure.demand.turn_levers`),
             instead of torques about the axes of the frame.
+        query: The object's surface; without it, contacts on lids are found in the finished grips only.
     """
 
     def __init__(
@@ -58,7 +59,9 @@ class ClosureSearch:
         length: float,
         settings: ClosureSettings,
         turns: Sequence[tuple[float, Array]] = (),
+        query: SurfaceQuery | None = None,
     ) -> None:
+        self.query = query
         self.hand, self.field, self.settings = hand, field, settings
         self.cog, self.length = np.asarray(cog, dtype=np.float64), float(length)
         self.tables: HandTables = hand_tables(hand, COARSE)
@@ -75,7 +78,7 @@ class ClosureSearch:
     ) -> RankedCandidates:
         """Close candidates and rank those that close on the object.
 
-        1. Close every candidate, and drop those that do not close on the object.
+        1. Close every candidate, and drop those that do not close on the object, or close on a lid.
         2. Drop those that collide with table or boxes.
         3. Compute the strengths of their contacts and sort by score.
 
@@ -86,7 +89,7 @@ class ClosureSearch:
             blocked: Index of an obstacle: the candidates that collide with it are ranked, and not those that
                 are clear of all obstacles.
         """
-        rows, closings = self.kernel.closed(drawn.candidates, wanted=MIN_CONTACTS)
+        rows, closings = self._closed(drawn.candidates)
         closed, hits = len(rows), self._hits(drawn, closings, rows)
         keep = ~hits.any(axis=1) if blocked is None else hits[:, blocked]
         rows, closings = rows[keep], closings.take(np.flatnonzero(keep))
@@ -101,6 +104,16 @@ class ClosureSearch:
             tally=np.array([len(drawn), closed, len(rows), (score > 0).sum(), *hits.sum(axis=0)]),
         )
         return found.take(np.argsort(-score, kind="stable"))
+
+    def _closed(self, candidates: Candidates) -> tuple[IntArray, Closings]:
+        """The candidates that close on the object, none of whose contacts is on a lid; see the kernel's."""
+        rows, closings = self.kernel.closed(candidates, wanted=MIN_CONTACTS)
+        if self.query is None or not self.query.is_lid.any():
+            return rows, closings
+        on_lid = np.arange(closings.points.shape[1]) < closings.counts[:, None]  # those in use, so far
+        on_lid[on_lid] = self.query.is_lid[self.query.closest(closings.points[on_lid]).triangle]
+        keep = np.flatnonzero(~on_lid.any(axis=1))
+        return rows[keep], closings.take(keep)
 
     def _hits(self, drawn: DrawnCandidates, closings: Closings, rows: IntArray) -> BoolArray:
         """(k, m) whether these candidates collide with each obstacle, closed or a little opened."""
@@ -312,7 +325,7 @@ class ClosureSearch:
         if not len(found):
             return found
         moved = self.perturbed(rng, found, samples, 0.0, shift=shift, turn=turn)
-        rows, closings = self.kernel.closed(moved.candidates, wanted=MIN_CONTACTS)
+        rows, closings = self._closed(moved.candidates)
         score = np.zeros(len(moved))
         score[rows] = self.score(*self.strengths(closings, demand, ranking=True), demand)
         sorted_scores = np.sort(score.reshape(len(found), samples), axis=1)

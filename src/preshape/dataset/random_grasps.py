@@ -93,8 +93,9 @@ def draw_random_grasps(
     """
     field = prepare_field(mesh)
     centre = inner_centre(field, mesh)
-    search = _UnrankedSearch(hand, field, centre, float(mesh.extents.max()) / 2, settings)
-    finisher = Finisher(search, SurfaceQuery(mesh))
+    query = SurfaceQuery(mesh)
+    search = _UnrankedSearch(hand, field, centre, float(mesh.extents.max()) / 2, settings, query=query)
+    finisher = Finisher(search, query)
     finisher.max_imbalance = math.inf  # the planner refuses unbalanced grips; the sample must contain them
     finished: list[FinishedGrip] = []
     drawn = closed = 0

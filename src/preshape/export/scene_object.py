@@ -79,7 +79,10 @@ def object_parts(found: FoundObject) -> tuple[TriangleMesh, ConvexPieces]:
     factor = float(np.ptp(scaled.bounds, axis=0).max() / mesh.extents.max())
     # If a file in millimetres was read as metres, surface and pieces differ in size, but not in shape.
     factor = found.scale if abs(factor / found.scale - 1) < 0.2 else factor
-    return TriangleMesh(name=mesh.name, vertices=factor * mesh.vertices, triangles=mesh.triangles), scaled
+    sized = TriangleMesh(
+        name=mesh.name, vertices=factor * mesh.vertices, triangles=mesh.triangles, lids=mesh.lids
+    )
+    return sized, scaled
 
 
 def grasp_set(grasps: tuple[PlannedGrasp, ...], found: FoundObject) -> GraspSet:

@@ -4,7 +4,7 @@ Each finger is a ray along the opposition axis, aimed at (v · half-extent along
 comes from the +o side at t = 0, the fingers from the -o side; in a flipped grasp the sides are exchanged.
 The forefinger stands opposite the thumb, at t = 0 [P]; the next fingers stand beside it, at +t and then -t
 [C]. The contact is the point where the ray first hits the object from outside. A virtual grasp exists if
-the rays of all its fingers hit.
+the rays of all its fingers hit; a lid over a hole of the surface is nothing to hit.
 """
 
 from __future__ import annotations
@@ -283,7 +283,7 @@ class RayAnalyser:
             point=point,
             normal=normal,
             triangle=triangle,
-            hit=triangle != MISS,
+            hit=(triangle != MISS) & ~self.mesh.is_lid[triangle],
             fits=fits,
             as_finger=as_finger,
             as_thumb=as_thumb,
@@ -324,9 +324,11 @@ class RayAnalyser:
         true = distance_to(self.mesh, hits.triangle, centre, along.reshape(-1, 3)).reshape(reach.shape)
         flat = np.abs(np.subtract(true, reach, out=np.zeros_like(true), where=met)) <= near
         depth = np.where(flat, true, reach)
-        # 3. Of what the ring hits, the nearest is the contact; of equally near ones, the first on the ring.
+        # 3. Of what the ring hits, the nearest is the contact; of equally near ones, the first on the ring,
+        # or a lid if there is one, because half of the finger would touch nothing.
         front = depth <= depth.min(axis=0) + near
-        first = np.argmax(front, axis=0), np.arange(len(origins))
+        lid = self.mesh.is_lid[triangle] & met
+        first = np.argmax(front * (1 + lid), axis=0), np.arange(len(origins))
         # The inward normal points along the ray, whichever way the triangles of a scan are wound.
         normals = self.mesh.normals[triangle]
         slope = np.einsum("kni,kni->kn", normals, along)

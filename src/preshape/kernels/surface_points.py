@@ -8,8 +8,8 @@ import numpy as np
 
 from ..exceptions import InputError, shown
 from ..objects.mesh import TriangleMesh
+from ..objects.winding import oriented_triangles
 from ..types import Array, BoolArray, IntArray, read_only
-from .field.winding import oriented_triangles
 
 SHARP = math.cos(math.radians(30.0))
 """An edge is sharp if the cosine of the angle between its faces' normals is below this [C]."""

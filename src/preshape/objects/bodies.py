@@ -12,6 +12,7 @@ from ..exceptions import InputError, ObjectError
 from ..types import Array, BoolArray, IntArray, value
 from . import checks
 from .read_raw import group_rows
+from .winding import turned, with_turned
 
 WHOLE = "all"
 """Part of a file that means everything in it."""
@@ -45,13 +46,15 @@ class Body:
     Attributes:
         vertices: (n, 3) positions [m].
         triangles: (m, 3) vertex indices.
-        notes: What was left out or added, one sentence each.
+        notes: What was left out, reversed or added, one sentence each.
+        lids: Number of triangles, the last ones, that were added to close holes.
         whole: Whether this is the whole content of the file.
     """
 
     vertices: Array
     triangles: IntArray
     notes: tuple[str, ...] = ()
+    lids: int = 0
     whole: bool = True
 
 
@@ -61,7 +64,8 @@ def one_body(name: str, vertices: Array, triangles: IntArray, part: str | None =
     1. Find the connected parts. A flat, wide part with everything else on one side of it is the ground.
     2. Join the parts between which there is no gap, or of which one encloses the other.
     3. Leave out specks. Refuse a file with several bodies, unless one of them was chosen.
-    4. Refuse a surface that shows one side only, and close large holes.
+    4. Reverse triangles that are wound against their neighbours.
+    5. Refuse a surface that shows one side only, and close large holes.
 
     Args:
         name: Name of the file, for messages.
@@ -88,8 +92,15 @@ def one_body(name: str, vertices: Array, triangles: IntArray, part: str | None =
             )
         triangles = triangles[chosen]
     whole = len(triangles) == total
-    vertices, triangles, closing = _without_holes(name, vertices, triangles, point)
-    return Body(vertices=vertices, triangles=triangles, notes=notes + closing, whole=whole)
+    triangles, rim, turning = _wound_alike(vertices, triangles, point)
+    vertices, closed, closing = _without_holes(name, vertices, triangles, point, rim)
+    return Body(
+        vertices=vertices,
+        triangles=closed,
+        notes=notes + turning + closing,
+        lids=len(closed) - len(triangles),
+        whole=whole,
+    )
 
 
 def _bodies(
@@ -256,10 +267,49 @@ def _encloses(outer: Array, inner: Array) -> bool:
     return bool(abs(np.arctan2(volume, rest).sum()) > np.pi)  # half of the solid angle of a closed surface
 
 
+def _wound_alike(
+    vertices: Array, triangles: IntArray, point: IntArray
+) -> tuple[IntArray, IntArray, tuple[str, ...]]:
+    """The triangles wound consistently, the edges of one triangle only, and what is said about the winding.
+
+    Volume, mass and the side of a hole's lid follow from the winding. A file that is wound consistently does
+    not change, even if all of it is inside out, which makes no difference.
+    """
+    faces = point[triangles]
+    edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+    count = int(point.max()) + 1
+    key = edges.min(axis=1) * count + edges.max(axis=1)
+    order = np.argsort(key)
+    starts = np.flatnonzero(np.r_[True, key[order][1:] != key[order][:-1]])
+    sizes = np.diff(np.r_[starts, len(key)])
+    alone, pair = order[starts[sizes == 1]], starts[sizes == 2]
+    rim = edges[alone]
+    alike = pair[edges[order[pair], 0] == edges[order[pair + 1], 0]]
+    start, end = edges[order[alike]].T
+    if (start == end).all():  # two corners at one point say nothing
+        return triangles, rim, ()
+    corners = vertices[triangles]
+    crosses = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    flat = corners.reshape(-1, 3)
+    turn = turned(faces, corners, crosses, (flat.min(axis=0) + flat.max(axis=0)) / 2)
+    if not turn.any():
+        return triangles, rim, ()
+    rim = np.where(turn[alone % len(triangles)][:, None], rim[:, ::-1], rim)
+    note = "triangles of the file are wound against their neighbours: "
+    return with_turned(triangles, turn), rim, (note + f"{turn.sum()} of {len(turn)} were reversed",)
+
+
 def _without_holes(
-    name: str, vertices: Array, triangles: IntArray, point: IntArray
+    name: str, vertices: Array, triangles: IntArray, point: IntArray, rim: IntArray
 ) -> tuple[Array, IntArray, tuple[str, ...]]:
-    """The surface with lids on large holes, and what is said about them.
+    """The surface with lids on large holes, as its last triangles, and what is said about them.
+
+    Args:
+        name: Name of the file, for messages.
+        vertices: (n, 3) positions [m].
+        triangles: (m, 3) vertex indices.
+        point: (n,) point of the surface that each vertex is.
+        rim: (k, 2) the points of each edge of one triangle only, in that triangle's direction.
 
     Raises:
         ObjectError: The surface shows one side only.
@@ -267,15 +317,8 @@ def _without_holes(
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
-    faces = point[triangles]
-    edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
     count = int(point.max()) + 1
-    key = edges.min(axis=1) * count + edges.max(axis=1)
-    order = np.argsort(key)
-    first = np.r_[True, key[order][1:] != key[order][:-1]]
-    once = first & np.r_[first[1:], True]
-    rim = edges[order[once]]
-    if not len(rim) or len(rim) > SOUP * len(edges):
+    if not len(rim) or len(rim) > SOUP * 3 * len(triangles):
         return vertices, triangles, ()
     crosses = np.cross(
         vertices[triangles[:, 1]] - vertices[triangles[:, 0]],
@@ -303,5 +346,8 @@ def _without_holes(
     index[point] = np.arange(len(vertices))
     added = np.stack([index[rim[:, 1]], index[rim[:, 0]], len(vertices) + hole], axis=1)
     holes = "a hole" if len(on) == 1 else f"{len(on)} holes"
-    note = f"the surface is open: {holes} closed by flat lids; the object is planned and tested as a solid"
+    note = (
+        f"the surface is open: {holes} closed by flat lids; the object is planned and tested as a solid, and "
+        "no finger is placed on a lid"
+    )
     return np.concatenate([vertices, middles]), np.concatenate([triangles, added]), (note,)

@@ -361,6 +361,7 @@ def _finish(
         scale=float(scale),
         unit=unit,
         notes=body.notes,
+        lids=body.lids,
     )
 
 

@@ -34,7 +34,8 @@ class ObjectMass:
     Attributes:
         kg: The mass [kg].
         source: ``given`` by the caller, ``known`` of the object, or ``volume`` (an estimate).
-        warning: One sentence when density or estimate is absurd, with what to check; otherwise empty.
+        warning: What to check if density or estimate is absurd, or if the estimate counts the inside of an
+            open surface; otherwise empty.
     """
 
     kg: float
@@ -81,7 +82,13 @@ def object_mass(mesh: TriangleMesh, given: float | None = None) -> ObjectMass:
         kg, source = mesh.mass, "known"
     else:
         kg, source = max(LEAST_ESTIMATE, WATER * abs(mesh.volume)), "volume"
-    return ObjectMass(kg=kg, source=source, warning=_mass_warning(mesh, kg, source))
+    warnings = [_mass_warning(mesh, kg, source)]
+    if source == "volume" and mesh.lids:
+        warnings.append(
+            f"the assumed mass of {kg:.3g} kg counts all that the lids enclose as filled with water: the "
+            "file's surface is open; state the mass of the real object with --mass"
+        )
+    return ObjectMass(kg=kg, source=source, warning="; ".join(filter(None, warnings)))
 
 
 def _mass_warning(mesh: TriangleMesh, kg: float, source: str) -> str:

@@ -12,12 +12,14 @@ from ..types import (
     LONGEST_NAME,
     Array,
     Attributes,
+    BoolArray,
     IntArray,
     freeze,
     numbers,
     positive_number,
     read_only,
     rebuilt,
+    whole_number,
 )
 from .scans.scan import Scan
 
@@ -40,10 +42,13 @@ class TriangleMesh:
         unit: Unit of the file; for messages only.
         scan: How the object was seen, for a mesh made from a point cloud; otherwise ``None``.
         notes: What was left out of the file or added to it, one sentence each.
+        lids: Number of triangles, the last ones, that are not of the file but close its holes: they bound the
+            solid, but there is nothing to touch.
 
     Raises:
         ObjectError: The name is empty or no text; an array has the wrong shape, no triangle, a position that
-            is not finite, or an index that is out of range; or mass or scale is not a positive number.
+            is not finite, or an index that is out of range; mass or scale is not a positive number; or the
+            number of lids is none.
     """
 
     name: str
@@ -55,6 +60,7 @@ class TriangleMesh:
     unit: str = "m"
     scan: Scan | None = None
     notes: tuple[str, ...] = ()
+    lids: int = 0
 
     def __post_init__(self) -> None:
         _check_name(self.name)
@@ -82,15 +88,25 @@ class TriangleMesh:
         try:
             mass = None if self.mass is None else positive_number(self.mass, f"{self.name}: mass")
             scale = positive_number(self.scale, f"{self.name}: scale")
+            lids = whole_number(self.lids, f"{self.name}: the number of lids", 0)
         except InputError as error:
             raise ObjectError(str(error)) from error
-        freeze(self, mass=mass, scale=scale, vertices=read_only(vertices), triangles=read_only(triangles))
+        if lids >= len(triangles):
+            raise ObjectError(f"{self.name}: {lids} of {len(triangles)} triangles are no lids; mark fewer")
+        freeze(
+            self,
+            mass=mass,
+            scale=scale,
+            lids=lids,
+            vertices=read_only(vertices),
+            triangles=read_only(triangles),
+        )
 
     __reduce__ = rebuilt
 
     def same_as(self, other: TriangleMesh) -> bool:
         """Whether planning cannot tell this mesh from another: same content, point clouds excluded."""
-        plain = ("name", "counts", "mass", "scale")
+        plain = ("name", "counts", "mass", "scale", "lids")
         return (
             self.scan is None
             and other.scan is None
@@ -120,6 +136,11 @@ class TriangleMesh:
     def cog(self) -> Array:
         """(3,) centre of the bounding box [m] (eq. 1-2)."""
         return read_only((self.bounds[0] + self.bounds[1]) / 2)
+
+    @cached_property
+    def is_lid(self) -> BoolArray:
+        """(m,) whether each triangle is a lid (``lids``)."""
+        return read_only(np.arange(len(self.triangles)) >= len(self.triangles) - self.lids)
 
     @cached_property
     def crosses(self) -> Array:

@@ -1,8 +1,9 @@
 """The object's signed distance field, computed once and cached on disk, and exact queries of its surface.
 
 The sign comes from the generalised winding number (Jacobson et al. 2013), so even a scan with holes has an
-inside. Triangles that are wound against their neighbours are reversed first (:mod:`.winding`). The function
-``field_distance`` reads the field: that of :mod:`.warp` on the device, that of :mod:`.plain` in NumPy.
+inside. Triangles that are wound against their neighbours are reversed first
+(:mod:`preshape.objects.winding`). The function ``field_distance`` reads the field: that of :mod:`.warp` on
+the device, that of :mod:`.plain` in NumPy.
 """
 
 from __future__ import annotations
@@ -19,13 +20,14 @@ from numpy.typing import ArrayLike, NDArray
 from ...exceptions import InputError, shown
 from ...files import cache_folder, keep_arrays, read_arrays
 from ...objects.mesh import TriangleMesh
+from ...objects.winding import oriented_triangles
 from ...types import Array, IntArray, freeze, frozen_array, read_only, value
 from ..cache import load_kernels
 from ..launch import in_parts, usable_threads, warp
 from ..packed_launch import FIRST_ROW, DeviceRows, PackedLaunch
-from .winding import oriented_triangles
 
 CELLS = 64
+LARGEST_CELL = 0.004  # edge of a cell above which a long, thin object gets more of them [m]
 PADDING = 0.02
 MOST_CELLS = 512
 COARSE = 32  # nodes along the longest side of the coarsest grid, all of which are exact
@@ -72,7 +74,11 @@ class DistanceField:
 
 
 def prepare_field(
-    mesh: TriangleMesh, *, cells: int = CELLS, padding: float = PADDING, cache: Path | str | None = USER_CACHE
+    mesh: TriangleMesh,
+    *,
+    cells: int | None = None,
+    padding: float = PADDING,
+    cache: Path | str | None = USER_CACHE,
 ) -> DistanceField:
     """Get the signed distance field of an object, from the cache if it was computed before.
 
@@ -83,7 +89,8 @@ def prepare_field(
 
     Args:
         mesh: The object; it need be neither watertight nor consistently wound.
-        cells: Nodes along the longest side, padding included.
+        cells: Nodes along the longest side, padding included; ``None`` for 64, or more along a long object
+            that is thin enough: cells of 4 mm, or larger ones so that there are no more nodes than in a cube.
         padding: Margin around the object's bounding box [m].
         cache: Folder of the cache; :data:`USER_CACHE` for the default folder, ``None`` for no cache. A folder
             that cannot be used is ignored.
@@ -91,10 +98,12 @@ def prepare_field(
     Raises:
         InputError: ``cells`` is not in 8..512, or ``padding`` is negative or not finite.
     """
-    if isinstance(cells, bool) or not isinstance(cells, int | np.integer) or not 8 <= cells <= MOST_CELLS:
-        raise InputError(f"cells must be a whole number from 8 to {MOST_CELLS}, got {shown(cells)}")
     if not (math.isfinite(padding) and padding >= 0):
         raise InputError(f"padding must be a length of 0 or more [m], got {shown(padding)}")
+    if cells is None:
+        cells = _usual_cells(mesh, padding)
+    if isinstance(cells, bool) or not isinstance(cells, int | np.integer) or not 8 <= cells <= MOST_CELLS:
+        raise InputError(f"cells must be a whole number from 8 to {MOST_CELLS}, got {shown(cells)}")
     digest = _digest(mesh, int(cells), float(padding))
     if cache is None:
         return _fill(mesh, int(cells), float(padding), digest)
@@ -139,11 +148,13 @@ class SurfaceQuery:
     Attributes:
         mesh: The ``warp.Mesh``, in the mesh frame; its ``id`` is the first argument of
             :func:`preshape.kernels.field.warp.nearest_on_mesh`. It exists as long as this object.
+        is_lid: (m,) whether each triangle is a lid, which no finger can touch.
     """
 
     def __init__(self, mesh: TriangleMesh, device: str = "cpu") -> None:
         self.device = device
         self.mesh = _warp_mesh(mesh, device)
+        self.is_lid = mesh.is_lid
         self._bounds = mesh.bounds
         wp, warp_field = _warp()
         self._given = DeviceRows(wp.vec3, device=device)
@@ -199,6 +210,13 @@ def _warp_mesh(mesh: TriangleMesh, device: str) -> Any:
             support_winding_number=True,
         )
     return on_devices[device]
+
+
+def _usual_cells(mesh: TriangleMesh, padding: float) -> int:
+    size = mesh.extents + 2 * padding
+    # With 64 nodes along a metre, fingertips would sink into a thin plate by more than their radius.
+    spacing = max(LARGEST_CELL, float(np.cbrt(size.prod())) / (CELLS - 1))
+    return min(max(CELLS, int(size.max() / spacing) + 1), MOST_CELLS)
 
 
 def _fill(mesh: TriangleMesh, cells: int, padding: float, digest: str) -> DistanceField:

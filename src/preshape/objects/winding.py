@@ -10,9 +10,9 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from ...objects.mesh import TriangleMesh
-from ...objects.read_raw import group_rows
-from ...types import Array, BoolArray, IntArray
+from ..types import Array, BoolArray, IntArray
+from .mesh import TriangleMesh
+from .read_raw import group_rows
 
 _ORIENTED: WeakKeyDictionary[TriangleMesh, IntArray] = WeakKeyDictionary()
 
@@ -35,38 +35,51 @@ def oriented_triangles(mesh: TriangleMesh) -> IntArray:
         (m, 3) indices into ``mesh.vertices``; the mesh's own array if nothing had to be reversed.
     """
     if mesh not in _ORIENTED:
-        _ORIENTED[mesh] = _oriented(mesh)
+        same = group_rows(mesh.vertices + 0.0)[1]  # -0 becomes 0
+        turn = turned(same[mesh.triangles], mesh.corners, mesh.crosses, mesh.cog)
+        _ORIENTED[mesh] = with_turned(mesh.triangles, turn)
     return _ORIENTED[mesh]
 
 
-def _oriented(mesh: TriangleMesh) -> IntArray:
+def with_turned(triangles: IntArray, turn: BoolArray) -> IntArray:
+    """The triangles, those of a mask reversed; the same array if there are none."""
+    return np.where(turn[:, None], triangles[:, ::-1], triangles) if turn.any() else triangles
+
+
+def turned(faces: IntArray, corners: Array, crosses: Array, middle: Array) -> BoolArray:
+    """(m,) whether each triangle must be reversed; see :func:`oriented_triangles`.
+
+    Args:
+        faces: (m, 3) place of each corner; corners at one position have the same number.
+        corners: (m, 3, 3) positions of the corners [m].
+        crosses: (m, 3) normals with twice the areas as lengths [m²].
+        middle: (3,) middle of the bounding box [m].
+    """
     # Edges that belong to two triangles join them; an edge of one triangle makes its part open.
-    places, same = group_rows(mesh.vertices + 0.0)  # -0 becomes 0
-    faces = same[mesh.triangles]
-    key = np.concatenate([_edge_key(faces[:, k], faces[:, (k + 1) % 3], len(places)) for k in range(3)])
+    places = int(faces.max()) + 1
+    key = np.concatenate([_edge_key(faces[:, k], faces[:, (k + 1) % 3], places) for k in range(3)])
     order = np.argsort(key)
     key = key[order]
     starts = np.flatnonzero(np.r_[True, key[1:] != key[:-1]])
     sizes = np.diff(np.r_[starts, len(key)])
-    shared = starts[sizes == 2]
+    # An edge between two corners at one position, whose key is a multiple of places + 1, says nothing.
+    shared = starts[(sizes == 2) & (key[starts] % (places + 1) != 0)]
     first, second = order[shared], order[shared + 1]
     corner, count = faces.T.ravel(), len(faces)  # the corners at which the edges start
     a, b, alike = first % count, second % count, corner[first] != corner[second]
     alone = order[starts[sizes == 1]] % count
-    del places, same, faces, key, order, starts, sizes, shared, first, second, corner
+    del key, order, starts, sizes, shared, first, second, corner
     # 1. Winding of each part
-    part, turn = _parts(a, b, alike, mesh.areas)
+    part, turn = _parts(a, b, alike, np.linalg.norm(crosses, axis=1) / 2)
     open_part = np.zeros(part.max() + 1, dtype=bool)
     open_part[part[alone]] = True
     # 2. and 3. Six times the volume under each triangle says which way its part faces.
-    sixfold = np.einsum("ij,ij->i", mesh.corners[:, 0] - mesh.cog, mesh.crosses)
+    sixfold = np.einsum("ij,ij->i", corners[:, 0] - middle, crosses)
     volume = np.bincount(part, weights=np.where(turn, -sixfold, sixfold))
     backward = np.where(open_part, volume[open_part].sum() < 0, volume < 0)
-    lone = _not_within_another(mesh, part)
+    lone = _not_within_another(corners, part)
     turn ^= (backward & (open_part | lone))[part]
-    if not turn.any():
-        return mesh.triangles
-    return np.where(turn[:, None], mesh.triangles[:, ::-1], mesh.triangles)
+    return turn
 
 
 def _edge_key(a: IntArray, b: IntArray, count: int) -> IntArray:
@@ -103,14 +116,14 @@ def _parts(a: IntArray, b: IntArray, alike: BoolArray, areas: Array) -> tuple[In
     return part.ravel(), turn
 
 
-def _not_within_another(mesh: TriangleMesh, part: IntArray) -> BoolArray:
+def _not_within_another(corners: Array, part: IntArray) -> BoolArray:
     """For each part, whether no other part's bounding box holds its own."""
     count = int(part.max()) + 1
     if count == 1 or count > 2000:  # so many fragments are no cavities, and too many to compare in pairs
         return np.ones(count, dtype=bool)
     order = np.argsort(part, kind="stable")
     starts = np.searchsorted(part[order], np.arange(count))
-    low = np.minimum.reduceat(mesh.corners.min(axis=1)[order], starts)
-    high = np.maximum.reduceat(mesh.corners.max(axis=1)[order], starts)
+    low = np.minimum.reduceat(corners.min(axis=1)[order], starts)
+    high = np.maximum.reduceat(corners.max(axis=1)[order], starts)
     within = np.all((low[:, None] > low[None]) & (high[:, None] < high[None]), axis=2)
     return np.logical_not(within.any(axis=1))
