@@ -14,7 +14,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from preshape.exceptions import EnvironmentFailure, PreshapeError
+from preshape.exceptions import EnvironmentFailure, MemoryFileError, PreshapeError
 from preshape.hands.load import load_hand, parse_hand
 from preshape.memory import Memory
 from preshape.memory.transfer import read_document
@@ -92,6 +92,8 @@ def _memory(path: Path) -> None:
                 memory.objects()
                 memory.weights(pincer.HAND)
                 memory.experiences()
+                if memory.skipped:
+                    raise MemoryFileError(memory.remark)
     finally:
         for beside in path.parent.glob(f"{path.name}[-.]*"):
             beside.unlink()

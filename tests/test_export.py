@@ -12,7 +12,9 @@ import io
 import json
 import shutil
 import sys
+from dataclasses import replace
 from pathlib import Path
+from xml.etree import ElementTree
 
 import mujoco
 import numpy as np
@@ -810,3 +812,49 @@ def test_the_programs_in_the_manual_run(
     assert np.linalg.norm([float(x) for x in said["mj_step"].strip("[] \n").split()]) < 0.01
     for block in blocks:
         compile(block, "ros.md", "exec")
+
+
+# Names that no XML, YAML or terminal takes
+
+HOSTILE = "pen\n# \t\0\x1b[2J\x9b\u202e\ud800\ufffe<&"
+SHOWN = r"pen\n# \t\x00\x1b[2J\x9b\u202e\ud800\ufffe<&"
+
+
+def test_a_hostile_name_is_shown_in_every_format(prism: dict, tmp_path: Path, capsys) -> None:
+    document = copy.deepcopy(prism)
+    document["object"]["name"] = document["task"]["name"] = HOSTILE
+    (grasp,) = grasps_of(document)
+    assert (grasp.object_name, grasp.task) == (SHOWN, SHOWN)
+    file = tmp_path / "a\n\x1b.json"
+    file.write_text(json.dumps(document))
+    assert main.run(["export", str(file), "--format", "moveit"]) == 0
+    said = capsys.readouterr()
+    assert r"# from a\n\x1b.json by" in said.out
+    (message,) = list(YAML(typ="safe").load_all(said.out))
+    assert message["id"].startswith(f"{SHOWN}/{SHOWN}/")
+    for ending in ("grasps.mcap", "bag"):
+        assert main.run(["export", str(file), "--format", "moveit", "--out", str(tmp_path / ending)]) == 0
+    said = capsys.readouterr()
+    assert "\x1b" not in said.out + said.err
+    assert not any(line.startswith("#") for line in said.out.splitlines())
+
+
+def test_an_mjcf_scene_with_a_hostile_name_is_xml(prism: dict) -> None:
+    (grasp,) = grasps_of(prism)
+    mesh = load_library_object("prism")
+    hostile = type(mesh)(
+        name=HOSTILE.replace("\ud800", ""), vertices=1.2 * mesh.vertices, triangles=mesh.triangles
+    )
+    hand = replace(grasp.hand, credit="a---b -->\x1b", licence=HOSTILE)
+    grasp = replace(grasp, hand=hand)
+    text = scene_mjcf(grasp, hostile, ConvexPieces(name="prism", pieces=(hostile.vertices,)))
+    tree = ElementTree.fromstring(text)
+    assert tree.get("model", "").endswith(" at " + SHOWN.replace(r"\ud800", ""))
+    assert text.startswith(r"<!-- hand: a-b ->\x1b; pen\n# \t\x00")
+
+
+@pytest.mark.parametrize("name", ["a\x1b", "a\nb", "\u202e", "\udc9b"])
+def test_frames_and_objects_to_touch_have_printable_names(name: str) -> None:
+    for option in ({"frame": name}, {"up_frame": name}, {"touch_objects": (name,)}):
+        with pytest.raises(InputError, match="in printable characters"):
+            MoveItOptions(**option)

@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
 from preshape.exceptions import InputError
 from preshape.files import MOST_OF_ARRAYS, arrays_in, read_file
+from preshape.hands.load import parse_hand, read_description
+from preshape.memory.transfer import read_document
 from preshape.planning.document import read_plan
+from preshape.planning.grasp_sets import read_grasp_file
 
 pytest.importorskip("hardening.files", reason="the folder hardening is not here")
 
@@ -63,3 +67,23 @@ def test_a_plan_is_a_regular_file(kind: str, tmp_path: Path) -> None:
     with odd_file(kind, tmp_path / "plan.json") as path, pytest.raises(InputError, match=SAID[kind]):
         read_plan(path)
     assert LFS.startswith("version")
+
+
+@pytest.mark.parametrize(
+    ("read", "start"),
+    [
+        (read_document, ""),
+        (read_plan, ""),
+        (read_grasp_file, ""),
+        (read_description, "a = "),
+        (lambda file: parse_hand(file.read_text(), ""), "a = "),
+    ],
+    ids=["memory", "plan", "grasps", "hand", "description"],
+)
+def test_a_text_that_is_nested_too_deeply_is_called_so(
+    read: Callable[[Path], object], start: str, tmp_path: Path
+) -> None:
+    file = tmp_path / "deep"
+    file.write_text(start + "[" * 200_000)
+    with pytest.raises(InputError, match="nested too deeply"):
+        read(file)

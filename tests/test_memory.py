@@ -297,7 +297,7 @@ def test_weights_whose_layers_do_not_fit_are_refused() -> None:
         "mean_square_error = 9e999",
     ],
 )
-def test_damaged_weights_are_named(path: Path, damage: str) -> None:
+def test_damaged_weights_count_as_none_and_are_replaced(path: Path, damage: str) -> None:
     with Memory.open(path) as memory:
         memory.add([experience()], weights())
     connection = sqlite3.connect(path)
@@ -305,26 +305,27 @@ def test_damaged_weights_are_named(path: Path, damage: str) -> None:
     connection.commit()
     connection.close()
     with Memory.open(path) as memory:
-        with pytest.raises(MemoryFileError, match=r"damaged: weights of 'utah_mit'.*--memory OTHER"):
-            memory.weights("utah_mit")
-        with pytest.raises(MemoryFileError, match="weights"):
-            memory.export(path.with_name("out.json"))
-        assert not path.with_name("out.json").exists()
-        assert memory.count() == 1
+        assert memory.weights("utah_mit") is None
+        assert memory.export(path.with_name("out.json")) == 1
+        assert json.loads(path.with_name("out.json").read_text())["weights"] == []
+        assert memory.save_weights("utah_mit", weights())
+        assert memory.weights("utah_mit") is not None
 
 
 @pytest.mark.parametrize(
     "damage", ["plane = 'x'", "flip = 2", "match = 'high'", "created = ''", "kind = x'00'"]
 )
-def test_damaged_experiences_are_named(path: Path, damage: str) -> None:
+def test_damaged_experiences_are_skipped_and_named(path: Path, damage: str) -> None:
     with Memory.open(path) as memory:
         memory.add([experience(), experience()])
     connection = sqlite3.connect(path)
     connection.execute(f"UPDATE experiences SET {damage} WHERE id = 2")
     connection.commit()
     connection.close()
-    with Memory.open(path) as memory, pytest.raises(MemoryFileError, match="experience 2: "):
-        memory.experiences()
+    with Memory.open(path) as memory:
+        assert len(memory.experiences()) == 1
+        assert list(memory.skipped) == [2]
+        assert "experience 2: " in memory.remark
 
 
 # --- summaries and reset --------------------------------------------------------------------------

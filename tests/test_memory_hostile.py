@@ -14,7 +14,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from preshape.app.memory_browser import memory_html
 from preshape.cli.main import run
+from preshape.cli.memory import MOST_LISTED
 from preshape.exceptions import InputError, MemoryFileError
 from preshape.hands.load import load_hand
 from preshape.hiis import knowledge, training
@@ -22,7 +24,7 @@ from preshape.hiis.controller import Controller
 from preshape.hiis.estimator import predict
 from preshape.hiis.learning import learn, training_set, usable
 from preshape.hiis.virtual_grasp import RayAnalyser
-from preshape.memory import Memory, bulk
+from preshape.memory import Memory, bulk, records
 from preshape.objects.library import load_library_object
 from preshape.objects.shape import LENGTH
 from preshape.planning.request import PlanRequest
@@ -206,6 +208,115 @@ def test_weights_of_no_use_are_trained_again_once(monkeypatch: pytest.MonkeyPatc
         assert len(trained) == 3
         with pytest.raises(InputError, match="weights must lie in"):
             memory.save_weights("utah_mit", replace(good, b1=np.full(45, HUGE)))
+
+
+# --- malformed cells ------------------------------------------------------------------------------
+
+TEXTS = ("hand", "kind", "object_name", "created", "outcome", "scene", "length_unit")
+LONG = "n" * 5_000_000
+MALFORMED = [
+    *((name, "text") for name in records.EXPERIENCE_COLUMNS if name not in TEXTS),
+    *((name, b"\x9b\0") for name in records.EXPERIENCE_COLUMNS if name != "hand"),
+    *((name, HUGE) for name in records.EXPERIENCE_COLUMNS if name not in TEXTS and name[:5] != "task_"),
+    *((name, LONG) for name in records.EXPERIENCE_COLUMNS if name != "hand"),
+    ("grip", LONG.encode()),
+    ("shape", LONG.encode()),
+    ("match", LONG.encode()),
+    ("object_name", "\0" + LONG),
+    ("object_name", ""),
+    ("created", "yesterday"),
+    ("kind", "other"),
+    ("plane", 13),
+    ("vertices", -1),
+]
+
+
+def test_a_malformed_cell_of_any_column_costs_one_lesson_only(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "memory.sqlite"
+    content = [lesson(k, grip=True, hand="shadow") for k in range(len(MALFORMED) + 3)]
+    with Memory.open(path) as memory:
+        memory.add(content)
+    connection = sqlite3.connect(path)
+    for number, (column, cell) in enumerate(MALFORMED, start=2):
+        connection.execute(f"UPDATE experiences SET {column} = ? WHERE id = ?", (cell, number))
+    last = len(MALFORMED) + 2  # text that is not UTF-8
+    connection.execute("UPDATE experiences SET object_name = CAST(x'6d9b' AS TEXT) WHERE id = ?", (last,))
+    connection.commit()
+    connection.close()
+    with Memory.open(path) as memory:
+        good = [bits(content[0]), bits(content[-1])]
+        assert [bits(e) for e in memory.experiences("shadow")] == good
+        assert sorted(memory.skipped) == list(range(2, last + 1))
+        for number, (column, _) in enumerate(MALFORMED, start=2):
+            words = {"extent": "extents", "task": "task Q", "wrench": "net wrench"}
+            assert words.get(column.partition("_")[0], column) in memory.skipped[number]
+        assert all(reason.isprintable() and len(reason) <= 200 for reason in memory.skipped.values())
+        assert memory.export(tmp_path / "out.json") == 2
+        assert memory.import_(tmp_path / "out.json") == 0
+        numbers = memory.statistics()
+        assert (numbers.experiences, numbers.hands) == (2, (("shadow", 2),))
+    assert run(["memory", "show", "--memory", str(path)]) == 0
+    shown = capsys.readouterr().out
+    assert len(shown) < 2000
+    assert f"and {len(MALFORMED)} more" in shown
+    assert run(["memory", "show", "--memory", str(path), "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["experiences"] == sum(o["experiences"] for o in told["objects"]) == 2
+    assert "is skipped" in told["warnings"][0]
+
+
+def test_a_cell_that_sqlite_may_not_read_costs_one_lesson_only() -> None:
+    with Memory.open(":memory:") as memory:
+        memory.add([lesson(k, hand="shadow") for k in range(4)])
+        memory._connection.execute("UPDATE experiences SET object_name = ? WHERE id = 2", ("n" * 20_000,))
+        memory._connection.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, 10_000)
+        assert [bits(e) for e in memory.experiences("shadow")] == [
+            bits(lesson(k, hand="shadow")) for k in (0, 2, 3)
+        ]
+        assert "larger than" in memory.skipped[2]
+
+
+def test_a_hand_without_one_sound_lesson_learns_the_cube_again(tmp_path: Path) -> None:
+    with Memory.open(tmp_path / "memory.sqlite") as memory:
+        known = Controller(memory, LAYOUT).experiences
+        memory._connection.execute("UPDATE experiences SET approach_set = 99")
+        again = Controller(memory, LAYOUT).experiences
+        assert [e.task.tobytes() for e in again] == [e.task.tobytes() for e in known]
+        assert len(memory.skipped) == len(known)
+        assert len(memory.experiences()) == len(known)
+
+
+def test_a_long_list_is_cut_and_the_newest_stay(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path, count = tmp_path / "memory.sqlite", MOST_LISTED + 5
+    with Memory.open(path) as memory:
+        memory.add(
+            [
+                lesson(k, object_name=f"thing {k:03}", created=f"20{k // 12:02}-{1 + k % 12:02}-01T00:00:00Z")
+                for k in range(count)
+            ]
+        )
+    assert run(["memory", "show", "--memory", str(path)]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    named = [line[:9] for line in lines if line.startswith("thing ")]
+    assert named == [f"thing {k:03}" for k in range(5, count)]
+    assert "and 5 more, which were met earlier; --json lists all" in lines
+    page = memory_html(str(path))
+    assert page.count("<tr><td>") == MOST_LISTED
+    assert "and 5 more" in page
+    assert run(["memory", "show", "--memory", str(path), "--json"]) == 0
+    assert len(json.loads(capsys.readouterr().out)["objects"]) == count
+
+
+def test_a_name_forges_no_row(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "memory.sqlite"
+    with Memory.open(path) as memory:
+        memory.add([lesson(1, object_name="pen\nmug\t99")])
+    assert run(["memory", "show", "--memory", str(path)]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[1].startswith(r"pen\nmug\t99 ")
+    assert not any(line.startswith("mug") for line in lines)
 
 
 # --- foreign schemas ------------------------------------------------------------------------------

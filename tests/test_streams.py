@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import io
+import json
+import os
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -17,6 +20,8 @@ from preshape.exceptions import HandError, InputError, ObjectError
 from preshape.hands.load import load_hand
 from preshape.memory.checks import text
 from preshape.objects.library import load_library_object
+from preshape.objects.load import load_object
+from preshape.planning.summary import summary
 from preshape.report.plain import escaped, html_text
 from preshape.report.terminal import fact_grid, terminal
 
@@ -51,6 +56,40 @@ def test_control_characters_are_shown_wherever_text_is_printed(capsys) -> None:
     say(HOSTILE)
     said = out.getvalue() + capsys.readouterr().out
     assert not set(said) & set("\x1b\x07\x9b\u202e\r")
+
+
+def test_a_name_stays_in_its_line(capsys) -> None:
+    print_rows(("object", "best"), [("pen\n\tmug", "3")])
+    say("wrote pen\nmug", "and more")
+    _, row, *said = capsys.readouterr().out.splitlines()
+    assert row.split() == [r"pen\n\tmug", "3"]
+    assert said == [r"wrote pen\nmug", "and more"]
+
+
+def test_a_plan_shows_a_name_and_its_reasons_in_their_lines() -> None:
+    plan = json.loads((Path(__file__).parent.parent / "docs" / "plan.example.json").read_text())
+    plan["warnings"] = ["a b"]
+    console = terminal(file=(out := io.StringIO()), width=200)
+    console.print(summary(plan))
+    plain = out.getvalue()
+    plan["object"]["name"] = "mug\nmass   99 kg"
+    plan["transitions"][0]["reason"] += "\nforged"
+    plan["warnings"] = ["a\nb"]
+    out.truncate(out.seek(0))
+    console.print(summary(plan))
+    assert len(out.getvalue().splitlines()) == len(plain.splitlines())
+    assert r"mug\nmass   99 kg" in out.getvalue()
+    assert r"\nforged" in out.getvalue()
+
+
+@pytest.mark.skipif(sys.platform == "darwin", reason="file names are UTF-8 on this system")
+@pytest.mark.parametrize("name", [b"cup\x9b", "tasse \xe9".encode("latin-1")])
+def test_a_file_name_of_other_bytes_is_a_name(name: bytes, tmp_path: Path) -> None:
+    file = tmp_path / os.fsdecode(name + b".obj")
+    file.write_text("v 0 0 0\nv .05 0 0\nv 0 .05 0\nv 0 0 .05\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n")
+    mesh = load_object(file)
+    assert mesh.name == name.decode("utf-8", "backslashreplace")
+    assert text(mesh.name, "object_name")
 
 
 def test_colours_of_our_own_are_sent(monkeypatch: pytest.MonkeyPatch) -> None:

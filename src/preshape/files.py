@@ -32,6 +32,22 @@ def dumps(document: Any) -> str:
     return json.dumps(document, allow_nan=False, indent=2)
 
 
+def loads(text: str | bytes, **options: Any) -> Any:
+    """The document in a JSON text; one that is nested too deeply is refused like other faults.
+
+    Args:
+        text: The text.
+        options: Options of ``json.loads``.
+
+    Raises:
+        ValueError: The text is not JSON, or is nested too deeply.
+    """
+    try:
+        return json.loads(text, **options)
+    except RecursionError as error:
+        raise ValueError("it is nested too deeply") from error
+
+
 def read_file(
     path: str | Path, most: int, wanted: str = "file", *, refusal: type[InputError] = InputError
 ) -> bytes:

@@ -11,6 +11,8 @@ if TYPE_CHECKING:
     from ..types import Experience
 
 WIDE, HIGH = 300, 90
+MOST_LISTED = 200
+"""Largest number of objects in the table."""
 
 
 def memory_place(memory: str | None) -> str:
@@ -29,6 +31,7 @@ def memory_html(memory: str | None) -> str:
             known = list(store.objects())
             met = store.experiences(kinds=["task"])
             numbers = store.statistics()
+            remark = store.remark
     except PreshapeError as error:
         return f'<div class="head bad"><b>The memory cannot be read</b>{escape(str(error))}</div>'
     rows = "".join(
@@ -36,7 +39,7 @@ def memory_html(memory: str | None) -> str:
         f"<td>{escape(', '.join(o.hands))}</td>"
         f'<td class="num">{o.tasks}</td><td class="num">{o.best}</td>'
         f'<td class="quiet num">{escape(o.last_seen[:16].replace("T", " "))}</td></tr>'
-        for o in sorted(known, key=lambda o: o.last_seen, reverse=True)
+        for o in sorted(known, key=lambda o: o.last_seen, reverse=True)[:MOST_LISTED]
     )
     if not rows:
         return "<h3>Nothing learnt yet</h3>" + (
@@ -46,9 +49,12 @@ def memory_html(memory: str | None) -> str:
         "<tr><th>object</th><th>hand</th><th class='num'>tasks</th>"
         "<th class='num'>best</th><th class='num'>last (UTC)</th></tr>"
     )
+    more = len(known) - MOST_LISTED
+    rest = f"<p class='quiet'>and {more} more, which were met earlier</p>" if more > 0 else ""
+    left_out = f"<p class='quiet'>{escape(remark)}</p>" if remark else ""
     samples = ", ".join(f"{escape(hand)} {n}" for hand, n in numbers.trained)
     return (
-        f"<h3>{len(known)} objects known</h3><table>{head}{rows}</table>"
+        f"<h3>{len(known)} objects known</h3><table>{head}{rows}</table>{rest}{left_out}"
         f"<p class='quiet'>{numbers.experiences} experiences; samples behind the networks: {samples}</p>"
         f"{curve(met)}"
     )

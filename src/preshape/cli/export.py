@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ..exceptions import InputError, shown
+from ..report.plain import escaped_line
 from .options import best_option, json_option, numbers_in
 from .printing import emit, name_files, say
 
@@ -189,7 +190,7 @@ def _moveit(
     text = messages_yaml(
         messages,
         f"moveit_msgs/msg/Grasp, {_count(len(messages))}{', the answer first' if len(messages) > 1 else ''}\n"
-        f"from {Path(file).name} by preshape {__version__}\n"
+        f"from {escaped_line(Path(file).name)} by preshape {__version__}\n"
         f"planned for {grasps[0].mass:g} kg, friction {grasps[0].friction:g}\n"
         f"grasp_pose: {link} in {options.frame}, the object's own frame [m]\n"
         "grasp_quality: 0 to 1, a sixth of a grip's quality or a virtual grasp's TFVADI; 0.5 is just enough\n"

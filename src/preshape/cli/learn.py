@@ -51,7 +51,7 @@ def learn(things: tuple[str, ...], tasks: tuple[str, ...], as_json: bool, **opti
     from ..objects.library import names
     from ..objects.load import load_object, split_part
     from ..planning.session import Session
-    from ..report.plain import escaped
+    from ..report.plain import escaped_line
     from ..report.terminal import terminal
 
     model = load_hand(options["hand"])
@@ -71,7 +71,7 @@ def learn(things: tuple[str, ...], tasks: tuple[str, ...], as_json: bool, **opti
             step = bar.add_task("learning", total=len(lessons))
             for text, lesson in lessons:
                 words = f"learning {lesson.object_name}, {text}"
-                bar.update(step, description=escape(escaped(words)))
+                bar.update(step, description=escape(escaped_line(words)))
                 taught = session.teach(lesson)
                 row = _row(lesson.object_name, text, taught, session.prepare(lesson).controller.weights)
                 rows.append(row)

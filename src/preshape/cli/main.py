@@ -87,7 +87,7 @@ def _run(arguments: list[str]) -> int:
 
 
 def _usage(error: click.UsageError) -> str:
-    text = error.format_message().rstrip(".")
+    text = " ".join(error.format_message().split()).rstrip(".")
     where = f"{error.ctx.command_path} --help" if error.ctx else "preshape --help"
     return f"{text[0].lower()}{text[1:]}; see {where}"
 

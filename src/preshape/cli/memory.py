@@ -10,6 +10,9 @@ import click
 from .options import json_option, memory_option
 from .printing import emit, print_rows, say
 
+MOST_LISTED = 200
+"""Largest number of objects in a list for reading."""
+
 
 @click.group(epilog="Example: preshape memory show")
 def memory() -> None:
@@ -25,6 +28,7 @@ def show(memory: str | None, as_json: bool) -> None:
 
     with Memory.open(memory, read_only=True) as store:
         known, numbers = store.objects(), store.statistics()
+        left_out = [store.remark] if store.skipped else []
     if as_json:
         emit(
             {
@@ -48,9 +52,14 @@ def show(memory: str | None, as_json: bool) -> None:
                     }
                     for o in known
                 ],
+                "warnings": left_out,
             }
         )
         return
+    listed = known
+    if len(known) > MOST_LISTED:
+        newest = sorted(known, key=lambda o: o.last_seen)[-MOST_LISTED:]
+        listed = tuple(sorted(newest, key=lambda o: o.name))
     if known:
         print_rows(
             ("object", ">experiences", ">tasks", "best", "last seen (UTC)", "~hand"),
@@ -63,18 +72,21 @@ def show(memory: str | None, as_json: bool) -> None:
                     o.last_seen[:16].replace("T", " "),
                     " ".join(o.hands),
                 )
-                for o in known
+                for o in listed
             ],
         )
-    if any(o.seed for o in known):
+    if len(listed) < len(known):
+        say(f"and {len(known) - len(listed)} more, which were met earlier; --json lists all")
+    if any(o.seed for o in listed):
         say("* the first lesson, which every hand gets")
     if numbers.path != ":memory:" and not Path(numbers.path).exists():
         say(f"there is no memory yet at {numbers.path}")
         return
     trained = ", ".join(f"{hand}: {n} samples" for hand, n in numbers.trained) or "not trained yet"
     say(
-        f"{numbers.experiences} experiences of {numbers.objects} objects; network {trained}\n{numbers.path} "
-        f"(version {numbers.version}, {numbers.size / 1024:.0f} KiB)"
+        f"{numbers.experiences} experiences of {numbers.objects} objects; network {trained}",
+        f"{numbers.path} (version {numbers.version}, {numbers.size / 1024:.0f} KiB)",
+        *left_out,
     )
 
 
@@ -89,8 +101,8 @@ def export_(file: str, memory: str | None, as_json: bool) -> None:
     with Memory.open(memory, read_only=True) as store:
         count = store.export(Path(file))
         left_out = [store.remark] if store.skipped else []
-    sentence = "\n".join([f"exported {count} experiences to {file}", *left_out])
-    _done(as_json, {"exported": count, "file": file, "warnings": left_out}, sentence)
+    sentence = f"exported {count} experiences to {file}"
+    _done(as_json, {"exported": count, "file": file, "warnings": left_out}, sentence, *left_out)
 
 
 @memory.command(name="import", epilog="Example: preshape memory import learnt.json")
@@ -131,8 +143,8 @@ def reset(memory: str | None, hand: str | None, yes: bool, as_json: bool) -> Non
     _done(as_json, {"forgotten": count}, f"forgot {count} experiences")
 
 
-def _done(as_json: bool, document: dict[str, object], sentence: str) -> None:
+def _done(as_json: bool, document: dict[str, object], *sentences: str) -> None:
     if as_json:
         emit({"status": "answer", **document})
     else:
-        say(sentence)
+        say(*sentences)

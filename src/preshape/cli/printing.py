@@ -8,20 +8,20 @@ from typing import Any
 
 import click
 
-from ..report.plain import escaped
+from ..report.plain import escaped_line
 from ..report.terminal import terminal
 from . import interrupts
 
 
-def say(text: object, *, err: bool = False, nl: bool = True) -> None:
-    """Print text with its control characters shown.
+def say(*lines: object, err: bool = False, nl: bool = True) -> None:
+    """Print lines with their control characters shown; a line stays one, whatever names it holds.
 
     Args:
-        text: The text.
+        lines: The lines.
         err: Whether it goes to standard error.
         nl: Whether a new line follows.
     """
-    click.echo(escaped(text), err=err, nl=nl)
+    click.echo("\n".join(map(escaped_line, lines)), err=err, nl=nl)
 
 
 def emit(document: Any) -> None:
@@ -59,5 +59,5 @@ def print_rows(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
             overflow="fold" if wrap else "ellipsis",
         )
     for row in rows:
-        table.add_row(*map(Text, row))
+        table.add_row(*(Text(escaped_line(cell)) for cell in row))
     terminal().print(table)

@@ -13,7 +13,7 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 from ..exceptions import Cancelled
-from ..report.plain import escaped
+from ..report.plain import escaped_line
 from ..report.terminal import terminal
 from . import interrupts
 from .printing import say
@@ -60,7 +60,7 @@ class Steps:
 
     def prepare(self, words: str) -> None:
         """Show what is being prepared."""
-        self._bar.update(self._task, description=escaped(words))
+        self._bar.update(self._task, description=escaped_line(words))
         if not self._bar.console.is_terminal and time.perf_counter() - self._line > PAUSE:
             self._line = time.perf_counter()
             say(words, err=True)
@@ -89,7 +89,7 @@ class Steps:
         if before < done < of:
             left = f"about {duration((now - then) / (done - before) * (of - done))} left"
         words = ", ".join(filter(None, (counted, left))) + (f": {last}" if last else "")
-        self._bar.update(self._task, completed=done, description=escaped(words.removeprefix(": ")))
+        self._bar.update(self._task, completed=done, description=escaped_line(words.removeprefix(": ")))
         if not self._bar.console.is_terminal and int(LINES * done // of) > self._lines:
             self._lines = int(LINES * done // of)
             say(f"{percent:>5}{'' if words.startswith(':') else ', '}{words}", err=True)
@@ -151,7 +151,7 @@ def waiting() -> Iterator[Callable[[str, float], None]]:
     timer.start()
 
     def told(words: str, share: float) -> None:
-        bar.update(task, completed=share, description=escaped(left.words(words, share) + words))
+        bar.update(task, completed=share, description=escaped_line(left.words(words, share) + words))
 
     try:
         yield told

@@ -10,7 +10,7 @@ from types import TracebackType
 from typing import IO, Any, Self
 
 from ..exceptions import EnvironmentFailure, InputError
-from ..files import locked, write_bytes, write_json
+from ..files import loads, locked, write_bytes, write_json
 from ..hands.load import load_hand
 from ..tasks import parse_task
 from ..types import LENGTH_UNIT
@@ -171,7 +171,7 @@ class DatasetFolder:
 
 def _read(file: Path) -> dict[str, Any]:
     try:
-        document = json.loads(file.read_text(encoding="utf-8"))
+        document = loads(file.read_text(encoding="utf-8"))
         if document["format"] == FORMAT:
             parts = ("versions", "settings", "objects", "hands", "tasks")
             if all(isinstance(document[part], dict) for part in parts) and document["shards"]:

@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from ..exceptions import EnvironmentFailure
+from ..files import loads
 from ..physics.protocol import HoldProtocol
 from ..types import value
 from .index_values import INDICES
@@ -241,7 +242,7 @@ def facts_of(content: bytes) -> dict[str, Any] | None:
 
     try:
         table = pq.read_table(pa.BufferReader(content), page_checksum_verification=True)
-        facts: dict[str, Any] = json.loads((table.schema.metadata or {})[META])
+        facts: dict[str, Any] = loads((table.schema.metadata or {})[META])
         complete = facts["format"] == FORMAT and facts["rows"] == table.num_rows
         # Page checksums do not cover the headers. So the content, written again, must give the same bytes.
         complete = complete and parquet_bytes(table.to_pylist(), facts) == content

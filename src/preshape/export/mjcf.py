@@ -7,6 +7,7 @@ are left out.
 
 from __future__ import annotations
 
+import re
 from xml.etree import ElementTree
 
 import numpy as np
@@ -15,6 +16,7 @@ from ..exceptions import HandError, ObjectError
 from ..objects.mesh import TriangleMesh
 from ..physics.pieces import ConvexPieces
 from ..physics.protocol import HoldProtocol
+from ..report.plain import escaped_line
 from ..spatial import inverse, pose_from_seven, seven_from_pose
 from ..types import Array
 from .planned import PlannedGrasp
@@ -44,7 +46,7 @@ def scene_mjcf(grasp: PlannedGrasp, mesh: TriangleMesh, pieces: ConvexPieces) ->
     root = world.find("body") if world is not None else None
     if world is None or root is None:
         raise HandError(f"{hand.name}: the MJCF has no body to place")
-    tree.set("model", f"{hand.name} at {mesh.name}")
+    tree.set("model", escaped_line(f"{hand.name} at {mesh.name}"))
     for name, setting in (
         ("gravity", "0 0 0"),
         ("timestep", "0.004"),
@@ -82,7 +84,7 @@ def scene_mjcf(grasp: PlannedGrasp, mesh: TriangleMesh, pieces: ConvexPieces) ->
         )
     ElementTree.indent(tree)
     notes = [f"hand: {hand.credit}; {hand.licence}", *([grasp.warning] if grasp.warning else [])]
-    comments = "\n".join(f"<!-- {note.replace('--', '-')} -->" for note in notes)
+    comments = "\n".join(f"<!-- {re.sub('-{2,}', '-', escaped_line(note))} -->" for note in notes)
     text = f"{comments}\n{ElementTree.tostring(tree, encoding='unicode')}\n"
     _check(text, grasp, mesh)
     return text

@@ -60,12 +60,14 @@ class MoveItOptions:
             ("--parent-link", self.parent_link, False),
             ("--up-frame", self.up_frame, False),
         ):
-            if (needed and not name) or name.startswith("/") or any(c.isspace() for c in name):
+            if (needed and not name) or name.startswith("/") or " " in name or not name.isprintable():
                 raise InputError(
-                    f"{option} needs a frame's name without spaces and leading /, got {shown(name)}"
+                    f"{option} needs a frame's name without spaces and leading /, in printable characters,"
+                    f" got {shown(name)}"
                 )
-        if not all(name.strip() for name in self.touch_objects):
-            raise InputError("--object-name needs a name, got an empty one")
+        for name in self.touch_objects:
+            if not name.strip() or not name.isprintable():
+                raise InputError(f"--object-name needs a name in printable characters, got {shown(name)}")
         for option, distance in (
             ("--approach-distance", self.approach_distance),
             ("--retreat-distance", self.retreat_distance),

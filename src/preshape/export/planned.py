@@ -11,6 +11,7 @@ from ..hands.hand import Hand
 from ..hands.load import load_hand, recorded_hand
 from ..physics.grasps import Fault
 from ..planning.document import Document, lacking, no_answer, planned_load, request_of, version_of
+from ..report.plain import escaped_line
 from ..types import Array, freeze, frozen_array, value
 from ..viewer.words import answers_of
 
@@ -142,7 +143,7 @@ def planned_grasps(
         mass, friction = planned_load(document)
         facts = {"mass": mass, "friction": friction, "up": _up(document)}
         if answers[0] is document.get("best"):
-            facts["lacking"] = lacking(document)
+            facts["lacking"] = escaped_line(lacking(document))
         candidates = [_planned(answers[k], k, model, facts, name) for k in chosen]
     except (KeyError, TypeError, ValueError, AttributeError, IndexError, OverflowError) as error:
         raise InputError(f"{name} is not a plan of this program ({type(error).__name__}: {error})") from error
@@ -179,8 +180,8 @@ def _planned(
         return PlannedGrasp(
             number=number,
             hand=hand,
-            object_name=str(answer["object"]["name"]),
-            task=str(answer["task"]["name"]),
+            object_name=escaped_line(answer["object"]["name"]),
+            task=escaped_line(answer["task"]["name"]),
             # The way in of a grip may differ from the approach axis of its plane.
             approach=grip.get("approach", answer["approach_axis"]),
             palm_pose=tried["grasp"]["palm_pose"],

@@ -95,8 +95,8 @@ def parse_hand(description: str, mjcf: str) -> Hand:
         HandError: A field is missing or of the wrong kind, or description and MJCF contradict each other.
     """
     try:
-        data = tomllib.loads(description)
-    except (ValueError, RecursionError) as error:  # ValueError: also a number of thousands of digits
+        data = _toml(description)
+    except ValueError as error:  # also a number of thousands of digits
         raise HandError(
             f"the hand's description cannot be read: {printable(error, LONGEST_MESSAGE)}"
         ) from error
@@ -112,13 +112,25 @@ def read_description(path: Path) -> Table:
     """
     try:
         content = read_file(path, MOST_OF_TOML, "TOML file of a hand", refusal=HandError)
-        return tomllib.loads(content.decode("utf-8"))
+        return _toml(content.decode("utf-8"))
     except FileNotFoundError as error:
         raise HandError(f"there is no file {path}") from error
     except OSError as error:
         raise EnvironmentFailure(f"{path} cannot be read: {error.strerror or error}") from error
-    except (ValueError, RecursionError) as error:  # ValueError: also a number of thousands of digits
+    except ValueError as error:  # also a number of thousands of digits
         raise HandError(f"{path} is not valid TOML: {printable(error, LONGEST_MESSAGE)}") from error
+
+
+def _toml(text: str) -> Table:
+    """The table in a TOML text.
+
+    Raises:
+        ValueError: The text is not TOML, or is nested too deeply.
+    """
+    try:
+        return tomllib.loads(text)
+    except RecursionError as error:
+        raise ValueError("it is nested too deeply") from error
 
 
 def model_file(data: Table, path: Path) -> Path:

@@ -25,6 +25,7 @@ from ..types import (
     read_only,
 )
 from . import checks
+from .failures import one_line
 from .limits import LIMITS, within
 from .records import EXPERIENCE_COLUMNS, KINDS, MATCH_LIMITS, OUTCOMES, SCENE_LENGTH, Row
 
@@ -50,17 +51,17 @@ _WHOLE = {
 
 
 def experiences(
-    rows: Sequence[Row], one: Callable[[int, Row], Experience]
+    rows: Sequence[Row], one: Callable[[Row], Experience]
 ) -> tuple[list[Experience], dict[int, str]]:
-    """The experiences of rows, and those rows whose numbers lie outside the limits.
+    """The experiences of rows, and those rows that are malformed or have numbers outside the limits.
 
     Args:
         rows: At least one row: the number of an experience and its cells, in the order of
             ``EXPERIENCE_COLUMNS``.
-        one: Function that reads a single row, or raises an error that names it.
+        one: Function that reads a single row, or raises an ``InputError``.
 
     Returns:
-        The experiences within the limits, and for the number of each other one what is wrong with it.
+        The experiences that can be used, and for the number of each other one what is wrong with it.
     """
     together = _together(dict(zip(("id", *EXPERIENCE_COLUMNS), zip(*rows, strict=True), strict=True)))
     if together is not None:
@@ -68,11 +69,11 @@ def experiences(
     found: list[Experience] = []
     absurd: dict[int, str] = {}
     for number, *row in rows:
-        experience = one(number, tuple(row))
         try:
+            experience = one(tuple(row))
             within(experience)
         except InputError as error:
-            absurd[number] = str(error)
+            absurd[number] = one_line(error)
         else:
             found.append(experience)
     return found, absurd
@@ -80,8 +81,10 @@ def experiences(
 
 def _together(cell: Mapping[str, Sequence[Any]]) -> list[Experience] | None:
     """The experiences of these columns; ``None`` if any cell needs a closer look."""
+    if not all(set(map(type, cell[name])) <= {float, int} for name in _NUMBERS):
+        return None  # an array of texts would take as much space for each as for the longest
     numbers = np.array([cell[name] for name in _NUMBERS])
-    if numbers.dtype != np.float64 or not _plain_cells(cell):  # not only numbers, or only whole ones
+    if numbers.dtype != np.float64 or not _plain_cells(cell):  # only whole numbers
         return None
     numbers = read_only(np.ascontiguousarray(numbers.T))
     shapes, grips = _arrays(cell["shape"], _is_shape), _arrays(cell["grip"], _is_grip)
@@ -125,7 +128,10 @@ def _plain_cells(cell: Mapping[str, Sequence[Any]]) -> bool:
         and set(cell["kind"]) <= set(KINDS)
         and set(cell["outcome"]) <= {None, *OUTCOMES[1:]}
         and set(cell["length_unit"]) <= {UNIT_NAME, OLD_UNIT_NAME}
-        and all(type(scene) is str and len(scene) <= SCENE_LENGTH for scene in set(cell["scene"]))
+        and all(
+            type(scene) is str and len(scene) <= SCENE_LENGTH and checks.is_unicode(scene)
+            for scene in set(cell["scene"])
+        )
     )
 
 
@@ -155,7 +161,7 @@ def _is_shape(matrix: Array) -> BoolArray:
 
 def _is_grip(matrix: Array) -> BoolArray:
     """Which rows are grips by :func:`.checks.grip`, and within the limits."""
-    if matrix.shape[1] < checks.SHORTEST_GRIP:
+    if not checks.SHORTEST_GRIP <= matrix.shape[1] <= checks.LONGEST_GRIP:
         return np.zeros(len(matrix), dtype=np.bool_)
     low, high = LIMITS["grip"]
     fingers = matrix[:, 7]

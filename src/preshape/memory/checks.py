@@ -16,8 +16,10 @@ from ..types import LONGEST_NAME, Array
 LARGEST = 2**63 - 1
 Fields = Mapping[str, Any]
 
-SHORTEST_GRIP = 9
-"""Numbers of the shortest grip: a pose, the finger mask, one joint."""
+SHORTEST_GRIP, LONGEST_GRIP = 9, 1000
+"""Numbers of the shortest grip, which are a pose, the finger mask and one joint, and of the longest."""
+LONGEST_TIME = 60
+"""Largest number of characters of a time."""
 UNIT_SLACK = 1e-6
 """Largest deviation of a quaternion's length from 1."""
 MOST_FINGERS = 2**16
@@ -51,11 +53,18 @@ def text(data: object, name: str) -> str:
         raise InputError(f"{name} must be text, got {shown(data)}")
     if len(data) > LONGEST_NAME:
         raise InputError(f"{name} must have at most {LONGEST_NAME} characters, got {len(data)}")
+    if not is_unicode(data):
+        raise InputError(f"{name} must be valid Unicode text, got {shown(data)}")
+    return data
+
+
+def is_unicode(data: str) -> bool:
+    """Whether text can be encoded as UTF-8."""
     try:
         data.encode()
-    except UnicodeEncodeError as error:
-        raise InputError(f"{name} must be valid Unicode text, got {shown(data)}") from error
-    return data
+    except UnicodeEncodeError:
+        return False
+    return True
 
 
 def whole(data: object, name: str, low: int = 0, high: int = LARGEST) -> int:
@@ -129,7 +138,7 @@ def grip(data: object) -> Array:
             number of at least 1.
     """
     content = vector(data, "grip")
-    if len(content) < SHORTEST_GRIP:
+    if not SHORTEST_GRIP <= len(content) <= LONGEST_GRIP:
         raise InputError(
             f"grip must be a pose of 7 numbers, the fingers and joint angles, got {len(content)} numbers"
         )
@@ -148,7 +157,7 @@ def utc(data: object, name: str = "created") -> str:
         InputError: It is anything else.
     """
     moment = None
-    if isinstance(data, str):
+    if isinstance(data, str) and data.isascii() and len(data) <= LONGEST_TIME:
         try:
             moment = datetime.fromisoformat(data)
         except ValueError:

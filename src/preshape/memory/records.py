@@ -15,8 +15,29 @@ import numpy as np
 
 from ..exceptions import InputError, shown
 from ..objects.shape import LENGTH as SHAPE_LENGTH
-from ..types import FIELD_MASS, OLD_UNIT_NAME, UNIT_NAME, Array, Attributes, Experience, NetworkWeights
-from .checks import exactly, grip, number, numbers, text, utc, vector, whole
+from ..types import (
+    FIELD_MASS,
+    LONGEST_NAME,
+    OLD_UNIT_NAME,
+    UNIT_NAME,
+    Array,
+    Attributes,
+    Experience,
+    NetworkWeights,
+)
+from .checks import (
+    LONGEST_GRIP,
+    LONGEST_TIME,
+    exactly,
+    grip,
+    is_unicode,
+    number,
+    numbers,
+    text,
+    utc,
+    vector,
+    whole,
+)
 from .limits import weights_within, within
 
 KINDS = ("seed", "task", "best", "landmark", "grip")
@@ -36,6 +57,13 @@ EXPERIENCE_COLUMNS = (
     *("wrench_fx", "wrench_fy", "wrench_fz", "wrench_mx", "wrench_my", "wrench_mz"),
     *("match", "created", "area", "volume", "shape", "grip", "quality", "outcome", "scene", "length_unit"),
 )
+LONGEST_CELLS = {
+    **dict.fromkeys(("hand", "object_name"), 4 * LONGEST_NAME),
+    **dict.fromkeys(("kind", "created", "outcome", "length_unit"), 4 * LONGEST_TIME),
+    "scene": 4 * SCENE_LENGTH,
+    **dict.fromkeys(("shape", "grip"), 8 * LONGEST_GRIP),
+}
+"""For each column of texts or arrays the size of the largest cell that can be right [bytes]."""
 WEIGHT_COLUMNS = (
     *("hand", "inputs", "hidden", "outputs", "w1", "b1", "w2", "b2"),
     *("mean_square_error", "trained_on", "epochs"),
@@ -112,10 +140,9 @@ def experience_from(fields: object) -> Experience:
         raise InputError(f"flip must be true or false, got {shown(found['flip'])}")
     if not (isinstance(found["outcome"], str) and found["outcome"] in OUTCOMES):
         raise InputError(f"outcome must be empty, held or lost, got {shown(found['outcome'])}")
-    if not (isinstance(found["scene"], str) and len(found["scene"]) <= SCENE_LENGTH):
-        raise InputError(
-            f"scene must be text of at most {SCENE_LENGTH} characters, got {shown(found['scene'])}"
-        )
+    scene = found["scene"]
+    if not (isinstance(scene, str) and len(scene) <= SCENE_LENGTH and is_unicode(scene)):
+        raise InputError(f"scene must be text of at most {SCENE_LENGTH} characters, got {shown(scene)}")
     if found["length_unit"] not in (UNIT_NAME, OLD_UNIT_NAME):
         units = f"{UNIT_NAME} or {OLD_UNIT_NAME}"
         raise InputError(f"length_unit must be {units}, got {shown(found['length_unit'])}")
@@ -148,7 +175,7 @@ def experience_from(fields: object) -> Experience:
         grip=None if held is None else grip(held),
         quality=None if quality is None else number(quality, "quality", *MATCH_LIMITS),
         outcome=found["outcome"],
-        scene=found["scene"],
+        scene=scene,
         length_unit=found["length_unit"],
     )
 
@@ -275,6 +302,7 @@ def weights_from_row(row: Row) -> NetworkWeights:
         InputError: An array does not have the length of its shape, or a number is not finite.
     """
     cell = dict(zip(WEIGHT_COLUMNS, row, strict=True))
+    text(cell["hand"], "hand")
     inputs, hidden, outputs = (whole(cell[name], name, 1) for name in ("inputs", "hidden", "outputs"))
     return NetworkWeights(
         w1=_array(cell["w1"], (hidden, inputs), "w1"),

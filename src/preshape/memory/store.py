@@ -15,11 +15,19 @@ from ..exceptions import EnvironmentFailure, InputError, MemoryFileError, shown
 from ..files import file_place
 from ..types import Experience, NetworkWeights
 from . import bulk, records, schema, summary, transfer
-from .failures import ELSEWHERE, one_line, transaction, translated
+from .failures import ELSEWHERE, transaction, translated
 from .limits import usable
 from .summary import MemoryStatistics, ObjectSummary
 
 _COLUMNS = ", ".join(records.EXPERIENCE_COLUMNS)
+_READ = ", ".join(
+    f"CASE WHEN length(CAST({name} AS BLOB)) <= {most} THEN {name}"
+    f" ELSE CAST(substr(CAST({name} AS BLOB), 1, {most + 1}) AS TEXT) END"
+    if (most := records.LONGEST_CELLS.get(name))
+    else name
+    for name in records.EXPERIENCE_COLUMNS
+)
+"""Columns as they are read: of a text or array that is too long, only so much that the checks notice it."""
 _INSERT = f"INSERT INTO experiences ({_COLUMNS}) VALUES ({', '.join('?' * len(records.EXPERIENCE_COLUMNS))})"
 _REPLACE = (
     f"UPDATE experiences SET {', '.join(f'{name} = ?' for name in records.EXPERIENCE_COLUMNS)}"
@@ -185,7 +193,7 @@ class Memory:
         with self._writing():
             done = sum(self._connection.execute(_REPLACE, (*new, *old)).rowcount for new, old in pairs)
             for row in trained:
-                self._connection.execute(_UPSERT, row)
+                self._replace_weights(row)
         return done
 
     def experiences(
@@ -193,8 +201,8 @@ class Memory:
     ) -> tuple[Experience, ...]:
         """The experiences in the order in which they were stored.
 
-        One with numbers that no object or hand can have is left out and noted in ``skipped``, so that it does
-        not disable the others.
+        A malformed one, or one with numbers that no object or hand can have, is left out and noted in
+        ``skipped``, so that it does not disable the others.
 
         Args:
             hand: Only those of this hand.
@@ -204,7 +212,7 @@ class Memory:
         Raises:
             InputError: A kind does not exist.
         """
-        query, values = f"SELECT id, {_COLUMNS} FROM experiences WHERE 1", list[str]()
+        query, values = f"SELECT id, {_READ} FROM experiences WHERE 1", list[str]()
         if hand is not None:
             # The index gives the numbers; read through it directly, whole records would have to be sorted.
             query, values = f"{query} AND id IN (SELECT id FROM experiences WHERE hand = ?)", [hand]
@@ -217,15 +225,32 @@ class Memory:
         if gripped:
             query = f"{query} AND grip IS NOT NULL"
         found: list[Experience] = []
-        with (
-            translated(self.where),
-            closing(self._connection.execute(f"{query} ORDER BY id", values)) as cursor,
-        ):
-            while rows := cursor.fetchmany(bulk.BLOCK):
-                block, absurd = bulk.experiences(rows, self._experience)
+        with translated(self.where):
+            for rows in self._blocks(query, values):
+                block, absurd = bulk.experiences(rows, records.experience_from_row)
                 found += block
                 self.skipped |= absurd
         return tuple(found)
+
+    def _blocks(self, query: str, values: Sequence[str]) -> Iterator[list[records.Row]]:
+        """The rows of a query, many at a time; one with a cell that SQLite may not read is skipped."""
+        ordered, last = f"{query} AND id > ? ORDER BY id", -(2**63)
+        try:
+            with closing(self._connection.execute(ordered, (*values, last))) as cursor:
+                while rows := cursor.fetchmany(bulk.BLOCK):
+                    yield rows
+                    last = rows[-1][0]
+        except sqlite3.DataError:  # over LONGEST_CELL: that row is found one by one
+            for (number,) in self._connection.execute(
+                "SELECT id FROM experiences WHERE id > ?", (last,)
+            ).fetchall():
+                try:
+                    rows = self._connection.execute(f"{query} AND id = ?", (*values, number)).fetchall()
+                except sqlite3.DataError:
+                    self.skipped[number] = f"a cell is larger than {schema.LONGEST_CELL} bytes"
+                    continue
+                if rows:
+                    yield rows
 
     @property
     def remark(self) -> str:
@@ -235,8 +260,8 @@ class Memory:
         number, reason = next(iter(self.skipped.items()))
         more = f" (and {len(self.skipped) - 1} more)" if len(self.skipped) > 1 else ""
         return (
-            f"the memory {self.where} has a lesson that is skipped, because its numbers cannot be real:"
-            f" experience {number}: {reason}{more}; memory export leaves it out"
+            f"the memory {self.where} has a lesson that is skipped, because it is malformed or its numbers"
+            f" cannot be real: experience {number}: {reason}{more}; memory export leaves it out"
         )
 
     def state(self) -> tuple[int, int]:
@@ -252,15 +277,11 @@ class Memory:
             return int(self._connection.execute(query, (hand,)).fetchone()[0])
 
     def weights(self, hand: str) -> NetworkWeights | None:
-        """The network weights of a hand; None if there are none.
-
-        Raises:
-            MemoryFileError: The stored arrays do not have their shapes.
-        """
+        """The network weights of a hand; None without any, or if they are malformed."""
         with translated(self.where):
             query = f"SELECT {_WEIGHT_COLUMNS} FROM weights WHERE hand = ?"
             row = self._connection.execute(query, (hand,)).fetchone()
-        return None if row is None else self._weights(tuple(row))
+        return None if row is None else _weights_in(tuple(row))
 
     def save_weights(
         self, hand: str, weights: NetworkWeights, *, instead_of: NetworkWeights | None = None
@@ -293,19 +314,18 @@ class Memory:
             return self._connection.execute(f"DELETE FROM experiences {where}", (hand,)).rowcount
 
     def objects(self, hand: str | None = None) -> tuple[ObjectSummary, ...]:
-        """One summary for each object, sorted by name, of all hands or of one."""
-        with translated(self.where), transaction(self._connection, "BEGIN"):
-            return summary.objects(self._connection, hand)
+        """One summary for each object, sorted by name, of all hands or of one, without skipped lessons."""
+        return summary.objects(self.experiences(hand))
 
     def statistics(self) -> MemoryStatistics:
-        """Counts and sizes, all taken at the same moment."""
+        """Counts and sizes, all taken at the same moment; skipped lessons do not count."""
         with translated(self.where), transaction(self._connection, "BEGIN"):
-            return summary.statistics(self._connection, self.where)
+            return summary.statistics(self._connection, self.where, self.experiences())
 
     def export(self, path: Path | str) -> int:
         """Write everything to one JSON document (see :mod:`.transfer`), whole or not at all.
 
-        Experiences and weights outside the limits (:mod:`.limits`) are left out.
+        Experiences and weights that are malformed or outside the limits (:mod:`.limits`) are left out.
 
         Returns:
             Number of experiences written.
@@ -321,7 +341,7 @@ class Memory:
         with translated(self.where), transaction(self._connection, "BEGIN"):
             experiences = self.experiences()
             rows = self._connection.execute(f"SELECT {_WEIGHT_COLUMNS} FROM weights ORDER BY hand").fetchall()
-        weights = [(str(row[0]), self._weights(tuple(row))) for row in rows]
+        weights = [(row[0], found) for row in rows if (found := _weights_in(tuple(row))) is not None]
         transfer.write_document(target, experiences, [pair for pair in weights if usable(pair[1])])
         return len(experiences)
 
@@ -341,11 +361,12 @@ class Memory:
         experiences, weights = transfer.read_document(Path(path))
         rows = [records.experience_row(experience, experience.created) for experience in experiences]
         with self._writing():
-            present = set(self._connection.execute(f"SELECT {_COLUMNS} FROM experiences"))
+            blocks = self._blocks(f"SELECT id, {_READ} FROM experiences WHERE 1", ())
+            present = {row[1:] for block in blocks for row in block}
             fresh = [row for row in dict.fromkeys(rows) if row not in present]
             added = len(list(self._insert(fresh)))
             for hand, content in weights:
-                self._connection.execute(_UPSERT, records.weights_row(hand, content))
+                self._replace_weights(records.weights_row(hand, content))
         return added
 
     @contextmanager
@@ -358,11 +379,12 @@ class Memory:
             yield
 
     def _has_first_lesson(self, hands: Iterable[str]) -> bool:
-        query = "SELECT 1 FROM experiences WHERE hand = ? AND kind = 'seed'"
-        return any(self._connection.execute(query, (hand,)).fetchone() for hand in hands)
+        return any(self.experiences(hand, ("seed",)) for hand in hands)
 
-    def _replace_weights(self, row: records.Row, instead_of: NetworkWeights | None) -> bool:
+    def _replace_weights(self, row: records.Row, instead_of: NetworkWeights | None = None) -> bool:
         """Store a row of weights by the rule of :meth:`save_weights`; returns whether it is stored now."""
+        if self.weights(row[0]) is None:  # malformed ones would count as trained on more samples
+            self._connection.execute("DELETE FROM weights WHERE hand = ?", row[:1])
         if instead_of is not None:
             self._connection.execute(
                 "DELETE FROM weights WHERE hand = ? AND w1 = ? AND trained_on = ?",
@@ -376,29 +398,19 @@ class Memory:
                 cursor.execute(_INSERT, row)
                 yield int(cursor.lastrowid or 0)
 
-    def _experience(self, number: int, row: records.Row) -> Experience:
-        try:
-            return records.experience_from_row(row)
-        except InputError as error:
-            raise MemoryFileError(
-                f"the memory {self.where} is damaged: experience {number}: {one_line(error)};"
-                f" restore a copy or {ELSEWHERE}"
-            ) from error
-
-    def _weights(self, row: records.Row) -> NetworkWeights:
-        try:
-            return records.weights_from_row(row)
-        except InputError as error:
-            raise MemoryFileError(
-                f"the memory {self.where} is damaged: weights of {shown(row[0])}: {one_line(error)};"
-                f" restore a copy, reset that hand or {ELSEWHERE}"
-            ) from error
-
     def _own_files(self) -> Iterator[Path]:
         for suffix in ("", "-wal", "-shm"):
             own = Path(self.where + suffix)
             if own.exists():
                 yield own
+
+
+def _weights_in(row: records.Row) -> NetworkWeights | None:
+    """The weights in a row; None if they are malformed."""
+    try:
+        return records.weights_from_row(row)
+    except InputError:
+        return None
 
 
 def _absolute(where: str) -> Path:

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import sqlite3
+from collections import Counter
+from collections.abc import Iterable, Sequence
 
-from ..types import value
+from ..types import LONGEST_NAME, Experience, value
 from .records import KINDS
-
-_OF_HAND = "WHERE ?1 IS NULL OR hand = ?1"
 
 
 @value
@@ -66,79 +66,56 @@ class MemoryStatistics:
     newest: str
 
 
-def objects(connection: sqlite3.Connection, hand: str | None) -> tuple[ObjectSummary, ...]:
-    """One summary for each object, sorted by name; called inside a transaction for consistent counts.
+def objects(experiences: Iterable[Experience]) -> tuple[ObjectSummary, ...]:
+    """One summary for each object of these experiences, sorted by name."""
+    of_name: dict[str, list[Experience]] = {}
+    for experience in experiences:
+        of_name.setdefault(experience.object_name, []).append(experience)
+    return tuple(_summary(name, of_name[name]) for name in sorted(of_name))
 
-    Raises:
-        sqlite3.DatabaseError: A column holds a value of another kind, as in a file that was tampered with.
-    """
-    hands: dict[str, list[str]] = {}
-    for name, owner in connection.execute(
-        f"SELECT DISTINCT object_name, hand FROM experiences {_OF_HAND} ORDER BY hand", (hand,)
-    ):
-        hands.setdefault(name, []).append(owner)
-    tasks: dict[str, int] = {}
-    for name, *_ in connection.execute(
-        "SELECT DISTINCT object_name, task_tx, task_ty, task_tz, task_rx, task_ry, task_rz"
-        f" FROM experiences {_OF_HAND}",
-        (hand,),
-    ):
-        tasks[name] = tasks.get(name, 0) + 1
-    rows = connection.execute(
-        "SELECT object_name, count(*), max(match), max(created), max(quality),"
-        " max(CASE WHEN quality IS NULL THEN match END), min(kind = 'seed')"
-        f" FROM experiences {_OF_HAND} GROUP BY object_name ORDER BY object_name",
-        (hand,),
-    ).fetchall()
-    for name, _, *scores, seen, quality, virtual, _ in rows:
-        numbers = [*scores, *(score for score in (quality, virtual) if score is not None)]
-        words = [name, seen, *hands.get(name, [None])]  # a damaged index may list other names
-        if (
-            name not in tasks
-            or not all(isinstance(x, float | int) for x in numbers)
-            or not all(isinstance(x, str) for x in words)
-        ):
-            raise sqlite3.DatabaseError(f"a lesson of {name!r:.60} has text or bytes in the wrong column")
-    return tuple(
-        ObjectSummary(
-            name=name,
-            hands=tuple(hands[name]),
-            experiences=count,
-            tasks=tasks[name],
-            best_match=best,
-            best_quality=quality,
-            best=", ".join(
-                f"{measure} {number:.2f}"
-                for measure, number in (("quality", quality), ("TFVADI", virtual))
-                if number is not None
-            ),
-            seed=bool(seed),
-            last_seen=seen,
-        )
-        for name, count, best, seen, quality, virtual, seed in rows
+
+def _summary(name: str, lessons: Sequence[Experience]) -> ObjectSummary:
+    quality = max((e.quality for e in lessons if e.quality is not None), default=None)
+    virtual = max((e.match for e in lessons if e.quality is None), default=None)
+    return ObjectSummary(
+        name=name,
+        hands=tuple(sorted({e.hand for e in lessons})),
+        experiences=len(lessons),
+        tasks=len({tuple(e.task.tolist()) for e in lessons}),
+        best_match=max(e.match for e in lessons),
+        best_quality=quality,
+        best=", ".join(
+            f"{measure} {number:.2f}"
+            for measure, number in (("quality", quality), ("TFVADI", virtual))
+            if number is not None
+        ),
+        seed=all(e.kind == "seed" for e in lessons),
+        last_seen=max(e.created for e in lessons),
     )
 
 
-def statistics(connection: sqlite3.Connection, where: str) -> MemoryStatistics:
-    """Counts and sizes; called inside a transaction, so that they are consistent."""
+def statistics(
+    connection: sqlite3.Connection, where: str, experiences: Sequence[Experience]
+) -> MemoryStatistics:
+    """Counts and sizes; called inside the transaction that read the experiences."""
     run = connection.execute
-    total, names, oldest, newest = run(
-        "SELECT count(*), count(DISTINCT object_name), min(created), max(created) FROM experiences"
-    ).fetchone()
-    kinds = dict(run("SELECT kind, count(*) FROM experiences GROUP BY kind").fetchall())
-    hands = run("SELECT hand, count(*) FROM experiences GROUP BY hand ORDER BY hand").fetchall()
-    trained = run("SELECT hand, trained_on FROM weights ORDER BY hand").fetchall()
+    kinds, hands = (Counter(getattr(e, name) for e in experiences) for name in ("kind", "hand"))
+    trained = run(
+        "SELECT hand, trained_on FROM weights WHERE typeof(hand) = 'text' AND length(hand) <= ?"
+        " AND typeof(trained_on) = 'integer' ORDER BY hand",
+        (LONGEST_NAME,),
+    ).fetchall()
     (version,) = run("PRAGMA user_version").fetchone()
     (pages,), (page,) = run("PRAGMA page_count").fetchone(), run("PRAGMA page_size").fetchone()
     return MemoryStatistics(
         path=where,
         version=version,
         size=pages * page,
-        experiences=total,
-        objects=names,
-        kinds=tuple((kind, kinds.get(kind, 0)) for kind in KINDS),
-        hands=tuple(hands),
+        experiences=len(experiences),
+        objects=len({e.object_name for e in experiences}),
+        kinds=tuple((kind, kinds[kind]) for kind in KINDS),
+        hands=tuple(sorted(hands.items())),
         trained=tuple(trained),
-        oldest=oldest or "",
-        newest=newest or "",
+        oldest=min((e.created for e in experiences), default=""),
+        newest=max((e.created for e in experiences), default=""),
     )

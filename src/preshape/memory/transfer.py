@@ -41,7 +41,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from ..exceptions import EnvironmentFailure, InputError, MemoryFileError, shown
-from ..files import MOST_OF_JSON, read_file, write_text
+from ..files import MOST_OF_JSON, loads, read_file, write_text
 from ..types import Experience, NetworkWeights
 from . import checks, records
 
@@ -88,10 +88,8 @@ def read_document(
         reason = getattr(error, "strerror", None) or error
         raise EnvironmentFailure(f"cannot import {path} ({reason}); check the path") from error
     try:
-        document = json.loads(
-            raw.decode("utf-8"), parse_constant=_no_constant, object_pairs_hook=_unique_names
-        )
-    except (ValueError, RecursionError) as error:
+        document = loads(raw.decode("utf-8"), parse_constant=_no_constant, object_pairs_hook=_unique_names)
+    except ValueError as error:
         raise MemoryFileError(f"{path} is not a JSON document ({str(error)[:200]}); {_REMEDY}") from error
     if not isinstance(document, dict) or document.get("format") != FORMAT_NAME:
         raise MemoryFileError(f'{path} does not say "format": "{FORMAT_NAME}"; {_REMEDY}')

@@ -127,9 +127,9 @@ def load_object(
         with np.errstate(all="ignore"):  # the checks find numbers that are not finite, and name them
             raw = _ALL_READERS[suffix](name, data, path)
             if isinstance(raw, RawCloud):
-                return _from_cloud(name, path.stem, raw, unit, float(scale), view, cut_table)
+                return _from_cloud(name, _name_of(path), raw, unit, float(scale), view, cut_table)
             _check_mesh_options(name, view, cut_table)
-            mesh = _finish(name, path.stem, raw, unit, float(scale), part)
+            mesh = _finish(name, _name_of(path), raw, unit, float(scale), part)
             return replace(mesh, notes=(*mesh.notes, _Y_UP)) if suffix in (".glb", ".gltf") else mesh
     except (PreshapeError, KeyboardInterrupt):
         raise
@@ -203,6 +203,11 @@ def _from_library(name: str, unit: str, scale: float) -> TriangleMesh:
     mesh = load_library_object(name, scale=scale)
     checks.size(name, mesh.extents)
     return mesh
+
+
+def _name_of(path: Path) -> str:
+    r"""Name of the object in a file; bytes of the file's name that are not UTF-8 are shown as ``\x9b``."""
+    return os.fsencode(path.stem).decode("utf-8", "backslashreplace")
 
 
 def _content(path: Path, name: str, suffix: str) -> bytes:
@@ -326,7 +331,7 @@ def mesh_from(other: Any, unit: str = "m", scale: float = 1.0) -> TriangleMesh:
         raise ObjectError(f"{name}: a mesh needs triangles, n×3 whole numbers; give a surface mesh")
     checks.in_range(name, triangles.ravel(), np.full(len(triangles), 3), len(points), 0, None)
     raw = RawMesh(vertices=points, triangles=triangles, normals=len(points), faces=len(triangles))
-    return _finish(name, Path(name).stem or "mesh", raw, unit, scale)
+    return _finish(name, _name_of(Path(name)) or "mesh", raw, unit, scale)
 
 
 def _finish(

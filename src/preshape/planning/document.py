@@ -18,7 +18,7 @@ from typing import Any
 
 from .._version import __version__
 from ..exceptions import EnvironmentFailure, InputError, shown
-from ..files import MEGABYTE, MOST_OF_JSON, read_file
+from ..files import MEGABYTE, MOST_OF_JSON, loads, read_file
 from ..hiis.analyser import Grasp, Grip
 from ..hiis.critic import Thresholds
 from ..hiis.decision import Settings
@@ -77,10 +77,10 @@ def read_plan(path: str | Path) -> Document:
             content = read_file(path, MOST_OF_JSON, "plan")
         if len(content) > MOST_OF_JSON:
             raise InputError(f"{path} is over {MOST_OF_JSON // MEGABYTE} MB, more than a plan has; {advice}")
-        document = json.loads(content.decode("utf-8"))
+        document = loads(content.decode("utf-8"))
     except OSError as error:
         raise EnvironmentFailure(f"cannot read {path}: {error.strerror or error}") from error
-    except (ValueError, RecursionError) as error:
+    except ValueError as error:
         raise InputError(f"{path} is no JSON ({error!s:.80}); {advice}") from error
     if isinstance(document, list):
         raise InputError(f"{path} is not one plan but a list; give one plan at a time")

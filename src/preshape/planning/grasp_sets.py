@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -10,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ..exceptions import EnvironmentFailure, InputError
-from ..files import MOST_OF_JSON, read_file
+from ..files import MOST_OF_JSON, loads, read_file
 from ..hands.hand import Hand
 from ..objects.read_text import printable
 from ..physics.grasps import STAGES, Fault, GraspSet, read_grasps
@@ -76,9 +75,11 @@ def read_grasp_file(path: str | Path, *, objects: str | Path | None = None, best
         grasps = read_grasps(path)
         return GraspFile(grasps=grasps, planned_for=(PlannedFor(),) * len(grasps))
     try:
-        document = json.loads(content)
-    except (ValueError, RecursionError) as error:
-        raise InputError(f"{path}: neither an npz of grasps nor a plan in JSON") from error
+        document = loads(content)
+    except ValueError as error:
+        raise InputError(
+            f"{path}: neither an npz of grasps nor a plan in JSON ({printable(error)})"
+        ) from error
     plans = document if isinstance(document, list) else [document]
     return grasps_from_plans(plans, str(path), folder=objects, beside=path.parent, best=best)
 

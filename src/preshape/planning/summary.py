@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Sequence
+from typing import Any
 
 from rich.console import Group, RenderableType
 from rich.panel import Panel
@@ -11,6 +12,7 @@ from rich.table import Table
 from rich.text import Text
 
 from ..hiis.decision import Status
+from ..report.plain import escaped_line
 from ..report.terminal import fact_grid, terminal
 from ..tasks import task_from_numbers
 from ..tasks.task import COMPONENTS
@@ -40,6 +42,7 @@ def summary_text(plan: PlanRecord, *, explain: bool = False, width: int = 80) ->
 
 def summary(document: Document, *, explain: bool = False) -> RenderableType:
     """The summary of a plan's document as a rich renderable; see :func:`summary_text`."""
+    document = _in_lines(document)
     _, kind, headline = words.result(document)
     colour = _KINDS[kind]
     parts: list[RenderableType] = [_what(document)]
@@ -65,6 +68,15 @@ def summary(document: Document, *, explain: bool = False) -> RenderableType:
         parts += ["", _alternatives(document)]
     title = f"[bold {colour}]{headline}[/] · {words.plan_mode(document)}"
     return Panel(Group(*parts), title=title, title_align="left", border_style=colour)
+
+
+def _in_lines(part: Any) -> Any:
+    """A part of a document whose texts are one line each, whatever names they hold."""
+    if isinstance(part, dict):
+        return {name: _in_lines(content) for name, content in part.items()}
+    if isinstance(part, list | tuple):
+        return [_in_lines(content) for content in part]
+    return escaped_line(part) if isinstance(part, str) else part
 
 
 def _what(document: Document) -> Table:

@@ -5,9 +5,10 @@ from __future__ import annotations
 import html
 import re
 
-# Control characters but line feed and tab, marks that change the direction of text, and halves of surrogates.
+# Control characters but line feed and tab, marks that change the direction of text, other marks that are not
+# seen, halves of surrogates, and what no XML may hold.
 _UNSEEN = re.compile(
-    "[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200b-\u200f\u2028-\u202e\u2060-\u2069\ufeff\ud800-\udfff]"
+    "[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200b-\u200f\u2028-\u202e\u2060-\u2069\ufeff\ud800-\udfff\ufff9-\ufffb\ufffe\uffff]"
 )
 
 
@@ -18,6 +19,15 @@ def escaped(text: object) -> str:
     mug\x1b[2J
     """
     return _UNSEEN.sub(lambda found: ascii(found[0])[1:-1], str(text))
+
+
+def escaped_line(text: object) -> str:
+    r"""Text as :func:`escaped` gives it, with line feeds and tabs shown too, so that it stays one line.
+
+    >>> print(escaped_line("mug\npen"))
+    mug\npen
+    """
+    return escaped(text).replace("\n", r"\n").replace("\t", r"\t")
 
 
 def html_text(text: object) -> str:

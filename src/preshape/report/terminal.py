@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from typing import IO, TYPE_CHECKING
 
-from .plain import escaped
+from .plain import escaped, escaped_line
 from .values import Cell, Table, cell_text
 
 if TYPE_CHECKING:
@@ -95,5 +95,7 @@ def fact_grid(*rows: tuple[str, str | Text]) -> Grid:
     grid.add_column(style="bold", no_wrap=True)
     grid.add_column()
     for heading, content in rows:
-        grid.add_row(heading, Text(content) if isinstance(content, str) else content)
+        grid.add_row(
+            escaped_line(heading), Text(escaped_line(content)) if isinstance(content, str) else content
+        )
     return grid

@@ -13,7 +13,6 @@ The results of steps 1 to 3 are stored at once, so an interrupted run can be res
 from __future__ import annotations
 
 import hashlib
-import json
 from collections.abc import Sequence
 from contextlib import ExitStack
 from functools import partial
@@ -27,7 +26,7 @@ from ..dataset.index_values import IndexInput, index_values, planner_score
 from ..dataset.outcomes import Row
 from ..dataset.random_grasps import PRESS, draw_random_grasps, random_generator, random_grasp_settings
 from ..exceptions import EnvironmentFailure, InputError
-from ..files import write_json
+from ..files import loads, write_json
 from ..hands.load import load_hand
 from ..objects.load import load_object
 from ..physics.grasps import STAGES
@@ -238,7 +237,7 @@ def _stored_rows(file: Path, key: str) -> list[Row] | None:
     except OSError as error:
         raise EnvironmentFailure(f"cannot read {file}: {error.strerror}") from error
     try:
-        document = json.loads(text)
+        document = loads(text)
         if document["key"] == key:
             rows: list[Row] = document["rows"]
             return rows

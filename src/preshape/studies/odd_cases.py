@@ -17,13 +17,12 @@ and are counted separately.
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import numpy as np
 
 from ..exceptions import ObjectError
-from ..files import write_json
+from ..files import loads, write_json
 from ..hiis.analyser import FingerRule
 from ..hiis.decision import Settings, Status
 from ..objects.library import load_library_object, names
@@ -74,7 +73,7 @@ def _measure(setup: Setup, part: Path, progress: Progress, finger_rule: FingerRu
 def _stored(part: Path) -> list[Data]:
     """The finished experiments of an interrupted measurement."""
     try:
-        rows: list[Data] = json.loads(part.read_text(encoding="utf-8"))
+        rows: list[Data] = loads(part.read_text(encoding="utf-8"))
     except (OSError, ValueError):
         return []
     return rows

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import hashlib
-import json
 from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
 
 from .._version import __version__
 from ..exceptions import EnvironmentFailure, InputError
-from ..files import dumps, make_folder, write_json
+from ..files import dumps, loads, make_folder, write_json
 from ..report import Report, write_report
 from ..types import value
 from .contradictions import CONTRADICTIONS
@@ -161,7 +160,7 @@ def _stored(out: Path, experiment: Experiment, setup: Setup) -> Data | None:
     """
     path = out / f"{experiment.name}.json"
     try:
-        document = json.loads(path.read_text(encoding="utf-8"))
+        document = loads(path.read_text(encoding="utf-8"))
         if document["settings"] == _settings(experiment, setup):
             data: Data = document["data"]
             return data

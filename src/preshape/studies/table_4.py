@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 import statistics
 import time
@@ -12,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..files import write_json
+from ..files import loads, write_json
 from ..hiis.estimator import LAYERS
 from ..hiis.learning import seed_tasks, training_set
 from ..hiis.training import TARGETS, WITHIN, back_propagation, initial_weights, train
@@ -126,7 +125,7 @@ def reach(
 def _stored(part: Path) -> Data | None:
     """The state of an interrupted training."""
     try:
-        state: Data = json.loads(part.read_text(encoding="utf-8"))
+        state: Data = loads(part.read_text(encoding="utf-8"))
     except (OSError, ValueError):
         return None
     return state

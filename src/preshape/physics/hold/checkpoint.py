@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import IO, Any, Generic, Protocol, Self, TypeVar
 
 from ...exceptions import EnvironmentFailure, InputError
-from ...files import locked
+from ...files import loads, locked
 from .report import result_from_json, result_to_json
 from .six_directions import HoldResult
 
@@ -114,13 +114,13 @@ class ResultFile(Generic[R]):
                 raise self._unusable(f"is not a file of {self.kind}")
             return 0
         try:
-            first = json.loads(lines[0])
+            first = loads(lines[0])
             if first["format"] != self.format:
                 raise self._unusable(f"has the format {first['format']!r}, expected {self.format!r}")
             if first["key"] != key:
                 raise self._unusable(f"belongs to a test of other {self.subject}")
             for line in lines[1:]:
-                result = self.from_json(json.loads(line))
+                result = self.from_json(loads(line))
                 self.done[result.row] = result
         except (ValueError, KeyError, TypeError, AttributeError) as error:
             raise self._unusable(f"is not a file of {self.kind}, or is damaged") from error
