@@ -57,7 +57,10 @@ HELPS = [
     [],
     *([command] for command in COMMANDS),
     *(["memory", command] for command in ("show", "export", "import", "reset")),
-    *(["bench", command] for command in ("holds", "planner", "tasks", "indices", "clouds", "learning")),
+    *(
+        ["bench", command]
+        for command in ("holds", "planner", "pick", "tasks", "indices", "clouds", "learning")
+    ),
     ["hands", "check"],
 ]
 

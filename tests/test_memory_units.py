@@ -234,7 +234,7 @@ def test_after_a_lost_lesson_the_hand_is_not_trained_again_at_a_start(
         controller.teach(pa, task)
         (lesson,) = (e for e in memory.experiences() if e.kind == "task")
         (taught,) = pa.recall(task.q, [lesson])
-        controller.learn_outcomes(pa, task, [(taught, False)])
+        controller.knowledge.learn_outcomes(pa, task, [(taught, False)])
         trained: list[int] = []
 
         def counted(lessons: tuple[Experience, ...], *args: object, **more: object) -> object:

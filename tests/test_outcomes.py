@@ -68,7 +68,7 @@ def test_what_was_lost_is_not_recalled_nor_taught(met) -> None:
     controller, element, _ = met
     _, first = again(controller, element)
     before = len(training_set(controller.experiences, 0.1, kind="shape")[0])
-    controller.learn_outcomes(element, TASK, [(first, False)])
+    controller.knowledge.learn_outcomes(element, TASK, [(first, False)])
     assert [e.outcome for e in controller.experiences[-2:]] == ["", "lost"]
     assert len(training_set(controller.experiences, 0.1, kind="shape")[0]) == before - 1
     _, second = again(controller, element)
@@ -80,9 +80,9 @@ def test_a_grip_that_held_stays_taught_when_another_of_its_kind_is_lost(met) -> 
     controller, element, grasps = met
     a = grasps[0]
     b = next((g for g in grasps[1:] if (g.plane.index, g.fingers) == (a.plane.index, a.fingers)), grasps[1])
-    controller.learn_outcomes(element, TASK, [(a, True)])
+    controller.knowledge.learn_outcomes(element, TASK, [(a, True)])
     x, y = training_set(controller.experiences, 0.1, kind="shape")
-    controller.learn_outcomes(element, TASK, [(b, False), (a, True)])
+    controller.knowledge.learn_outcomes(element, TASK, [(b, False), (a, True)])
     again_x, again_y = training_set(controller.experiences, 0.1, kind="shape")
     np.testing.assert_array_equal(again_x, x)
     np.testing.assert_array_equal(again_y, y)
@@ -91,7 +91,7 @@ def test_a_grip_that_held_stays_taught_when_another_of_its_kind_is_lost(met) -> 
 def test_an_answer_is_where_it_was_aimed_at(met) -> None:
     controller, element, grasps = met
     taught = grasps[0]
-    controller.learn_outcomes(element, TASK, [(taught, True)])
+    controller.knowledge.learn_outcomes(element, TASK, [(taught, True)])
     far = 0.95 if taught.approach_value < 0 else -0.95
     aim = Aim(planes=[taught.plane.index], values=[far], fingers=[2], flips=[not taught.flip])
     found = element.explore(TASK.q, aim)
@@ -103,7 +103,7 @@ def test_what_held_in_place_of_it_is_the_answer_from_now_on(met) -> None:
     controller, element, grasps = met
     _, first = again(controller, element)
     other = next(g for g in grasps if start(g) != start(first))
-    controller.learn_outcomes(element, TASK, [(first, False), (other, True)])
+    controller.knowledge.learn_outcomes(element, TASK, [(first, False), (other, True)])
     stored = controller.memory.experiences(hand=controller.layout.name)
     assert [e.outcome for e in stored[-2:]] == ["lost", "held"], "both are on disk"
     mode, second = again(controller, element)
@@ -111,7 +111,7 @@ def test_what_held_in_place_of_it_is_the_answer_from_now_on(met) -> None:
     assert second is not None
     assert second.plane.index == other.plane.index
     assert start(second) == start(other)
-    controller.learn_outcomes(element, TASK, [(second, True)])
+    controller.knowledge.learn_outcomes(element, TASK, [(second, True)])
     assert len(controller.memory.experiences(hand=controller.layout.name)) == len(stored), "no news"
     x, y = training_set(stored, layout_of(HAND).u, kind="shape")
     assert len(x) == len(y) == len(np.unique(np.round(x, 6), axis=0))
@@ -120,5 +120,5 @@ def test_what_held_in_place_of_it_is_the_answer_from_now_on(met) -> None:
 def test_nothing_tried_is_nothing_learnt(met) -> None:
     controller, element, _ = met
     before = controller.experiences
-    controller.learn_outcomes(element, TASK, [])
+    controller.knowledge.learn_outcomes(element, TASK, [])
     assert controller.experiences is before

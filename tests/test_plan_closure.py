@@ -169,7 +169,7 @@ def test_no_hand_holds_what_is_far_too_heavy_and_absurd_sizes_are_refused(memory
     assert p.decision.status in (Status.NO_GRASP, Status.DEADLOCK)
     assert p.answer is None
     VALIDATOR.validate(plan_to_json(p))
-    for scale, words in ((12.0, "far beyond"), (0.002, "far below")):
+    for scale, words in ((40.0, "far beyond"), (0.002, "far below")):
         with pytest.raises(InputError, match=words):
             made(memory, "box", learn=False, scale=scale)
 

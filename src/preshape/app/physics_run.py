@@ -14,7 +14,7 @@ from ..hands.kinematics import HandKinematics
 from ..objects.mesh import TriangleMesh
 from ..physics.grasps import STAGES
 from ..physics.hand import physics_hand
-from ..physics.hold.recording import Recording, record_hold
+from ..physics.hold.recording import HoldRecording, record_hold
 from ..physics.pieces import decompose
 from ..physics.protocol import HoldProtocol
 from ..physics.scene import Scene, build_scene
@@ -83,7 +83,7 @@ def hold_run(
     }
 
 
-def _links(hand: Hand, scene: Scene, recording: Recording) -> Array:
+def _links(hand: Hand, scene: Scene, recording: HoldRecording) -> Array:
     """(n, m, 7) Pose of each shape of the hand in each sample."""
     kinematics = HandKinematics(hand)
     model = kinematics.model
@@ -94,7 +94,7 @@ def _links(hand: Hand, scene: Scene, recording: Recording) -> Array:
     return spatial.seven_from_pose(places)
 
 
-def _rows(recording: Recording) -> list[dict[str, Any]]:
+def _rows(recording: HoldRecording) -> list[dict[str, Any]]:
     return [
         {
             "name": probe.name,

@@ -88,7 +88,7 @@ def planner(
     check_folder(out)
     check_least(1, count=count, workers=workers)
     cases, model = cases_of(objects, scales, pieces), load_hand(hand)
-    kg = _mass(mass)
+    kg = mass_of(mass)
     protocol = HoldProtocol(
         friction=friction,
         mass=FIELD_MASS if kg is None else kg,
@@ -131,7 +131,7 @@ def planner(
     return 0
 
 
-def _mass(text: str) -> float | None:
+def mass_of(text: str) -> float | None:
     """The mass of every object [kg]; ``None`` for each object's own.
 
     Raises:

@@ -16,7 +16,7 @@ from .progress import steps
 if TYPE_CHECKING:
     from ..objects.mesh import TriangleMesh
     from ..physics.grasps import GraspSet
-    from ..physics.hold.recording import Recording
+    from ..physics.hold.recording import HoldRecording
     from ..physics.protocol import HoldProtocol
     from ..physics.scene import Scene
 
@@ -124,7 +124,7 @@ def _chosen(grasps: GraspSet, file: str, answer: int | None, row: int | None) ->
 
 
 def _draw(
-    recording: Recording, scene: Scene, mesh: TriangleMesh, protocol: HoldProtocol, folder: Path
+    recording: HoldRecording, scene: Scene, mesh: TriangleMesh, protocol: HoldProtocol, folder: Path
 ) -> list[Path]:
     from ..files import write_bytes, write_whole
     from ..viewer.animation import animation
@@ -139,7 +139,7 @@ def _draw(
     return [strip, run]
 
 
-def _rows(recording: Recording) -> list[dict[str, Any]]:
+def _rows(recording: HoldRecording) -> list[dict[str, Any]]:
     """For each stage, how far the object moved, and the largest force and slip."""
     outcome = {probe.name: probe for probe in recording.result.probes}
     rows = []
@@ -167,7 +167,7 @@ def _rows(recording: Recording) -> list[dict[str, Any]]:
     return rows
 
 
-def _document(recording: Recording, written: list[Path]) -> dict[str, Any]:
+def _document(recording: HoldRecording, written: list[Path]) -> dict[str, Any]:
     series = ("normal", "tangential", "slip", "torques", "gap", "object_pose")
     return {
         "status": "held" if recording.result.held else "not held",
@@ -186,7 +186,7 @@ def _document(recording: Recording, written: list[Path]) -> dict[str, Any]:
 
 
 def _show(
-    recording: Recording, protocol: HoldProtocol, title: str, left_out: str, written: list[Path]
+    recording: HoldRecording, protocol: HoldProtocol, title: str, left_out: str, written: list[Path]
 ) -> None:
     from rich.table import Table
     from rich.text import Text
@@ -226,7 +226,7 @@ def _show(
     name_files(written)
 
 
-def _verdict(recording: Recording, protocol: HoldProtocol) -> str:
+def _verdict(recording: HoldRecording, protocol: HoldProtocol) -> str:
     """One sentence on the outcome."""
     result = recording.result
     if not result.held:

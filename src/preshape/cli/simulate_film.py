@@ -1,4 +1,4 @@
-"""A recorded holding test as a film for the viewer: the solids of the scene, and stages with notes."""
+"""A recorded test as a film for the viewer: the solids of the scene, and stages with notes."""
 
 from __future__ import annotations
 
@@ -14,10 +14,12 @@ from ..hands.hand import Hand
 from ..objects.mesh import TriangleMesh
 from ..physics.grasps import GraspSet
 from ..physics.hand import physics_hand
-from ..physics.hold.recording import Recording, record_hold
+from ..physics.hold.recording import HoldRecording, Recording, record_hold
+from ..physics.pick.protocol import PickProtocol
+from ..physics.pick.recording import PickRecording
 from ..physics.pieces import ConvexPieces
 from ..physics.protocol import HoldProtocol
-from ..physics.scene import OBJECT, PALM, Scene, build_scene
+from ..physics.scene import OBJECT, PALM, TABLE, Scene, build_scene
 from ..viewer.colours import HAND, Colour, finger_colour
 from ..viewer.colours import OBJECT as OBJECT_COLOUR
 from ..viewer.film import Film, FilmStage
@@ -30,7 +32,7 @@ TINT = 0.25
 
 def recorded(
     grasps: GraspSet, row: int, hand: Hand, pieces: ConvexPieces, protocol: HoldProtocol, *, name: str = ""
-) -> tuple[Recording, Scene]:
+) -> tuple[HoldRecording, Scene]:
     """Record the holding test of one grasp.
 
     Args:
@@ -69,9 +71,9 @@ def part_names(scene: Scene, hand: Hand) -> tuple[str, ...]:
 
 
 def film_of(
-    recording: Recording, scene: Scene, protocol: HoldProtocol, *, mesh: TriangleMesh | None = None
+    recording: HoldRecording, scene: Scene, protocol: HoldProtocol, *, mesh: TriangleMesh | None = None
 ) -> Film:
-    """The film of a recording.
+    """The film of a holding test.
 
     Args:
         recording: The recording.
@@ -80,33 +82,65 @@ def film_of(
         mesh: Surface of the object in its body's frame, scaled [m]; by default the convex pieces are drawn.
     """
     load = protocol.acceleration * protocol.mass
-    found = solids(scene, recording.parts, mesh)
-    bodies = [body for body, _ in found]
-    places = spatial.pose_from_seven(recording.bodies[:, bodies].reshape(-1, 7))
-    centre = scene.model.body_ipos[scene.object_body]
-    T = spatial.pose_from_seven(recording.object_pose)
     return Film(
         title=f"{Path(recording.result.object_name).stem} in the hand {recording.hand}",
         subtitle=f"simulated physics · {1e3 * scene.mass:g} g · friction {scene.friction:g} · "
         f"pushes of {load:g} N for {protocol.checks * protocol.check_steps * protocol.timestep:g} s",
         verdict=recording.result.reason,
         passed=recording.result.held,
-        times=recording.times,
         stages=stages_of(recording),
-        solids=tuple(shape for _, shape in found),
-        is_object=tuple(body == scene.object_body for body in bodies),
-        poses=places.reshape(len(recording), len(bodies), 4, 4),
-        load=recording.load,
-        load_point=T[:, :3, :3] @ centre + T[:, :3, 3],
-        parts=recording.parts,
-        normal_force=recording.normal,
-        slip=recording.slip,
+        **_moving(recording, scene, mesh),
     )
+
+
+def pick_film_of(
+    recording: PickRecording, scene: Scene, protocol: PickProtocol, *, mesh: TriangleMesh | None = None
+) -> Film:
+    """The film of a pick test, with its table.
+
+    Args:
+        recording: The recording.
+        scene: Scene of the test.
+        protocol: Settings of the test.
+        mesh: Surface of the object in its body's frame, scaled [m]; by default the convex pieces are drawn.
+    """
+    result = recording.result
+    return Film(
+        title=f"{Path(result.object_name).stem} in the hand {recording.hand}",
+        subtitle=f"simulated physics · {1e3 * scene.mass:g} g · friction {scene.friction:g} · "
+        f"lifted by {1e3 * protocol.height:g} mm and held for {protocol.hold:g} s",
+        verdict=result.reason,
+        passed=result.picked,
+        stages=stages_of(recording),
+        table=float(scene.model.geom(TABLE).pos[2]),
+        **_moving(recording, scene, mesh),
+    )
+
+
+def _moving(recording: Recording, scene: Scene, mesh: TriangleMesh | None) -> dict[str, Any]:
+    """The fields of a film that show what moves, and the forces."""
+    found = solids(scene, recording.parts, mesh)
+    bodies = [body for body, _ in found]
+    places = spatial.pose_from_seven(recording.bodies[:, bodies].reshape(-1, 7))
+    centre = scene.model.body_ipos[scene.object_body]
+    T = spatial.pose_from_seven(recording.object_pose)
+    return {
+        "times": recording.times,
+        "solids": tuple(shape for _, shape in found),
+        "is_object": tuple(body == scene.object_body for body in bodies),
+        "poses": places.reshape(len(recording), len(bodies), 4, 4),
+        "load": recording.load,
+        "load_point": T[:, :3, :3] @ centre + T[:, :3, 3],
+        "parts": recording.parts,
+        "normal_force": recording.normal,
+        "slip": recording.slip,
+    }
 
 
 def stages_of(recording: Recording) -> tuple[FilmStage, ...]:
     """The stages, each with a note on its outcome."""
-    outcome = {probe.name: probe for probe in recording.result.probes}
+    probes = recording.result.probes if isinstance(recording, HoldRecording) else ()
+    outcome = {probe.name: probe for probe in probes}
     result = []
     for name in recording.stages:
         span = recording.span(name)

@@ -10,7 +10,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from ..exceptions import EnvironmentFailure, UnknownHand
+from ..exceptions import EnvironmentFailure, HandError, UnknownHand
 from .description import Table
 
 PREFIX = "menagerie:"
@@ -44,6 +44,19 @@ def built_in_of(model: str) -> str:
     if model not in _MODELS:
         raise UnknownHand(PREFIX + model, [PREFIX + known for known in _MODELS])
     return _MODELS[model][0]
+
+
+def model_of(built_in: str) -> str:
+    """Name of the Menagerie model of a built-in hand.
+
+    Raises:
+        HandError: There is none.
+    """
+    for model, (name, _) in _MODELS.items():
+        if name == built_in:
+            return model
+    known = ", ".join(name for name, _ in _MODELS.values())
+    raise HandError(f"no published model is known of the hand {built_in!r}; known for {known}")
 
 
 def adapted(description: Table, model: str) -> Table:

@@ -204,10 +204,6 @@ class Controller:
         self.knowledge.renew(pa, may_learn=True)
         return self._mode_3(pa, task, allowed, 1, [], True, self._best_stored(pa, task, allowed))
 
-    def learn_outcomes(self, pa: Analyser, task: Task, tried: Sequence[tuple[Grasp, bool]]) -> None:
-        """Store what the physics test said of grasps; see :meth:`.knowledge.Knowledge.learn_outcomes`."""
-        self.knowledge.learn_outcomes(pa, task, tried)
-
     def reset(self) -> None:
         """Reset a deadlock, as meta control does; the next run starts at mode 0."""
         self.deadlock = False

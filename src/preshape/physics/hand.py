@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -11,7 +12,11 @@ import numpy as np
 
 from ..exceptions import EnvironmentFailure, HandError
 from ..files import MOST_OF_MESH, MOST_OF_MODEL, read_file
+from ..hands import menagerie
+from ..hands.compiled import read_model
 from ..hands.hand import Hand
+from ..hands.load import built_in_text
+from ..hands.rewrite import rebuilt
 from ..types import Array, freeze, frozen_array, value
 
 
@@ -141,10 +146,32 @@ def hand_from_mjcf(
     if body is None:
         known = ", ".join(body.name for body in spec.bodies)
         raise HandError(f"{path}: no body {root!r}; it has {known}")
-    joints = tuple(joint.name for joint in body.find_all("joint") if joint.name not in fixed)
+    # A joint of the root itself moves the whole hand; here the root is free.
+    inner = [joint for joint in body.find_all("joint") if joint.parent.name != root]
+    joints = tuple(joint.name for joint in inner if joint.name not in fixed)
     return PhysicsHand(
         name=name or path.stem, mjcf=text, assets=assets, root=root, joints=joints, T_root_palm=np.eye(4)
     )
+
+
+def published_hand(hand: Hand, path: str | Path) -> PhysicsHand:
+    """The published model of a built-in hand, with its own meshes, gains and torque limits.
+
+    It takes the poses of the built-in hand: joints have the same names, and the palm frame is the same.
+
+    Args:
+        hand: The built-in hand.
+        path: ``right_hand.xml`` of its model in MuJoCo Menagerie.
+
+    Raises:
+        HandError: No published model of the hand is known, or the file is not that model.
+        EnvironmentFailure: A file is missing or cannot be read.
+    """
+    data = menagerie.adapted(built_in_text(hand.name)[0], menagerie.model_of(hand.name))
+    own = physics_hand(rebuilt(data, read_model(Path(path)), str(path)))
+    fixed = tuple(str(joint) for joint in data.get("fixed", ()))
+    model = hand_from_mjcf(path, root=own.root, fixed=fixed, name=f"{hand.name} ({Path(path).name})")
+    return replace(model, T_root_palm=own.T_root_palm)
 
 
 def _fix_other_joints(spec: Any, wanted: set[str]) -> None:

@@ -51,7 +51,7 @@ class HoldProtocol:
         mass: Mass of the object [kg].
         friction: Sliding friction of every geom.
         torsion: Torsional friction of every geom [m] (condim 4).
-        gain: Gain of the position actuators [N m/rad].
+        gain: Gain of the position actuators [N m/rad]; ``None`` keeps those of the hand's model.
         torque_limits: Whether the actuators keep the torque limits of the hand's model; the field's test
             lifts them.
         many_contacts: Whether two flat faces touch at several points (MuJoCo's multiccd, on by default since
@@ -83,7 +83,7 @@ class HoldProtocol:
     mass: float = FIELD_MASS
     friction: float = FRICTION
     torsion: float = 0.02
-    gain: float = 5.0
+    gain: float | None = 5.0
     torque_limits: bool = False
     many_contacts: bool = False
     timestep: float = 0.004
@@ -109,8 +109,8 @@ class HoldProtocol:
     stop_early: bool = False
 
     def __post_init__(self) -> None:
-        above = ("mass", "gain", "timestep", "acceleration", "lever", "displacement_limit", "rotation_limit")
-        for name in above:
+        above = ["mass", "timestep", "acceleration", "lever", "displacement_limit", "rotation_limit"]
+        for name in (*above, *(["gain"] if self.gain is not None else [])):
             _number(name, getattr(self, name), least=0.0, open_end=True)
         rest = ("friction", "torsion", "penetration_limit", "contact_distance", "clean_penetration")
         for name in (*rest, "position_error", "turn_error", "size_error"):

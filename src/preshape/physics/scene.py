@@ -3,6 +3,7 @@
 Settings follow the field's test: implicitfast integration, elliptic cones, impratio 10, two no-slip
 iterations, no gravity, condim 4. The hand's geoms are stiff (solimp 0.5 0.99 0.0001, solref 0.005 1); the
 object's have MuJoCo's defaults. The hand's root is free and welded to a mocap body, which follows the poses.
+A table, if there is one, is a plane that both may touch.
 """
 
 from __future__ import annotations
@@ -18,6 +19,8 @@ from .pieces import ConvexPieces
 from .protocol import HoldProtocol
 
 PREFIX = "hand/"
+TABLE = "table"
+"""Name of the table's geom."""
 WORLD, OBJECT, PALM = -2, -1, 0
 """Values of ``Scene.part_of_body``; fingers are numbered from 1."""
 
@@ -62,7 +65,12 @@ class Scene:
 
 
 def build_scene(
-    hand: PhysicsHand | None, pieces: ConvexPieces, scale: float, protocol: HoldProtocol
+    hand: PhysicsHand | None,
+    pieces: ConvexPieces,
+    scale: float,
+    protocol: HoldProtocol,
+    *,
+    table: float | None = None,
 ) -> Scene:
     """Compile the scene for one hand and one object at one size.
 
@@ -71,6 +79,7 @@ def build_scene(
         pieces: The object at scale 1.
         scale: Factor on the size of the object.
         protocol: Friction, mass and gains.
+        table: Height of a table along the world's z [m]; ``None`` for none.
 
     Raises:
         InputError: The scale is not positive.
@@ -85,6 +94,9 @@ def build_scene(
     if hand is not None:
         _add_hand(spec, hand, protocol)
     _add_object(spec, pieces, float(scale), protocol)
+    if table is not None:
+        plane = mujoco.mjtGeom.mjGEOM_PLANE
+        spec.worldbody.add_geom(name=TABLE, type=plane, size=[1, 1, 1], pos=[0, 0, table])
     for geom in spec.geoms:
         geom.condim = 4
         geom.friction[:2] = protocol.friction, protocol.torsion
@@ -120,8 +132,9 @@ def _add_hand(spec: Any, hand: PhysicsHand, protocol: HoldProtocol) -> None:
     for option in (spec.option, child.option):  # attaching prints a warning if they differ
         _set_options(option, protocol)
     for actuator in child.actuators:
-        actuator.gainprm[0] = protocol.gain
-        actuator.biasprm[1] = -protocol.gain
+        if protocol.gain is not None:
+            actuator.gainprm[0] = protocol.gain
+            actuator.biasprm[1] = -protocol.gain
         if not protocol.torque_limits:
             actuator.forcelimited = False
     for geom in child.geoms:

@@ -1,8 +1,9 @@
-"""This program's planner as a source of answers for the task benchmark."""
+"""This program's planner as a source of answers for the task benchmark and the pick test."""
 
 from __future__ import annotations
 
 import hashlib
+from typing import Any
 
 from .._version import __version__
 from ..exceptions import PreshapeError
@@ -10,10 +11,12 @@ from ..hands.hand import Hand
 from ..hiis.decision import Settings
 from ..physics.grasps import HandPoses
 from ..physics.hand import PhysicsHand
+from ..physics.pick.objects import PickAnswer, PickObject
 from ..physics.task.instances import TaskInstance
 from ..types import FIELD_MASS, value
+from .answers import Answer
 from .grasp_sets import palm_grasps, poses_of
-from .request import PlanRequest
+from .request import AUTO, PlanRequest
 from .session import Session
 
 
@@ -46,24 +49,69 @@ class PlannedAnswers:
 
     def answer(self, row: int, instance: TaskInstance) -> HandPoses | str:
         """The poses of the planned answer, with the object at the origin, or why there are none."""
-        try:
-            request = PlanRequest(
-                source=instance.object_name,
-                task=instance.task,
-                hand=self.hand,
-                analyser=self.analyser,
-                scale=instance.scale,
-                mass=self.mass if self.analyser == "closure" else None,
-                settings=Settings(seed=instance.seed),
-            )
-            with Session(":memory:") as session:
-                made = session.run(request)
-        except PreshapeError as error:
-            return str(error)
-        result = made.hand_result
-        if result is None:
-            return made.decision.reason
-        if result.pregrasp is None or result.grasp is None or result.squeeze is None:
-            return f"the hand does not reach the grasp: {result.reason}"
-        one = palm_grasps(self.model, [instance.object_name], [instance.scale], poses_of([result]))
-        return one.for_hand(self.model).poses(0)
+        found = _planned(
+            self.model,
+            source=instance.object_name,
+            task=instance.task,
+            hand=self.hand,
+            analyser=self.analyser,
+            scale=instance.scale,
+            mass=self.mass if self.analyser == "closure" else None,
+            settings=Settings(seed=instance.seed),
+        )
+        return found if isinstance(found, str) else found[1]
+
+
+@value
+class PlannedPicks:
+    """The planner's first answer for each object on a table; each object is planned with a fresh memory.
+
+    Attributes:
+        hand: The hand.
+        task: Name of the task to plan for.
+        model: The hand that picks; another model of the same hand has the same joints and palm frame.
+    """
+
+    hand: Hand
+    task: str
+    model: PhysicsHand
+
+    @property
+    def digest(self) -> str:
+        """Hash of hand, task and the program's version."""
+        return hashlib.sha256(repr((self.hand.name, self.task, __version__)).encode()).hexdigest()
+
+    def answer(self, thing: PickObject) -> PickAnswer | str:
+        """The planned answer with the object at the origin, or why there is none."""
+        found = _planned(
+            self.model,
+            source=thing.name,
+            task=self.task,
+            hand=self.hand,
+            analyser="closure",
+            scale=thing.scale,
+            mass=thing.mass,
+            table=AUTO,
+            settings=Settings(seed=thing.seed),
+        )
+        if isinstance(found, str):
+            return found
+        answer, poses = found
+        return PickAnswer(poses=poses, way_in=tuple(answer.way_in.tolist()))
+
+
+def _planned(model: PhysicsHand, **request: Any) -> tuple[Answer, HandPoses] | str:
+    """The first answer to a request on a fresh memory and its poses for a model, or why there is none."""
+    try:
+        asked = PlanRequest(**request)
+        with Session(":memory:") as session:
+            made = session.run(asked)
+    except PreshapeError as error:
+        return str(error)
+    answer, result = made.answer, made.hand_result
+    if answer is None or result is None:
+        return made.decision.reason
+    if result.pregrasp is None or result.grasp is None or result.squeeze is None:
+        return f"the hand does not reach the grasp: {result.reason}"
+    one = palm_grasps(made.hand, [asked.object_name], [asked.scale], poses_of([result]))
+    return answer, one.for_hand(model).poses(0)

@@ -33,10 +33,10 @@ from ..objects.mass import ObjectMass, object_mass
 from ..objects.mesh import TriangleMesh
 from ..types import Array, Experience, an_instance, value
 from .answers import Answer, seen_first
-from .hand_simulation import execute, hand_geometry
+from .hand_simulation import execute
 from .plan import Plan
 from .request import PlanRequest
-from .sizes import refuse_absurd_size
+from .sizes import out_of_reach, refuse_absurd_size
 
 if TYPE_CHECKING:
     from ..closure.analyser import ClosureAnalyser
@@ -212,7 +212,7 @@ class Session:
             )
             # A lesson that was restricted to some approaches would mislead plans without the restriction.
             if request.learn and request.approaches is None and not self.memory.read_only:
-                ready.controller.learn_outcomes(ready.element, request.asked, tried)
+                ready.controller.knowledge.learn_outcomes(ready.element, request.asked, tried)
         if partial is not None and chosen_later:
             partial(plan)
         return plan
@@ -351,27 +351,6 @@ def layout_of(hand: Hand) -> HandLayout:
     return HandLayout(
         name=hand.name, u=hand.u, finger_pitch=hand.finger_pitch, fingertip_width=hand.fingertip_width
     )
-
-
-def out_of_reach(request: PlanRequest, mesh: TriangleMesh, hand: Hand) -> list[str]:
-    """A warning for each box to avoid that is out of the hand's reach and so has no effect."""
-    if not request.avoid:
-        return []
-    palm, open_hand = np.array([0.0, 0, 0, 1, 0, 0, 0]), np.zeros(len(hand.joints))
-    ends = [end for part in hand_geometry(hand, palm, open_hand) for end in (part.p0, part.p1)]
-    # The checked approach starts about one hand length away from the grasp.
-    reach = 2 * max(float(np.linalg.norm(end)) for end in ends) + float(np.linalg.norm(mesh.extents)) / 2
-    words = []
-    for box in request.avoid:
-        lower, upper = np.array(box).reshape(2, 3)
-        distance = float(np.linalg.norm(np.maximum(np.maximum(lower - mesh.cog, mesh.cog - upper), 0.0)))
-        if distance > reach:
-            numbers = " ".join(f"{x:g}" for x in box)
-            words.append(
-                f'the box to avoid "{numbers}" is {1000 * distance:.0f} mm from the object, out of the '
-                f"hand's reach of {1000 * reach:.0f} mm; it changes nothing (boxes are in metres, mesh frame)"
-            )
-    return words
 
 
 def closure_analyser(request: PlanRequest, hand: Hand, mesh: TriangleMesh) -> ClosureAnalyser:

@@ -1,12 +1,16 @@
-"""Objects whose size is absurd for the hand, as they come from a file in another unit."""
+"""What is out of the hand's reach: objects of absurd size, as files in another unit have, and far boxes."""
 
 from __future__ import annotations
+
+import numpy as np
 
 from ..exceptions import ObjectError
 from ..hands.hand import Hand
 from ..objects.checks import in_millimetres, other_units
 from ..objects.mesh import TriangleMesh
 from ..types import LENGTH_UNIT
+from .hand_simulation import hand_geometry
+from .request import PlanRequest
 
 TOO_SMALL = 0.25
 """An object smaller than this share of a fingertip's width is far below the hand [C]."""
@@ -39,3 +43,24 @@ def refuse_absurd_size(mesh: TriangleMesh, hand: Hand) -> None:
         f"{mesh.name} measures {in_millimetres(mesh.extents)}, {side} what the hand {hand.name} can grasp "
         f"(against {than}); {remedy}"
     )
+
+
+def out_of_reach(request: PlanRequest, mesh: TriangleMesh, hand: Hand) -> list[str]:
+    """A warning for each box to avoid that is out of the hand's reach and so has no effect."""
+    if not request.avoid:
+        return []
+    palm, open_hand = np.array([0.0, 0, 0, 1, 0, 0, 0]), np.zeros(len(hand.joints))
+    ends = [end for part in hand_geometry(hand, palm, open_hand) for end in (part.p0, part.p1)]
+    # The checked approach starts about one hand length away from the grasp.
+    reach = 2 * max(float(np.linalg.norm(end)) for end in ends) + float(np.linalg.norm(mesh.extents)) / 2
+    words = []
+    for box in request.avoid:
+        lower, upper = np.array(box).reshape(2, 3)
+        distance = float(np.linalg.norm(np.maximum(np.maximum(lower - mesh.cog, mesh.cog - upper), 0.0)))
+        if distance > reach:
+            numbers = " ".join(f"{x:g}" for x in box)
+            words.append(
+                f'the box to avoid "{numbers}" is {1000 * distance:.0f} mm from the object, out of the '
+                f"hand's reach of {1000 * reach:.0f} mm; it changes nothing (boxes are in metres, mesh frame)"
+            )
+    return words

@@ -63,6 +63,7 @@ class Film:
         parts: (k) Names, for example ``thumb``.
         normal_force: (n, k) Normal force of each part [N].
         slip: (n, k) Slip of each part on the object [m].
+        table: Height of a table [m]; ``None`` draws a floor below everything in the first frame.
 
     Raises:
         InputError: An array has the wrong shape, there are no frames, or the stages do not cover all frames.
@@ -82,6 +83,7 @@ class Film:
     parts: tuple[str, ...]
     normal_force: Array
     slip: Array
+    table: float | None = None
 
     def __post_init__(self) -> None:
         n, m, k = len(self.times), len(self.solids), len(self.parts)
@@ -146,7 +148,7 @@ class Film:
         """One camera for all pictures of a run.
 
         1. Collect what the picture must contain: the object in the first frame, the arrows of all loads, and
-           the hand in ``frames``.
+           the hand in ``frames``; with a table, from which the object is lifted, also the object in them.
         2. Of ``VIEWS`` directions around the object, take the one that sees most of the fingers in the last
            frame before the probes.
 
@@ -154,8 +156,10 @@ class Film:
             frames: Frames in which the hand must be in the picture.
             aspect: Width of the picture divided by its height.
         """
-        at_start = self._points(0, of_object=True)
-        middle, size = (at_start.min(axis=0) + at_start.max(axis=0)) / 2, self.size
+        shown = [0] if self.table is None else [0, *frames]
+        seen = np.concatenate([self._points(int(f), of_object=True) for f in shown])
+        middle = (seen.min(axis=0) + seen.max(axis=0)) / 2
+        size = float(np.linalg.norm(np.ptp(seen, axis=0))) / 2
         around = [middle + 1.3 * size * np.concatenate([np.eye(3), -np.eye(3)])]
         squeezed = max((s.stop - 1 for s in self.stages if s.passed is None), default=0)
         arrows = [self.load_arrow(squeezed, load) for load in np.unique(self.load, axis=0)]
@@ -180,9 +184,12 @@ class Film:
         return cameras[int(np.argmax(scores))]
 
     def picture(self, frame: int, camera: Camera, size: tuple[int, int], *, samples: int = 3) -> Image:
-        """Draw a frame (h, w, 3); the floor lies below everything in the first frame."""
-        floor = min(float(self._points(0, of_object=o).min(axis=0)[2]) for o in set(self.is_object))
-        image = render(self.shapes(frame), camera, size, samples=samples, ground=floor - 0.02 * self.size)
+        """Draw a frame (h, w, 3); without a table, the floor lies below everything in the first frame."""
+        ground = self.table
+        if ground is None:
+            lowest = min(float(self._points(0, of_object=o).min(axis=0)[2]) for o in set(self.is_object))
+            ground = lowest - 0.02 * self.size
+        image = render(self.shapes(frame), camera, size, samples=samples, ground=ground)
         ends = self.load_arrow(frame, self.load[frame])
         return image if ends is None else _with_faint_arrow(image, camera, *ends)
 

@@ -191,7 +191,9 @@ def _chart(
         sheet.base.plot((x - 24, x - 7), (top - 20, top - 20), color=film.colours()[k], lw=3.2)
         x -= 42
     if last:
-        note = "time [s]; every probe starts from the squeeze, and slip counts from there"
+        note = "time [s]"
+        if any(stage.passed is not None for stage in film.stages):
+            note += "; every probe starts from the squeeze, and slip counts from there"
         sheet.text(left + width, top + CHART + 62, note, 9, QUIET, ha="right")
         for tick in _ticks(end, 8):
             sheet.text(left + tick / end * width, top + CHART + 42, f"{tick:g}", 9, QUIET, ha="center")

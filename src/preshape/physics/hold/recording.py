@@ -1,8 +1,8 @@
-"""Records a holding test while it runs: poses, contact forces, slip, torques and the gap, over time.
+"""Records a test while it runs: poses, contact forces, slip, torques and the gap, over time.
 
-Every probe starts from the squeezed grasp; a recording lists the probes one after another. After a simulation
-step, MuJoCo's data hold both the poses and the contact forces of the beginning of that step, so all values of
-a sample belong to the same moment.
+Every probe of a holding test starts from the squeezed grasp; a recording lists the probes one after another.
+After a simulation step, MuJoCo's data hold both the poses and the contact forces of the beginning of that
+step, so all values of a sample belong to the same moment.
 
 Slip is the net displacement of a part's surface along the object's surface, in the object's frame, since the
 part began to press; within a probe, since the end of the squeeze. Slip follows the material points of both
@@ -34,10 +34,9 @@ FAR = 0.2
 
 @value
 class Recording:
-    """A holding test over time: n samples, p parts of the hand, b bodies, j joints; all in world axes.
+    """A test over time: n samples, p parts of the hand, b bodies, j joints; all in world axes.
 
     Attributes:
-        result: Result of the test.
         hand: Name of the hand.
         joints: (j,) joint names.
         parts: (p,) ``palm`` and the names of the fingers.
@@ -56,7 +55,6 @@ class Recording:
         gap: (n,) least distance between hand and object, negative where they overlap [m].
     """
 
-    result: HoldResult
     hand: str
     joints: tuple[str, ...]
     parts: tuple[str, ...]
@@ -118,6 +116,17 @@ class Recording:
         return float(away.max()), float(turn.max())
 
 
+@value
+class HoldRecording(Recording):
+    """A holding test over time.
+
+    Attributes:
+        result: Result of the test.
+    """
+
+    result: HoldResult
+
+
 def record_hold(
     scene: Scene,
     poses: HandPoses,
@@ -128,7 +137,7 @@ def record_hold(
     row: int = 0,
     object_name: str = "",
     scale: float = 1.0,
-) -> Recording:
+) -> HoldRecording:
     """Run and record a holding test; recording does not change its result.
 
     Args:
@@ -149,26 +158,37 @@ def record_hold(
     unknown = [name for name in probes or () if name not in known]
     if unknown:
         raise InputError(f"no probe {unknown[0]!r} in the test; known: {', '.join(known)}")
-    names = tuple(parts) or ("palm", *(f"finger {k + 1}" for k in range(scene.fingers)))
-    if len(names) != scene.fingers + 1:
-        raise InputError(f"the hand has a palm and {scene.fingers} fingers, got {len(names)} names")
-    recorder = _Recorder(scene, {*APPROACH, *(known if probes is None else probes)})
+    recorder = Recorder(scene, {*APPROACH, *(known if probes is None else probes)}, parts)
     recorder.first(poses)
     result = hold_test(
         scene, poses, protocol,
         row=row, object_name=object_name, scale=scale, observer=recorder,
     )  # fmt: skip
-    rows = recorder.rows
-    columns = {name: np.array([sample[name] for sample in rows]) for name in rows[0] if name != "stage"}
-    stage = tuple(sample["stage"] for sample in rows)
-    return Recording(result=result, hand=scene.hand, joints=scene.joints, parts=names, stage=stage, **columns)
+    return HoldRecording(result=result, **recorder.fields())
 
 
-class _Recorder:
-    """The observer of the test: each call takes one sample."""
+class Recorder:
+    """The observer of a test: each call takes one sample.
 
-    def __init__(self, scene: Scene, wanted: set[str]) -> None:
-        self.scene, self.wanted = scene, wanted
+    Args:
+        scene: The scene.
+        wanted: Names of the stages to record.
+        parts: Names of palm and fingers in the order of ``scene.part_of_body``; by default ``palm``,
+            ``finger 1`` ….
+        one_run: Names of the stages that follow each other; every other stage is a probe, which starts from
+            the end of the last of them.
+
+    Raises:
+        InputError: The number of names is wrong.
+    """
+
+    def __init__(
+        self, scene: Scene, wanted: set[str], parts: Sequence[str] = (), *, one_run: Sequence[str] = APPROACH
+    ) -> None:
+        self.scene, self.wanted, self.one_run = scene, wanted, one_run
+        self.parts = tuple(parts) or ("palm", *(f"finger {k + 1}" for k in range(scene.fingers)))
+        if len(self.parts) != scene.fingers + 1:
+            raise InputError(f"the hand has a palm and {scene.fingers} fingers, got {len(self.parts)} names")
         self.rows: list[dict[str, Any]] = []
         self.recorded: set[str] = set()
         self.running, self.repeated = "", False
@@ -185,6 +205,7 @@ class _Recorder:
         self.squeezed: _State | None = None
 
     def first(self, poses: HandPoses) -> None:
+        """Sample the pregrasp at rest, before the test."""
         import mujoco
 
         data = mujoco.MjData(self.scene.model)
@@ -193,6 +214,7 @@ class _Recorder:
         self("pregrasp", data)
 
     def __call__(self, name: str, data: Any) -> None:
+        """Take a sample of a stage."""
         scene, begins = self.scene, self.running != name
         # The ladder repeats the probes; the repetitions are not recorded.
         repeated = name in self.recorded if begins else self.repeated
@@ -202,7 +224,7 @@ class _Recorder:
         self.recorded.add(name)
         if begins and self.rows:
             self.end = self.rows[-1]["times"]
-            if name not in APPROACH:  # each probe starts from the squeezed grasp
+            if name not in self.one_run:  # each probe starts from the squeezed grasp
                 self.squeezed = self.squeezed or self.before
                 self.before, self.shift = self.squeezed, np.zeros_like(self.shift)
         if begins:
@@ -227,6 +249,15 @@ class _Recorder:
                 "gap": self._gap(data),
             }
         )
+
+    def fields(self) -> dict[str, Any]:
+        """The fields of a :class:`Recording` with the samples so far."""
+        columns = {
+            name: np.array([sample[name] for sample in self.rows]) for name in self.rows[0] if name != "stage"
+        }
+        stage = tuple(sample["stage"] for sample in self.rows)
+        scene = self.scene
+        return {"hand": scene.hand, "joints": scene.joints, "parts": self.parts, "stage": stage, **columns}
 
     def _gap(self, data: Any) -> float:
         import mujoco

@@ -220,8 +220,8 @@ def take_hold(
     )
 
 
-def slerp(first: Array, second: Array, share: float) -> Array:
-    """(4,) quaternion wxyz at a fraction ``share`` of the shortest rotation from ``first`` to ``second``."""
+def slerp(first: Array, second: Array, share: float | Array) -> Array:
+    """(..., 4) quaternion wxyz at fractions ``share`` (...) of the shortest rotation between two."""
     from scipy.spatial.transform import Rotation, Slerp
 
     ends = Rotation.from_quat(np.array([first, second]), scalar_first=True)

@@ -1,0 +1,123 @@
+"""Results of a pick bench: the score, and every object."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, fields
+from typing import Any
+
+import numpy as np
+
+from ...types import value
+from ..grasps import STAGES, GraspSet
+from ..hand import PhysicsHand
+from ..hold.report import result_to_json
+from ..measures import mean, wilson
+from .protocol import FAILURES, Motion, PickResult, PickStatus
+
+
+@value
+class PickScore:
+    """Figures over the objects of a run.
+
+    Attributes:
+        objects: Number of objects.
+        answered: Number of objects with a grasp to test.
+        picked: Number of objects that were picked up.
+        rate: Share of the answered objects that were picked up.
+        interval: 95 % interval of this rate (Wilson).
+        overall: Share of all objects that were picked up.
+        overall_interval: 95 % interval of this share.
+        causes: Number of objects for each cause of failure.
+        held_displacement: Motion in the hand, mean over the objects that were picked up [m].
+        held_rotation: Rotation in the hand, mean over the objects that were picked up [rad].
+    """
+
+    objects: int
+    answered: int
+    picked: int
+    rate: float | None
+    interval: tuple[float, float] | None
+    overall: float | None
+    overall_interval: tuple[float, float] | None
+    causes: dict[str, int]
+    held_displacement: float | None
+    held_rotation: float | None
+
+
+@value
+class PickReport:
+    """The results of a run, in the order of the objects.
+
+    Attributes:
+        results: Result of each object.
+        hand: The hand that picked.
+        seconds: Time of this run [s]; results that an earlier run saved do not count.
+    """
+
+    results: tuple[PickResult, ...]
+    hand: PhysicsHand
+    seconds: float
+
+    def score(self) -> PickScore:
+        """Figures over all objects."""
+        total, answered = len(self.results), sum(r.answered for r in self.results)
+        picked = sum(r.picked for r in self.results)
+        held = [r.held for r in self.results if r.picked and r.held is not None]
+        return PickScore(
+            objects=total,
+            answered=answered,
+            picked=picked,
+            rate=picked / answered if answered else None,
+            interval=wilson(picked, answered),
+            overall=picked / total if total else None,
+            overall_interval=wilson(picked, total),
+            causes={s.name.lower(): sum(r.status is s for r in self.results) for s in FAILURES},
+            held_displacement=mean(motion.displacement for motion in held),
+            held_rotation=mean(motion.rotation for motion in held),
+        )
+
+    def failures(self) -> tuple[PickResult, ...]:
+        """The objects that were not picked up."""
+        return tuple(result for result in self.results if not result.picked)
+
+    def to_json(self) -> dict[str, Any]:
+        """The score and every object, as JSON values."""
+        rows = [result_to_json(result) for result in self.results]
+        return {
+            "all": asdict(self.score()),
+            "objects": [{k: v for k, v in row.items() if k != "planned"} for row in rows],
+        }
+
+    def planned_grasps(self) -> GraspSet:
+        """The grasps of all answered objects, with each object at the origin."""
+        rows = [result for result in self.results if result.answered]
+        poses = np.array([r.planned for r in rows]).reshape(len(rows), len(STAGES), 7 + len(self.hand.joints))
+        return GraspSet(
+            hand=self.hand.source,
+            joints=self.hand.joints,
+            objects=tuple(result.object_name for result in rows),
+            scale=np.array([result.scale for result in rows]),
+            object_pose=np.tile([0.0, 0, 0, 1, 0, 0, 0], (len(rows), 1)),
+            **{stage: poses[:, k] for k, stage in enumerate(STAGES)},  # type: ignore[arg-type]
+        )
+
+
+def result_from_json(document: dict[str, Any]) -> PickResult:
+    """The inverse of :func:`~preshape.physics.hold.report.result_to_json`.
+
+    Raises:
+        KeyError, TypeError, ValueError: The document is not a result.
+    """
+    if set(document) != {field.name for field in fields(PickResult)}:
+        raise ValueError("the keys are not those of a result")
+    planned, way_in = document["planned"], document["way_in"]
+    motions = {name: document[name] for name in ("settled", "pushed", "held")}
+    return PickResult(
+        **{
+            **document,
+            **{name: None if motion is None else Motion(**motion) for name, motion in motions.items()},
+            "status": PickStatus[document["status"].upper()],
+            "planned": None if planned is None else tuple(tuple(float(x) for x in row) for row in planned),
+            "way_in": None if way_in is None else tuple(float(x) for x in way_in),
+        }
+    )
