@@ -20,6 +20,7 @@ import argparse
 import json
 import os
 import random
+import re
 import signal
 import sqlite3
 import subprocess
@@ -33,7 +34,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from preshape.cli.interrupts import EXIT_INTERRUPTED, INTERRUPTED
+from preshape.cli.early import EXIT_INTERRUPTED, INTERRUPTED
 from preshape.files import write_json
 
 from .long_runs import show_progress
@@ -51,6 +52,7 @@ SHARES = {"list": 0.25, "plan": 0.4, "learn": 0.2, "closure": 0.12, "compile": 0
 QUICK, LONG = 24, 240
 AFTER = 1.03
 """The last moment, as a multiple of the time of a whole run."""
+_SPARE = re.compile("preshape-kernels-[0-9]*")
 LONGEST = 20.0
 """A run that goes on longer than this after its signal has not been interrupted [s]."""
 
@@ -109,7 +111,10 @@ def interrupted_run(name: str, moment: float | None, number: int) -> Ended:
             out, err = process.communicate()
             faults.append("went on after the signal")
         seconds = time.monotonic() - begin
-        left = [str(file.relative_to(folder)) for file in (folder / "tmp").glob("preshape-kernels-[!0-9]*")]
+        # A cache that cannot be written has a folder named by the user's number, which stays.
+        left = [
+            str(f.relative_to(folder)) for f in (folder / "tmp").iterdir() if not _SPARE.fullmatch(f.name)
+        ]
         left += [str(file.relative_to(folder)) for file in (folder / "out").glob(".*")]
         faults += [f"left behind: {', '.join(left)}"] if left else []
         faults += _memory_faults(folder / "memory.sqlite")
@@ -147,7 +152,9 @@ def judge(ended: Ended, usual: Ended) -> str:
     return "finished" if same else f"exit code {ended.code}, status {status!r}: {ended.err[-100:]!r}"
 
 
-def study(moments: int, seed: int, *, names: tuple[str, ...], processes: int = 2) -> dict[str, Any]:
+def study(
+    moments: int, seed: int, *, names: tuple[str, ...], processes: int = 2, until: float | None = None
+) -> dict[str, Any]:
     """Interrupt runs at random moments and report.
 
     Args:
@@ -155,21 +162,28 @@ def study(moments: int, seed: int, *, names: tuple[str, ...], processes: int = 2
         seed: Seed of the moments.
         names: The runs.
         processes: Number of runs at a time.
+        until: The last moment [s]; ``None`` for a little after the end of a run.
     """
     # A shell starts background processes with Ctrl-C ignored; the runs must not inherit this.
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
-        return _study(random.Random(seed), moments, names, processes) | {"seed": seed}
+        return _study(random.Random(seed), moments, names, processes, until) | {"seed": seed}
     finally:
         signal.signal(signal.SIGINT, before)
 
 
-def _study(rng: random.Random, moments: int, names: tuple[str, ...], processes: int) -> dict[str, Any]:
+def _study(
+    rng: random.Random, moments: int, names: tuple[str, ...], processes: int, until: float | None
+) -> dict[str, Any]:
     with ThreadPoolExecutor(processes) as pool:  # as many at a time as later
         usual = dict(zip(names, pool.map(lambda name: interrupted_run(name, None, 0), names), strict=True))
     whole = sum(SHARES[name] for name in names)
     jobs = [
-        (name, rng.uniform(0.0, AFTER * usual[name].seconds), (signal.SIGINT, signal.SIGTERM)[k % 2])
+        (
+            name,
+            rng.uniform(0.0, AFTER * usual[name].seconds if until is None else until),
+            (signal.SIGINT, signal.SIGTERM)[k % 2],
+        )
         for name in names
         for k in range(max(1, round(moments * SHARES[name] / whole)))
     ]
@@ -189,13 +203,14 @@ def _study(rng: random.Random, moments: int, names: tuple[str, ...], processes: 
             show_progress(f"{len(rows)} of {len(jobs)} moments, about {left:.0f} min left: {words}")
     pool.shutdown(cancel_futures=True)
     good = sum(row["result"] in ("interrupted", "finished") for row in rows)
-    early = sum(row["result"] == "start" for row in rows)
+    early = [row["moment"] for row in rows if row["result"] == "start"]
     return {
         "seconds": {name: round(ended.seconds, 2) for name, ended in usual.items()},
         "moments": len(rows),
         "good": good,
         "interrupted": sum(row["result"] == "interrupted" for row in rows),
-        "python_start": early,
+        "python_start": len(early),
+        "python_start_until": max(early, default=0.0),
         "faults": [row for row in rows if row["result"] not in ("interrupted", "finished", "start")],
         "rows": rows,
     }
@@ -210,6 +225,7 @@ def main(arguments: list[str]) -> int:
         "--long", action="store_true", help=f"{LONG} moments of all runs; else {QUICK} of two"
     )
     parser.add_argument("--moments", type=int, help="number of moments")
+    parser.add_argument("--until", type=float, help="the last moment [s] (default: after the end of a run)")
     parser.add_argument("--runs", nargs="+", choices=tuple(COMMANDS), help="the runs")
     parser.add_argument("--seed", type=int, default=5, help="seed of the moments (default: %(default)s)")
     parser.add_argument("--processes", type=int, default=2, help="runs at a time (default: %(default)s)")
@@ -218,11 +234,12 @@ def main(arguments: list[str]) -> int:
     given = parser.parse_args(arguments)
     names = tuple(given.runs or (COMMANDS if given.long else ("list", "plan")))
     moments = given.moments or (LONG if given.long else QUICK)
-    report = study(moments, given.seed, names=names, processes=given.processes)
+    report = study(moments, given.seed, names=names, processes=given.processes, until=given.until)
     write_json(given.out / "signals.json", report)
     print(
         f"{report['good']} of {report['moments']} moments good, {report['interrupted']} of them interrupted; "
-        f"{report['python_start']} during Python's own start; {len(report['faults'])} faults"
+        f"{report['python_start']} during Python's own start, the last one at "
+        f"{report['python_start_until']} s; {len(report['faults'])} faults"
     )
     for row in report["faults"][:20]:
         print(f"  {row['run']} at {row['moment']} s, {row['signal']}: {row['result']}")

@@ -7,6 +7,7 @@ import os
 import signal
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 from textwrap import indent
 
@@ -14,7 +15,7 @@ import pytest
 from hardening import signals as study
 
 from preshape.cli import interrupts
-from preshape.cli.interrupts import INTERRUPTED
+from preshape.cli.early import INTERRUPTED
 
 HEAD = (
     "import os, signal, sys, time\n"
@@ -25,14 +26,62 @@ HEAD = (
 SWALLOW = "try:\n    {}\n    time.sleep(60)\nexcept BaseException:\n    pass\ntime.sleep(60)\n"
 
 
-def ended(code: str, folder: Path) -> subprocess.CompletedProcess[str]:
+def ended(code: str, folder: Path, head: str = HEAD) -> subprocess.CompletedProcess[str]:
     """A process that has started the guard, sends itself a signal, and would go on for a minute."""
     environment = {**os.environ, "PYTHONPATH": str(folder), "TMPDIR": str(folder)}
     return subprocess.run(
-        [sys.executable, "-c", HEAD + code],
+        [sys.executable, "-c", head + code],
         check=False, capture_output=True, text=True, env=environment, timeout=50,
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     )  # fmt: skip
+
+
+STARTING = """
+import os, signal, sys
+class Sender:
+    @staticmethod
+    def find_spec(name, path=None, target=None):
+        if name == {name!r}:
+            os.kill(os.getpid(), signal.{number})
+sys.meta_path.insert(0, Sender)
+sys.argv = ["preshape", "tasks", *{options}]
+from preshape.__main__ import main
+main()
+"""
+
+
+@pytest.mark.parametrize("number", ["SIGINT", "SIGTERM"])
+@pytest.mark.parametrize("name", ["preshape.cli.main", "preshape.cli.interrupts", "preshape.cli.streams"])
+@pytest.mark.parametrize("options", [["--json"], []])
+def test_a_signal_while_the_command_line_is_imported(
+    name: str, number: str, options: list[str], tmp_path: Path
+) -> None:
+    done = ended(STARTING.format(name=name, number=number, options=options), tmp_path, head="")
+    assert (done.returncode, done.stderr) == (130, INTERRUPTED + "\n")
+    if options:
+        assert json.loads(done.stdout) == {"status": "error", "reason": INTERRUPTED}
+    else:
+        assert done.stdout == ""
+
+
+def test_signals_that_were_ignored_before_the_start_stay_ignored(tmp_path: Path) -> None:
+    code = "import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)" + STARTING
+    done = ended(
+        code.format(name="preshape.cli.main", number="SIGINT", options=["--json"]), tmp_path, head=""
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+    assert json.loads(done.stdout)
+
+
+def test_nothing_is_imported_before_the_first_guard() -> None:
+    code = (
+        "import sys; before = set(sys.modules); import preshape.__main__; print(*set(sys.modules) - before)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True)
+    own = {"preshape", "preshape.__main__", "preshape._version", "preshape.cli", "preshape.cli.early"}
+    assert set(done.stdout.split()) <= own | {"__future__"}
+    project = tomllib.loads((Path(__file__).parents[1] / "pyproject.toml").read_text(encoding="utf-8"))
+    assert project["project"]["scripts"] == {"preshape": "preshape.__main__:main"}
 
 
 @pytest.mark.parametrize("number", ["SIGINT", "SIGTERM"])

@@ -13,6 +13,7 @@ from hardening import kernel_cache as study
 from preshape.exceptions import EnvironmentFailure
 from preshape.files import spare_folder, temporary_folder
 from preshape.kernels import cache
+from preshape.kernels.closing import warp_clearance
 from preshape.kernels.launch import announce
 
 CONTENT = {"k.cpu12.o": bytes(range(256)) * 40, "k.meta": b"{}"}
@@ -85,6 +86,14 @@ def test_a_temporary_folder_that_cannot_be_made_and_a_full_one(monkeypatch, tmp_
         pass
 
 
+def test_kernels_are_looked_up_once_in_a_process(monkeypatch: pytest.MonkeyPatch) -> None:
+    cache.load_kernels(warp_clearance, "cpu")
+    monkeypatch.setattr(cache, "temporary_folder", None)
+    cache.load_kernels(warp_clearance, "cpu")
+    with pytest.raises(TypeError):
+        cache.load_kernels.__wrapped__(warp_clearance, "cpu")
+
+
 @pytest.mark.slow
 def test_a_truncated_cache_is_compiled_again(tmp_path: Path) -> None:
     whole, temporary = tmp_path / "warp", tmp_path / "tmp"
@@ -94,6 +103,7 @@ def test_a_truncated_cache_is_compiled_again(tmp_path: Path) -> None:
         done = study._run(("-c", study.LOAD), whole, temporary)
         assert done.returncode == 0, done.stderr
         told.append(study.COMPILES in done.stderr)
+        assert done.stdout.split() == [spare_folder("kernels").name]
         if len(told) == 2:
             study.cut(next(whole.rglob("*.npz")), random.Random(0))
     assert told == [True, False, True]

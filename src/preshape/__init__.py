@@ -10,8 +10,6 @@ Names are imported when they are first used, so that importing the package is qu
 
 from __future__ import annotations
 
-import importlib
-
 from ._version import __version__
 
 TYPE_CHECKING = False  # as typing's, which takes longer to import than all the rest
@@ -137,6 +135,8 @@ __all__ = [
 
 def __getattr__(name: str) -> typing.Any:
     if name in _HOME:
+        import importlib
+
         return getattr(importlib.import_module(f".{_HOME[name]}", __name__), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 

@@ -8,7 +8,7 @@ at all (``python -m hardening.kill`` and ``python -m hardening.signals`` test it
 
 Commands that finish their current work first say so with :func:`patient`.
 
-This module is loaded before anything else and imports little, so that the guard starts early.
+Before this guard starts, :mod:`.early` ends the process in the main thread.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 
+from .early import EXIT_INTERRUPTED, tell
+
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from types import FrameType
 
-EXIT_INTERRUPTED = 130
-INTERRUPTED = "interrupted; everything that was acknowledged is kept"
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
 PATIENCE = 1.0
 """Longest time that the end waits for a document which is being written, and shortest time between a first
@@ -58,10 +58,11 @@ def install(as_json: bool) -> None:
     _Guard.installed, _Guard.as_json = True, as_json
     # Libraries' own messages are discarded by moving descriptor 2 elsewhere for a while.
     _Guard.out, _Guard.err = os.dup(1), os.dup(2)
+    # First the pipe: a signal between these lines is then kept for the thread.
+    signal.set_wakeup_fd(writer, warn_on_full_buffer=False)
     for number in SIGNALS:
         if signal.getsignal(number) is not signal.SIG_IGN:  # as nohup and shells ask for
             signal.signal(number, _at_once)
-    signal.set_wakeup_fd(writer, warn_on_full_buffer=False)
     threading.Thread(target=_watch, args=(reader,), name="preshape-signals", daemon=True).start()
 
 
@@ -135,17 +136,9 @@ def _watch(reader: int) -> None:
 
 def _end() -> None:
     output.acquire(timeout=PATIENCE)
-    if _Guard.as_json and not _Guard.answered:
-        _write(_Guard.out, f'{{\n  "status": "error",\n  "reason": "{INTERRUPTED}"\n}}\n')
-    # On a terminal a bar may be half drawn, with the cursor hidden.
-    _write(_Guard.err, ("\r\x1b[K\x1b[?25h" if os.isatty(_Guard.err) else "") + INTERRUPTED + "\n")
+    tell(_Guard.out, _Guard.err, _Guard.as_json and not _Guard.answered)
     with suppress(Exception):
         files = sys.modules.get("preshape.files")
         if files is not None:
             files.remove_temporaries()
     os._exit(EXIT_INTERRUPTED)
-
-
-def _write(number: int, text: str) -> None:
-    with suppress(OSError):
-        os.write(number, text.encode())

@@ -3,7 +3,7 @@
 Exit codes: 0 an answer · 1 no answer · 2 bad input · 3 an error of files, disk or environment · 130
 interrupted by Ctrl-C or SIGTERM.
 
-This module imports little, because a signal during its imports would end in a traceback.
+This module imports little, so that the guard starts early.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import os
 import sys
 
 from . import interrupts, streams
-from .interrupts import EXIT_INTERRUPTED, INTERRUPTED
+from .early import EXIT_INTERRUPTED, INTERRUPTED
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:

@@ -18,6 +18,7 @@ from __future__ import annotations
 import shutil
 import tempfile
 import threading
+from functools import cache
 from pathlib import Path
 from types import ModuleType
 
@@ -34,8 +35,11 @@ _SOURCES = (".cpp", ".cu")
 _loading = threading.Lock()
 
 
+@cache
 def load_kernels(module: ModuleType, device: str) -> None:
     """Load a module of kernels, compiling it if necessary, before several threads use it.
+
+    A module that this process has loaded is not looked up again: a lesson asks for it a hundred times.
 
     Args:
         module: A Python module with Warp kernels.
