@@ -68,7 +68,6 @@ TESTS = tuple(
 
 _ODDS = "The odds are divided by their sum, so a common factor has no effect; none of them overflows."
 _ZEROS = "The codes begin with zeros there, a common factor; there is no tenth output."
-_FLAT = "flat = np.abs(true - reach) <= 10 * self._nudge.max()"
 _UNION = "union = np.asarray(wrench_union, dtype=np.float64).reshape(-1, 6)"
 _SLACK = "No two scores differ by exactly the slack."
 _BETTER = "if discovery.answer.judged > grasp.judged + SLACK:"
@@ -108,7 +107,6 @@ EQUIVALENT: dict[tuple[str, str, str], str] = {
     ("planes.py", _NAME, _NAME.replace("> 0", "> (-1)")): _AXIS,
     ("planes.py", _ALLOWED, _ALLOWED.replace("0.5", "0.25")): _COSINES,
     ("planes.py", _ALLOWED, "return ((APPROACH_AXES @ wanted.T >= 0.5)).any(axis=1)"): _COSINES,
-    ("virtual_grasp.py", _FLAT, _FLAT.replace("10", "11")): "The limit only has to be far above the shift.",
     ("wrench.py", _UNION, _UNION.replace("-1", "-2")): "NumPy takes any negative length for the unknown one.",
 }
 """Mutants that no test can notice: module, line before and after (without indentation), and the reason."""

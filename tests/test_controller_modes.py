@@ -210,7 +210,7 @@ def test_a_real_hand_knows_an_object_only_in_the_scene_and_by_what_was_good_enou
         monkeypatch.setattr(Controller, "_offers", lambda *args: ())
         known, unknown = (c.run(prepared("mug"), other, may_learn=False) for c in (there, here))
         assert [t.outcome for t in known.transitions[:4]] == ["penalty", "penalty", "known", "explored"]
-        assert "its shape to mug" in known.transitions[2].reason
+        assert "its shape is that of mug" in known.transitions[2].reason
         assert [t.outcome for t in unknown.transitions[:3]] == ["penalty", "penalty", "unknown"]
         assert "knows mug only with another load, friction, table or boxes" in unknown.transitions[2].reason
         new = here.run(prepared("hammer"), other, may_learn=False)
@@ -242,7 +242,7 @@ def test_the_finger_rule_keeps_all_or_only_the_grasps_with_most_fingers_at_an_ai
     assert [most[aim] for aim in left] == kept.fingers.tolist()
     assert len(kept) < len(found)
     assert (np.diff(kept.match) <= 1e-9).all()
-    with pytest.raises(InputError, match="up_to, all, got 'most'"):
+    with pytest.raises(InputError, match="no finger rule 'most'; known: up_to, all"):
         Settings(finger_rule="most")
     with Memory.open(":memory:") as memory:
         c = Controller(memory, LAYOUT, settings=Settings(finger_rule="all"))

@@ -578,7 +578,7 @@ def test_the_command_prints_one_json_object_and_says_what_is_missing(plain: Path
     [
         (["--per", "0"], "--per must be 1 or more"),
         (["--workers", "0"], "--workers must be 1 or more"),
-        (["--friction", "nan"], "friction must be a number above 0"),
+        (["--friction", "nan"], "friction must be a positive, finite number"),
         (["--scales", "0"], "--scales takes positive numbers"),
         (["--engine", "slurm"], "no engine 'slurm'; known: local, ray"),
         (["--engine", "ray", "--workers", "2"], "a Ray cluster has its own number"),

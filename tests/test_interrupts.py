@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import tomllib
+from collections.abc import Iterator
 from pathlib import Path
 from textwrap import indent
 
@@ -144,6 +145,15 @@ def test_after_the_answer_a_signal_changes_nothing(tmp_path: Path) -> None:
     assert (done.returncode, done.stdout, done.stderr) == (0, "{}\n", "")
 
 
+@pytest.fixture
+def interruptible() -> Iterator[None]:
+    """SIGINT has Python's own handler; the background jobs of a shell are started with it ignored."""
+    usual = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, usual)
+
+
+@pytest.mark.usefixtures("interruptible")
 def test_patient_code_gives_the_handlers_back() -> None:
     before = [signal.getsignal(number) for number in interrupts.SIGNALS]
     with pytest.raises(KeyboardInterrupt), interrupts.patient():

@@ -163,7 +163,7 @@ def _labels(page) -> list[str]:
 
 
 def test_a_deadlock_waits_for_its_reset_and_a_cancelled_plan_for_the_next(opened) -> None:
-    page = opened("cone", "lift").page
+    page = opened("cone", "strike").page
     plan(page)
     saw(page, "Deadlock: no grasp is good enough; the best try is shown")
     press(page, "Plan")

@@ -376,7 +376,7 @@ def test_a_plan_is_written_in_the_size_wanted(index: int, tmp_path: Path) -> Non
 
 def test_what_is_not_there_is_not_drawn_and_long_names_do_no_harm() -> None:
     nothing = plan_picture.PlanScene(
-        mesh=brick(name="$a_name_" * 40),
+        mesh=brick(name="$a_name_" * 30),
         cog=[0.01, 0.02, 0.05],
         task_name="日本 " * 30,
         hand_name="h" * 300,

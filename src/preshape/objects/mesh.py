@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from ..exceptions import InputError, ObjectError
+from ..exceptions import InputError, ObjectError, shown
 from ..types import (
     LONGEST_NAME,
     Array,
@@ -92,7 +92,9 @@ class TriangleMesh:
         except InputError as error:
             raise ObjectError(str(error)) from error
         if lids >= len(triangles):
-            raise ObjectError(f"{self.name}: {lids} of {len(triangles)} triangles are no lids; mark fewer")
+            raise ObjectError(
+                f"{self.name}: {shown(lids)} of {len(triangles)} triangles cannot be lids; mark fewer"
+            )
         freeze(
             self,
             mass=mass,
