@@ -148,7 +148,7 @@ def test_lids_are_marked_kept_and_said_of_the_mass() -> None:
     assert not mesh.same_as(replace(mesh, lids=0))
     assert "lids enclose as filled with water: the file's surface is open" in object_mass(mesh).warning
     assert object_mass(mesh, 0.2).warning == object_mass(mesh_from(shell(caps=True))).warning == ""
-    with pytest.raises(ObjectError, match="12 of 12 triangles are no lids"):
+    with pytest.raises(ObjectError, match="12 of 12 triangles cannot be lids"):
         replace(box_mesh("box", np.ones(3)), lids=12)
     with pytest.raises(ObjectError, match="the number of lids must be a whole number"):
         replace(mesh, lids=-1)
