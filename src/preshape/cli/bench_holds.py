@@ -18,6 +18,7 @@ from .options import (
     check_least,
     checkpoint_option,
     json_option,
+    kept_results,
     ladder_option,
     probes_option,
     workers_option,
@@ -33,8 +34,6 @@ if TYPE_CHECKING:
     from ..planning.grasp_sets import GraspFile
 
 MODELS = (".xml", ".mjcf")
-UNFINISHED = "unfinished.jsonl"
-"""File in the folder of ``--out`` with the results of an unfinished run."""
 
 
 class Group(NamedTuple):
@@ -243,11 +242,8 @@ def _hand(name: str, root: str | None, fixed: tuple[str, ...]) -> PhysicsHand:
 
 def _kept(titles: list[str], checkpoint: str | None, out: str | None) -> list[Path | None]:
     """File for the intermediate results of each group."""
-    if checkpoint is not None:
-        base = Path(checkpoint)
-    elif out is not None:
-        base = Path(out) / UNFINISHED
-    else:
+    base = kept_results(checkpoint, out)
+    if base is None:
         return [None for _ in titles]
     if len(titles) == 1:
         return [base]

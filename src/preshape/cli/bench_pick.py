@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -10,10 +9,18 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ..exceptions import EnvironmentFailure, InputError
+from ..files import MOST_OF_JSON, loads, read_file
 from ..report.terminal import print_table, report_console
 from ..types import FRICTION
 from .bench_planner import OWN, PICTURES, cases_of, mass_of
-from .options import check_folder, check_least, checkpoint_option, json_option, workers_option
+from .options import (
+    check_folder,
+    check_least,
+    checkpoint_option,
+    json_option,
+    kept_results,
+    workers_option,
+)
 from .printing import emit, name_files
 from .progress import GOES_ON, steps
 
@@ -24,9 +31,6 @@ if TYPE_CHECKING:
     from ..physics.pick.report import PickReport
     from ..report import Figure
     from ..viewer.film import Film
-
-UNFINISHED = "unfinished.jsonl"
-"""File in the folder of ``--out`` with the results of an unfinished run."""
 
 
 @click.command(epilog="Example: preshape bench pick mug box bottle --hand leap --out out/pick")
@@ -101,7 +105,7 @@ def pick(
         seed=seed,
     )
     answers = PlannedPicks(hand=own, task=task, model=picks_with)
-    kept = Path(checkpoint) if checkpoint is not None else Path(out) / UNFINISHED if out is not None else None
+    kept = kept_results(checkpoint, out)
     with steps(GOES_ON if kept else "with --out or --checkpoint they would be kept") as shown:
         report = run_picks(
             things,
@@ -133,11 +137,11 @@ def _masses(file: Path) -> dict[str, float]:
         EnvironmentFailure: The file cannot be read.
     """
     try:
-        content = json.loads(file.read_bytes())
+        content = loads(read_file(file, MOST_OF_JSON, "file of masses"))
         return {str(name): float(kg) for name, kg in content.items()}
     except OSError as error:
         raise EnvironmentFailure(f"cannot read {file}: {error.strerror}") from error
-    except (ValueError, TypeError, AttributeError, RecursionError) as error:
+    except (ValueError, TypeError, AttributeError) as error:
         raise InputError(
             f'{file}: expected masses such as {{"mug": 0.118}} in JSON ({error!s:.60})'
         ) from error

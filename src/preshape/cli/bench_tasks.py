@@ -10,7 +10,15 @@ import click
 from ..exceptions import InputError, shown
 from ..report.terminal import print_table, report_console
 from ..types import FIELD_MASS, FRICTION
-from .options import check_least, checkpoint_option, json_option, names_in, numbers_in, workers_option
+from .options import (
+    check_least,
+    checkpoint_option,
+    json_option,
+    kept_results,
+    names_in,
+    numbers_in,
+    workers_option,
+)
 from .printing import emit, name_files, say
 from .progress import GOES_ON, steps
 
@@ -22,8 +30,6 @@ if TYPE_CHECKING:
     from ..physics.task.report import TaskReport
     from ..types import Array
 
-UNFINISHED = "unfinished.jsonl"
-"""File in the folder of ``--out`` with the results of an unfinished run."""
 SHOWN = 20
 """Largest number of failures shown in the terminal; the report lists all."""
 
@@ -103,7 +109,7 @@ def tasks(
     if write_instances is not None:
         return _write_instances(Path(write_instances), instances, protocol, as_json)
     model, answers, who, notes = _answers(instances, hand, analyser, grasps, mass)
-    kept = Path(checkpoint) if checkpoint is not None else Path(out) / UNFINISHED if out is not None else None
+    kept = kept_results(checkpoint, out)
     with steps(GOES_ON if kept else "with --out or --checkpoint they would be kept") as shown:
         report = run_tasks(
             instances,

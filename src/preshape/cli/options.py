@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -74,6 +75,13 @@ def check_folder(name: str | None, option: str = "--out") -> None:
     """
     if name is not None and not name.strip():
         raise InputError(f"{option} needs a folder, got an empty name")
+
+
+def kept_results(checkpoint: str | None, out: str | None) -> Path | None:
+    """The file with the results of an unfinished run: that of ``--checkpoint``, else one in ``--out``."""
+    if checkpoint is not None:
+        return Path(checkpoint)
+    return None if out is None else Path(out) / "unfinished.jsonl"
 
 
 def check_least(least: int, **numbers: int | None) -> None:

@@ -17,6 +17,7 @@ import numpy as np
 
 from ...exceptions import EnvironmentFailure, InputError
 from ...hands.compiled import no_mujoco_log
+from ...objects.load import split_part
 from ...processes import process_count
 from ..hand import PhysicsHand
 from ..hold.checkpoint import Progress, ResultFile, result_taker
@@ -140,6 +141,7 @@ def _key(
     head = f"{mujoco.__version__} {hand.digest} {protocol!r} {answers.digest} {tuple(objects)!r}"
     state = hashlib.sha256(head.encode())
     for thing in objects:
-        if Path(thing.name).is_file():
-            state.update(hashlib.sha256(Path(thing.name).read_bytes()).digest())
+        file = Path(split_part(thing.name)[0])
+        if file.is_file():
+            state.update(hashlib.sha256(file.read_bytes()).digest())
     return state.hexdigest()
