@@ -323,7 +323,9 @@ class Finisher:
             mask=int(drawn.candidates.mask[row]),
             pregrasp=candidate.pregrasp,
             grasp=candidate.grasp,
-            squeeze=self.hand.follow(self.hand.controls(candidate.grasp) + press * squeeze.drive * compliance),
+            squeeze=self.hand.follow(
+                self.hand.controls(candidate.grasp) + press * squeeze.drive * compliance
+            ),
             fingers_touching=tuple(self.tables.fingers[f] for f in squeeze.fingers),
             links=tuple(self._links[chain.stop - 1] for chain in squeeze.chains),
             forces=press * squeeze.forces,

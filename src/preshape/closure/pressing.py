@@ -166,9 +166,7 @@ def finger_order(tables: HandTables) -> list[int]:
     return [t, *(f for f in range(len(tables.fingers)) if f != t)]
 
 
-def grip_forces(
-    arms: Array, normals_in: Array, mu: float, pressing: Sequence[Array] | None = None
-) -> Array:
+def grip_forces(arms: Array, normals_in: Array, mu: float, pressing: Sequence[Array] | None = None) -> Array:
     """(n, 3) forces of a squeeze: balanced, within the friction cones, with normal parts that sum to one.
 
     Of all balanced forces in pyramids of ``EDGES`` edges, the result is close to the one spread most evenly

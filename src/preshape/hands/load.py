@@ -28,7 +28,8 @@ from ..files import MOST_OF_TOML, read_file
 from ..objects.read_text import printable
 from . import menagerie
 from .compiled import read_model
-from .description import LONGEST_MESSAGE, Table, hand_from
+from .couples import Table
+from .description import LONGEST_MESSAGE, hand_from
 from .hand import Hand
 from .mirror import mirrored
 from .rewrite import rebuilt
