@@ -41,6 +41,7 @@ class CompiledModel:
         hinges: Names of those joints that are hinges.
         ranges: Lower and upper limit of every joint as written in the file [rad]; equal if it has no limits.
         massless: Names of moving bodies without mass.
+        notes: What was mended in the file so that it could be used, each in one sentence.
     """
 
     model: Any
@@ -51,6 +52,7 @@ class CompiledModel:
     hinges: tuple[str, ...]
     ranges: dict[str, tuple[float, float]]
     massless: tuple[str, ...]
+    notes: tuple[str, ...] = ()
 
     def joints_under(self, root: str | None) -> tuple[str, ...]:
         """Names of the joints that move bodies relative to the body ``root``; all if it does not exist."""
