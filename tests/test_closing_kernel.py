@@ -48,8 +48,9 @@ def closed(hand: str, name: str, count: int) -> Closings:
 
 
 def posture(hand: str, seed: int, count: int) -> Array:
-    low, high = hand_tables(load_hand(hand)).limits.T
-    return np.random.default_rng(seed).uniform(low, high, (count, len(low)))
+    model = load_hand(hand)
+    low, high = model.ranges().T
+    return model.follow(np.random.default_rng(seed).uniform(low, high, (count, len(low))))
 
 
 def spheres_at(tables: HandTables, q: Array) -> Array:

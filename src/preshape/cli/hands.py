@@ -163,7 +163,8 @@ def _row(hand: Hand, picture: Path | None) -> dict[str, Any]:
         "fingers": [finger.name for finger in hand.fingers],
         "joints": len(hand.joints),
         "joint_names": list(hand.joints),
-        "actuators": len(hand.actuators),
+        "actuators": len(hand.motors),
+        "motors": hand.motor_facts(),
         "U": hand.u,
         "largest_object": 4 * hand.u,
         "fingertip_radius": hand.fingers[1].tip_radius,
@@ -179,7 +180,7 @@ def _row(hand: Hand, picture: Path | None) -> dict[str, Any]:
 def _show(row: dict[str, Any]) -> None:
     from ..report.terminal import fact_grid, terminal
 
-    drives = f", {row['actuators']} drives" if row["actuators"] != row["joints"] else ""
+    drives = f", {row['actuators']} motors" if row["actuators"] != row["joints"] else ""
     facts = {
         row["name"]: row["title"],
         "fingers": f"{', '.join(row['fingers'])}; {row['joints']} joints{drives}",

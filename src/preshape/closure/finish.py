@@ -217,7 +217,7 @@ class Finisher:
         closed, outside = real & (closings.fate == Fate.CLOSED), to_object.min(axis=1) > -DEEPEST
         sound = outside & (to_obstacles > 0) & (self.search.score(task, hold, demand) > 0)
         rows, apart = np.flatnonzero(closed & (sound | options.anyway)), np.ones(len(closed), dtype=bool)
-        squeeze = cache(partial(self.squeezer.squeeze, candidates, contacts, frames))
+        squeeze = cache(partial(self.squeezer.squeeze, candidates, contacts, frames, grasp))
         if options.by_joints:
             press = [min(self.settings.strongest, squeeze(int(row)).max_press) for row in rows]
             rows = rows[np.argsort(-found.score[rows] * press, kind="stable")]
@@ -299,13 +299,13 @@ class Finisher:
         firm = firm and usual < needed <= min(FIRM * settings.strongest, squeeze.max_press)
         press = needed if firm else min(max(settings.press_least, settings.safety * needed), usual)
         # A target may lie beyond a joint's limit: a servo whose target is the limit itself would not press.
-        compliance = 1.0 / (self.hand.gains * self.squeezer.sharing)
+        compliance = 1.0 / self.hand.gains
         turn = turn_from_contact_error(
             points - self.search.cog,
             squeeze.normals_in,
             press * squeeze.forces,
             squeeze.jacobians,
-            [compliance[chain] for chain in squeeze.chains],
+            [compliance[motors] for motors in squeeze.motors],
         )
         margin = weakest * usual / settings.weight
         drawn = found.drawn
@@ -323,7 +323,9 @@ class Finisher:
             mask=int(drawn.candidates.mask[row]),
             pregrasp=candidate.pregrasp,
             grasp=candidate.grasp,
-            squeeze=candidate.grasp + press * squeeze.torques * compliance,
+            squeeze=self.hand.follow(
+                self.hand.controls(candidate.grasp) + press * squeeze.drive * compliance
+            ),
             fingers_touching=tuple(self.tables.fingers[f] for f in squeeze.fingers),
             links=tuple(self._links[chain.stop - 1] for chain in squeeze.chains),
             forces=press * squeeze.forces,

@@ -24,7 +24,7 @@ from ..types import Array, BoolArray, IntArray
 from .candidates import DrawnCandidates, RankedCandidates, distinct, merged
 from .demand import HOLD, LEVER, Demand
 from .hand_tables import hand_tables
-from .preshapes import Preshapes, joint_ranges, posture_at, preshapes
+from .preshapes import Preshapes, motor_ranges, posture_at, posture_of, preshapes
 from .settings import ClosureSettings
 
 MIN_CONTACTS = 2
@@ -66,7 +66,7 @@ class ClosureSearch:
         self.cog, self.length = np.asarray(cog, dtype=np.float64), float(length)
         self.tables: HandTables = hand_tables(hand, COARSE)
         self.pool: Preshapes = preshapes(hand)
-        self.ranges = joint_ranges(hand, self.tables)
+        self.ranges = motor_ranges(hand, self.tables)
         self.kernel = ClosingKernel(self.tables, field, device=settings.device, threads=settings.threads)
         lever = min(LEVER, 1.5 * self.length)
         holding = [(lever, HOLD if not turns else HOLD[[0, 1, 2, 6, 7, 8]]), *turns]
@@ -253,14 +253,15 @@ class ClosureSearch:
         rotation = Rotation.from_rotvec(rng.normal(0.0, TURN * spread if turn is None else turn, (n, 3)))
         place = rotation.apply(copies.candidates.place - middle) + middle
         place += rng.normal(0.0, STEP * spread if shift is None else shift, (n, 3))
-        start = copies.candidates.start + rng.normal(0.0, BEND * spread, copies.candidates.start.shape)
+        commands = copies.candidates.start @ self.tables.command.T
+        commands += rng.normal(0.0, BEND * spread, commands.shape)
         rotation = rotation * Rotation.from_quat(copies.candidates.turn, scalar_first=True)
         return replace(
             copies,
             candidates=Candidates(
                 place=place,
                 turn=rotation.as_quat(scalar_first=True),
-                start=np.clip(start, *self.ranges),
+                start=posture_of(self.tables, np.clip(commands, *self.ranges)),
                 mask=copies.candidates.mask,
             ),
         )

@@ -39,6 +39,9 @@ _SLACK, _MOST = 0.05, 1.5
 _SNAP = 0.98
 """Cosine from which an axis of the palm frame is taken as the nearest axis of the palm's body [C]."""
 
+_TURNED = 0.7
+"""Share of its range at which a motor stays that moves palm and thumb at once [C]."""
+
 _SHARES = (0.3, 0.5)
 """Shares of the closing motion at which fingers are compared with a thumb [C]."""
 
@@ -241,8 +244,29 @@ def _palm_and_chains(
     shared = {joint for joint in under if count[joint] > 1}
     chains = [tuple(j for j in chain if j not in shared and j in source.hinges) for chain in chains]
     chains = [chain for chain in chains if chain]
-    free = {joint for chain in chains for joint in chain}
-    return palm, chains, {joint: skeleton.neutral[joint] for joint in under if joint not in free}
+    held = {joint for joint in under if not any(joint in chain for chain in chains)}
+    held |= _with_their_motors(skeleton, held, chains)
+    chains = [tuple(joint for joint in chain if joint not in held) for chain in chains]
+    return palm, [chain for chain in chains if chain], {joint: skeleton.neutral[joint] for joint in held}
+
+
+def _with_their_motors(skeleton: Skeleton, held: set[str], chains: list[tuple[str, ...]]) -> set[str]:
+    """The joints that move with joints that stay fixed, and so stay fixed too.
+
+    A motor that bends the palm and turns the thumb at once stays at an angle where the thumb opposes.
+    """
+    more: set[str] = set()
+    ends = {chain[-1] for chain in chains}
+    for joint in sorted(held & set(skeleton.motors)):
+        motor = skeleton.motors[joint]
+        free = set(motor.joints) - held
+        if free and not free & ends and joint in motor.joints:
+            low, high = (float(bound) for bound in motor.range)
+            far = high if abs(high) > abs(low) else low
+            angles = motor.angles(_TURNED * far)
+            skeleton.neutral |= {name: float(x) for name, x in zip(motor.joints, angles, strict=True)}
+            more |= free
+    return more
 
 
 def _path(skeleton: Skeleton, joint: str, among: tuple[str, ...]) -> tuple[str, ...]:

@@ -203,10 +203,14 @@ class Clearance:
     ) -> tuple[Flaw | None, Placement]:
         """The placement with the finger in its first posture clear of object and hand, or a flaw."""
         columns = self.hand.columns(finger.name)
+        # A motor that also moves another finger stays.
+        own = np.array([set(motor.joints) <= set(finger.joints) for motor in self.hand.motors])
+        stay = self.hand.controls(placement.q)
         first: Flaw | None = None
         for posture in self._aside(finger, placement.q[self.hand.columns(used[1].name)]):
             q = placement.q.copy()
             q[columns] = posture
+            q = self.hand.follow(np.where(own, self.hand.controls(self.hand.lawful(q)), stay))
             moved = Placement(
                 rotation=placement.rotation, translation=placement.translation, q=q, errors=placement.errors
             )

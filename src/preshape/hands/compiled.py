@@ -22,6 +22,7 @@ from ..exceptions import HandError
 from ..files import MOST_OF_MESH, MOST_OF_MODEL, read_file
 from ..objects.read_text import printable
 from ..types import value
+from .laws import model_couples
 
 _TINY = 1e-9  # [kg] given to a massless body, so that the model compiles and the body can be reported
 _LONGEST_REASON = 600  # characters
@@ -41,6 +42,7 @@ class CompiledModel:
         hinges: Names of those joints that are hinges.
         ranges: Lower and upper limit of every joint as written in the file [rad]; equal if it has no limits.
         massless: Names of moving bodies without mass.
+        label: File or name, which begins messages.
         notes: What was mended in the file so that it could be used, each in one sentence.
     """
 
@@ -52,7 +54,13 @@ class CompiledModel:
     hinges: tuple[str, ...]
     ranges: dict[str, tuple[float, float]]
     massless: tuple[str, ...]
+    label: str = "the model"
     notes: tuple[str, ...] = ()
+
+    @property
+    def couples(self) -> tuple[dict[str, Any], ...]:
+        """The laws that the model states, as ``[[couple]]`` tables; see :func:`.laws.model_couples`."""
+        return model_couples(self.model, self.label)
 
     def joints_under(self, root: str | None) -> tuple[str, ...]:
         """Names of the joints that move bodies relative to the body ``root``; all if it does not exist."""
@@ -113,7 +121,7 @@ def _compiled(source: Path | str) -> CompiledModel:
             ranges[joint.name] = (low * scale, high * scale)
             if low > high:
                 joint.range = [high, low]
-        return _recorded(spec.compile(), ranges)
+        return _recorded(spec.compile(), ranges, label)
     except UnicodeDecodeError as error:
         raise HandError(f"{label}: its text or a name in it is not UTF-8; save the model as UTF-8") from error
     except RecursionError as error:
@@ -122,7 +130,7 @@ def _compiled(source: Path | str) -> CompiledModel:
         raise HandError(f"{label}: MuJoCo cannot read it: {reason(error)}") from error
 
 
-def _recorded(model: Any, ranges: dict[str, tuple[float, float]]) -> CompiledModel:
+def _recorded(model: Any, ranges: dict[str, tuple[float, float]], label: str) -> CompiledModel:
     import mujoco
 
     kinds = {model.joint(j).name: int(model.jnt_type[j]) for j in range(model.njnt)}
@@ -141,6 +149,7 @@ def _recorded(model: Any, ranges: dict[str, tuple[float, float]]) -> CompiledMod
         massless=tuple(
             model.body(b).name for b in moving if mass[b] < 10 * _TINY * (model.body_weldid == b).sum()
         ),
+        label=label,
     )
 
 

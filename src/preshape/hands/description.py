@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from typing import Any
 from xml.etree import ElementTree
 
@@ -13,6 +14,7 @@ from ..objects.read_text import printable
 from ..spatial import pose, rotation_from_quaternion
 from ..types import Array
 from .hand import POSTURES, Finger, Hand
+from .motors import ADAPTIVE, RIGID, Motor, adaptive_motor, direct_motor, rigid_motor
 
 Table = dict[str, Any]
 
@@ -70,6 +72,10 @@ def _hand(data: Table, root: ElementTree.Element, mjcf: str) -> Hand:
                 f"outwards as in the MJCF, got {', '.join(finger.joints)}"
             )
     drives = data["actuators"]
+    limits = np.array([[float(bound) for bound in (ranges[joint] or "").split()] for joint in joints])
+    motors = motors_of(data, dict(zip(joints, limits, strict=True)), fingers, name)
+    _require_drives(root, motors, name)
+    names = tuple(motor.name for motor in motors)
     hand = Hand(
         name=name,
         title=str(data.get("title", name)),
@@ -85,16 +91,17 @@ def _hand(data: Table, root: ElementTree.Element, mjcf: str) -> Hand:
         T_root_palm=_palm_pose(root, str(palm["site"]), name),
         fingers=fingers,
         joints=joints,
-        limits=np.array([[float(bound) for bound in (ranges[joint] or "").split()] for joint in joints]),
+        limits=limits,
         actuator_gain=positive(drives, "gain"),
         actuator_damping=positive(drives, "damping"),
         torque_limit=positive(drives, "torque_limit"),
-        gains=per_joint(drives, "gain", "gains", joints, name),
-        torque_limits=per_joint(drives, "torque_limit", "torque_limits", joints, name),
-        couplings=couplings_of(data, joints, name),
-        actuators=_actuators(root, name),
+        motors=motors,
+        gains=per_motor(drives, "gain", "gains", names, name),
+        torque_limits=per_motor(drives, "torque_limit", "torque_limits", names, name),
         mjcf=mjcf,
     )
+    if hand.coupled:
+        hand = replace(hand, fingers=tuple(_on_laws(hand, finger) for finger in hand.fingers))
     for label, q in (*((kind, hand.posture(kind)) for kind in POSTURES), *_path_postures(hand)):
         outside = (q < hand.limits[:, 0] - 1e-9) | (q > hand.limits[:, 1] + 1e-9)
         if outside.any():
@@ -168,27 +175,186 @@ def side_of(data: Table, name: str) -> str:
     return side
 
 
-def per_joint(drives: Table, key: str, table: str, joints: tuple[str, ...], name: str) -> Array:
-    """(n,) a number for every joint: its entry in ``table``, else the common number of ``key``."""
-    values = np.full(len(joints), positive(drives, key))
-    for joint in dict(drives.get(table, {})):
-        if joint not in joints:
-            raise HandError(f"hand {name!r}: actuators.{table} names {joint}, which is no joint of the hand")
-        values[joints.index(joint)] = positive(drives[table], joint)
+def per_motor(drives: Table, key: str, table: str, motors: Sequence[str], name: str) -> Array:
+    """(m,) a number for every motor: its entry in ``table``, else the common number of ``key``."""
+    values = np.full(len(motors), positive(drives, key))
+    for motor in dict(drives.get(table, {})):
+        if motor not in motors:
+            raise HandError(
+                f"hand {name!r}: actuators.{table} names {motor}, which is no motor of the hand; "
+                f"its motors are {', '.join(motors)}"
+            )
+        values[list(motors).index(motor)] = positive(drives[table], motor)
     return values
 
 
-def couplings_of(data: Table, joints: Iterable[str], name: str) -> tuple[tuple[str, str], ...]:
-    """Pairs of joints that share an actuator."""
-    pairs = tuple(tuple(str(joint) for joint in pair) for pair in data.get("couplings", []))
-    flat = [joint for pair in pairs for joint in pair]
-    wrong = [joint for joint in flat if joint not in set(joints)]
-    if wrong or len(set(flat)) != len(flat) or any(len(pair) != 2 for pair in pairs):
-        raise HandError(
-            f"hand {name!r}: couplings must be pairs of the hand's joints, each joint in at most one pair"
-            + (f"; there is no joint {wrong[0]}" if wrong else "")
+def couples_of(data: Table, name: str) -> tuple[Table, ...]:
+    """The ``[[couple]]`` tables of a description; a pair of ``couplings`` is an adaptive one.
+
+    Raises:
+        HandError: One is no table, lacks a key or has an unknown one, or a joint is in two of them.
+    """
+    couples = data.get("couple", [])
+    if not isinstance(couples, list) or not all(isinstance(couple, dict) for couple in couples):
+        raise HandError(f"hand {name!r}: couple must be [[couple]] tables")
+    pairs = data.get("couplings", [])
+    if not isinstance(pairs, list) or any(not isinstance(pair, list) or len(pair) != 2 for pair in pairs):
+        raise HandError(f"hand {name!r}: couplings must be pairs of the hand's joints")
+    found = [
+        *couples,
+        *({"law": ADAPTIVE, "motor": str(a), "sum": {str(a): 1.0, str(b): 1.0}} for a, b in pairs),
+    ]
+    seen: set[str] = set()
+    for couple in found:
+        law = couple.get("law")
+        if law not in COUPLE_KEYS:
+            raise HandError(f"hand {name!r}: the law of a couple must be rigid or adaptive, got {shown(law)}")
+        for key in couple:
+            if key not in COUPLE_KEYS[law]:
+                raise HandError(
+                    f"hand {name!r}: a {law} couple has no key {shown(key)}; it has {', '.join(COUPLE_KEYS[law])}"
+                )
+        parts = couple["follow" if law == RIGID else "sum"]
+        if not isinstance(parts, dict) or not parts:
+            raise HandError(
+                f"hand {name!r}: couple {couple['motor']}: name the joints and their numbers in a table"
+            )
+        joints = couple_joints(couple)
+        twice = [joint for joint in joints if joint in seen]
+        if twice or len(set(joints)) != len(joints):
+            raise HandError(
+                f"hand {name!r}: the joint {(twice or joints)[0]} is in two couples, or twice in one"
+            )
+        seen.update(joints)
+    return tuple(found)
+
+
+def with_model_couples(data: Table, couples: tuple[Table, ...]) -> Table:
+    """The description with the model's own couples for joints of which it has no couple itself.
+
+    Couples all of whose joints are fixed are left out.
+    """
+    own = couples_of(data, str(data.get("name", "?")))
+    taken = {joint for couple in own for joint in couple_joints(couple)}
+    listed = {str(joint) for entry in data["finger"] for joint in entry["joints"]}
+    more = [c for c in couples if not taken & set(couple_joints(c)) and listed & set(couple_joints(c))]
+    return {**{key: item for key, item in data.items() if key != "couplings"}, "couple": [*own, *more]}
+
+
+COUPLE_KEYS = {RIGID: ("law", "motor", "follow"), ADAPTIVE: ("law", "motor", "sum", "free", "order", "locks")}
+"""Keys of a ``[[couple]]`` by its law."""
+
+
+def couple_joints(couple: Table) -> tuple[str, ...]:
+    """The joints that the motor of a couple moves; with a rigid law the motor's own comes first."""
+    if couple["law"] == RIGID:
+        return (str(couple["motor"]), *map(str, couple["follow"]))
+    return tuple(map(str, couple["sum"]))
+
+
+def motors_of(
+    data: Table, limits: dict[str, Array], fingers: Sequence[Finger], name: str
+) -> tuple[Motor, ...]:
+    """The motors of a hand, in the order of their first joints.
+
+    Args:
+        data: The description, with every couple of the hand.
+        limits: (2,) limits of every joint, in the hand's order [rad].
+        fingers: The fingers.
+        name: Name of the hand.
+
+    Raises:
+        HandError: A couple names an unknown joint or has an impossible law, or a motor would close two fingers.
+    """
+    motors: dict[str, Motor] = {}
+    for couple in couples_of(data, name):
+        joints = couple_joints(couple)
+        unknown = [joint for joint in joints if joint not in limits]
+        if unknown:
+            raise HandError(
+                f"hand {name!r}: couple {couple['motor']} names {unknown[0]}, which is no joint of the hand; "
+                f"its joints are {', '.join(limits)}"
+            )
+        motor = couple_motor(couple, limits, name)
+        _require_one_finger(motor, fingers, name)
+        motors.update(dict.fromkeys(joints, motor))
+    every = [motors.get(joint) or direct_motor(joint, bounds) for joint, bounds in limits.items()]
+    found = tuple(dict.fromkeys(every))
+    names = [motor.name for motor in found]
+    if len(set(names)) != len(names):
+        twice = next(one for one in names if names.count(one) > 1)
+        raise HandError(f"hand {name!r}: two motors are called {twice}")
+    return found
+
+
+def couple_motor(couple: Table, limits: dict[str, Array], name: str) -> Motor:
+    """The motor of one ``[[couple]]``; the joints of which there are no limits are left out.
+
+    Raises:
+        HandError: Its law is impossible.
+    """
+    own = {joint: limits[joint] for joint in limits if joint in couple_joints(couple)}
+    try:
+        if couple["law"] == RIGID:
+            laws = {
+                str(joint): np.atleast_1d(np.array([0.0, law] if np.isscalar(law) else law, dtype=np.float64))
+                for joint, law in couple["follow"].items()
+            }
+            return rigid_motor(str(couple["motor"]), laws, own)
+        order = tuple((str(low), str(high)) for low, high in couple.get("order", []))
+        odd = [joint for pair in order for joint in pair if joint not in own]
+        locks = str(couple.get("locks", ""))
+        if odd or (locks and locks not in own):
+            raise HandError(f"motor {couple['motor']}: {(odd or [locks])[0]} is none of its joints")
+        free = couple.get("free")
+        return adaptive_motor(
+            str(couple["motor"]),
+            {str(joint): float(c) for joint, c in couple["sum"].items()},
+            own,
+            free=None if free is None else _numbers(free),
+            order=order,
+            locks=locks,
         )
-    return tuple((pair[0], pair[1]) for pair in pairs)
+    except HandError as error:
+        raise HandError(f"hand {name!r}: {error}") from error
+
+
+def _require_one_finger(motor: Motor, fingers: Sequence[Finger], name: str) -> None:
+    """Refuse a motor that would close two fingers together, because fingers close one by one."""
+    closed = []
+    for finger in fingers:
+        columns = [k for k, joint in enumerate(finger.joints) if joint in motor.joints]
+        if columns and np.ptp(finger.closing[:, columns], axis=0).any():
+            closed.append(finger.name)
+    if len(closed) > 1 or (closed and len(_fingers_of(motor, fingers)) > 1):
+        raise HandError(
+            f"hand {name!r}: the motor {motor.name} closes the {closed[0]} and also moves another finger; "
+            "fingers are closed one by one, so this is not supported: let its joints be preshape joints "
+            "(constant along closing), or name them under fixed"
+        )
+
+
+def _fingers_of(motor: Motor, fingers: Sequence[Finger]) -> list[str]:
+    return [finger.name for finger in fingers if set(finger.joints) & set(motor.joints)]
+
+
+def _on_laws(hand: Hand, finger: Finger) -> Finger:
+    """The finger with postures, path and preshape ranges on the laws of its motors.
+
+    The motor's command decides: of a rigid law the angle of its own joint, of an adaptive one the sum.
+    """
+    columns = hand.columns(finger.name)
+
+    def lawful(rows: Array) -> Array:
+        q = np.zeros((len(rows), len(hand.joints)))
+        q[:, columns] = rows
+        return hand.lawful(q)[:, columns]
+
+    path, preshape = lawful(finger.closing), finger.preshape.copy()
+    still = np.ptp(preshape, axis=1) == 0.0
+    preshape[still] = path[0][still, None]
+    postures = {kind: lawful(getattr(finger, kind)[None])[0] for kind in POSTURES}
+    return replace(finger, closing=path, preshape=preshape, **postures)
 
 
 def direction(axis: Any, label: str) -> Array:
@@ -273,7 +439,8 @@ def _pose_of(element: ElementTree.Element) -> Array:
     return pose(rotation_from_quaternion(quaternion), position)
 
 
-def _actuators(root: ElementTree.Element, name: str) -> tuple[tuple[str, ...], ...]:
+def _require_drives(root: ElementTree.Element, motors: Sequence[Motor], name: str) -> None:
+    """Refuse an MJCF whose actuators are not the motors, in their order."""
     tendons = {
         str(fixed.get("name")): tuple(str(joint.get("joint")) for joint in fixed.findall("joint"))
         for fixed in root.iter("fixed")
@@ -287,7 +454,12 @@ def _actuators(root: ElementTree.Element, name: str) -> tuple[tuple[str, ...], .
             found.append(tendons[str(drive.get("tendon"))])
         else:
             raise HandError(f"hand {name!r}: actuator {drive.get('name')} drives neither joint nor tendon")
-    return tuple(found)
+    wanted = [motor.joints if motor.law == ADAPTIVE else (motor.name,) for motor in motors]
+    if [set(one) for one in found] != [set(one) for one in wanted]:
+        raise HandError(
+            f"hand {name!r}: the MJCF's actuators are not the motors {', '.join(m.name for m in motors)}, "
+            "in the order of their first joints"
+        )
 
 
 def _require_same_joints(hand: str, described: set[str], modelled: set[str]) -> None:

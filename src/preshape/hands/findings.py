@@ -14,11 +14,13 @@ from ..types import value
 from .compiled import CompiledModel
 from .description import (
     LONGEST_MESSAGE,
+    RIGID,
     Table,
-    couplings_of,
+    couple_joints,
+    couples_of,
     direction,
     finger_from,
-    per_joint,
+    positive,
     side_of,
 )
 
@@ -89,11 +91,19 @@ def description_findings(data: Table) -> list[Finding]:
         )
     drives = data.get("actuators")
     if isinstance(drives, dict):
-        for key, table in (("gain", "gains"), ("torque_limit", "torque_limits")):
-            found += _attempt("actuators", per_joint, {**drives, key: 1.0}, key, table, tuple(joints), "it")
-    found += _attempt("couplings", couplings_of, data, joints, "it")
+        for table in ("gains", "torque_limits"):
+            found += _attempt("actuators", _require_positive, drives.get(table, {}), table)
+    found += _attempt("couplings", couples_of, data, "it")
     found += _attempt("side", side_of, data, "it")
     return found
+
+
+def _require_positive(numbers: Any, table: str) -> None:
+    """Raise unless the table of numbers by motor has positive numbers only."""
+    if not isinstance(numbers, dict):
+        raise HandError(f"actuators.{table} must be a table of motors and numbers, got {shown(numbers)}")
+    for motor in numbers:
+        positive(numbers, motor)
 
 
 def _attempt(code: str, check: Any, *arguments: Any) -> list[Finding]:
@@ -261,7 +271,8 @@ def _joint_findings(data: Table, model: CompiledModel) -> list[Finding]:
         text = f"fixed must be a list of joints, or a table of joints and angles, got {shown(named)}"
         return [Finding(code="unknown_joint", text=text)]
     fixed = {str(joint) for joint in named}
-    found += _mimic_findings(listed - fixed, model)
+    found += _law_findings(data, fixed, model)
+    followers = _followers(data, model) if not found else set()
     inside = model.joints_under(data.get("root"))
     for joint in sorted((listed | fixed) - set(model.joints)):
         text = f"the model has no joint {joint!r}; it has {_listed(model.joints)}"
@@ -282,25 +293,37 @@ def _joint_findings(data: Table, model: CompiledModel) -> list[Finding]:
         elif low > high:
             text = f"the limits of {joint!r} are in the wrong order: {low:g} to {high:g}"
             found.append(Finding(code="limits_reversed", text=text))
-        elif low == high:
+        elif low == high and joint not in followers:
             found.append(Finding(code="limits_missing", text=f"the joint {joint!r} has no limits"))
     return found
 
 
-def _mimic_findings(listed: set[str], model: CompiledModel) -> list[Finding]:
-    """Joints that follow another joint of the hand, which would be moved as if they were free."""
-    import mujoco
+def _followers(data: Table, model: CompiledModel) -> set[str]:
+    """Joints whose limits may follow from a rigid law."""
+    return {
+        joint
+        for couple in (*couples_of(data, "it"), *model.couples)
+        if couple["law"] == RIGID
+        for joint in couple_joints(couple)[1:]
+    }
 
-    found, m = [], model.model
-    for row in range(m.neq):
-        first, second = int(m.eq_obj1id[row]), int(m.eq_obj2id[row])
-        if m.eq_type[row] != mujoco.mjtEq.mjEQ_JOINT or second < 0:
-            continue
-        one, other = m.joint(first).name, m.joint(second).name
-        if {one, other} <= listed:
+
+def _law_findings(data: Table, fixed: set[str], model: CompiledModel) -> list[Finding]:
+    """Faults of the model's laws: one cannot be expressed, or is only half of what is listed as fixed."""
+    try:
+        own = {joint for couple in couples_of(data, "it") for joint in couple_joints(couple)}
+        couples = model.couples
+    except (InputError, KeyError, TypeError, ValueError, AttributeError) as error:
+        return [Finding(code="mimic", text=str(error).removeprefix("hand 'it': "))]
+    found = []
+    for couple in couples:
+        joints = couple_joints(couple)
+        held = [joint for joint in joints if joint in fixed]
+        if held and len(held) < len(joints) and not own & set(joints):
+            free = next(joint for joint in joints if joint not in fixed)
             text = (
-                f"the joint {one!r} follows {other!r} (mimic or equality), which is not supported: such a "
-                "joint would be moved as if it were free; model it without this law, or name it under fixed"
+                f"the joint {held[0]!r} is fixed, but by the model's law it moves with {free!r}: fix both, or "
+                "neither"
             )
             found.append(Finding(code="mimic", text=text))
     return found

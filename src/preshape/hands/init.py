@@ -23,7 +23,7 @@ import numpy as np
 from ..types import Array, value
 from .anatomy import Anatomy, Digit, along, anatomy
 from .compiled import CompiledModel
-from .description import Table
+from .description import Table, couple_joints, couples_of
 from .findings import DEPTH, refuse, size_findings
 from .hand import LONGEST_HAND_NAME, Hand
 from .kinematics import HandKinematics
@@ -46,8 +46,8 @@ _NARROW = 0.5
 _GRID = {0: 1, 1: 13, 2: 7, 3: 5}
 """Angles tried of each of the thumb's first joints, by their number."""
 
-_GAP = (0.01, 0.06)
-"""Distance of the tips' surfaces of thumb and finger at half closed that costs nothing [m] [C]."""
+_NEAR, _FAR = 0.01, 1.5
+"""Distance of the tips' surfaces of thumb and finger at half closed that costs nothing, from [m] to [U] [C]."""
 
 
 @value
@@ -87,8 +87,10 @@ def describe(
     """
     label, motors = model.name, motors or {}
     refuse(size_findings(source), label)
-    couples = list(motors.get("couple", source.couples))
-    skeleton = Skeleton(source, couples)
+    own = couples_of(motors, label)
+    taken_joints = {joint for couple in own for joint in couple_joints(couple)}
+    more = [couple for couple in source.couples if not taken_joints & set(couple_joints(couple))]
+    skeleton = Skeleton(source, [*own, *more])
     found = anatomy(skeleton, root, side, label)
     drives = motors_of(skeleton, found)
     paths = [
@@ -231,8 +233,8 @@ class _Search:
         across = _unit(across)
         opposed = np.minimum(across @ move, -np.einsum("ki,ki->k", across, moves))
         radii = np.array([finger.tip_radius for finger in self.hand.fingers])
-        gap = gap - radii[1:] - radii[0]
-        value_of = opposed - 5 * np.maximum(gap - _GAP[1], 0.0) - 10 * np.maximum(_GAP[0] - gap, 0.0)
+        gap, far = gap - radii[1:] - radii[0], max(0.06, _FAR * self.hand.u)
+        value_of = opposed - 5 * np.maximum(gap - far, 0.0) - 10 * np.maximum(_NEAR - gap, 0.0)
         return float(np.sort(value_of)[::-1][:2].mean())
 
     def _free(self, path: _Path, paths: list[_Path]) -> bool:

@@ -78,8 +78,10 @@ def mirrored(hand: Hand, *, rename: tuple[str, str] | None = None) -> Hand:
         T_root_palm=flip @ hand.T_root_palm @ flip,
         fingers=tuple(finger(old) for old in hand.fingers),
         joints=tuple(renamed(joint) for joint in hand.joints),
-        couplings=tuple((renamed(a), renamed(b)) for a, b in hand.couplings),
-        actuators=tuple(tuple(renamed(joint) for joint in group) for group in hand.actuators),
+        motors=tuple(
+            motor.renamed(renamed(motor.name), {joint: renamed(joint) for joint in motor.joints})
+            for motor in hand.motors
+        ),
         mjcf=ElementTree.tostring(root, encoding="unicode"),
         source=on_side(hand.source),
     )

@@ -12,7 +12,7 @@ from ..types import value
 from .anatomy import Anatomy, Digit, tip_of
 from .skeleton import Skeleton
 
-WEAKEST, STRONGEST = 0.1, 60.0
+WEAKEST, STRONGEST = 0.1, 80.0
 """Plausible forces of a finger at its tip [N] [C]."""
 
 _GUESS = 10.0
@@ -101,7 +101,7 @@ def _stated(skeleton: Skeleton) -> tuple[dict[str, float], dict[str, float]]:
         j = m.joint(joint).id
         if m.jnt_actfrclimited[j]:
             torques[joint] = float(np.abs(m.jnt_actfrcrange[j]).max())
-    sums = {frozenset(map(str, entry["sum"])): motor for motor, entry in skeleton.sums.items()}
+    groups = {frozenset(motor.joints): motor.name for motor in skeleton.motors.values()}
     for a in range(m.nu):
         target = int(m.actuator_trnid[a, 0])
         if m.actuator_trntype[a] == mujoco.mjtTrn.mjTRN_JOINT:
@@ -109,7 +109,7 @@ def _stated(skeleton: Skeleton) -> tuple[dict[str, float], dict[str, float]]:
         elif m.actuator_trntype[a] == mujoco.mjtTrn.mjTRN_TENDON:
             first, count = int(m.tendon_adr[target]), int(m.tendon_num[target])
             group = frozenset(str(m.joint(int(j)).name) for j in m.wrap_objid[first : first + count])
-            motor = sums.get(group, "")
+            motor = groups.get(group, "")
         else:
             continue
         gear, gain = abs(float(m.actuator_gear[a, 0])), float(m.actuator_gainprm[a, 0])

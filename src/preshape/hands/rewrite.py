@@ -7,6 +7,7 @@ site. Code that reads a hand then needs to know this form only, and the text nee
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from typing import Any
 from xml.sax.saxutils import quoteattr
 
@@ -16,12 +17,19 @@ from ..exceptions import HandError
 from ..spatial import inverse, pose, quaternion_from_rotation, rotation_from_quaternion
 from ..types import Array, value
 from .compiled import CompiledModel, quiet_mujoco, reason
-from .description import Table, direction, hand_from, per_joint
-from .findings import description_findings, model_findings, refuse
+from .description import Table, direction, finger_from, hand_from, motors_of, per_motor, with_model_couples
+from .findings import LARGEST_ANGLE, description_findings, model_findings, refuse
 from .hand import Hand
+from .motors import ADAPTIVE, DIRECT, RIGID, Motor
 
 _DAMPING, _ARMATURE = 0.05, 2e-4
 """Damping [N m s/rad] and armature [kg m²] of a joint if the model does not state them [C]."""
+
+STIFF = "0.008 1"
+"""Time constant [s] and damping ratio of a linkage or a stop of a couple in MuJoCo; twice a time step of 4 ms."""
+
+SPRING, SPRING_DAMPING = 0.05, 0.0
+"""Stiffness [N m/rad] and damping [N m s/rad] that keep an adaptive couple on its unloaded path [C]."""
 
 _SAMPLES, _ALWAYS = 200, 0.9
 """Number of random postures, and share of them above which two colliding links overlap by design [C]."""
@@ -46,6 +54,7 @@ def rebuilt(data: Table, model: CompiledModel, label: str) -> Hand:
         HandError: Description or model has a fault; the first one is reported.
     """
     refuse([*description_findings(data), *model_findings(data, model)], label)
+    data = with_model_couples(data, model.couples)
     try:
         with quiet_mujoco():
             mjcf = _mjcf(data, model)
@@ -112,6 +121,7 @@ class _Writer:
         }
         self.written = [name for name in self.frames if self.bodies.get(name) == name]
         self.root = self.written[0]
+        self.motors = self._motors()
         self.finger_of = {
             self.m.body(int(self.m.joint(joint).bodyid[0])).name: str(entry["name"])
             for entry in data["finger"]
@@ -168,7 +178,7 @@ class _Writer:
 
     def _joint(self, j: int) -> str:
         m, joint = self.m, self.m.joint(j)
-        low, high = sorted(self.source.ranges[joint.name])
+        low, high = self.limits[joint.name]
         dof = int(m.jnt_dofadr[j])
         damping = float(np.ravel(m.dof_damping[dof])[0]) or _DAMPING
         armature, friction = float(m.dof_armature[dof]) or _ARMATURE, float(m.dof_frictionloss[dof])
@@ -251,42 +261,90 @@ class _Writer:
         local = pose(rotation_from_quaternion(self.m.site_quat[site]), self.m.site_pos[site])
         return np.asarray(pose(self.state.xmat[body].reshape(3, 3), self.state.xpos[body]) @ local)
 
+    def _motors(self) -> tuple[Motor, ...]:
+        """The motors; a joint without limits of its own that follows another one gets those of its law."""
+        name = str(self.data["name"])
+        self.limits = {joint: np.array(sorted(self.source.ranges[joint])) for joint in self.joints}
+        for couple in self.data["couple"] if "couple" in self.data else []:
+            if couple["law"] == RIGID:
+                for joint, law in couple["follow"].items():
+                    if np.ptp(self.limits.get(joint, np.ones(1) * np.arange(2))) == 0:
+                        powers = np.atleast_1d([0.0, law] if np.isscalar(law) else law)
+                        m = np.linspace(*self.limits[str(couple["motor"])], 101)
+                        q = np.polynomial.polynomial.polyval(m, powers)
+                        self.limits[joint] = np.array([q.min(), q.max()])
+        fingers = [finger_from(entry) for entry in self.data["finger"]]
+        return motors_of(self.data, self.limits, fingers, name)
+
     def _drives(self) -> list[str]:
-        drives, joints = self.data["actuators"], tuple(self.joints)
-        gain = dict(zip(joints, per_joint(drives, "gain", "gains", joints, "it"), strict=True))
-        limit = dict(
-            zip(joints, per_joint(drives, "torque_limit", "torque_limits", joints, "it"), strict=True)
-        )
-        pairs = {str(pair[0]): str(pair[1]) for pair in self.data.get("couplings", [])}
-        seconds = set(pairs.values())
-        tendons, actuators = [], []
-        for joint in joints:
-            numbers = (
-                f'kp="{gain[joint]:.9g}" kv="{float(drives["damping"]):.9g}" '
-                f'forcerange="{-limit[joint]:.9g} {limit[joint]:.9g}"'
-            )
-            low, high = sorted(self.source.ranges[joint])
-            aim = f"joint={quoteattr(joint)}"
-            if joint in seconds:
-                continue
-            if joint in pairs:
-                other = pairs[joint]
-                aim = f"tendon={quoteattr(f'{joint}+{other}')}"
-                low, high = (
-                    a + b for a, b in zip((low, high), sorted(self.source.ranges[other]), strict=True)
-                )
-                tendons += [
-                    f"    <fixed name={quoteattr(f'{joint}+{other}')}>",
-                    *(f'      <joint joint={quoteattr(part)} coef="1"/>' for part in (joint, other)),
-                    "    </fixed>",
+        """Equalities of rigid laws, tendons of adaptive ones, and an actuator for every motor.
+
+        An adaptive motor pulls a tendon. Each of its inequalities is a second tendon with a limit. Weak springs
+        keep joints that nothing touches on the unloaded path if it is straight.
+        """
+        drives, names = self.data["actuators"], tuple(motor.name for motor in self.motors)
+        gains = per_motor(drives, "gain", "gains", names, "it")
+        limits = per_motor(drives, "torque_limit", "torque_limits", names, "it")
+        equalities, tendons, actuators = [], [], []
+        for motor, gain, limit in zip(self.motors, gains, limits, strict=True):
+            aim = f"joint={quoteattr(motor.name)}"
+            if motor.law == ADAPTIVE:
+                aim = f"tendon={quoteattr(motor.name)}"
+                tendons += adaptive_tendons(motor)
+            elif motor.law != DIRECT:
+                equalities += [
+                    f"    <joint joint1={quoteattr(joint)} joint2={quoteattr(motor.name)} "
+                    f'polycoef="{_text(law)}" solref="{STIFF}" solimp="0.99 0.999 0.001"/>'
+                    for joint, law in zip(motor.joints, motor.polynomials, strict=True)
+                    if joint != motor.name
                 ]
+            low, high = motor.range
             actuators.append(
-                f'    <position name={quoteattr(joint)} {aim} {numbers} ctrlrange="{low:.9g} {high:.9g}"/>'
+                f'    <position name={quoteattr(motor.name)} {aim} kp="{gain:.9g}" '
+                f'kv="{float(drives["damping"]):.9g}" forcerange="{-limit:.9g} {limit:.9g}" '
+                f'ctrlrange="{low:.9g} {high:.9g}"/>'
             )
         return [
+            *(["  <equality>", *equalities, "  </equality>"] if equalities else []),
             *(["  <tendon>", *tendons, "  </tendon>"] if tendons else []),
             *["  <actuator>", *actuators, "  </actuator>"],
         ]
+
+
+def adaptive_tendons(motor: Motor) -> list[str]:
+    """The MJCF tendons of an adaptive motor: the one that it pulls, its inequalities and its springs."""
+    lines = [
+        f"    <fixed name={quoteattr(motor.name)}>",
+        *_parts(motor.joints, motor.weights),
+        "    </fixed>",
+    ]
+    for low, high in motor.order:
+        name = quoteattr(f"{high}-{low}")
+        lines += [
+            f'    <fixed name={name} limited="true" range="0 {2 * LARGEST_ANGLE:g}" solreflimit="{STIFF}" '
+            'solimplimit="0.99 0.999 0.001">',
+            *_parts((high, low), (1.0, -1.0)),
+            "    </fixed>",
+        ]
+    first = motor.joints[0]
+    if motor.affine and motor.polynomials[0, 1]:
+        (b0, a0), rest = motor.polynomials[0, :2], zip(motor.joints, motor.polynomials, strict=True)
+        for joint, (b, a, *_) in list(rest)[1:]:
+            name = quoteattr(f"{joint}~{first}")
+            lines += [
+                f'    <fixed name={name} stiffness="{SPRING:g}" damping="{SPRING_DAMPING:g}" '
+                f'springlength="{b - a / a0 * b0:.9g}">',
+                *_parts((joint, first), (1.0, -a / a0)),
+                "    </fixed>",
+            ]
+    return lines
+
+
+def _parts(joints: Sequence[str], weights: Iterable[float]) -> list[str]:
+    return [
+        f'      <joint joint={quoteattr(joint)} coef="{c:.9g}"/>'
+        for joint, c in zip(joints, weights, strict=True)
+    ]
 
 
 def _primitive(m: Any, g: int, T: Array) -> _Primitive | None:

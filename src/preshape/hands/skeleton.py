@@ -11,16 +11,15 @@ from typing import Any
 
 import numpy as np
 
+from ..exceptions import HandError
 from ..spatial import inverse, pose, rotation_from_quaternion
 from ..types import Array, value
 from .compiled import CompiledModel
-from .description import Table
+from .description import Table, couple_joints, couple_motor
+from .motors import RIGID, Motor, direct_motor
 
 KNOTS = 9
 """Postures by which the motion of one motor is described."""
-
-_FINE = 257
-"""Motor angles that are tried to find the range that all joints of a motor allow."""
 
 
 @value
@@ -52,18 +51,19 @@ class Skeleton:
         self.source, self.m = source, source.model
         self._mujoco = mujoco
         self._data = mujoco.MjData(self.m)
-        self.couples = tuple(couples)
-        rigid = [entry for entry in self.couples if "follow" in entry]
-        self.follows = {
-            str(joint): (str(entry["motor"]), _polynomial(law))
-            for entry in rigid
-            for joint, law in dict(entry["follow"]).items()
-        }
-        self.sums = {str(entry["motor"]): entry for entry in self.couples if "sum" in entry}
-        self.motor_of = {joint: joint for joint in source.joints}
-        self.motor_of |= {joint: motor for joint, (motor, _) in self.follows.items()}
-        for motor, entry in self.sums.items():
-            self.motor_of |= dict.fromkeys(map(str, entry["sum"]), motor)
+        limits = {joint: np.array(sorted(source.ranges[joint])) for joint in source.hinges}
+        motors = {joint: direct_motor(joint, limits[joint]) for joint in source.hinges}
+        for couple in couples:
+            for joint in couple_joints(couple):
+                if joint not in limits:
+                    raise HandError(
+                        f"{source.label}: the law of the motor {couple['motor']} names {joint!r}, which is no "
+                        f"hinge of the model; its hinges are {', '.join(list(limits)[:12])}"
+                    )
+            motor = couple_motor(couple, limits, source.label)
+            motors |= dict.fromkeys(couple_joints(couple), motor)
+        self.motors: dict[str, Motor] = motors
+        """The motor of every hinge."""
         self.neutral = {joint: self._nearest_zero(joint) for joint in source.joints}
         self.neutral = self.lawful({})
         self.place({})
@@ -73,11 +73,12 @@ class Skeleton:
         return float(np.clip(0.0, low, high)) if low < high else 0.0
 
     def lawful(self, given: Mapping[str, float]) -> dict[str, float]:
-        """Angles of all joints: those given, else neutral; dependents as their rigid laws say."""
+        """Angles of all joints: those given, else neutral; the dependents of a rigid law as it says."""
         angles = {**self.neutral, **given}
-        for joint, (motor, law) in self.follows.items():
-            if motor in angles:
-                angles[joint] = float(np.polynomial.polynomial.polyval(angles[motor], law))
+        for motor in set(self.motors.values()):
+            if motor.law == RIGID:
+                q = motor.angles(np.clip(angles[motor.name], *motor.range))
+                angles |= {joint: float(x) for joint, x in zip(motor.joints, q, strict=True)}
         return angles
 
     def place(self, given: Mapping[str, float]) -> None:
@@ -105,53 +106,17 @@ class Skeleton:
 
     def drives(self, joints: tuple[str, ...]) -> tuple[Drive, ...]:
         """The motors that move the joints of a finger, in the order of their first joint."""
-        groups: dict[str, list[str]] = {}
-        for joint in joints:
-            groups.setdefault(self.motor_of[joint], []).append(joint)
-        return tuple(
-            Drive(motor=motor, joints=tuple(group), knots=self._knots(motor, group))
-            for motor, group in groups.items()
-        )
-
-    def _knots(self, motor: str, group: list[str]) -> Array:
-        if motor not in self.sums:
-            low, high = self.motor_range(motor)
-            values = np.linspace(low, high, KNOTS)
-            laws = [self.follows[joint][1] if joint in self.follows else (0.0, 1.0) for joint in group]
-            return np.stack([np.polynomial.polynomial.polyval(values, law) for law in laws], axis=1)
-        entry = self.sums[motor]
-        names = [str(joint) for joint in entry["sum"]]
-        if "free" in entry:
-            path = np.array(entry["free"], dtype=np.float64)
-        else:
-            # Without a stated path every joint of the couple takes the same share of its range.
-            path = np.array([sorted(self.source.ranges[joint]) for joint in names]).T
-        drive = path @ np.array([float(c) for c in entry["sum"].values()])
-        order = np.argsort(drive)
-        values = np.linspace(drive.min(), drive.max(), KNOTS)
-        columns = [names.index(joint) for joint in group]
-        return np.stack([np.interp(values, drive[order], path[order, k]) for k in columns], axis=1)
-
-    def motor_range(self, motor: str) -> tuple[float, float]:
-        """Range of a motor [rad] that its own joint and all dependents allow; around its neutral angle."""
-        low, high = sorted(self.source.ranges[motor])
-        values = np.linspace(low, high, _FINE)
-        allowed = np.ones(_FINE, dtype=bool)
-        for joint, (driven_by, law) in self.follows.items():
-            if driven_by == motor:
-                lower, upper = sorted(self.source.ranges[joint])
-                angles = np.polynomial.polynomial.polyval(values, law)
-                slack = 1e-6 + 2e-3 * abs(upper - lower)
-                allowed &= (angles >= lower - slack) & (angles <= upper + slack)
-        if not allowed.any():
-            return low, high
-        start = int(np.abs(np.where(allowed, values - self.neutral.get(motor, 0.0), np.inf)).argmin())
-        first = last = start
-        while first > 0 and allowed[first - 1]:
-            first -= 1
-        while last < _FINE - 1 and allowed[last + 1]:
-            last += 1
-        return float(values[first]), float(values[last])
+        found = []
+        for motor in dict.fromkeys(self.motors[joint] for joint in joints):
+            own = [k for k, joint in enumerate(motor.joints) if joint in joints]
+            found.append(
+                Drive(
+                    motor=motor.name,
+                    joints=tuple(motor.joints[k] for k in own),
+                    knots=motor.angles(np.linspace(*motor.range, KNOTS))[:, own],
+                )
+            )
+        return tuple(found)
 
     def vertices(self, body: int) -> tuple[Array, bool]:
         """Points (n, 3) [m] of the shapes of a body and of what is welded to it, in the body's frame.
@@ -169,11 +134,6 @@ class Skeleton:
             points = _geom_points(self.m, int(g))
             parts.append(points @ T[:3, :3].T + T[:3, 3])
         return np.concatenate([np.zeros((0, 3)), *parts]), bool(solid.any())
-
-
-def _polynomial(law: Any) -> tuple[float, ...]:
-    """Coefficients, lowest order first, of a multiplier or of a list of coefficients."""
-    return tuple(float(c) for c in law) if isinstance(law, (list, tuple)) else (0.0, float(law))
 
 
 def _geom_points(m: Any, g: int) -> Array:

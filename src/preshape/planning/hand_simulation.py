@@ -297,14 +297,14 @@ class _Simulation:
             yield fingers, rest, 0.0
         for _ in range(2):
             noise = self.rng.uniform(-0.3, 0.3, len(rest))
-            reference = np.clip(rest + noise, self.hand.limits[:, 0], self.hand.limits[:, 1])
+            reference = self.hand.lawful(np.clip(rest + noise, *self.hand.limits.T))
             yield assignments[0], reference, float(self.rng.uniform(-0.4, 0.4))
 
     def _reference(self, medial: float, distal: float) -> Array:
         q = self.hand.posture("rest")
         for finger in self.hand.fingers:
             q[self.hand.columns(finger.name)][-2:] = medial, distal
-        return q
+        return self.hand.lawful(q) if self.hand.coupled else q
 
     def reach(self, fingers: tuple[Finger, ...]) -> Reach:
         """Wanted centres of these fingers' tips: one tip radius outside each contact, or at its seat."""
@@ -374,7 +374,7 @@ class _Simulation:
             opened = Placement(
                 rotation=grasp.rotation,
                 translation=grasp.translation,
-                q=grasp.q + share * (target - grasp.q),
+                q=self.hand.follow(self.hand.controls(grasp.q + share * (target - grasp.q))),
                 errors=grasp.errors,
             )
             if self.clearance.clear(opened):
@@ -426,7 +426,7 @@ class _Simulation:
             if best is None or placement.errors.max() < best.errors.max():
                 best = placement
         assert best is not None
-        free = np.tile([-np.pi, np.pi], (len(self.hand.joints), 1))
+        free = np.tile([-np.pi, np.pi], (len(self.hand.motors), 1))
         start = self.start(reach, self.hand.posture("rest"), 0.0)
         loose = self.solver.solve(
             reach, start=start, reference=self.hand.posture("rest"), limits=free, avoid=False, effort=80

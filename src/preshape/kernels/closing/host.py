@@ -158,7 +158,7 @@ class ClosingKernel:
         self.fingers, self.joints = len(tables.joint_start) - 1, len(tables.axis)
         self._most_joints = int(np.diff(tables.joint_start).max())  # of one finger
         hand, grid = warp_hand.HandArrays(), warp_hand.FieldArrays()
-        for name in ("joint_start", "moving", "group_start", "group_sphere", "palm_group"):
+        for name in ("joint_start", "moving", "motor", "bent", "group_start", "group_sphere", "palm_group"):
             setattr(hand, name, wp.array(getattr(tables, name), dtype=wp.int32, device=device))
         for name in ("offset", "axis"):
             setattr(hand, name, wp.array(getattr(tables, name), dtype=wp.vec3, device=device))
@@ -167,8 +167,10 @@ class ClosingKernel:
         for name in ("speed", "bound_speed"):
             setattr(hand, name, wp.array(getattr(tables, name), dtype=wp.float32, device=device))
         hand.turn = wp.array(_xyzw(tables.turn), dtype=wp.quat, device=device)
-        hand.path = wp.array(tables.path, dtype=wp.float32, device=device)
-        hand.limits = wp.array(tables.limits, dtype=wp.vec2, device=device)
+        for name in ("path", "law", "unloaded"):
+            setattr(hand, name, wp.array(getattr(tables, name), dtype=wp.float32, device=device))
+        hand.range = wp.array(tables.range, dtype=wp.vec2, device=device)
+        self._command = tables.command
         hand.fingers, hand.thumb, hand.knots = self.fingers, tables.thumb, len(tables.path)
         grid.distance = wp.array(distances.distance, dtype=wp.float32, device=device)
         grid.origin = wp.vec3(*distances.origin)
@@ -188,7 +190,7 @@ class ClosingKernel:
         self._in = {
             "place": rows(wp.vec3),
             "turn": rows(wp.quat),
-            "start": rows(wp.float32, joints),
+            "start": rows(wp.float32, len(self._command)),
             "mask": rows(wp.int32),
         }
         settings = {
@@ -256,7 +258,8 @@ class ClosingKernel:
         palm_clearance: float = 0.0,
         tolerance: float = 1e-4,
     ) -> None:
-        arrays = candidates.place, _xyzw(candidates.turn), candidates.start, candidates.mask
+        commands = candidates.start @ self._command.T
+        arrays = candidates.place, _xyzw(candidates.turn), commands, candidates.mask
         for rows, values in zip(self._in.values(), arrays, strict=True):
             rows.put(values)
         settings = {"clearance": clearance, "palm_clearance": palm_clearance, "tolerance": tolerance}

@@ -135,7 +135,7 @@ class PlacedFinger:
         finger: Index of the finger.
         place: (n, 3) origins of the palm frames [m].
         turns: (n, 3, 3) rotations of the palm frames.
-        start: (n, j) joint angles at the beginning of the path [rad].
+        start: (n, j) joint angles at the beginning of the path [rad]; the motors' commands are taken from them.
         clearance: Distance from the surface at which the finger stops [m].
     """
 
@@ -156,21 +156,35 @@ class PlacedFinger:
     def nearest(self, rows: IntArray, c: Array) -> TouchingSphere:
         """The nearest spheres of candidates ``rows`` (m,) at the points ``c`` (m,) of the closing path."""
         tables = self.tables
-        angles = {j: self.start[rows, j] + path_offset(tables, j, c) for j in self.joints}
+        commands = self.start[rows] @ tables.command.T
         return nearest_link(
             tables,
             self.field,
-            {j: np.clip(angle, *tables.limits[j]) for j, angle in angles.items()},
+            {j: joint_angle(tables, j, commands[:, tables.motor[j]], c) for j in self.joints},
             self.place[rows],
             self.turns[rows],
             self.clearance,
         )
 
 
-def path_offset(tables: HandTables, joint: int, c: Array) -> Array:
-    """(n,) angle of a joint at the points ``c`` (n,) of the closing path, less its first angle [rad]."""
+def joint_angle(tables: HandTables, joint: int, command: Array, c: Array) -> Array:
+    """(n,) angle of a joint at the points ``c`` (n,) of the closing path [rad].
+
+    Args:
+        tables: Tables of the hand.
+        joint: Index of the joint.
+        command: (n,) the command of its motor at the beginning of the path [rad].
+        c: Points of the path, 0..1.
+    """
+    motor = int(tables.motor[joint])
     knots = np.linspace(0.0, 1.0, len(tables.path))
-    return np.interp(c, knots, tables.path[:, joint]) - tables.path[0, joint]
+    m = command + np.interp(c, knots, tables.path[:, motor]) - tables.path[0, motor]
+    m = np.clip(m, *tables.range[motor])
+    if tables.bent[joint]:
+        return np.asarray(
+            np.interp(m, np.linspace(*tables.range[motor], len(tables.unloaded)), tables.unloaded[:, joint])
+        )
+    return np.asarray(np.polynomial.polynomial.polyval(m, tables.law[joint]))
 
 
 def nearest_link(
