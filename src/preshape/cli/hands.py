@@ -1,4 +1,4 @@
-"""``preshape hands``: list the hands; ``preshape hands check``: check a hand of your own."""
+"""``preshape hands``: list the hands; ``hands init`` and ``hands check``: describe and check your own."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from .options import json_option
-from .printing import emit
+from .options import json_option, motors_option
+from .printing import emit, say
 
 if TYPE_CHECKING:
     from ..hands.hand import Hand
@@ -19,7 +19,7 @@ SIDE = 420
 
 @click.group(
     invoke_without_command=True,
-    epilog="Example: preshape hands check my_hand.toml --out pictures",
+    epilog="Example: preshape hands init my_hand.urdf",
 )
 @click.option(
     "--out", metavar="DIR", help="Folder for a picture of every hand, open, half closed and closed."
@@ -41,24 +41,59 @@ def hands(ctx: click.Context, out: str | None, as_json: bool) -> None:
     for row in rows:
         _show(row)
     click.echo(
-        "NAME:left is the mirror image. --hand also takes your own TOML (docs/your-own-hand.md) and "
-        "menagerie:NAME (shadow_hand, wonik_allegro, leap_hand)."
+        "NAME:left is the mirror image. --hand also takes your own URDF, MJCF or TOML file "
+        "(docs/your-own-hand.md) and menagerie:NAME (shadow_hand, wonik_allegro, leap_hand)."
     )
+
+
+@hands.command(epilog="Example: preshape hands init my_hand.urdf --out my_hand.toml")
+@click.argument("model", metavar="MODEL")
+@click.option("--root", metavar="BODY", help="The hand's mount, where MODEL is a whole robot.")
+@click.option("--side", metavar="left|right", help="Side of the hand; default: as geometry and names say.")
+@motors_option
+@click.option("--out", metavar="FILE", help="The TOML file; default: NAME.toml in the current folder.")
+@json_option
+def init(
+    model: str, root: str | None, side: str | None, motors: str | None, out: str | None, as_json: bool
+) -> None:
+    """Describe the hand of MODEL, a URDF or an MJCF: write its TOML file and a picture of it.
+
+    Fingers, palm, fingertips, sizes, motors and closing paths are inferred; what was guessed is said in three
+    lines. Look at the picture, and correct the TOML file where the guess is wrong.
+    """
+    from ..hands.load import describe_file
+
+    path, made, hand = describe_file(model, root=root, side=side, motors=motors, out=out)
+    picture = draw_hand(hand, path.parent)
+    if as_json:
+        emit(
+            {
+                "status": "answer",
+                "hand": hand.name,
+                "file": str(path),
+                "picture": str(picture),
+                "guesses": list(made.lines),
+            }
+        )
+        return
+    say(*made.lines, f"wrote {path}", f"wrote {picture}", f"next: preshape hands check {path}")
 
 
 @hands.command(epilog="Example: preshape hands check my_hand.toml --out pictures")
 @click.argument("file", metavar="FILE")
+@motors_option
 @click.option("--out", metavar="DIR", help="Folder for a picture of the hand, open, half closed and closed.")
 @json_option
-def check(file: str, out: str | None, as_json: bool) -> int:
-    """Report what is missing or wrong in a hand. FILE is its TOML file or its name.
+def check(file: str, motors: str | None, out: str | None, as_json: bool) -> int:
+    """Report what is missing or wrong in a hand. FILE is its TOML file, its URDF or MJCF, or its name.
 
     Exit code 0: fit for use. 1: findings. 2: the file or its model cannot be read.
     """
     from ..hands.check import inspect_hand
+    from ..hands.load import joined
     from ..report.plain import escaped
 
-    found, hand = inspect_hand(file)
+    found, hand = inspect_hand(joined(file, motors))
     picture = draw_hand(hand, Path(out)) if out is not None and hand is not None else None
     if as_json:
         emit(

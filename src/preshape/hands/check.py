@@ -6,6 +6,7 @@ hand is moved and checked when open, along its closing path, and for thumb and f
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,14 +15,24 @@ from ..exceptions import HandError
 from ..types import Array
 from .compiled import read_model
 from .description import hand_from
-from .findings import Finding, description_findings, model_findings
+from .findings import DEPTH, Finding, description_findings, model_findings
 from .hand import Hand
 from .kinematics import HandKinematics
-from .load import built_in_text, hand_names, load_hand, model_file, read_description
+from .load import (
+    built_in_text,
+    guess,
+    hand_names,
+    is_description,
+    is_model,
+    load_hand,
+    model_file,
+    read_description,
+    read_hand_model,
+    source_of,
+    split_motors,
+    with_motors,
+)
 from .rewrite import rebuilt
-
-DEPTH = 4e-3
-"""Largest allowed overlap of two links on the closing path [m]; the closure analyser refuses more."""
 
 STEPS = 25
 """Steps along a closing path."""
@@ -34,7 +45,7 @@ def check_hand(source: str | Path) -> list[Finding]:
     """All faults of a hand; empty if it is fit for use.
 
     Args:
-        source: A TOML file, or the name of a hand.
+        source: A TOML file, a model, or the name of a hand; a file may be followed by ``#motors=FILE``.
 
     Raises:
         UnknownHand: There is no hand of that name.
@@ -47,21 +58,26 @@ def check_hand(source: str | Path) -> list[Finding]:
 def inspect_hand(source: str | Path) -> tuple[list[Finding], Hand | None]:
     """The faults as in :func:`check_hand`, and the hand, or ``None`` if it cannot be built."""
     text = str(source)
-    if not text.lower().endswith(".toml"):
+    file, motors = split_motors(text)
+    found: list[Finding] = []
+    if is_model(file):
+        path = Path(file)
+        model = read_hand_model(path)
+        data = guess(model, path, motors).data
+    elif is_description(file):
+        path = Path(file)
+        data = with_motors(read_description(path), motors)
+        if data.get("name") in hand_names():
+            text_of = f"a built-in hand is called {data['name']}: choose another name"
+            found.append(Finding(code="name", text=text_of))
+        found += description_findings(data)
+        model = read_model(model_file(data, path))
+        found += model_findings(data, model)
+    else:
         hand = load_hand(text)
         name = hand.source.removesuffix(":left").removesuffix(":right")
         found = _built_in_findings(name) if name in hand_names() else []
         return found + motion_findings(hand), hand
-    path = Path(text)
-    data = read_description(path)
-    found = []
-    if data.get("name") in hand_names():
-        found.append(
-            Finding(code="name", text=f"a built-in hand is called {data['name']}: choose another name")
-        )
-    found += description_findings(data)
-    model = read_model(model_file(data, path))
-    found += model_findings(data, model)
     if any(finding.code != "name" for finding in found):
         return found, None
     try:
@@ -70,6 +86,7 @@ def inspect_hand(source: str | Path) -> tuple[list[Finding], Hand | None]:
         reason = str(error).removeprefix(f"hand {data['name']!r}: ")
         code = "outside_limits" if "outside the limits" in reason else "contradiction"
         return [*found, Finding(code=code, text=reason)], None
+    hand = replace(hand, source=source_of(text))
     return found + shape_findings(hand) + motion_findings(hand), hand
 
 

@@ -43,6 +43,7 @@ class CompiledModel:
         ranges: Lower and upper limit of every joint as written in the file [rad]; equal if it has no limits.
         massless: Names of moving bodies without mass.
         label: File or name, which begins messages.
+        notes: What was mended in the file so that it could be used, each in one sentence.
     """
 
     model: Any
@@ -54,6 +55,7 @@ class CompiledModel:
     ranges: dict[str, tuple[float, float]]
     massless: tuple[str, ...]
     label: str = "the model"
+    notes: tuple[str, ...] = ()
 
     @property
     def couples(self) -> tuple[dict[str, Any], ...]:

@@ -129,7 +129,7 @@ def motors_of(
                 f"hand {name!r}: couple {couple['motor']} names {unknown[0]}, which is no joint of the hand; "
                 f"its joints are {', '.join(limits)}"
             )
-        motor = _motor_of(couple, limits, name)
+        motor = couple_motor(couple, limits, name)
         _require_one_finger(motor, fingers, name)
         motors.update(dict.fromkeys(joints, motor))
     every = [motors.get(joint) or direct_motor(joint, bounds) for joint, bounds in limits.items()]
@@ -178,7 +178,12 @@ def _coefficients(law: Any) -> Array:
     return np.atleast_1d(np.array([0.0, law] if np.isscalar(law) else law, dtype=np.float64))
 
 
-def _motor_of(couple: Table, limits: dict[str, Array], name: str) -> Motor:
+def couple_motor(couple: Table, limits: dict[str, Array], name: str) -> Motor:
+    """The motor of one ``[[couple]]``; the joints of which there are no limits are left out.
+
+    Raises:
+        HandError: Its law is impossible.
+    """
     own = {joint: limits[joint] for joint in limits if joint in couple_joints(couple)}
     try:
         if couple["law"] == RIGID:

@@ -37,6 +37,10 @@ LARGEST_SHAPE = 1.0
 """Largest plausible extent of one shape of a hand [m] [C]; a larger one means that its mesh is in mm."""
 
 
+DEPTH = 4e-3
+"""Largest allowed overlap of two links on the closing path [m]; the closure analyser refuses more."""
+
+
 @value
 class Finding:
     """One fault.
@@ -216,7 +220,7 @@ def model_findings(data: Table, model: CompiledModel) -> list[Finding]:
     if "root" not in data and len(model.roots) != 1:
         text = f"the model has {len(model.roots)} root bodies ({_listed(model.roots)}): name one as root"
         found.append(Finding(code="roots", text=text))
-    return found + _joint_findings(data, model) + _mass_findings(model) + _size_findings(model)
+    return found + _joint_findings(data, model) + _mass_findings(model) + size_findings(model)
 
 
 def _frame_findings(data: Table, palm: Table) -> list[Finding]:
@@ -344,7 +348,7 @@ def _drive_findings(data: Table, model: CompiledModel, listed: set[str]) -> list
     return found
 
 
-def _size_findings(model: CompiledModel) -> list[Finding]:
+def size_findings(model: CompiledModel) -> list[Finding]:
     """Meshes too large for a part of a hand, before anything of their size is computed."""
     import mujoco
     import numpy as np

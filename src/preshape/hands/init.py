@@ -1,0 +1,453 @@
+"""A hand's description from its model alone: ``preshape hands init``, and ``--hand FILE.urdf`` on the fly.
+
+Outline:
+
+1. Read palm, fingers, thumb and palm frame from the model (:mod:`preshape.hands.anatomy`).
+2. Guess what the model does not state: U, pitch, motors (:mod:`preshape.hands.motor_guesses`).
+3. Rebuild the hand with the widest closing paths.
+4. Shorten the fingers' paths to where they meet the palm or each other.
+5. Turn the thumb to where it opposes the fingers best without a collision.
+6. State everything as the table of a TOML file, and what was guessed in three lines.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..types import Array, value
+from .anatomy import Anatomy, Digit, along, anatomy
+from .compiled import CompiledModel
+from .couples import Table, couple_joints, couples_of
+from .findings import DEPTH, refuse, size_findings
+from .hand import LONGEST_HAND_NAME, Hand
+from .kinematics import HandKinematics
+from .motor_guesses import Motors, motors_of
+from .rewrite import rebuilt
+from .skeleton import Drive, Skeleton
+
+_STEPS = 20
+"""Steps along a closing path in the search for collisions."""
+
+_MARGIN = 0.06
+"""Share of the path by which a finger stops before it meets something [C]."""
+
+_SPREAD = 0.3
+"""Range to both sides in which a preshape spreads a finger [rad] [C]."""
+
+_NARROW = 0.5
+"""Least range of a thumb joint that a preshape may set [rad] [C]."""
+
+_GRID = {0: 1, 1: 13, 2: 7, 3: 5}
+"""Angles tried of each of the thumb's first joints, by their number."""
+
+_NEAR, _FAR = 0.01, 1.5
+"""Distance of the tips' surfaces of thumb and finger at half closed that costs nothing, from [m] to [U]
+[C]."""
+
+
+@value
+class Guess:
+    """A description and what was guessed for it.
+
+    Attributes:
+        data: The description, as read from TOML.
+        lines: Three sentences for people: fingers, palm, motors.
+    """
+
+    data: Table
+    lines: tuple[str, ...]
+
+
+def describe(
+    source: CompiledModel,
+    model: Path,
+    *,
+    root: str | None = None,
+    side: str | None = None,
+    motors: Table | None = None,
+    taken: Iterable[str] = (),
+) -> Guess:
+    """Describe the hand of a model.
+
+    Args:
+        source: The compiled model.
+        model: Its file; only its name is used.
+        root: The hand's mount, where the model is a whole robot.
+        side: ``right`` or ``left``, where geometry and names do not show it.
+        motors: ``[[couple]]`` and ``[actuators]`` tables of a file of motors.
+        taken: Names that the hand may not have.
+
+    Raises:
+        HandError: No part of the model looks like a hand, or several do; or the model has a fault.
+    """
+    label, motors = model.name, motors or {}
+    refuse(size_findings(source), label)
+    own = couples_of(motors, label)
+    taken_joints = {joint for couple in own for joint in couple_joints(couple)}
+    more = [couple for couple in source.couples if not taken_joints & set(couple_joints(couple))]
+    skeleton = Skeleton(source, [*own, *more])
+    found = anatomy(skeleton, root, side, label)
+    drives = motors_of(skeleton, found)
+    paths = [
+        _Path(
+            digit=digit,
+            spread={joint: skeleton.neutral[joint] for drive in digit.spreads for joint in drive.joints},
+            start=0.0,
+            end=1.0,
+        )
+        for digit in found.digits
+    ]
+    data = {"name": _hand_name(model, set(taken)), **_table(skeleton, found, drives, model, motors)}
+    data["finger"] = [_finger(found, k, path, {}) for k, path in enumerate(paths)]
+    hand = rebuilt(data, source, label)
+    search = _Search(hand, found)
+    paths = search.fingers(paths)
+    paths[0], ranges = search.thumb(paths)
+    data["finger"] = [
+        _finger(found, k, path, ranges if k == 0 else _spreads(found, path.digit))
+        for k, path in enumerate(paths)
+    ]
+    return Guess(data=data, lines=_lines(source, found, drives, data, motors))
+
+
+@value
+class _Path:
+    """The closing path of one finger: its working range between two shares, at fixed spread joints."""
+
+    digit: Digit
+    spread: dict[str, float]
+    start: float
+    end: float
+
+    def at(self, c: float) -> dict[str, float]:
+        return {**self.spread, **self.digit.at(self.start + c * (self.end - self.start))}
+
+    def cut(self, c: float) -> _Path:
+        """The part of the path up to ``c``."""
+        return _Path(
+            digit=self.digit,
+            spread=self.spread,
+            start=self.start,
+            end=self.start + c * (self.end - self.start),
+        )
+
+
+class _Search:
+    """Looks for closing paths without collisions on the rebuilt hand."""
+
+    def __init__(self, hand: Hand, found: Anatomy) -> None:
+        self.hand, self.found = hand, found
+        self.kinematics = HandKinematics(hand)
+        model = self.kinematics.model
+        owner = {
+            int(model.joint(joint).bodyid[0]): k for k, d in enumerate(found.digits) for joint in d.joints
+        }
+        self._owner = {
+            model.geom(g).name: owner.get(int(model.geom_bodyid[g]), -1) for g in range(model.ngeom)
+        }
+
+    def set(self, angles: dict[str, float]) -> None:
+        low, high = self.hand.limits.T
+        q = np.array([angles.get(joint, 0.0) for joint in self.hand.joints])
+        self.kinematics.set_posture(np.clip(q, low, high))
+
+    def hits(self) -> list[tuple[int, int]]:
+        """Pairs of fingers (palm -1) whose links overlap too much."""
+        found = self.kinematics.self_collisions(0.75 * DEPTH)
+        return [(self._owner[one], self._owner[other]) for one, other, _ in found]
+
+    def tips(self, angles: dict[str, float]) -> Array:
+        self.set(angles)
+        return self.kinematics.tips(self.hand.fingers)[0]
+
+    def fingers(self, paths: list[_Path]) -> list[_Path]:
+        """Let the paths of all fingers but the thumb begin and end clear of the palm and of each other."""
+        paths = [path if k == 0 else self._cleared(k, paths) for k, path in enumerate(paths)]
+        reach = np.ones(len(paths))
+        for c in np.linspace(0.0, 1.0, _STEPS + 1):
+            posture = paths[0].at(0.0)
+            for path, most in zip(paths[1:], reach[1:], strict=True):
+                posture |= path.at(min(c, float(most)))
+            self.set(posture)
+            for k in {k for pair in self.hits() if 0 not in pair for k in pair if k > 0}:
+                reach[k] = min(reach[k], max(c - _MARGIN, 0.3))
+        return [path if k == 0 else path.cut(float(reach[k])) for k, path in enumerate(paths)]
+
+    def _cleared(self, k: int, paths: list[_Path]) -> _Path:
+        """The path of finger k from where it no longer meets the palm, which may be a little bent."""
+        posture: dict[str, float] = {}
+        for path in paths:
+            posture |= path.at(0.0)
+        for start in (0.0, 0.05, 0.1, 0.15, 0.2, 0.3):
+            self.set({**posture, **paths[k].at(start)})
+            if not any(pair in ((k, -1), (-1, k)) for pair in self.hits()):
+                path = paths[k]
+                return _Path(digit=path.digit, spread=path.spread, start=start, end=path.end)
+        return paths[k]
+
+    def thumb(self, paths: list[_Path]) -> tuple[_Path, dict[str, list[float]]]:
+        """The thumb's best path, and the preshape ranges of its first joints around it."""
+        digit = paths[0].digit
+        drives = digit.spreads[:3]
+        shares = np.linspace(0.0, 1.0, _GRID[len(drives)])
+        still = paths[0].spread
+        tried: list[tuple[float, _Path, tuple[float, ...]]] = []
+        halves = self._row(paths)
+        for places in product(shares, repeat=len(drives)):
+            spread = dict(still)
+            for drive, share in zip(drives, places, strict=True):
+                spread |= along(drive, float(share))
+            for start, end in ((0.0, 1.0), (0.0, 0.7), (0.25, 1.0), (0.25, 0.7), (0.0, 0.5)):
+                path = _Path(digit=digit, spread=spread, start=start, end=end)
+                # Of equally good paths, the longer one, and the one with its joints nearer to neutral.
+                moved = sum(abs(spread[joint] - still[joint]) for joint in still)
+                score = self._score(path, halves) + 0.15 * (end - start) - 0.1 * moved
+                tried.append((score, path, tuple(map(float, places))))
+        tried.sort(key=lambda entry: -entry[0])
+        chosen = next((entry for entry in tried[:400] if self._free(entry[1], paths)), tried[0])
+        return chosen[1], self._ranges(drives, chosen, tried)
+
+    def _row(self, paths: list[_Path]) -> tuple[Array, Array]:
+        """Tips [m] and unit directions of motion of the other fingers at half closed."""
+        places = []
+        for c in (0.48, 0.5, 0.52):
+            posture: dict[str, float] = {}
+            for path in paths:
+                posture |= path.at(c)
+            places.append(self.tips(posture)[1:])
+        return places[1], _unit(places[2] - places[0])
+
+    def _score(self, path: _Path, halves: tuple[Array, Array]) -> float:
+        """How well the thumb opposes its two best fingers at half closed, less what is too far apart."""
+        tips, moves = halves
+        ends = [self.tips(path.at(c))[0] for c in (0.48, 0.52)]
+        own = (ends[0] + ends[1]) / 2
+        move = _unit(ends[1] - ends[0])
+        across = tips - own
+        gap = np.linalg.norm(across, axis=1)
+        across = _unit(across)
+        opposed = np.minimum(across @ move, -np.einsum("ki,ki->k", across, moves))
+        radii = np.array([finger.tip_radius for finger in self.hand.fingers])
+        gap, far = gap - radii[1:] - radii[0], max(0.06, _FAR * self.hand.u)
+        value_of = opposed - 5 * np.maximum(gap - far, 0.0) - 10 * np.maximum(_NEAR - gap, 0.0)
+        return float(np.sort(value_of)[::-1][:2].mean())
+
+    def _free(self, path: _Path, paths: list[_Path]) -> bool:
+        """Whether the open hand is free of collisions, and the thumb's way past palm and open fingers."""
+        posture: dict[str, float] = {}
+        for other in paths[1:]:
+            posture |= other.at(0.0)
+        for c in np.linspace(0.0, 1.0, _STEPS + 1):
+            self.set({**posture, **path.at(float(c))})
+            if any(c == 0.0 or pair in ((0, -1), (-1, 0), (0, 0)) for pair in self.hits()):
+                return False
+        return True
+
+    def _ranges(
+        self,
+        drives: tuple[Drive, ...],
+        chosen: tuple[float, _Path, tuple[float, ...]],
+        tried: list[tuple[float, _Path, tuple[float, ...]]],
+    ) -> dict[str, list[float]]:
+        """For each of the thumb's first joints, the range around its angle that still opposes a finger."""
+        score, path, places = chosen
+        ranges: dict[str, list[float]] = {}
+        for k, drive in enumerate(drives):
+            joint = drive.joints[0]
+            if drive.motor != joint or abs(drive.knots[-1, 0] - drive.knots[0, 0]) < _NARROW:
+                continue
+            good = {
+                place[k]
+                for value_of, other, place in tried
+                if value_of > min(score, 1.0) - 0.35
+                and (other.start, other.end) == (path.start, path.end)
+                and all(place[i] == places[i] for i in range(len(places)) if i != k)
+            }
+            steps = np.linspace(0.0, 1.0, _GRID[len(drives)])
+            low = high = int(np.abs(steps - places[k]).argmin())
+            while low > 0 and float(steps[low - 1]) in good:
+                low -= 1
+            while high < len(steps) - 1 and float(steps[high + 1]) in good:
+                high += 1
+            ends = sorted(along(drive, float(steps[place]))[joint] for place in (low, high))
+            if ends[1] > ends[0]:
+                ranges[joint] = ends
+        return ranges
+
+
+def _unit(vectors: Array) -> Array:
+    return np.asarray(vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-12))
+
+
+def _spreads(found: Anatomy, digit: Digit) -> dict[str, list[float]]:
+    """Preshape ranges of the joints that spread a finger."""
+    ranges: dict[str, list[float]] = {}
+    for drive in digit.spreads:
+        joint = drive.joints[0]
+        low, high = sorted((float(drive.knots[0, 0]), float(drive.knots[-1, 0])))
+        if drive.motor != joint:
+            continue
+        if not found.radial:
+            # A little to both sides of zero, where neighbours do not meet.
+            low, high = max(low, -_SPREAD), min(high, _SPREAD)
+        if high - low > 0.1 and low <= 0.0 <= high:
+            ranges[joint] = [low, high]
+    return ranges
+
+
+def _finger(found: Anatomy, k: int, path: _Path, ranges: dict[str, list[float]]) -> Table:
+    digit = path.digit
+    knots = [[round(path.at(c)[joint], 5) + 0.0 for joint in digit.joints] for c in _places(digit)]
+    entry: Table = {
+        "name": found.names[k],
+        "joints": list(digit.joints),
+        "tip_body": digit.tip_body,
+        "tip_pos": [round(float(x), 5) + 0.0 for x in digit.tip.pos],
+        "tip_points": [round(float(x), 4) + 0.0 for x in digit.tip.points],
+        "tip_radius": round(digit.tip.radius, 5),
+        "closing": knots,
+    }
+    if ranges:
+        entry["preshape"] = {joint: [round(x, 4) + 0.0 for x in ends] for joint, ends in ranges.items()}
+    return entry
+
+
+def _places(digit: Digit) -> tuple[float, ...]:
+    """Places on the closing path that are written: two, or five where a joint does not move in proportion."""
+    middle = np.array([digit.at(0.5)[j] - (digit.at(0.0)[j] + digit.at(1.0)[j]) / 2 for j in digit.at(0.5)])
+    return (0.0, 1.0) if np.abs(middle).max(initial=0.0) < 1e-3 else (0.0, 0.25, 0.5, 0.75, 1.0)
+
+
+def _table(skeleton: Skeleton, found: Anatomy, drives: Motors, model: Path, motors: Table) -> Table:
+    """The description without its fingers."""
+    torques = sorted(drives.torques.values())
+    common, gain = torques[len(torques) // 2], sorted(drives.gains.values())[len(drives.gains) // 2]
+    actuators: Table = {
+        "gain": gain,
+        "damping": drives.damping,
+        "torque_limit": common,
+        "gains": {motor: x for motor, x in drives.gains.items() if x != gain},
+        "torque_limits": {motor: x for motor, x in drives.torques.items() if x != common},
+    }
+    given = motors.get("actuators", {})
+    for key, entry in given.items():
+        actuators[key] = {**actuators.get(key, {}), **entry} if isinstance(entry, dict) else entry
+        if key in ("gain", "torque_limit"):
+            actuators[f"{key}s"] = dict(given.get(f"{key}s", {}))
+    data: Table = {
+        "title": model.stem.replace("_", " "),
+        "description": f"Read from {model.name} by preshape; {len(found.digits)} fingers.",
+        "model": model.name,
+        "side": found.side,
+        "u": _u(skeleton, found),
+        "finger_pitch": _pitch(skeleton, found),
+        "palm": {
+            "body": found.palm,
+            "points": [round(float(x), 5) + 0.0 for x in found.points],
+            "faces": [round(float(x), 5) + 0.0 for x in found.faces],
+        },
+        "actuators": {key: entry for key, entry in actuators.items() if entry != {}},
+    }
+    if found.root is not None:
+        data["root"] = found.root
+    if found.fixed:
+        data["fixed"] = {joint: round(angle, 5) for joint, angle in found.fixed.items()}
+    if "couple" in motors:
+        data["couple"] = motors["couple"]
+    return data
+
+
+def _hand_name(model: Path, taken: set[str]) -> str:
+    name = re.sub(r"[^A-Za-z0-9_.-]+", "_", model.stem).strip("_.") or "hand"
+    name = name[: LONGEST_HAND_NAME - 10]
+    return f"{name}_model" if name in taken else name
+
+
+def _u(skeleton: Skeleton, found: Anatomy) -> float:
+    """Length of the middle finger's proximal phalanx [m], between its first two flexion axes."""
+    digit = found.digits[min(2, len(found.digits) - 1)]
+    skeleton.place({})
+    return round(float(np.clip(phalanx(skeleton, digit), 0.01, 0.2)), 4)
+
+
+def phalanx(skeleton: Skeleton, digit: Digit) -> float:
+    """Length of a finger's proximal phalanx [m]; with one flexion joint, up to its tip."""
+    first = skeleton.anchor(digit.flexion[0])
+    axis = skeleton.axis(digit.flexion[0])
+    if len(digit.flexion) > 1:
+        end = skeleton.anchor(digit.flexion[1])
+    else:
+        T = skeleton.frame(int(skeleton.m.body(digit.tip_body).id))
+        end = T[:3, :3] @ digit.tip.pos + T[:3, 3]
+    arm = end - first
+    return float(np.linalg.norm(arm - (arm @ axis) * axis))
+
+
+def _pitch(skeleton: Skeleton, found: Anatomy) -> float:
+    """Distance of neighbouring fingers [m]; of two fingers, the width of a tip."""
+    skeleton.place({})
+    bases = np.array([skeleton.anchor(digit.flexion[0]) for digit in found.digits[1:]])
+    if len(bases) < 2:
+        return round(2 * found.digits[-1].tip.radius + 1e-3, 4)
+    apart = np.linalg.norm(np.diff(bases, axis=0), axis=1)
+    return round(float(max(np.median(apart), 2e-3)), 4)
+
+
+# -- what was guessed, in words ---------------------------------------------------------------------
+
+
+def _lines(
+    source: CompiledModel, found: Anatomy, drives: Motors, data: Table, motors: Table
+) -> tuple[str, ...]:
+    first = found.names[0]
+    thumb = (
+        f"no thumb: {first} takes its place opposite the others"
+        if found.radial or first != "thumb"
+        else f"thumb by opposition ({found.opposition:.2f} of 1)"
+    )
+    fingers = f"fingers: {', '.join(found.names)}; {thumb}"
+    if found.fixed:
+        fingers += f"; fixed: {_some(found.fixed)}"
+    tips = [1000 * digit.tip.radius for digit in found.digits]
+    radii = "-".join(dict.fromkeys(f"{radius:.0f}" for radius in (min(tips), max(tips))))
+    palm = data["palm"]
+    visual = " from visual shapes" if any(digit.tip.solid is False for digit in found.digits) else ""
+    frame = (
+        f"palm {found.palm}: fingers along {_axis(palm['points'])}, facing {_axis(palm['faces'])}, "
+        f"{found.side} hand (by {found.by}); U {1000 * data['u']:.0f} mm, pitch "
+        f"{1000 * data['finger_pitch']:.0f} mm, tips of {radii} mm{visual}"
+    )
+    joints = sum(len(digit.joints) for digit in found.digits)
+    laws = "laws of --motors" if "couple" in motors else "laws of the file"
+    count = len(drives.torques)
+    power = f"motors: {count} for {joints} joints" + (f" ({laws})" if count != joints else "")
+    limits = data["actuators"]
+    if "torque_limit" in motors.get("actuators", {}):
+        power += ", torque limits as given"
+    elif drives.why:
+        power += f"; torque limits guessed (about {limits['torque_limit']:g} N m), because {drives.why}"
+    else:
+        power += f"; torque limits of the file (about {limits['torque_limit']:g} N m)"
+    return fingers, frame, f"{power}; gain {limits['gain']:g} N m/rad"
+
+
+def _axis(numbers: list[float]) -> str:
+    vector = np.array(numbers)
+    best = int(np.abs(vector).argmax())
+    sign = "+" if vector[best] > 0 else "-"
+    return (
+        f"{sign}{'xyz'[best]}"
+        if abs(vector[best]) > 0.999
+        else "(" + " ".join(f"{x:.2f}" for x in vector) + ")"
+    )
+
+
+def _some(names: Iterable[Any]) -> str:
+    listed = [str(name) for name in names]
+    return ", ".join(listed[:3]) + (f" and {len(listed) - 3} more" if len(listed) > 3 else "")
