@@ -57,8 +57,8 @@ class Skeleton:
             for joint in couple_joints(couple):
                 if joint not in limits:
                     raise HandError(
-                        f"{source.label}: the law of the motor {couple['motor']} names {joint!r}, which is no "
-                        f"hinge of the model; its hinges are {', '.join(list(limits)[:12])}"
+                        f"{source.label}: the law of the motor {couple['motor']} names {joint!r}, which is "
+                        f"no hinge of the model; its hinges are {', '.join(list(limits)[:12])}"
                     )
             motor = couple_motor(couple, limits, source.label)
             motors |= dict.fromkeys(couple_joints(couple), motor)

@@ -64,9 +64,10 @@ class PhysicsHand:
     @property
     def digest(self) -> str:
         """Hash of the content; hands with equal digests behave identically."""
-        state = hashlib.sha256(repr((self.mjcf, self.root, self.joints, self.own_gains,
-        *self.order)).encode()) for name, content in self.assets:
-            state.update(name.encode() + b"\0" + hashlib.sha256(content).digest())
+        content = self.mjcf, self.root, self.joints, self.own_gains, *self.order
+        state = hashlib.sha256(repr(content).encode())
+        for name, asset in self.assets:
+            state.update(name.encode() + b"\0" + hashlib.sha256(asset).digest())
         return state.hexdigest()
 
     def spec(self) -> Any:

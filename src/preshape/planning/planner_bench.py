@@ -195,11 +195,9 @@ def plan_cases(
     return planned
 
 
-def grasps_of(
-    planned: Sequence[Planned], hand: Hand, model: PhysicsHand | None = None
-) -> GraspSet | None:
-    """The answers as grasps of one set, with squeezes for the gains of ``model``; ``None`` without
-    answers.""" rows = [(p.case, answer.hand_result) for p in planned for answer in p.answers]
+def grasps_of(planned: Sequence[Planned], hand: Hand, model: PhysicsHand | None = None) -> GraspSet | None:
+    """The answers as grasps of one set, squeezed with the gains of ``model``; ``None`` without answers."""
+    rows = [(p.case, answer.hand_result) for p in planned for answer in p.answers]
     if not rows:
         return None
     cases, results = zip(*rows, strict=True)
