@@ -33,8 +33,8 @@ WRIST = 0.35
 _CLEAR = 1.3
 """Ratio of the ranges to both sides above which a finger's curling direction is clear [C]."""
 
-_SLACK, _MOST = 0.05, 1.5
-"""Bend of a joint of the open finger, and largest motion of a joint from open to closed [rad] [C]."""
+_SLACK, _AHEAD, _MOST = 0.05, 1.2, 1.5
+"""Bend of a joint of the open finger, and least and largest motion of a joint from open to closed [rad] [C]."""
 
 _SNAP = 0.98
 """Cosine from which an axis of the palm frame is taken as the nearest axis of the palm's body [C]."""
@@ -132,7 +132,8 @@ class Anatomy:
         side: ``right`` or ``left``.
         by: What decided the side: ``geometry``, ``name`` or ``default``.
         opposition: The thumb's score, from -1 to 1.
-        radial: Whether the fingers stand around the palm without a thumb among them.
+        radial: Whether the open fingers point away from each other, around the palm.
+        thumb: Whether one finger differs from the others as a thumb does.
     """
 
     palm: str
@@ -146,6 +147,7 @@ class Anatomy:
     by: str
     opposition: float
     radial: bool
+    thumb: bool
 
 
 def along(drive: Drive, share: float) -> dict[str, float]:
@@ -175,7 +177,7 @@ def anatomy(skeleton: Skeleton, root: str | None, side: str | None, label: str) 
     towards = _bases(skeleton, chains)
     digits = tuple(_digit(skeleton, chain, towards) for chain in chains)
     _refuse_shared_motors(skeleton, digits, label)
-    first, score = _thumb(skeleton, digits)
+    first, score, differs = _thumb(skeleton, digits)
     radial = _radial(skeleton, digits, first)
     z, faces = _palm_axes(skeleton, digits, first, radial)
     own, by = _side(skeleton, digits, first, np.cross(-faces, z), label)
@@ -193,7 +195,7 @@ def anatomy(skeleton: Skeleton, root: str | None, side: str | None, label: str) 
         palm=name,
         root=mount,
         digits=ordered,
-        names=_names(ordered, radial),
+        names=_names(ordered, differs and not radial),
         fixed={**fixed, **held},
         points=up,
         faces=front,
@@ -201,6 +203,7 @@ def anatomy(skeleton: Skeleton, root: str | None, side: str | None, label: str) 
         by="request" if side else by,
         opposition=score,
         radial=radial,
+        thumb=differs and not radial,
     )
 
 
@@ -224,7 +227,7 @@ def _palm_and_chains(
             f"{label}: its fingers slide (joints {', '.join(ends[:4])}); preshape closes fingers on hinges, "
             "so a gripper with sliding jaws cannot be planned for"
         )
-    groups = _hands(skeleton, [paths[end] for end in ends if end in source.hinges])
+    groups = _hands(skeleton, [paths[end] for end in ends if end in source.hinges], root)
     if not groups:
         raise HandError(
             f"{label}: no part of the model looks like a hand: a body with two or more chains of hinges that "
@@ -278,7 +281,9 @@ def _path(skeleton: Skeleton, joint: str, among: tuple[str, ...]) -> tuple[str, 
     )
 
 
-def _hands(skeleton: Skeleton, paths: list[tuple[str, ...]]) -> list[tuple[int, list[tuple[str, ...]]]]:
+def _hands(
+    skeleton: Skeleton, paths: list[tuple[str, ...]], root: str | None
+) -> list[tuple[int, list[tuple[str, ...]]]]:
     """Bodies with two finger-like chains or more, and these chains; none of them within another."""
     source = skeleton.source
     above: dict[int, list[tuple[str, ...]]] = {}
@@ -286,7 +291,10 @@ def _hands(skeleton: Skeleton, paths: list[tuple[str, ...]]) -> list[tuple[int, 
         for body in source.chain(skeleton.body_of(path[-1]))[1:]:
             above.setdefault(body, []).append(path)
     found = []
+    top = None if root is None else skeleton.m.body(root).id
     for body, chains in above.items():
+        if top is not None and top not in source.chain(body):
+            continue
         ways = {_branch(skeleton, path, body) for path in chains}
         place = skeleton.frame(body)[:3, 3]
         reach = max(float(np.linalg.norm(skeleton.anchor(path[-1]) - place)) for path in chains)
@@ -396,7 +404,7 @@ def _working(curl: Array, joints: int) -> tuple[float, float]:
         return 0.0, 1.0
     low, high = float(curl[0]), float(curl[-1])
     # Nearly straight, but with most of the range ahead: some joints bend only backwards from zero.
-    start = max(low, min(_SLACK * joints, high - 0.8 * (high - low)))
+    start = max(low, min(_SLACK * joints, high - min(0.8 * (high - low), _AHEAD * joints)))
     end = min(low + 0.92 * (high - low), start + _MOST * joints)
     place = np.interp([start, end], curl, np.linspace(0.0, 1.0, len(curl)))
     return float(place[0]), float(place[1])
@@ -523,8 +531,8 @@ def _spread_postures(digit: Digit, steps: int) -> list[dict[str, float]]:
     return found
 
 
-def _thumb(skeleton: Skeleton, digits: tuple[Digit, ...]) -> tuple[int, float]:
-    """Index of the finger that opposes the others best, and its score."""
+def _thumb(skeleton: Skeleton, digits: tuple[Digit, ...]) -> tuple[int, float, bool]:
+    """Index of the finger that opposes the others best, its score, and whether it is unlike the others."""
     score = np.full(len(digits), -1.0)
     for share in _SHARES:
         halves = [_partway(skeleton, digit, {}, share) for digit in digits]
@@ -549,7 +557,10 @@ def _thumb(skeleton: Skeleton, digits: tuple[Digit, ...]) -> tuple[int, float]:
     else:
         near = score > score.max() - 0.2
         first = int(np.where(near, alike + 0.01 * score, -np.inf).argmax())
-    return first, float(score[first])
+    unlike = (
+        bool(named.sum() == 1 and named[first]) or float(score[first] - np.delete(score, first).max()) > 0.1
+    )
+    return first, float(score[first]), unlike
 
 
 def _neutral(skeleton: Skeleton, digit: Digit) -> tuple[Array, Array, Array]:
@@ -631,16 +642,14 @@ def _word(label: str) -> str | None:
     return best if counts[best] else None
 
 
-def _names(digits: tuple[Digit, ...], radial: bool) -> tuple[str, ...]:
+def _names(digits: tuple[Digit, ...], thumb: bool) -> tuple[str, ...]:
     """A short name for each finger: the anatomical one that its links have, else its place."""
     words = [_word(digit.label) for digit in digits]
-    usual = {2: ("thumb", "index"), 3: ("thumb", "index", "middle"), 4: ("thumb", "index", "middle", "ring")}
+    usual = ("thumb", "index", "middle", "ring", "little")
     if len(set(words)) == len(words) and None not in words and words[0] == "thumb":
         return tuple(str(word) for word in words)
-    if words[0] == "thumb" and len(digits) in usual:
-        return usual[len(digits)]
-    if len(digits) == 5 and not radial:
-        return ("thumb", "index", "middle", "ring", "little")
+    if thumb and len(digits) <= len(usual):
+        return usual[: len(digits)]
     stems = [_stem(digit) for digit in digits]
     if len(set(stems)) == len(stems) and all(stems):
         return tuple(stems)

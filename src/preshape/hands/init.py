@@ -47,7 +47,7 @@ _GRID = {0: 1, 1: 13, 2: 7, 3: 5}
 """Angles tried of each of the thumb's first joints, by their number."""
 
 _NEAR, _FAR = 0.01, 1.5
-"""Distance of the tips' surfaces of thumb and finger at half closed that costs nothing, from [m] to [U] [C]."""
+"""Distance of the tips of thumb and finger at half closed that costs nothing, from [m] to [U] [C]."""
 
 
 @value
@@ -348,8 +348,8 @@ def _table(skeleton: Skeleton, found: Anatomy, drives: Motors, model: Path, moto
         "finger_pitch": _pitch(skeleton, found),
         "palm": {
             "body": found.palm,
-            "points": [round(float(x), 5) + 0.0 for x in found.points],
-            "faces": [round(float(x), 5) + 0.0 for x in found.faces],
+            "points": [round(float(x), 8) + 0.0 for x in found.points],
+            "faces": [round(float(x), 8) + 0.0 for x in found.faces],
         },
         "actuators": {key: entry for key, entry in actuators.items() if entry != {}},
     }
@@ -406,9 +406,9 @@ def _lines(
 ) -> tuple[str, ...]:
     first = found.names[0]
     thumb = (
-        f"no thumb: {first} takes its place opposite the others"
-        if found.radial or first != "thumb"
-        else f"thumb by opposition ({found.opposition:.2f} of 1)"
+        f"thumb by opposition ({found.opposition:.2f} of 1)"
+        if found.thumb
+        else f"no thumb: {first} takes its place opposite the others"
     )
     fingers = f"fingers: {', '.join(found.names)}; {thumb}"
     if found.fixed:
