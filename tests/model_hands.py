@@ -1,4 +1,4 @@
-"""Hands in text, made for tests: palm and fingers as a URDF of boxes, without names that tell what they are."""
+"""Hands in text, made for tests: a URDF of boxes, without names that tell what its parts are."""
 
 from __future__ import annotations
 
@@ -70,7 +70,8 @@ def hand_urdf(
         _link("plate", 0.3, "0 0 0.0475", palm, shape),
     ]
     lines.append(
-        f'<joint name="on" type="fixed"><origin rpy="{mount}"/><parent link="mount"/><child link="plate"/></joint>'
+        f'<joint name="on" type="fixed"><origin rpy="{mount}"/><parent link="mount"/>'
+        '<child link="plate"/></joint>'
     )
     for finger in fingers:
         parent, place, turn = "plate", finger.xyz, finger.rpy

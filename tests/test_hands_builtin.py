@@ -124,7 +124,9 @@ def test_menagerie_models_rebuilt_from_primitives_move_like_ours(reference, monk
         assert hand.name == hand.source == f"menagerie:{theirs}"
         assert hand.joints == own.joints
         assert np.allclose(hand.limits, own.limits)
-        assert hand.actuators == own.actuators
+        assert [(m.name, m.law, m.joints) for m in hand.motors] == [
+            (m.name, m.law, m.joints) for m in own.motors
+        ]
         a, b = HandKinematics(hand), HandKinematics(own)
         for q in random_postures(own, 50):
             a.set_posture(q)
@@ -147,12 +149,13 @@ def test_shadow_has_the_published_joints_in_their_order():
     hand = load_hand("shadow")
     assert list(hand.joints) == SHADOW_JOINTS
     assert [finger.name for finger in hand.fingers] == ["thumb", "index", "middle", "ring", "little"]
-    assert len(hand.actuators) == 18
-    assert hand.couplings[0] == ("rh_FFJ2", "rh_FFJ1")
+    names = [motor.name for motor in hand.motors]
+    assert len(names) == 18
+    assert hand.motors[2].joints == ("rh_FFJ2", "rh_FFJ1")
     # The root is the wrist frame; the palm stands 34 mm along its z.
     assert np.allclose(hand.T_root_palm, pose(np.eye(3), [0, 0, 0.034]))
-    assert hand.torque_limits[hand.joints.index("rh_THJ5")] == 3.0
-    assert hand.torque_limits[hand.joints.index("rh_FFJ3")] == 1.0
+    assert hand.torque_limits[names.index("rh_THJ5")] == 3.0
+    assert hand.torque_limits[names.index("rh_FFJ0")] == 1.0
 
 
 @pytest.mark.parametrize("name", HANDS)
@@ -161,13 +164,13 @@ def test_mjcf_and_description_agree(name):
     model = HandKinematics(hand).model
     assert tuple(model.joint(j).name for j in range(model.njnt)) == hand.joints
     assert np.allclose(model.jnt_range, hand.limits)
-    assert model.nu == len(hand.actuators) == len(hand.joints) - len(hand.couplings)
-    at = {joint: k for k, joint in enumerate(hand.joints)}
-    for k, group in enumerate(hand.actuators):
-        assert model.actuator_gainprm[k, 0] == pytest.approx(hand.gains[at[group[0]]])
+    assert model.nu == len(hand.motors)
+    for k, motor in enumerate(hand.motors):
+        assert model.actuator(k).name == motor.name
+        assert model.actuator_gainprm[k, 0] == pytest.approx(hand.gains[k])
+        assert model.actuator_ctrlrange[k] == pytest.approx(motor.range, abs=1e-4)
         assert -model.actuator_biasprm[k, 2] == pytest.approx(hand.actuator_damping)
-        assert model.actuator_forcerange[k, 1] == pytest.approx(hand.torque_limits[at[group[0]]])
-    assert {tuple(g) for g in hand.actuators if len(g) == 2} == set(hand.couplings)
+        assert model.actuator_forcerange[k, 1] == pytest.approx(hand.torque_limits[k])
     for finger in hand.fingers:
         tip = model.geom(f"{finger.name}_tip")
         assert tip.size[0] == pytest.approx(finger.tip_radius)
@@ -239,11 +242,8 @@ def test_the_servos_bring_the_hand_where_they_are_told(name):
     data.ctrl[:] = hand.controls(target)
     mujoco.mj_step(model, data, 250)
     assert data.warning.number.sum() == 0
-    # Against gravity; of a coupled pair the sum is what the servo holds.
-    assert np.abs(hand.controls(data.qpos) - hand.controls(target)).max() < 0.02
-    coupled = {joint for pair in hand.couplings for joint in pair}
-    alone = [k for k, joint in enumerate(hand.joints) if joint not in coupled]
-    assert np.abs(data.qpos - target)[alone].max() < 0.06
+    assert np.abs(hand.controls(data.qpos) - hand.controls(target)).max() < 0.02  # against gravity
+    assert np.abs(data.qpos - target).max() < 0.06
     assert np.abs(data.qvel).max() < 0.05
 
 
@@ -254,7 +254,7 @@ def test_the_closing_path_goes_through_its_points():
     finger = load_hand("shadow").finger("index")
     assert np.array_equal(finger.at(0.0), finger.closing[0])
     assert np.array_equal(finger.at(1.0), finger.closing[-1])
-    assert np.allclose(finger.at(0.25), [0, 0.05 + 1.35 * 0.25, 0.1 + 0.5 * 0.25, 0.6 + 0.9 * 0.25])
+    assert np.allclose(finger.at(0.25), [0, 0.05 + 1.35 * 0.25, 0.35 + 0.7 * 0.25, 0.35 + 0.7 * 0.25])
     assert np.array_equal(finger.at([-1.0, 2.0]), finger.closing[[0, -1]])
     spread = finger.closing[0].copy()
     spread[0] = -0.2
@@ -277,7 +277,7 @@ def test_a_coupled_drive_is_told_the_sum():
     q = random_postures(hand, 3)
     controls = hand.controls(q)
     assert controls.shape == (3, 18)
-    k = hand.actuators.index(("rh_MFJ2", "rh_MFJ1"))
+    k = [motor.joints for motor in hand.motors].index(("rh_MFJ2", "rh_MFJ1"))
     at = hand.joints.index("rh_MFJ2")
     assert np.allclose(controls[:, k], q[:, at] + q[:, at + 1])
     assert np.allclose(hand.controls(q[0]), controls[0])
@@ -320,7 +320,8 @@ def test_a_left_hand_is_the_mirror_image(name):
 def test_names_of_a_left_hand():
     left = load_hand("shadow", side="left")
     assert left.joints[0] == "lh_FFJ4"
-    assert left.couplings[0] == ("lh_FFJ2", "lh_FFJ1")
+    assert (left.motors[2].name, left.motors[2].joints) == ("lh_FFJ0", ("lh_FFJ2", "lh_FFJ1"))
+    assert left.motors[2].order == (("lh_FFJ1", "lh_FFJ2"),)
     assert load_hand("shadow:right") is load_hand("shadow") is load_hand("shadow", side="right")
     with pytest.raises(HandError, match="side must be right or left"):
         load_hand("shadow", side="upper")

@@ -48,7 +48,7 @@ def test_the_example_is_fit_for_use():
     hand = load_hand(str(EXAMPLE))
     assert hand.name == "trident"
     assert hand.u == 0.05
-    assert len(hand.joints) == len(hand.actuators) == 9
+    assert len(hand.joints) == len(hand.motors) == 9
     assert hand.limits.tolist() == [[-0.6, 0.6], [-0.5, 1.4], [0, 1.5]] * 3
     k = HandKinematics(hand)
     assert k.model.body_mass.sum() == pytest.approx(0.4 + 3 * 0.12, abs=1e-6)
@@ -154,7 +154,7 @@ def test_an_mjcf_with_meshes_degrees_fixed_joints_and_a_root(tmp_path):
     hand = load_hand(path)
     assert hand.joints == ("ta", "tb", "ia", "ib", "ra", "rb")
     assert np.allclose(hand.limits[0], np.radians([-30, 80]))
-    assert hand.actuators == (("ta",), ("tb",), ("ia", "ib"), ("ra",), ("rb",))
+    assert [motor.joints for motor in hand.motors] == [("ta",), ("tb",), ("ia", "ib"), ("ra",), ("rb",)]
     k = HandKinematics(hand)
     k.set_posture(np.zeros(6))
     assert np.allclose(
@@ -211,6 +211,8 @@ def test_meshes_of_a_package_are_found(tmp_path):
 OPEN_CLOSED = "closing = [[0.0, -0.4, 0.1], [0.0, 0.75, 1.1]]"
 LIMITS = '<limit lower="-0.5" upper="1.4" effort="1.5" velocity="3"/>'
 
+MIDDLE = '<limit lower="0" upper="1.5" effort="1.5" velocity="3"/>'
+
 SPREAD = '<limit lower="-0.6" upper="0.6" effort="1.5" velocity="3"/>'
 
 DESCRIPTION_FAULTS = [
@@ -262,11 +264,11 @@ DESCRIPTION_FAULTS = [
     ),
     ("closing", [(OPEN_CLOSED, "closing = [[0, -0.4, 0.1]]")], "two lists or more of 3 angles"),
     ("closing", [(OPEN_CLOSED, "closing = [[0, -0.4, 0.1], [0.5]]")], "two lists or more of 3"),
-    ("actuators", [("gain = 5.0", "gain = 5.0\ngains = { elbow = 3.0 }")], "names elbow, which is no joint"),
+    ("actuators", [("gain = 5.0", "gain = 5.0\ngains = { elbow = 3.0 }")], "names elbow, which is no motor"),
     (
         "couplings",
         [("u = 0.05 ", 'couplings = [["thumb_knuckle", "elbow"]]\nu = 0.05 ')],
-        "there is no joint elbow",
+        "names elbow, which is no joint",
     ),
     ("side", [("u = 0.05 ", 'side = "both"\nu = 0.05 ')], "right or left, got 'both'"),
     ("name", [('name = "trident"', 'name = "shadow"')], "a built-in hand is called shadow"),
@@ -314,9 +316,17 @@ MODEL_FAULTS = [
         "'thumb_spread' has no limits",
     ),
     (
+        "couplings",
+        [(LIMITS, LIMITS + '<mimic joint="index_knuckle" multiplier="0.5"/>')],
+        "the motor index_knuckle closes the thumb and also moves another finger",
+    ),
+    (
         "mimic",
-        [(LIMITS, LIMITS + '<mimic joint="thumb_middle" multiplier="0.5"/>')],
-        "'thumb_knuckle' follows 'thumb_middle' (mimic or equality), which is not supported",
+        [
+            (LIMITS, LIMITS + '<mimic joint="thumb_middle" multiplier="0.5"/>'),
+            (MIDDLE, MIDDLE + '<mimic joint="thumb_knuckle" multiplier="0.5"/>'),
+        ],
+        "the joints thumb_knuckle, thumb_middle follow each other in a circle",
     ),
     ("not_a_hinge", [('type="revolute"', 'type="prismatic"')], "'thumb_spread' is no hinge"),
     ("mass_zero", [('<mass value="0.06"/>', '<mass value="0"/>')], "'thumb_proximal' has no mass"),
@@ -534,7 +544,7 @@ def test_the_list_names_every_hand_with_joints_u_and_licence(tmp_path):
     assert all("Apache-2.0" in row["licence"] and row["source"] for row in rows.values())
     code, text = run()
     assert code == 0
-    assert "22 joints, 18 drives" in text
+    assert "22 joints, 18 motors" in text
     assert "origin 0 0 34 mm, axes +x +y +z of the root" in text
 
 

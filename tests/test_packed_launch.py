@@ -3,10 +3,7 @@
 from __future__ import annotations
 
 import os
-import subprocess
-import sys
 from concurrent.futures import ThreadPoolExecutor
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -129,20 +126,6 @@ def test_threads_where_the_system_does_not_tell_a_process_its_cores(monkeypatch:
     assert usable_threads("cuda:0") == 1
     given = drawn(4, 100)
     same(ClosingKernel(TABLES, FIELD).close(given), kernel().close(given))
-
-
-def test_compilation_is_announced_once_and_only_where_it_is_needed(tmp_path: Path) -> None:
-    code = (
-        "from preshape.kernels import cache; from preshape.kernels.closing import warp_clearance as module;"
-        "cache.load_kernels(module, 'cpu'); cache.load_kernels(module, 'cpu')"
-    )
-    told = []
-    for _ in range(2):
-        environment = {**os.environ, "WARP_CACHE_PATH": str(tmp_path)}
-        done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=environment)
-        assert done.returncode == 0, done.stderr
-        told.append(done.stderr)
-    assert told == ["compiling the kernels for this machine, once: about 20 s ...\n", ""]
 
 
 @pytest.mark.parametrize("count", [0, 1, LEAST_CAPACITY, LEAST_CAPACITY + 1])

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from preshape.kernels.field.host import SurfaceQuery
 from preshape.kernels.rays import MISS, Hits, RayCaster, cast_plain
 from preshape.objects.mesh import TriangleMesh
 
@@ -121,7 +122,12 @@ def plain(mesh: TriangleMesh, origins: Array, directions: Array) -> Hits:
     return cast_plain(mesh, origins, directions)
 
 
+def on_device(mesh: TriangleMesh, origins: Array, directions: Array) -> Hits:
+    return SurfaceQuery(mesh).cast(origins, directions)
+
+
 both = pytest.mark.parametrize("cast", [embree, plain])
+every_cast = pytest.mark.parametrize("cast", [embree, plain, on_device])
 
 
 def lies_on_its_triangle(
@@ -140,7 +146,7 @@ def lies_on_its_triangle(
 
 
 @every_mesh
-@both
+@every_cast
 def test_equals_an_independent_computation(name: str, cast: Cast) -> None:
     mesh = MESHES[name]
     origins, directions = random_rays(mesh, 300, 11)
@@ -169,7 +175,7 @@ def test_embree_equals_its_twin(name: str) -> None:
 
 @pytest.mark.parametrize("size", [1e-3, 1.0])
 @pytest.mark.parametrize("place", [(0.0, 0.0, 0.0), (10.0, -10.0, 10.0)])
-@both
+@both  # on the device, vertices are in single precision and in the frame of the object
 def test_tiny_and_far_objects_are_hit_as_well(size: float, place: tuple[float, ...], cast: Cast) -> None:
     base = icosphere(0.5)
     mesh = mesh_of(base.vertices * size + place, base.triangles)
@@ -205,7 +211,7 @@ def axis_rays(mesh: TriangleMesh, steps: int) -> tuple[Array, Array, Array]:
 
 
 @pytest.mark.parametrize("shift", [(0.0, 0.0, 0.0), (0.013, -0.21, 5.3)])
-@both
+@every_cast
 def test_rays_exactly_on_the_diagonals_and_edges_of_a_box_hit_it(
     shift: tuple[float, ...], cast: Cast
 ) -> None:
@@ -244,7 +250,7 @@ def test_no_ray_from_inside_leaks_out_through_an_edge() -> None:
             assert (hits.distance <= length * (1 + 1e-5)).all()
 
 
-@both
+@every_cast
 def test_misses(cast: Cast) -> None:
     mesh = icosphere()
     origins = np.array([[0, 0, 0.2], [0, 0, 0.2], [0.2, 0, 0.0501], [0.2, 0, 0]], dtype=np.float64)
@@ -256,7 +262,7 @@ def test_misses(cast: Cast) -> None:
     assert none.distance.shape == none.triangle.shape == (0,)
 
 
-@both
+@every_cast
 def test_through_the_hole_of_a_torus(cast: Cast) -> None:
     mesh = torus()
     x = np.linspace(-0.06, 0.06, 49)
@@ -267,7 +273,7 @@ def test_through_the_hole_of_a_torus(cast: Cast) -> None:
     assert (hits.triangle[tube] != MISS).all()
 
 
-@both
+@every_cast
 def test_the_nearest_of_many_parallel_sheets(cast: Cast) -> None:
     heights = np.random.default_rng(4).permutation(np.linspace(-0.05, 0.05, 40))
     sheet = np.array([[-1, -1], [1, -1], [0, 2]]) * 0.05
@@ -281,7 +287,7 @@ def test_the_nearest_of_many_parallel_sheets(cast: Cast) -> None:
 
 
 @pytest.mark.parametrize("slope", [1e-2, 1e-3, 1e-4, 1e-5, 4e-6])
-@both
+@every_cast
 def test_a_grazing_hit_lies_on_its_triangle(slope: float, cast: Cast) -> None:
     # A ray that sinks by `slope` onto a plate: it lands where the geometry says, or slips over the end.
     mesh = box((0.05, 0.05, 0.005))
@@ -297,7 +303,7 @@ def test_a_grazing_hit_lies_on_its_triangle(slope: float, cast: Cast) -> None:
     assert found[:, 2] == pytest.approx(np.full(9, 0.005), abs=1e-12)
 
 
-@both
+@every_cast
 def test_a_hit_never_lies_outside_the_object(cast: Cast) -> None:
     # Rays that almost touch: wherever rounding lets one hit, the hit must still be on the object.
     mesh = MESHES["icosphere"]
@@ -318,7 +324,7 @@ def test_a_hit_never_lies_outside_the_object(cast: Cast) -> None:
         assert (np.linalg.norm(points, axis=1) <= 0.05 * (1 + 1e-4)).all()
 
 
-@both
+@every_cast
 def test_a_face_seen_edge_on_does_not_hide_what_is_behind_it(cast: Cast) -> None:
     # A fin that leans by less than a millionth stands over a plate: the ray passes it and lands on the plate.
     lean = 5e-7

@@ -17,6 +17,7 @@ import math
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
+from itertools import repeat
 from typing import Any, TypeVar, dataclass_transform
 
 import numpy as np
@@ -80,7 +81,7 @@ def from_columns(cls: type[_T], columns: Mapping[str, Sequence[Any]]) -> list[_T
             columns are ignored.
     """
     names = [f.name for f in fields(cls)]  # type: ignore[arg-type]
-    made = [cls.__new__(cls) for _ in columns[names[0]]]
+    made = list(map(cls.__new__, repeat(cls, len(columns[names[0]]))))
     for name in names:
         deque(map(getattr(cls, name).__set__, made, columns[name]), maxlen=0)
     return made

@@ -233,7 +233,10 @@ def _joint_rates(hand: Hand, path: Array) -> Array:
     rate = np.zeros(len(hand.joints))
     of_path = np.abs(np.diff(path, axis=0)).max(axis=0) * (len(path) - 1)
     for k, (motor, columns) in enumerate(zip(hand.motors, hand.motor_columns(), strict=True)):
-        samples = [motor.rates(m) for m in np.linspace(*motor.range, 1 if motor.affine else 8 * KNOTS)]
+        samples = [
+            motor.rates(m)
+            for m in np.linspace(motor.range[0], motor.range[1], 1 if motor.affine else 8 * KNOTS)
+        ]
         rate[columns] = np.abs(samples).max(axis=0) * of_path[k]
     return rate
 

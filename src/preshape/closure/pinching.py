@@ -13,10 +13,10 @@ import numpy as np
 
 from ..hiis.planes import APPROACH_AXES, OPPOSITION_AXES
 from ..kernels.closing.host import Candidates, ClosingKernel
-from ..kernels.field.host import DistanceField
+from ..kernels.field.host import DistanceField, SurfaceQuery
 from ..kernels.field.plain import field_distance
 from ..kernels.fitting.host import FittingKernel, PatchRows, PinchPlacements
-from ..kernels.rays import MISS, RayCaster
+from ..kernels.rays import MISS
 from ..objects.mesh import TriangleMesh
 from ..objects.winding import oriented_triangles
 from ..types import Array, IntArray, value
@@ -102,7 +102,7 @@ def antipodal_patches(
     points, out = np.einsum("nk,nkd->nd", weights, mesh.corners[face]), normals[face]
     # 2. and 3.
     step = 1e-5 * float(mesh.extents.max())
-    hits = RayCaster(mesh).cast(points - step * out, -out)
+    hits = SurfaceQuery(mesh).cast(points - step * out, -out)  # whose mesh is the field's
     width = hits.distance + step
     facing = -np.einsum("ij,ij->i", normals[hits.triangle], out) > OPPOSITE
     real = (hits.triangle != MISS) & ~mesh.is_lid[hits.triangle] & ~mesh.is_lid[face]

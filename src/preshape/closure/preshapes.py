@@ -74,7 +74,9 @@ def posture_of(tables: HandTables, commands: Array) -> Array:
     for coefficients in tables.law.T[::-1]:
         q = q * m + coefficients
     for j in np.flatnonzero(tables.bent):
-        knots = np.linspace(*tables.range[tables.motor[j]], len(tables.unloaded))
+        knots = np.linspace(
+            tables.range[tables.motor[j]][0], tables.range[tables.motor[j]][1], len(tables.unloaded)
+        )
         q[:, j] = np.interp(m[:, j], knots, tables.unloaded[:, j])
     return q
 
@@ -160,7 +162,9 @@ def motor_ranges(hand: Hand, tables: HandTables) -> tuple[Array, Array]:
 
 def _fastest(motor: Motor) -> float:
     """The largest rate of a joint of the motor; at least a small one."""
-    return max(float(np.abs([motor.rates(m) for m in np.linspace(*motor.range, 9)]).max()), 1e-3)
+    return max(
+        float(np.abs([motor.rates(m) for m in np.linspace(motor.range[0], motor.range[1], 9)]).max()), 1e-3
+    )
 
 
 def finger_motors(tables: HandTables) -> list[IntArray]:

@@ -13,8 +13,9 @@ from .planned import PlannedGrasp
 def contact_forces(grasp: PlannedGrasp) -> Array:
     """(n, 3) Force of each contact on the object under the torques of the squeeze [N], mesh frame.
 
-    A contact force f loads the joints between palm and touching link with the torques Jᵀ f, and each motor with
-    the sum of its joints' torques times their rates. The result is the least-squares fit to the motors' torques
+    A contact force f loads the joints between palm and touching link with the torques Jᵀ f, and each motor
+    with the sum of its joints' torques times their rates. The result is the least-squares fit to the motors'
+    torques
     in the squeeze, and the one of least norm if there are several. Friction in the joints is neglected.
     """
     kinematics = HandKinematics(grasp.hand)

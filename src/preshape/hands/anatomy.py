@@ -13,6 +13,7 @@ Geometry comes first, names second:
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from itertools import product
 
 import numpy as np
@@ -34,7 +35,10 @@ _CLEAR = 1.3
 """Ratio of the ranges to both sides above which a finger's curling direction is clear [C]."""
 
 _SLACK, _AHEAD, _MOST = 0.05, 1.2, 1.5
-"""Bend of a joint of the open finger, and least and largest motion of a joint from open to closed [rad] [C]."""
+"""Bend of a joint of the open finger; least and largest motion of a joint from open to closed [rad] [C]."""
+
+_BACK = -0.5
+"""Bend of the first joint of an open finger that stands opposite the others [rad] [C]."""
 
 _SNAP = 0.98
 """Cosine from which an axis of the palm frame is taken as the nearest axis of the palm's body [C]."""
@@ -180,6 +184,8 @@ def anatomy(skeleton: Skeleton, root: str | None, side: str | None, label: str) 
     first, score, differs = _thumb(skeleton, digits)
     radial = _radial(skeleton, digits, first)
     z, faces = _palm_axes(skeleton, digits, first, radial)
+    if not radial and _facing(skeleton, digits, first, z):
+        digits = tuple(_opened(skeleton, digit) for digit in digits)
     own, by = _side(skeleton, digits, first, np.cross(-faces, z), label)
     x = np.cross(-faces, z) * (1.0 if (side or own) == "right" else -1.0)
     others = sorted(
@@ -605,6 +611,26 @@ def _palm_axes(
     if np.linalg.norm(faces) < 1e-6:
         faces = _across(z)
     return np.asarray(z), np.asarray(faces / np.linalg.norm(faces))
+
+
+def _facing(skeleton: Skeleton, digits: tuple[Digit, ...], first: int, z: Array) -> bool:
+    """Whether thumb and fingers stand side by side and close towards each other, as jaws do."""
+    own, other = _neutral(skeleton, digits[first]), _neutral(skeleton, digits[first - 1])
+    return bool(own[1] @ z > 0.7 and own[2] @ other[2] < -0.3)
+
+
+def _opened(skeleton: Skeleton, digit: Digit) -> Digit:
+    """The digit, whose first flexion joint opens beyond straight as far as its limits allow."""
+    k = next(k for k, curls in enumerate(digit.curls) if curls)
+    drive, (start, end) = digit.drives[k], digit.working[k]
+    bends = [column for column, joint in enumerate(drive.joints) if joint in digit.flexion]
+    skeleton.place({})
+    hinge = skeleton.axis(digit.joints[-1])
+    turn = [digit.sign * float(np.sign(skeleton.axis(drive.joints[column]) @ hinge)) for column in bends]
+    curl = drive.knots[:, bends] @ np.array(turn)
+    share = float(np.interp(max(curl[0], _BACK), curl, np.linspace(0.0, 1.0, len(curl))))
+    working = (*digit.working[:k], (min(start, share), end), *digit.working[k + 1 :])
+    return replace(digit, working=working)
 
 
 def _snapped(z: Array, faces: Array) -> tuple[Array, Array]:

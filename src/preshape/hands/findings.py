@@ -12,17 +12,17 @@ from ..exceptions import HandError, InputError, shown
 from ..objects.read_text import printable
 from ..types import value
 from .compiled import CompiledModel
-from .description import (
-    LONGEST_MESSAGE,
-    RIGID,
+from .couples import (
     Table,
     couple_joints,
     couples_of,
-    direction,
-    finger_from,
+    motors_within,
+    per_motor,
     positive,
-    side_of,
+    with_model_couples,
 )
+from .description import LONGEST_MESSAGE, direction, finger_from, side_of
+from .motors import RIGID
 
 SMALLEST_TIP, LARGEST_TIP = 1e-3, 30e-3
 """Plausible radii of a fingertip [m] [C]."""
@@ -322,10 +322,29 @@ def _law_findings(data: Table, fixed: set[str], model: CompiledModel) -> list[Fi
         if held and len(held) < len(joints) and not own & set(joints):
             free = next(joint for joint in joints if joint not in fixed)
             text = (
-                f"the joint {held[0]!r} is fixed, but by the model's law it moves with {free!r}: fix both, or "
-                "neither"
+                f"the joint {held[0]!r} is fixed, but by the model's law it moves with {free!r}: "
+                "fix both, or neither"
             )
             found.append(Finding(code="mimic", text=text))
+    listed = {joint for entry in fingers_of(data) for joint in joints_of(entry)}
+    if not found and listed <= set(model.hinges) and not description_findings(data):
+        found += _drive_findings(with_model_couples(data, couples), model, listed)
+    return found
+
+
+def _drive_findings(data: Table, model: CompiledModel, listed: set[str]) -> list[Finding]:
+    """Faults of couples, and of numbers for motors that do not exist."""
+    joints = [joint for joint in model.joints if joint in listed]
+    try:
+        fingers = [finger_from(entry) for entry in data["finger"]]
+        motors = motors_within(data, model.ranges, joints, fingers)[1]
+    except (InputError, KeyError, TypeError, ValueError, AttributeError) as error:
+        return [Finding(code="couplings", text=str(error).removeprefix("hand 'it': "))]
+    found, drives = [], data.get("actuators")
+    for key, table in (("gain", "gains"), ("torque_limit", "torque_limits")):
+        if isinstance(drives, dict):
+            names = [motor.name for motor in motors]
+            found += _attempt("actuators", per_motor, {**drives, key: 1.0}, key, table, names, "it")
     return found
 
 

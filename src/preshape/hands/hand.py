@@ -103,8 +103,8 @@ class Hand:
         actuator_gain: Gain [N m/rad] of the position servos of motors without an entry of their own.
         actuator_damping: Damping of the position servos [N m s/rad].
         torque_limit: Torque limit [N m] of motors without an entry of their own.
-        motors: The motors, in the order of their first joints; every joint belongs to one of them. The MJCF has
-            one actuator for each, in this order, and no other.
+        motors: The motors, in the order of their first joints; every joint belongs to one of them. The MJCF
+            has one actuator for each, in this order, and no other.
         gains: (m,) servo gain of every motor [N m/rad], about its command.
         torque_limits: (m,) torque limit of every motor [N m].
         mjcf: Text of the MJCF. It has primitive shapes only and needs no other file.
@@ -207,7 +207,7 @@ class Hand:
         return np.asarray(commands.reshape(*np.shape(q)[:-1], len(self.motors)))
 
     def follow(self, commands: ArrayLike) -> Array:
-        """(..., n) postures [rad] that the hand takes at commands (..., m) [rad] while nothing touches it."""
+        """(..., n) postures [rad] taken at commands (..., m) [rad] while nothing touches the hand."""
         m = np.asarray(commands, dtype=np.float64)
         q = np.empty((*m.shape[:-1], len(self.joints)))
         for k, (motor, columns) in enumerate(zip(self.motors, self.motor_columns(), strict=True)):
@@ -215,7 +215,7 @@ class Hand:
         return q
 
     def lawful(self, q: ArrayLike) -> Array:
-        """(..., n) the postures on the motors' laws and within their ranges that have the commands of ``q``."""
+        """(..., n) postures with the commands of ``q``, on the motors' laws and within their ranges."""
         low, high = self.ranges().T
         return self.follow(np.clip(self.controls(q), low, high))
 

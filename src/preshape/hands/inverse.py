@@ -3,7 +3,8 @@
 This is a bounded nonlinear least-squares problem, solved by ``scipy.optimize.least_squares`` with an analytic
 Jacobian.
 
-- Unknowns: the palm's position (free), its tilt from the nominal orientation (bounded), and the commands of the
+- Unknowns: the palm's position (free), its tilt from the nominal orientation (bounded), and the commands of
+the
   motors that move the fingers in use (within their ranges).
 - Residuals: the errors of the fingertips; with low weights, the tilt and the posture's distance from a
   reference; and one-sided penalties that keep links out of the object and turn the last phalanges so that

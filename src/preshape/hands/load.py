@@ -44,7 +44,8 @@ from ..files import (
 from ..objects.read_text import printable
 from . import menagerie
 from .compiled import CompiledModel, read_model
-from .description import LONGEST_MESSAGE, Table, hand_from
+from .couples import Table
+from .description import LONGEST_MESSAGE, hand_from
 from .hand import Hand
 from .init import Guess, describe
 from .mirror import mirrored

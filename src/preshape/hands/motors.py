@@ -145,8 +145,8 @@ def rigid_motor(name: str, polynomials: dict[str, Array], limits: dict[str, Arra
         given = np.array([0.0, 1.0]) if joint == name else np.atleast_1d(polynomials[joint])
         if not 1 <= len(given) <= DEGREE + 1 or not np.isfinite(given).all():
             raise HandError(
-                f"motor {name}: the law of {joint} must be one multiplier, or up to {DEGREE + 1} coefficients, "
-                f"lowest order first; got {given.tolist()}"
+                f"motor {name}: the law of {joint} must be one multiplier, or up to {DEGREE + 1} "
+                f"coefficients, lowest order first; got {given.tolist()}"
             )
         row[: len(given)] = given
     motor = Motor(
@@ -198,8 +198,8 @@ def adaptive_motor(
     command = knots @ c
     if len(knots) < 2 or not ((np.diff(command) > 0).all() or (np.diff(command) < 0).all()):
         raise HandError(
-            f"motor {name}: its unloaded path needs two points or more, and the sum must grow from each to the "
-            f"next; the sums are {np.round(command, 4).tolist()}"
+            f"motor {name}: its unloaded path needs two points or more, and the sum must grow from each to "
+            f"the next; the sums are {np.round(command, 4).tolist()}"
         )
     if command[0] > command[-1]:
         command, knots = command[::-1], knots[::-1]
@@ -207,9 +207,8 @@ def adaptive_motor(
     path = np.stack([np.interp(m, command, knot) for knot in knots.T], axis=1)
     outside = (path < bounds[:, 0] - 1e-6) | (path > bounds[:, 1] + 1e-6)
     if outside.any():
-        raise HandError(
-            f"motor {name}: its unloaded path leaves the limits of {joints[int(outside.any(axis=0).argmax())]}"
-        )
+        joint = joints[int(outside.any(axis=0).argmax())]
+        raise HandError(f"motor {name}: its unloaded path leaves the limits of {joint}")
     at = {joint: k for k, joint in enumerate(joints)}
     for low, high in order:
         if (path[:, at[low]] > path[:, at[high]] + 1e-6).any():
@@ -237,7 +236,7 @@ def _common_range(motor: Motor, limits: Array) -> Array:
     Raises:
         HandError: There are none.
     """
-    m = np.linspace(*motor.range, 2001)
+    m = np.linspace(motor.range[0], motor.range[1], 2001)
     q = motor.angles(m)
     tolerance = 1e-6
     inside = (q >= limits[:, 0] - tolerance) & (q <= limits[:, 1] + tolerance)

@@ -17,16 +17,18 @@ from ..exceptions import HandError
 from ..spatial import inverse, pose, quaternion_from_rotation, rotation_from_quaternion
 from ..types import Array, value
 from .compiled import CompiledModel, quiet_mujoco, reason
-from .description import Table, direction, finger_from, hand_from, motors_of, per_motor, with_model_couples
+from .couples import Table, motors_within, per_motor, with_model_couples
+from .description import direction, finger_from, hand_from
 from .findings import LARGEST_ANGLE, description_findings, model_findings, refuse
 from .hand import Hand
-from .motors import ADAPTIVE, DIRECT, RIGID, Motor
+from .motors import ADAPTIVE, DIRECT, Motor
 
 _DAMPING, _ARMATURE = 0.05, 2e-4
 """Damping [N m s/rad] and armature [kg m²] of a joint if the model does not state them [C]."""
 
 STIFF = "0.008 1"
-"""Time constant [s] and damping ratio of a linkage or a stop of a couple in MuJoCo; twice a time step of 4 ms."""
+"""Time constant [s] and damping ratio of a linkage or a stop of a couple in MuJoCo; twice a time step of 4
+ms."""
 
 SPRING, SPRING_DAMPING = 0.05, 0.0
 """Stiffness [N m/rad] and damping [N m s/rad] that keep an adaptive couple on its unloaded path [C]."""
@@ -121,7 +123,8 @@ class _Writer:
         }
         self.written = [name for name in self.frames if self.bodies.get(name) == name]
         self.root = self.written[0]
-        self.motors = self._motors()
+        fingers = [finger_from(entry) for entry in data["finger"]]
+        self.limits, self.motors = motors_within(data, source.ranges, self.joints, fingers)
         self.finger_of = {
             self.m.body(int(self.m.joint(joint).bodyid[0])).name: str(entry["name"])
             for entry in data["finger"]
@@ -261,26 +264,11 @@ class _Writer:
         local = pose(rotation_from_quaternion(self.m.site_quat[site]), self.m.site_pos[site])
         return np.asarray(pose(self.state.xmat[body].reshape(3, 3), self.state.xpos[body]) @ local)
 
-    def _motors(self) -> tuple[Motor, ...]:
-        """The motors; a joint without limits of its own that follows another one gets those of its law."""
-        name = str(self.data["name"])
-        self.limits = {joint: np.array(sorted(self.source.ranges[joint])) for joint in self.joints}
-        for couple in self.data["couple"] if "couple" in self.data else []:
-            if couple["law"] == RIGID:
-                for joint, law in couple["follow"].items():
-                    if np.ptp(self.limits.get(joint, np.ones(1) * np.arange(2))) == 0:
-                        powers = np.atleast_1d([0.0, law] if np.isscalar(law) else law)
-                        m = np.linspace(*self.limits[str(couple["motor"])], 101)
-                        q = np.polynomial.polynomial.polyval(m, powers)
-                        self.limits[joint] = np.array([q.min(), q.max()])
-        fingers = [finger_from(entry) for entry in self.data["finger"]]
-        return motors_of(self.data, self.limits, fingers, name)
-
     def _drives(self) -> list[str]:
         """Equalities of rigid laws, tendons of adaptive ones, and an actuator for every motor.
 
-        An adaptive motor pulls a tendon. Each of its inequalities is a second tendon with a limit. Weak springs
-        keep joints that nothing touches on the unloaded path if it is straight.
+        An adaptive motor pulls a tendon. Each of its inequalities is a second tendon with a limit. Weak
+        springs keep joints that nothing touches on the unloaded path if it is straight.
         """
         drives, names = self.data["actuators"], tuple(motor.name for motor in self.motors)
         gains = per_motor(drives, "gain", "gains", names, "it")

@@ -15,7 +15,7 @@ from ..exceptions import HandError
 from ..spatial import inverse, pose, rotation_from_quaternion
 from ..types import Array, value
 from .compiled import CompiledModel
-from .description import Table, couple_joints, couple_motor
+from .couples import Table, couple_joints, couple_motor
 from .motors import RIGID, Motor, direct_motor
 
 KNOTS = 9

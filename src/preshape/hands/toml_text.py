@@ -6,7 +6,7 @@ import json
 import re
 from typing import Any
 
-from .description import Table
+from .couples import Table
 
 _COMMENTS = {
     "model": "beside this file; URDF or MJCF",

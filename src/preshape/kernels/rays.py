@@ -61,18 +61,24 @@ class RayCaster:
         start = np.ascontiguousarray((origins - self._mesh.cog) * self._scale, dtype=np.float32)
         aim = np.ascontiguousarray(directions, dtype=np.float32)
         triangle = self._scene.run(start, aim, query="INTERSECT").astype(np.int64)
-        self._skip_edge_on(triangle, origins, directions)
-        return Hits(distance=distance_to(self._mesh, triangle, origins, directions), triangle=triangle)
+        return exact_hits(self._mesh, triangle, origins, directions)
 
-    def _skip_edge_on(self, triangle: IntArray, origins: Array, directions: Array) -> None:
-        """Replace hits on triangles seen edge-on by the hits behind them."""
-        normals = self._mesh.normals
-        slope = np.einsum("ij,ij->i", directions, normals[triangle])
-        edge_on = np.flatnonzero((np.abs(slope) <= GRAZING) & (triangle != MISS))
-        if not len(edge_on):
-            return
-        plain = cast_plain(self._mesh, origins[edge_on], directions[edge_on])
-        triangle[edge_on] = plain.triangle
+
+def exact_hits(mesh: TriangleMesh, triangle: IntArray, origins: Array, directions: Array) -> Hits:
+    """Hits in double precision, from the triangles that were found in single precision.
+
+    Args:
+        mesh: The object.
+        triangle: (n,) triangle that each ray meets first, -1 for none. Those seen edge-on are replaced in
+            place by the triangle behind them.
+        origins: (n, 3) in the mesh frame [m].
+        directions: (n, 3) unit vectors.
+    """
+    slope = np.einsum("ij,ij->i", directions, mesh.normals[triangle])
+    edge_on = np.flatnonzero((np.abs(slope) <= GRAZING) & (triangle != MISS))
+    if len(edge_on):
+        triangle[edge_on] = cast_plain(mesh, origins[edge_on], directions[edge_on]).triangle
+    return Hits(distance=distance_to(mesh, triangle, origins, directions), triangle=triangle)
 
 
 def distance_to(mesh: TriangleMesh, triangle: IntArray, origins: Array, directions: Array) -> Array:

@@ -33,7 +33,8 @@ class HandTables:
         palm: (p, 4) spheres of the parts that no joint moves, in the palm frame: centre and radius [m].
         palm_group: (h + 1,) first sphere of each group of palm spheres.
         palm_bound: (h, 4) a sphere round all spheres of each such group: centre and radius [m].
-        path: (k, m) the motors' commands at k evenly spaced points of the closing path, from open to closed [rad].
+        path: (k, m) the motors' commands at k evenly spaced points of the closing path, from open to closed
+            [rad].
         motor: (j,) index of the motor that each joint follows.
         command: (m, j) matrix W that gives the commands of a posture, m = W q.
         range: (m, 2) least and largest command of each motor [rad].

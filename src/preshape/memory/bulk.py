@@ -7,6 +7,7 @@ than those there, and never decide alone that a row is bad.
 
 from __future__ import annotations
 
+from array import array
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -81,10 +82,11 @@ def experiences(
 
 def _together(cell: Mapping[str, Sequence[Any]]) -> list[Experience] | None:
     """The experiences of these columns; ``None`` if any cell needs a closer look."""
-    if not all(set(map(type, cell[name])) <= {float, int} for name in _NUMBERS):
-        return None  # an array of texts would take as much space for each as for the longest
-    numbers = np.array([cell[name] for name in _NUMBERS])
-    if numbers.dtype != np.float64 or not _plain_cells(cell):  # only whole numbers
+    try:
+        numbers = np.stack([np.frombuffer(array("d", cell[name])) for name in _NUMBERS])
+    except TypeError:  # a text, a blob or NULL
+        return None
+    if not _plain_cells(cell):
         return None
     numbers = read_only(np.ascontiguousarray(numbers.T))
     shapes, grips = _arrays(cell["shape"], _is_shape), _arrays(cell["grip"], _is_grip)
@@ -149,8 +151,8 @@ def _arrays(blobs: Sequence[Any], sound: Callable[[Array], BoolArray]) -> list[A
         matrix = read_only(content.reshape(len(places), length).astype(np.float64))
         if not sound(matrix).all():
             return None
-        for place, array in zip(places, matrix, strict=True):
-            arrays[place] = array
+        for place, row in zip(places, matrix, strict=True):
+            arrays[place] = row
     return arrays
 
 

@@ -135,7 +135,8 @@ class PlacedFinger:
         finger: Index of the finger.
         place: (n, 3) origins of the palm frames [m].
         turns: (n, 3, 3) rotations of the palm frames.
-        start: (n, j) joint angles at the beginning of the path [rad]; the motors' commands are taken from them.
+        start: (n, j) joint angles at the beginning of the path [rad]; the motors' commands are taken from
+            them.
         clearance: Distance from the surface at which the finger stops [m].
     """
 
@@ -182,7 +183,11 @@ def joint_angle(tables: HandTables, joint: int, command: Array, c: Array) -> Arr
     m = np.clip(m, *tables.range[motor])
     if tables.bent[joint]:
         return np.asarray(
-            np.interp(m, np.linspace(*tables.range[motor], len(tables.unloaded)), tables.unloaded[:, joint])
+            np.interp(
+                m,
+                np.linspace(tables.range[motor][0], tables.range[motor][1], len(tables.unloaded)),
+                tables.unloaded[:, joint],
+            )
         )
     return np.asarray(np.polynomial.polynomial.polyval(m, tables.law[joint]))
 

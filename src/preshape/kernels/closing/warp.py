@@ -50,8 +50,7 @@ def joint_angle(hand: HandArrays, joint: int, command: float, c: float):
         angle = angle * m + hand.law[joint, 3]
         angle = angle * m + hand.law[joint, 2]
         angle = angle * m + hand.law[joint, 1]
-        angle = angle * m + hand.law[joint, 0]
-        return angle
+        return angle * m + hand.law[joint, 0]
     cells = hand.unloaded.shape[0] - 1
     place = (m - bounds[0]) / (bounds[1] - bounds[0]) * float(cells)
     cell = wp.clamp(int(place), 0, cells - 1)

@@ -25,6 +25,7 @@ from ...types import Array, IntArray, freeze, frozen_array, read_only, value
 from ..cache import load_kernels
 from ..launch import in_parts, usable_threads, warp
 from ..packed_launch import FIRST_ROW, DeviceRows, PackedLaunch
+from ..rays import Hits, exact_hits
 
 CELLS = 64
 LARGEST_CELL = 0.004  # edge of a cell above which a long, thin object gets more of them [m]
@@ -139,7 +140,7 @@ class Closest:
 
 
 class SurfaceQuery:
-    """Exact nearest points on one mesh, in single precision.
+    """Exact nearest points on one mesh, and first hits of rays, in single precision.
 
     Args:
         mesh: The object; it need be neither watertight nor consistently wound.
@@ -155,7 +156,7 @@ class SurfaceQuery:
         self.device = device
         self.mesh = _warp_mesh(mesh, device)
         self.is_lid = mesh.is_lid
-        self._bounds = mesh.bounds
+        self._source = mesh
         wp, warp_field = _warp()
         self._given = DeviceRows(wp.vec3, device=device)
         kinds = {"distance": wp.float32, "point": wp.vec3, "normal_out": wp.vec3, "triangle": wp.int32}
@@ -164,6 +165,15 @@ class SurfaceQuery:
         self._closest = PackedLaunch(
             warp_field.closest_points,
             {**arguments, **self._found},
+            device=device,
+            threads=usable_threads(device),
+        )
+        self._rays = DeviceRows(wp.vec3, device=device), DeviceRows(wp.vec3, device=device)
+        self._met = DeviceRows(wp.int32, device=device)
+        rays = dict(zip(("origins", "directions"), self._rays, strict=True))
+        self._first_hits = PackedLaunch(
+            warp_field.first_hits,
+            {"mesh": self.mesh.id, **rays, "reach": 0.0, "first": FIRST_ROW, "triangle": self._met},
             device=device,
             threads=usable_threads(device),
         )
@@ -178,10 +188,9 @@ class SurfaceQuery:
             InputError: The points are not n×3 finite numbers.
         """
         where = frozen_array(points, (None, 3), "points")
-        far = float(np.abs(self._bounds).max() + np.abs(where).max(initial=0.0)) * 4.0
         with self._closest.lock:
             self._given.put(where)
-            self._closest(len(where), {"reach": far})
+            self._closest(len(where), {"reach": self._beyond(where)})
             distance, point, normal_out, triangle = (rows.get(len(where)) for rows in self._found.values())
         return Closest(
             distance=read_only(distance.astype(np.float64)),
@@ -189,6 +198,28 @@ class SurfaceQuery:
             normal_out=read_only(normal_out.astype(np.float64)),
             triangle=read_only(triangle.astype(np.int64)),
         )
+
+    def cast(self, origins: Array, directions: Array) -> Hits:
+        """First hit of each ray, as :func:`preshape.kernels.rays.cast_plain` finds it.
+
+        The triangle is found in single precision, the distance to it in double precision. Unlike with
+        :class:`preshape.kernels.rays.RayCaster`, the frame's origin must be near the object, and a ray aimed
+        exactly at an edge may pass it.
+
+        Args:
+            origins: (n, 3) in the mesh frame [m].
+            directions: (n, 3) unit vectors.
+        """
+        with self._first_hits.lock:
+            for rows, given in zip(self._rays, (origins, directions), strict=True):
+                rows.put(given)
+            self._first_hits(len(origins), {"reach": self._beyond(origins)})
+            triangle = self._met.get(len(origins)).astype(np.int64)
+        return exact_hits(self._source, triangle, origins, directions)
+
+    def _beyond(self, points: Array) -> float:
+        """A distance that nothing on the mesh is farther away than from these points [m]."""
+        return float(np.abs(self._source.bounds).max() + np.abs(points).max(initial=0.0)) * 4.0
 
 
 def _warp() -> tuple[Any, Any]:

@@ -301,6 +301,24 @@ def closest_points(
 
 
 @wp.kernel
+def first_hits(
+    # Model:
+    mesh: wp.uint64,
+    # In:
+    origins: wp.array[wp.vec3],
+    directions: wp.array[wp.vec3],
+    reach: float,
+    first: int,
+    # Out:
+    triangle: wp.array[int],
+):
+    """The triangle that each ray meets first, from either side; -1 for none."""
+    t = wp.tid() + first
+    hit = wp.mesh_query_ray(mesh, origins[t], directions[t], reach)
+    triangle[t] = wp.where(hit.result, hit.face, -1)
+
+
+@wp.kernel
 def sample_field(
     # Model:
     field: wp.array3d[float],
