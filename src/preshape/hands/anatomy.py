@@ -40,7 +40,10 @@ _SLACK, _AHEAD, _MOST = 0.05, 1.2, 1.5
 _BACK = -0.5
 """Bend of the first joint of an open finger that stands opposite the others [rad] [C]."""
 
-_SNAP = 0.98
+_OVER = 2.3
+"""Largest motion of the first flexion joint of a finger that lies flat when open [rad] [C]."""
+
+_SNAP = 0.992
 """Cosine from which an axis of the palm frame is taken as the nearest axis of the palm's body [C]."""
 
 _TURNED = 0.7
@@ -184,7 +187,9 @@ def anatomy(skeleton: Skeleton, root: str | None, side: str | None, label: str) 
     first, score, differs = _thumb(skeleton, digits)
     radial = _radial(skeleton, digits, first)
     z, faces = _palm_axes(skeleton, digits, first, radial)
-    if not radial and _facing(skeleton, digits, first, z):
+    if radial:
+        digits = tuple(_folded(skeleton, digit) for digit in digits)
+    elif _facing(skeleton, digits, first, z):
         digits = tuple(_opened(skeleton, digit) for digit in digits)
     own, by = _side(skeleton, digits, first, np.cross(-faces, z), label)
     x = np.cross(-faces, z) * (1.0 if (side or own) == "right" else -1.0)
@@ -367,7 +372,7 @@ def _digit(skeleton: Skeleton, joints: tuple[str, ...], centre: Array) -> Digit:
     points, solid = skeleton.vertices(body)
     T = skeleton.frame(body)
     world = points @ T[:3, :3].T + T[:3, 3]
-    reach = _outwards(world, anchor, hinge, before)
+    reach = outwards(world, anchor, hinge, before)
     sign = _curl(skeleton, joints, flexion, hinge, reach, centre)
     tip, end, radius = _tip(world, anchor, hinge, sign, reach)
     drives, curls, working = [], [], []
@@ -416,7 +421,7 @@ def _working(curl: Array, joints: int) -> tuple[float, float]:
     return float(place[0]), float(place[1])
 
 
-def _outwards(world: Array, anchor: Array, hinge: Array, before: Array) -> Array:
+def outwards(world: Array, anchor: Array, hinge: Array, before: Array) -> Array:
     """(3,) vector from a joint to the far end of its link, across the joint's axis [m]."""
     back = anchor - before
     back -= (back @ hinge) * hinge
@@ -515,6 +520,19 @@ def tip_of(skeleton: Skeleton, digit: Digit, angles: dict[str, float]) -> Array:
     skeleton.place(angles)
     T = skeleton.frame(int(skeleton.m.body(digit.tip_body).id))
     return np.asarray(T[:3, :3] @ digit.tip.pos + T[:3, 3])
+
+
+def phalanx(skeleton: Skeleton, digit: Digit) -> float:
+    """Length of a finger's proximal phalanx [m]; with one flexion joint, up to its tip."""
+    first = skeleton.anchor(digit.flexion[0])
+    axis = skeleton.axis(digit.flexion[0])
+    if len(digit.flexion) > 1:
+        end = skeleton.anchor(digit.flexion[1])
+    else:
+        T = skeleton.frame(int(skeleton.m.body(digit.tip_body).id))
+        end = T[:3, :3] @ digit.tip.pos + T[:3, 3]
+    arm = end - first
+    return float(np.linalg.norm(arm - (arm @ axis) * axis))
 
 
 def _partway(skeleton: Skeleton, digit: Digit, spread: dict[str, float], share: float) -> tuple[Array, Array]:
@@ -621,16 +639,34 @@ def _facing(skeleton: Skeleton, digits: tuple[Digit, ...], first: int, z: Array)
 
 def _opened(skeleton: Skeleton, digit: Digit) -> Digit:
     """The digit, whose first flexion joint opens beyond straight as far as its limits allow."""
-    k = next(k for k, curls in enumerate(digit.curls) if curls)
-    drive, (start, end) = digit.drives[k], digit.working[k]
-    bends = [column for column, joint in enumerate(drive.joints) if joint in digit.flexion]
-    skeleton.place({})
-    hinge = skeleton.axis(digit.joints[-1])
-    turn = [digit.sign * float(np.sign(skeleton.axis(drive.joints[column]) @ hinge)) for column in bends]
-    curl = drive.knots[:, bends] @ np.array(turn)
+    k = digit.curls.index(True)
+    curl = _curl_along(skeleton, digit, k)
     share = float(np.interp(max(curl[0], _BACK), curl, np.linspace(0.0, 1.0, len(curl))))
-    working = (*digit.working[:k], (min(start, share), end), *digit.working[k + 1 :])
-    return replace(digit, working=working)
+    start, end = digit.working[k]
+    return _working_at(digit, k, (min(start, share), end))
+
+
+def _folded(skeleton: Skeleton, digit: Digit) -> Digit:
+    """The digit, whose first flexion joint turns on over the palm, because it lies flat when open."""
+    k = digit.curls.index(True)
+    curl = _curl_along(skeleton, digit, k)
+    start, _ = digit.working[k]
+    shares = np.linspace(0.0, 1.0, len(curl))
+    most = min(float(np.interp(start, shares, curl)) + _OVER, float(curl[0] + 0.92 * (curl[-1] - curl[0])))
+    return _working_at(digit, k, (start, float(np.interp(most, curl, shares))))
+
+
+def _working_at(digit: Digit, k: int, shares: tuple[float, float]) -> Digit:
+    return replace(digit, working=(*digit.working[:k], shares, *digit.working[k + 1 :]))
+
+
+def _curl_along(skeleton: Skeleton, digit: Digit, k: int) -> Array:
+    """(KNOTS,) sum of the flexion angles that drive ``k`` of a digit moves [rad], ascending."""
+    skeleton.place({})
+    drive, hinge = digit.drives[k], skeleton.axis(digit.joints[-1])
+    bends = [column for column, joint in enumerate(drive.joints) if joint in digit.flexion]
+    turn = [digit.sign * float(np.sign(skeleton.axis(drive.joints[column]) @ hinge)) for column in bends]
+    return np.asarray(drive.knots[:, bends] @ np.array(turn))
 
 
 def _snapped(z: Array, faces: Array) -> tuple[Array, Array]:

@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 
 from ..types import Array, value
-from .anatomy import Anatomy, Digit, along, anatomy
+from .anatomy import Anatomy, Digit, along, anatomy, phalanx
 from .compiled import CompiledModel
 from .couples import Table, couple_joints, couples_of
 from .findings import DEPTH, refuse, size_findings
@@ -49,6 +49,9 @@ _GRID = {0: 1, 1: 13, 2: 7, 3: 5}
 
 _PARTS = (1.0, 0.7, 0.5)
 """Shares of the fingers' paths that are tried."""
+
+_TRIES = 400
+"""Largest number of tries of which collisions are computed [C]."""
 
 _NEAR, _FAR = 0.01, 1.5
 """Distance of the tips of thumb and finger at half closed that costs nothing, from [m] to [U] [C]."""
@@ -183,7 +186,7 @@ class _Search:
         return self.kinematics.tips(self.hand.fingers)[0]
 
     def fingers(self, paths: list[_Path]) -> list[_Path]:
-        """Let all paths begin clear of the palm, and those of the fingers end clear of it and of each other."""
+        """Let all paths begin clear of the palm, and the fingers' end clear of it and of each other."""
         paths = [self._cleared(k, paths) for k in range(len(paths))]
         reach = np.ones(len(paths))
         for c in np.linspace(0.0, 1.0, _STEPS + 1):
@@ -232,8 +235,19 @@ class _Search:
                     score = self._score(own, halves[k]) + 0.15 * (end - start) + 0.5 * part - moved
                     tried.append(_Try(score=score, path=path, row=k, places=tuple(map(float, places))))
         tried.sort(key=lambda entry: -entry.score)
-        chosen = next((entry for entry in tried[:400] if self._free(entry.path, rows[entry.row])), tried[0])
-        return [chosen.path, *rows[chosen.row]], self._ranges(drives, chosen, tried)
+        chosen, free = self._first_free(tried, rows)
+        return [chosen.path.part(0.0, free), *rows[chosen.row]], self._ranges(drives, chosen, tried)
+
+    def _first_free(self, tried: list[_Try], rows: list[list[_Path]]) -> tuple[_Try, float]:
+        """The best try that is free of collisions, else the one that is free for longest; and how far."""
+        best, most = tried[0], 0.0
+        for entry in tried[:_TRIES]:
+            free = self._free(entry.path, rows[entry.row])
+            if free == 1.0:
+                return entry, 1.0
+            if free > most:
+                best, most = entry, free
+        return best, max(most - _MARGIN, 0.4)
 
     def _row(self, paths: list[_Path]) -> tuple[Array, Array]:
         """Tips [m] and unit directions of motion of the other fingers at half closed."""
@@ -257,16 +271,16 @@ class _Search:
         value_of = opposed - 5 * np.maximum(gap - far, 0.0) - 10 * np.maximum(_NEAR - gap, 0.0)
         return float(np.sort(value_of)[::-1][:2].mean())
 
-    def _free(self, path: _Path, row: list[_Path]) -> bool:
-        """Whether the open hand is free of collisions, and the thumb's way past palm and open fingers."""
+    def _free(self, path: _Path, row: list[_Path]) -> float:
+        """Share of the thumb's path to which the hand is free of collisions, while the fingers are open."""
         posture: dict[str, float] = {}
         for other in row:
             posture |= other.at(0.0)
         for c in np.linspace(0.0, 1.0, _STEPS + 1):
             self.set({**posture, **path.at(float(c))})
             if any(c == 0.0 or pair in ((0, -1), (-1, 0), (0, 0)) for pair in self.hits()):
-                return False
-        return True
+                return float(c)
+        return 1.0
 
     def _ranges(self, drives: tuple[Drive, ...], chosen: _Try, tried: list[_Try]) -> dict[str, list[float]]:
         """For each of the thumb's first joints, the range around its angle that still opposes a finger."""
@@ -279,7 +293,7 @@ class _Search:
             good = {
                 entry.places[k]
                 for entry in tried
-                if entry.score > min(chosen.score, 1.0) - 0.35
+                if entry.score > chosen.score - 0.35
                 and (entry.row, entry.path.start, entry.path.end) == same
                 and all(entry.places[i] == chosen.places[i] for i in range(len(drives)) if i != k)
             }
@@ -388,19 +402,6 @@ def _u(skeleton: Skeleton, found: Anatomy) -> float:
     digit = found.digits[min(2, len(found.digits) - 1)]
     skeleton.place({})
     return round(float(np.clip(phalanx(skeleton, digit), 0.01, 0.2)), 4)
-
-
-def phalanx(skeleton: Skeleton, digit: Digit) -> float:
-    """Length of a finger's proximal phalanx [m]; with one flexion joint, up to its tip."""
-    first = skeleton.anchor(digit.flexion[0])
-    axis = skeleton.axis(digit.flexion[0])
-    if len(digit.flexion) > 1:
-        end = skeleton.anchor(digit.flexion[1])
-    else:
-        T = skeleton.frame(int(skeleton.m.body(digit.tip_body).id))
-        end = T[:3, :3] @ digit.tip.pos + T[:3, 3]
-    arm = end - first
-    return float(np.linalg.norm(arm - (arm @ axis) * axis))
 
 
 def _pitch(skeleton: Skeleton, found: Anatomy) -> float:

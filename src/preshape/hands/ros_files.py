@@ -238,9 +238,9 @@ def find_mesh(name: str, path: Path, meshdir: str = "") -> Path:
         f'in the package "{printable(package[2], 60)}": put its folder above the model, or name the folder '
         "that contains it in ROS_PACKAGE_PATH"
         if package is not None
-        else f"beside {printable(path, 200)}"
+        else "beside the model"
     )
-    raise HandError(f"the mesh {printable(name, 200)} is not found {where}")
+    raise HandError(f"{path}: the mesh {printable(name, 200)} is not found {where}")
 
 
 def _as_written(place: Path) -> Path | None:
