@@ -118,7 +118,7 @@ def _compiled(source: Path | str) -> CompiledModel:
             ranges[joint.name] = (low * scale, high * scale)
             if low > high:
                 joint.range = [high, low]
-        model = spec.compile()
+        model = _compiled_spec(spec)
         if isinstance(source, Path):
             notes += use_visual_shapes(model)
         return _recorded(model, ranges, label, tuple(notes))
@@ -146,6 +146,25 @@ def _spec_of(path: Path, notes: list[str]) -> Any:
     spec = mujoco.MjSpec.from_file(str(path)) if found.whole else mujoco.MjSpec.from_string(found.text)
     notes += mend_spec(spec, path)
     return spec
+
+
+def _compiled_spec(spec: Any) -> Any:
+    """The ``mujoco.MjModel``; flat meshes, which MuJoCo refuses as solids, count as shells."""
+    import mujoco
+
+    try:
+        return spec.compile()
+    except ValueError as error:
+        if "too small" not in str(error):
+            raise
+        for mesh in spec.meshes:
+            mesh.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL
+    try:
+        return spec.compile()
+    except ValueError as error:
+        if "too small" not in str(error):
+            raise
+        raise ValueError(f"{error}; is the scale of this mesh right?") from error
 
 
 def _recorded(

@@ -14,9 +14,10 @@ from ..exceptions import EnvironmentFailure, HandError
 from ..files import MOST_OF_MESH, MOST_OF_MODEL, read_file
 from ..hands import menagerie
 from ..hands.compiled import read_model
+from ..hands.findings import LARGEST_ANGLE
 from ..hands.hand import Hand
 from ..hands.load import built_in_text
-from ..hands.rewrite import rebuilt
+from ..hands.rewrite import STIFF, rebuilt
 from ..types import Array, freeze, frozen_array, value
 
 
@@ -35,6 +36,8 @@ class PhysicsHand:
         joints: Joint names in the order of the angles; other joints below ``root`` are fixed at zero.
         T_root_palm: (4, 4) palm frame in the frame of ``root``, for poses that are given as palm poses.
         source: Name or file that the hand is loaded from; by default its name.
+        order: Pairs of joints, of which the first one's angle is never above the second one's, that the MJCF
+            itself does not enforce.
     """
 
     name: str
@@ -44,6 +47,7 @@ class PhysicsHand:
     joints: tuple[str, ...]
     T_root_palm: Array
     source: str = ""
+    order: tuple[tuple[str, str], ...] = ()
 
     def __post_init__(self) -> None:
         freeze(self, T_root_palm=frozen_array(self.T_root_palm, (4, 4), f"{self.name}: palm frame"))
@@ -52,7 +56,7 @@ class PhysicsHand:
     @property
     def digest(self) -> str:
         """Hash of the content; hands with equal digests behave identically."""
-        state = hashlib.sha256(repr((self.mjcf, self.root, self.joints)).encode())
+        state = hashlib.sha256(repr((self.mjcf, self.root, self.joints, *self.order)).encode())
         for name, content in self.assets:
             state.update(name.encode() + b"\0" + hashlib.sha256(content).digest())
         return state.hexdigest()
@@ -82,6 +86,8 @@ class PhysicsHand:
         if spec.body(self.root) is None:
             raise HandError(f"{self.name}: the MJCF has no body {self.root!r}")
         _fix_other_joints(spec, set(self.joints))
+        for low, high in self.order:
+            _add_order(spec, low, high)
         for geom in list(spec.geoms):
             if _is_visual(geom):
                 spec.delete(geom)
@@ -157,7 +163,8 @@ def hand_from_mjcf(
 def published_hand(hand: Hand, path: str | Path) -> PhysicsHand:
     """The published model of a built-in hand, with its own meshes, gains and torque limits.
 
-    It takes the poses of the built-in hand: joints have the same names, and the palm frame is the same.
+    It takes the poses of the built-in hand: joints have the same names, and the palm frame is the same. The
+    inequalities of its couples, which MJCF models leave out, are added.
 
     Args:
         hand: The built-in hand.
@@ -171,7 +178,17 @@ def published_hand(hand: Hand, path: str | Path) -> PhysicsHand:
     own = physics_hand(rebuilt(data, read_model(Path(path)), str(path)))
     fixed = tuple(str(joint) for joint in data.get("fixed", ()))
     model = hand_from_mjcf(path, root=own.root, fixed=fixed, name=f"{hand.name} ({Path(path).name})")
-    return replace(model, T_root_palm=own.T_root_palm)
+    order = tuple(pair for motor in hand.motors for pair in motor.order)
+    return replace(model, T_root_palm=own.T_root_palm, order=order)
+
+
+def _add_order(spec: Any, low: str, high: str) -> None:
+    """Add a tendon whose limit keeps the angle of one joint at or below that of another."""
+    tendon = spec.add_tendon(name=f"{high}-{low}", limited=True, range=[0.0, 2 * LARGEST_ANGLE])
+    stiff = [float(x) for x in STIFF.split()]
+    tendon.solref_limit[:2], tendon.solimp_limit[:3] = stiff, [0.99, 0.999, 0.001]
+    tendon.wrap_joint(high, 1.0)
+    tendon.wrap_joint(low, -1.0)
 
 
 def _fix_other_joints(spec: Any, wanted: set[str]) -> None:
