@@ -13,6 +13,7 @@ Geometry comes first, names second:
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from itertools import product
 
 import numpy as np
@@ -33,10 +34,16 @@ WRIST = 0.35
 _CLEAR = 1.3
 """Ratio of the ranges to both sides above which a finger's curling direction is clear [C]."""
 
-_SLACK, _MOST = 0.05, 1.5
-"""Bend of a joint of the open finger, and largest motion of a joint from open to closed [rad] [C]."""
+_SLACK, _AHEAD, _MOST = 0.05, 1.2, 1.5
+"""Bend of a joint of the open finger; least and largest motion of a joint from open to closed [rad] [C]."""
 
-_SNAP = 0.98
+_BACK = -0.5
+"""Bend of the first joint of an open finger that stands opposite the others [rad] [C]."""
+
+_OVER = 2.3
+"""Largest motion of the first flexion joint of a finger that lies flat when open [rad] [C]."""
+
+_SNAP = 0.992
 """Cosine from which an axis of the palm frame is taken as the nearest axis of the palm's body [C]."""
 
 _TURNED = 0.7
@@ -132,7 +139,8 @@ class Anatomy:
         side: ``right`` or ``left``.
         by: What decided the side: ``geometry``, ``name`` or ``default``.
         opposition: The thumb's score, from -1 to 1.
-        radial: Whether the fingers stand around the palm without a thumb among them.
+        radial: Whether the open fingers point away from each other, around the palm.
+        thumb: Whether one finger differs from the others as a thumb does.
     """
 
     palm: str
@@ -146,6 +154,7 @@ class Anatomy:
     by: str
     opposition: float
     radial: bool
+    thumb: bool
 
 
 def along(drive: Drive, share: float) -> dict[str, float]:
@@ -175,9 +184,13 @@ def anatomy(skeleton: Skeleton, root: str | None, side: str | None, label: str) 
     towards = _bases(skeleton, chains)
     digits = tuple(_digit(skeleton, chain, towards) for chain in chains)
     _refuse_shared_motors(skeleton, digits, label)
-    first, score = _thumb(skeleton, digits)
+    first, score, differs = _thumb(skeleton, digits)
     radial = _radial(skeleton, digits, first)
     z, faces = _palm_axes(skeleton, digits, first, radial)
+    if radial:
+        digits = tuple(_folded(skeleton, digit) for digit in digits)
+    elif _facing(skeleton, digits, first, z):
+        digits = tuple(_opened(skeleton, digit) for digit in digits)
     own, by = _side(skeleton, digits, first, np.cross(-faces, z), label)
     x = np.cross(-faces, z) * (1.0 if (side or own) == "right" else -1.0)
     others = sorted(
@@ -193,7 +206,7 @@ def anatomy(skeleton: Skeleton, root: str | None, side: str | None, label: str) 
         palm=name,
         root=mount,
         digits=ordered,
-        names=_names(ordered, radial),
+        names=_names(ordered, differs and not radial),
         fixed={**fixed, **held},
         points=up,
         faces=front,
@@ -201,6 +214,7 @@ def anatomy(skeleton: Skeleton, root: str | None, side: str | None, label: str) 
         by="request" if side else by,
         opposition=score,
         radial=radial,
+        thumb=differs and not radial,
     )
 
 
@@ -224,7 +238,7 @@ def _palm_and_chains(
             f"{label}: its fingers slide (joints {', '.join(ends[:4])}); preshape closes fingers on hinges, "
             "so a gripper with sliding jaws cannot be planned for"
         )
-    groups = _hands(skeleton, [paths[end] for end in ends if end in source.hinges])
+    groups = _hands(skeleton, [paths[end] for end in ends if end in source.hinges], root)
     if not groups:
         raise HandError(
             f"{label}: no part of the model looks like a hand: a body with two or more chains of hinges that "
@@ -278,7 +292,9 @@ def _path(skeleton: Skeleton, joint: str, among: tuple[str, ...]) -> tuple[str, 
     )
 
 
-def _hands(skeleton: Skeleton, paths: list[tuple[str, ...]]) -> list[tuple[int, list[tuple[str, ...]]]]:
+def _hands(
+    skeleton: Skeleton, paths: list[tuple[str, ...]], root: str | None
+) -> list[tuple[int, list[tuple[str, ...]]]]:
     """Bodies with two finger-like chains or more, and these chains; none of them within another."""
     source = skeleton.source
     above: dict[int, list[tuple[str, ...]]] = {}
@@ -286,7 +302,10 @@ def _hands(skeleton: Skeleton, paths: list[tuple[str, ...]]) -> list[tuple[int, 
         for body in source.chain(skeleton.body_of(path[-1]))[1:]:
             above.setdefault(body, []).append(path)
     found = []
+    top = None if root is None else skeleton.m.body(root).id
     for body, chains in above.items():
+        if top is not None and top not in source.chain(body):
+            continue
         ways = {_branch(skeleton, path, body) for path in chains}
         place = skeleton.frame(body)[:3, 3]
         reach = max(float(np.linalg.norm(skeleton.anchor(path[-1]) - place)) for path in chains)
@@ -353,7 +372,7 @@ def _digit(skeleton: Skeleton, joints: tuple[str, ...], centre: Array) -> Digit:
     points, solid = skeleton.vertices(body)
     T = skeleton.frame(body)
     world = points @ T[:3, :3].T + T[:3, 3]
-    reach = _outwards(world, anchor, hinge, before)
+    reach = outwards(world, anchor, hinge, before)
     sign = _curl(skeleton, joints, flexion, hinge, reach, centre)
     tip, end, radius = _tip(world, anchor, hinge, sign, reach)
     drives, curls, working = [], [], []
@@ -396,13 +415,13 @@ def _working(curl: Array, joints: int) -> tuple[float, float]:
         return 0.0, 1.0
     low, high = float(curl[0]), float(curl[-1])
     # Nearly straight, but with most of the range ahead: some joints bend only backwards from zero.
-    start = max(low, min(_SLACK * joints, high - 0.8 * (high - low)))
+    start = max(low, min(_SLACK * joints, high - min(0.8 * (high - low), _AHEAD * joints)))
     end = min(low + 0.92 * (high - low), start + _MOST * joints)
     place = np.interp([start, end], curl, np.linspace(0.0, 1.0, len(curl)))
     return float(place[0]), float(place[1])
 
 
-def _outwards(world: Array, anchor: Array, hinge: Array, before: Array) -> Array:
+def outwards(world: Array, anchor: Array, hinge: Array, before: Array) -> Array:
     """(3,) vector from a joint to the far end of its link, across the joint's axis [m]."""
     back = anchor - before
     back -= (back @ hinge) * hinge
@@ -503,6 +522,19 @@ def tip_of(skeleton: Skeleton, digit: Digit, angles: dict[str, float]) -> Array:
     return np.asarray(T[:3, :3] @ digit.tip.pos + T[:3, 3])
 
 
+def phalanx(skeleton: Skeleton, digit: Digit) -> float:
+    """Length of a finger's proximal phalanx [m]; with one flexion joint, up to its tip."""
+    first = skeleton.anchor(digit.flexion[0])
+    axis = skeleton.axis(digit.flexion[0])
+    if len(digit.flexion) > 1:
+        end = skeleton.anchor(digit.flexion[1])
+    else:
+        T = skeleton.frame(int(skeleton.m.body(digit.tip_body).id))
+        end = T[:3, :3] @ digit.tip.pos + T[:3, 3]
+    arm = end - first
+    return float(np.linalg.norm(arm - (arm @ axis) * axis))
+
+
 def _partway(skeleton: Skeleton, digit: Digit, spread: dict[str, float], share: float) -> tuple[Array, Array]:
     """Tip [m] and unit direction of its motion at a share of its working range."""
     ends = [tip_of(skeleton, digit, {**spread, **digit.at(share + h)}) for h in (-0.02, 0.02)]
@@ -523,8 +555,8 @@ def _spread_postures(digit: Digit, steps: int) -> list[dict[str, float]]:
     return found
 
 
-def _thumb(skeleton: Skeleton, digits: tuple[Digit, ...]) -> tuple[int, float]:
-    """Index of the finger that opposes the others best, and its score."""
+def _thumb(skeleton: Skeleton, digits: tuple[Digit, ...]) -> tuple[int, float, bool]:
+    """Index of the finger that opposes the others best, its score, and whether it is unlike the others."""
     score = np.full(len(digits), -1.0)
     for share in _SHARES:
         halves = [_partway(skeleton, digit, {}, share) for digit in digits]
@@ -549,7 +581,10 @@ def _thumb(skeleton: Skeleton, digits: tuple[Digit, ...]) -> tuple[int, float]:
     else:
         near = score > score.max() - 0.2
         first = int(np.where(near, alike + 0.01 * score, -np.inf).argmax())
-    return first, float(score[first])
+    unlike = (
+        bool(named.sum() == 1 and named[first]) or float(score[first] - np.delete(score, first).max()) > 0.1
+    )
+    return first, float(score[first]), unlike
 
 
 def _neutral(skeleton: Skeleton, digit: Digit) -> tuple[Array, Array, Array]:
@@ -596,6 +631,44 @@ def _palm_axes(
     return np.asarray(z), np.asarray(faces / np.linalg.norm(faces))
 
 
+def _facing(skeleton: Skeleton, digits: tuple[Digit, ...], first: int, z: Array) -> bool:
+    """Whether thumb and fingers stand side by side and close towards each other, as jaws do."""
+    own, other = _neutral(skeleton, digits[first]), _neutral(skeleton, digits[first - 1])
+    return bool(own[1] @ z > 0.7 and own[2] @ other[2] < -0.3)
+
+
+def _opened(skeleton: Skeleton, digit: Digit) -> Digit:
+    """The digit, whose first flexion joint opens beyond straight as far as its limits allow."""
+    k = digit.curls.index(True)
+    curl = _curl_along(skeleton, digit, k)
+    share = float(np.interp(max(curl[0], _BACK), curl, np.linspace(0.0, 1.0, len(curl))))
+    start, end = digit.working[k]
+    return _working_at(digit, k, (min(start, share), end))
+
+
+def _folded(skeleton: Skeleton, digit: Digit) -> Digit:
+    """The digit, whose first flexion joint turns on over the palm, because it lies flat when open."""
+    k = digit.curls.index(True)
+    curl = _curl_along(skeleton, digit, k)
+    start, _ = digit.working[k]
+    shares = np.linspace(0.0, 1.0, len(curl))
+    most = min(float(np.interp(start, shares, curl)) + _OVER, float(curl[0] + 0.92 * (curl[-1] - curl[0])))
+    return _working_at(digit, k, (start, float(np.interp(most, curl, shares))))
+
+
+def _working_at(digit: Digit, k: int, shares: tuple[float, float]) -> Digit:
+    return replace(digit, working=(*digit.working[:k], shares, *digit.working[k + 1 :]))
+
+
+def _curl_along(skeleton: Skeleton, digit: Digit, k: int) -> Array:
+    """(KNOTS,) sum of the flexion angles that drive ``k`` of a digit moves [rad], ascending."""
+    skeleton.place({})
+    drive, hinge = digit.drives[k], skeleton.axis(digit.joints[-1])
+    bends = [column for column, joint in enumerate(drive.joints) if joint in digit.flexion]
+    turn = [digit.sign * float(np.sign(skeleton.axis(drive.joints[column]) @ hinge)) for column in bends]
+    return np.asarray(drive.knots[:, bends] @ np.array(turn))
+
+
 def _snapped(z: Array, faces: Array) -> tuple[Array, Array]:
     """Both directions, as axes of the palm's body where they nearly are, and perpendicular."""
     found = []
@@ -631,16 +704,14 @@ def _word(label: str) -> str | None:
     return best if counts[best] else None
 
 
-def _names(digits: tuple[Digit, ...], radial: bool) -> tuple[str, ...]:
+def _names(digits: tuple[Digit, ...], thumb: bool) -> tuple[str, ...]:
     """A short name for each finger: the anatomical one that its links have, else its place."""
     words = [_word(digit.label) for digit in digits]
-    usual = {2: ("thumb", "index"), 3: ("thumb", "index", "middle"), 4: ("thumb", "index", "middle", "ring")}
+    usual = ("thumb", "index", "middle", "ring", "little")
     if len(set(words)) == len(words) and None not in words and words[0] == "thumb":
         return tuple(str(word) for word in words)
-    if words[0] == "thumb" and len(digits) in usual:
-        return usual[len(digits)]
-    if len(digits) == 5 and not radial:
-        return ("thumb", "index", "middle", "ring", "little")
+    if thumb and len(digits) <= len(usual):
+        return usual[: len(digits)]
     stems = [_stem(digit) for digit in digits]
     if len(set(stems)) == len(stems) and all(stems):
         return tuple(stems)

@@ -109,11 +109,12 @@ class Skeleton:
         found = []
         for motor in dict.fromkeys(self.motors[joint] for joint in joints):
             own = [k for k, joint in enumerate(motor.joints) if joint in joints]
+            low, high = (float(bound) for bound in motor.range)
             found.append(
                 Drive(
                     motor=motor.name,
                     joints=tuple(motor.joints[k] for k in own),
-                    knots=motor.angles(np.linspace(motor.range[0], motor.range[1], KNOTS))[:, own],
+                    knots=motor.angles(np.linspace(low, high, KNOTS))[:, own],
                 )
             )
         return tuple(found)
