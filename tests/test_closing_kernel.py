@@ -181,6 +181,10 @@ def test_link_distances_agree_with_the_plain_version(hand: str, detail: float) -
     np.testing.assert_array_equal(near[inside], distance[inside])
     np.testing.assert_array_equal(which, np.where(inside, sphere, -1))
     np.testing.assert_array_equal(near[~inside], np.where(distance[~inside] == FAR, FAR, np.float32(0.004)))
+    asked = np.random.default_rng(0).random(distance.shape) < 0.5
+    part, which = kernel.link_distances(at.place, at.turn, q, asked=asked)
+    np.testing.assert_array_equal(part, np.where(asked, distance, FAR))
+    np.testing.assert_array_equal(which, np.where(asked, sphere, -1))
 
 
 # The tables

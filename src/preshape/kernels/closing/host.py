@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ...exceptions import InputError
-from ...types import Array, IntArray, freeze, frozen_array, value
+from ...types import Array, BoolArray, IntArray, freeze, frozen_array, value
 
 if TYPE_CHECKING:
     from ..field.host import DistanceField
@@ -225,6 +225,7 @@ class ClosingKernel:
             "place": rows(wp.vec3),
             "turn": rows(wp.quat),
             "posture": rows(wp.float32, joints),
+            "asked": rows(wp.bool, joints + 1),
         }
         given = {**model, **self._link_posed, "enough": _FAR, "first": FIRST_ROW, **self._linked}
         self._link = PackedLaunch(distances.link_distances, given, device=device, threads=self.threads)
@@ -309,7 +310,13 @@ class ClosingKernel:
             return to_object.get(n), to_obstacles.get(n)
 
     def link_distances(
-        self, place: Array, turn: Array, posture: Array, *, enough: float = math.inf
+        self,
+        place: Array,
+        turn: Array,
+        posture: Array,
+        *,
+        asked: BoolArray | None = None,
+        enough: float = math.inf,
     ) -> tuple[Array, IntArray]:
         """Distance from the object of each link of hands in given postures.
 
@@ -317,6 +324,8 @@ class ClosingKernel:
             place: (n, 3) origins of the palm frames in the mesh frame [m].
             turn: (n, 4) orientations of the palm frames, quaternions wxyz.
             posture: (n, j) joint angles [rad].
+            asked: (n, j + 1) the links, and last the palm, whose distance is computed, which takes most of the
+                time; that of the others is returned as 1e6. ``None`` for all.
             enough: The distance of a link that is farther is returned as this one, without a sphere [m]; a
                 smaller value is faster.
 
@@ -326,8 +335,10 @@ class ClosingKernel:
             tables' ``sphere``, for the palm in ``palm``; -1 for none.
         """
         n = len(place)
+        which = np.ones((n, self.joints + 1), dtype=bool) if asked is None else asked
         with self._link.lock:
-            for rows, values in zip(self._link_posed.values(), (place, _xyzw(turn), posture), strict=True):
+            arrays = place, _xyzw(turn), posture, which
+            for rows, values in zip(self._link_posed.values(), arrays, strict=True):
                 rows.put(values)
             self._link(n, {"enough": min(float(enough), _FAR)})
             distance, sphere = self._linked.values()

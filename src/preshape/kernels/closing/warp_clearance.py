@@ -164,6 +164,7 @@ def link_distances(
     place: wp.array(dtype=wp.vec3),
     turn: wp.array(dtype=wp.quat),
     posture: wp.array2d(dtype=wp.float32),
+    asked: wp.array2d(dtype=wp.bool),
     enough: wp.float32,
     first: wp.int32,
     # Out:
@@ -173,35 +174,40 @@ def link_distances(
     """Distance from the object of the link after each joint and, last, of the palm; see the host's method."""
     i = first + wp.tid()
     joints = posture.shape[1]
-    least, which = nearest_sphere(
-        field,
-        hand.palm,
-        hand.palm_bound,
-        hand.palm_group,
-        0,
-        hand.palm_bound.shape[0],
-        place[i],
-        wp.quat_to_matrix(turn[i]),
-        enough,
-    )
-    distance[i, joints] = least
-    sphere[i, joints] = which
+    for link in range(joints + 1):
+        distance[i, link] = FAR
+        sphere[i, link] = -1
+    if asked[i, joints]:
+        least, which = nearest_sphere(
+            field,
+            hand.palm,
+            hand.palm_bound,
+            hand.palm_group,
+            0,
+            hand.palm_bound.shape[0],
+            place[i],
+            wp.quat_to_matrix(turn[i]),
+            enough,
+        )
+        distance[i, joints] = least
+        sphere[i, joints] = which
     for finger in range(hand.fingers):
         p = place[i]
         q = turn[i]
         for joint in range(hand.joint_start[finger], hand.joint_start[finger + 1]):
             p = p + wp.quat_rotate(q, hand.offset[joint])
             q = q * hand.turn[joint] * wp.quat_from_axis_angle(hand.axis[joint], posture[i, joint])
-            least, which = nearest_sphere(
-                field,
-                hand.sphere,
-                hand.bound,
-                hand.group_sphere,
-                hand.group_start[joint],
-                hand.group_start[joint + 1],
-                p,
-                wp.quat_to_matrix(q),
-                enough,
-            )
-            distance[i, joint] = least
-            sphere[i, joint] = which
+            if asked[i, joint]:
+                least, which = nearest_sphere(
+                    field,
+                    hand.sphere,
+                    hand.bound,
+                    hand.group_sphere,
+                    hand.group_start[joint],
+                    hand.group_start[joint + 1],
+                    p,
+                    wp.quat_to_matrix(q),
+                    enough,
+                )
+                distance[i, joint] = least
+                sphere[i, joint] = which
