@@ -49,7 +49,7 @@ _SNAP = 0.992
 _TURNED = 0.7
 """Share of its range at which a motor stays that moves palm and thumb at once [C]."""
 
-_SHARES = (0.3, 0.5)
+_SHARES = (0.15, 0.3, 0.5)
 """Shares of the closing motion at which fingers are compared with a thumb [C]."""
 
 _SMALLEST, _LARGEST = 3e-3, 15e-3
