@@ -22,9 +22,10 @@ from typing import Any
 import numpy as np
 
 from ..types import Array, value
-from .anatomy import Anatomy, Digit, along, anatomy, phalanx
+from .anatomy import Anatomy, anatomy
 from .compiled import CompiledModel
 from .couples import Table, couple_joints, couples_of
+from .digits import Digit, along, phalanx
 from .findings import DEPTH, refuse, size_findings
 from .hand import LONGEST_HAND_NAME, Hand
 from .kinematics import HandKinematics
