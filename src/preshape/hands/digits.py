@@ -105,7 +105,7 @@ def digit_of(skeleton: Skeleton, joints: tuple[str, ...], centre: Array) -> Digi
     Args:
         skeleton: The model.
         joints: Its hinges from the palm outwards.
-        centre: (3,) middle of the fingers' first joints [m], to which a finger curls that could curl both ways.
+        centre: (3,) middle of the fingers' first joints [m]; a finger that could curl both ways curls to it.
     """
     skeleton.place({})
     last = joints[-1]
