@@ -51,8 +51,8 @@ REFUSED_EXAMINED = 24
 ENOUGH_MARGIN, ENOUGH_CLOSED = 1.5, 100
 """Limits of a poor search [C]. More candidates are drawn if the best margin is below the first number, or if
 fewer than the second closed. The best are refined again while the margin is below the first number."""
-WRAP_ELITE, WRAP_CHILDREN = 12, 4
-"""Size of the elite set of wraps, and number of children of each of them [C]."""
+WRAP_ELITE, WRAP_CHILDREN, WRAP_SAMPLES = 16, 6, 4
+"""Size of the elite set of wraps, number of children of each of them, and of disturbed poses [C]."""
 _CACHED_AIMS = 24
 
 
@@ -425,7 +425,8 @@ class ClosureAnalyser:
         found = self.search.refine(
             rng, found, demand, elite=WRAP_ELITE, children=WRAP_CHILDREN, rounds=settings.rounds
         )
-        examined = found.take(distinct(found, max(8, 4 * options.count)))
+        examined = found.take(distinct(found, max(16, 4 * options.count)))
+        examined = self.search.steady(rng, examined, demand, samples=WRAP_SAMPLES)
         return self.finisher.finish(examined, demand, options), found.tried
 
     def _is_explored(self, q: Array) -> bool:

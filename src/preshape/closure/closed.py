@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..hiis.analyser import PALM
 from ..kernels.chains import joint_frames, rotations
 from ..kernels.closing.host import Candidates
 from ..kernels.field.host import SurfaceQuery
@@ -14,8 +15,8 @@ from ..types import Array, BoolArray, IntArray, value
 SUNK, OUTSIDE = 0.003, 1e-5
 """Largest penetration of a touching sphere, which is the error of a grid that resolves the object, and least
 distance of its centre from the surface [m] [C]."""
-PALM = "palm"
-"""What a contact of the palm is called where others have the name of their finger."""
+WRAP = 1 << 16
+"""Bit of a candidate's mask: the hand wraps; without it, it grips with its fingertips."""
 ON_PALM = -1
 """Link of a contact on the palm."""
 
@@ -46,12 +47,6 @@ class ClosedHands:
         """The hands with these indices, in that order."""
         own = {name: getattr(self, name)[rows] for name in _ROWS}
         return ClosedHands(candidates=self.candidates.take(rows), **own)
-
-    @property
-    def palm_touches(self) -> BoolArray:
-        """(n,) whether the palm touches the object."""
-        used = np.arange(self.links.shape[1]) < self.counts[:, None]
-        return np.asarray((used & (self.links == ON_PALM)).any(axis=1))
 
 
 _ROWS = ("grasp", "points", "normals_in", "links", "counts", "real")

@@ -18,10 +18,10 @@ from ..kernels.field.host import SurfaceQuery
 from ..kernels.hand_spheres import FINE
 from ..types import Array, IntArray, value
 from .candidates import DrawnCandidates, RankedCandidates
-from .closed import ON_PALM, ClosedHands, closed_hands, part_name
+from .closed import ON_PALM, WRAP, ClosedHands, closed_hands, part_name
 from .demand import LONGEST, Demand
 from .hand_tables import hand_tables
-from .opening import ALONG, NEAREST, OPENING, Opener
+from .opening import ALONG, BACK, NEAREST, OPENING, Opener
 from .preshapes import posture_at
 from .pressing import Squeezer, UnitSqueeze, finger_order, turn_from_contact_error
 from .search import MIN_CONTACTS, ClosureSearch
@@ -221,7 +221,7 @@ class Finisher:
                 part[apart[part] | options.anyway],
                 found.drawn.plane,
                 options.planes,
-                palm_touches=hands.palm_touches,
+                wrapping=candidates.mask & WRAP != 0,
                 anyway=options.anyway,
             )
             strengths = np.zeros(0)
@@ -312,6 +312,7 @@ class Finisher:
             quality=ENOUGH if firm else quality(margin, turn, unexplored=options.unexplored),
             clearance=candidate.clearance,
             refused=candidate.refused,
+            back=BACK if int(drawn.candidates.mask[row]) & WRAP else 0.0,
         )
 
 

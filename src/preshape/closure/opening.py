@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -25,6 +26,8 @@ ALONG = 0.7
 """Least cosine between the approach direction and the approach axis of the plane that a grip belongs to."""
 STATIONS = np.linspace(0.0, 1.0, 21)
 """Fractions of the path back to the open posture at which a pregrasp is tested; 1 is fully open."""
+BACK = 0.008
+"""Distance by which the opened hand of a wrap stands back [m] [C]."""
 WAY_IN, STRIDE = 0.12, 0.006
 """Length of the straight approach that is checked, and the step of that check [m] [C]."""
 
@@ -82,7 +85,7 @@ class Opener:
         own: IntArray,
         planes: Sequence[int],
         *,
-        palm_touches: BoolArray | None = None,
+        wrapping: BoolArray | None = None,
         anyway: bool = False,
     ) -> Openings:
         """Pregrasps and approach directions of the candidates that have both.
@@ -97,19 +100,25 @@ class Opener:
             rows: (k,) indices of the candidates to open.
             own: (n,) approach plane that each was drawn for.
             planes: Approach planes that the approach direction may belong to.
-            palm_touches: (n,) whether the palm touches the object; it then stays while the fingers open.
+            wrapping: (n,) whether the hand wraps. Its palm arrives last: the opened hand stands back by ``BACK``,
+                and comes in the way that the palm faces.
             anyway: Whether to return the other candidates too, with what refused them.
         """
-        touches = np.zeros(len(grasp), dtype=bool) if palm_touches is None else palm_touches
-        pregrasp, least, opens = self._opened(candidates, grasp, rows, touches[rows])  # 1.
+        R = rotations(candidates.turn)
+        if wrapping is not None and wrapping.any():
+            back = np.where(wrapping[:, None], BACK * R[:, :, 1], 0.0)
+            candidates = replace(candidates, place=candidates.place + back)
+        else:
+            wrapping = np.zeros(len(grasp), dtype=bool)
+        pregrasp, least, opens = self._opened(candidates, grasp, rows)  # 1.
         if not anyway:
             rows, pregrasp, least, opens = rows[opens], pregrasp[opens], least[opens], opens[opens]
-        approach = APPROACH_AXES[own[rows] - 1]
+        R, facing = R[rows], wrapping[rows]
+        approach = np.where(facing[:, None], -R[:, :, 1], APPROACH_AXES[own[rows] - 1])
         clearance, free = self._way_in(candidates, rows, pregrasp, approach)  # 2.
         axes = APPROACH_AXES[np.asarray(planes) - 1]
-        R = rotations(candidates.turn[rows])
         for other in (R[:, :, 2], unit(R[:, :, 2] - R[:, :, 1]), -R[:, :, 1]):  # 3.
-            blocked = np.flatnonzero(~free & ((other @ axes.T).max(axis=1) > ALONG))
+            blocked = np.flatnonzero(~free & ~facing & ((other @ axes.T).max(axis=1) > ALONG))
             if len(blocked):
                 found, clear = self._way_in(candidates, rows[blocked], pregrasp[blocked], other[blocked])
                 blocked, found = blocked[clear], found[clear]
@@ -131,16 +140,14 @@ class Opener:
             refused=tuple(clauses[free].tolist()),
         )
 
-    def _opened(
-        self, candidates: Candidates, grasp: Array, rows: IntArray, palm_touches: BoolArray
-    ) -> tuple[Array, Array, BoolArray]:
+    def _opened(self, candidates: Candidates, grasp: Array, rows: IntArray) -> tuple[Array, Array, BoolArray]:
         """Opened joint angles (k, j) [rad], their clearance (k,) [m], and whether the hand opens (k,)."""
         k, n, f = len(rows), len(STATIONS), len(self.tables.fingers)
         begin, end = (q[rows] @ self.tables.command.T for q in (candidates.start, grasp))
         shares = 1.0 - STATIONS
         of = np.repeat(rows, n)
         commands = begin[:, None] + shares[:, None] * (end - begin)[:, None]
-        postures = posture_of(self.tables, commands.reshape(k * n, -1))
+        postures = posture_of(self.tables, commands.reshape(k * n, len(self.tables.range)))
         to_object, to_obstacles = self.kernel.clearances(
             candidates.place[of], candidates.turn[of], postures, self.obstacles, enough=OPENING
         )
@@ -150,8 +157,7 @@ class Opener:
         station = np.where(clear.any(axis=1), clear.argmax(axis=1), fingers.argmax(axis=1))
         opened = posture_of(self.tables, begin + shares[station][:, self._finger_of_motor] * (end - begin))
         reached = np.take_along_axis(fingers, station[:, None], axis=1)[:, 0]
-        palm = np.where(palm_touches, OPENING, to_object[:, -1].reshape(k, n)[:, 0])
-        least = np.minimum(reached.min(axis=1), palm)
+        least = np.minimum(reached.min(axis=1), to_object[:, -1].reshape(k, n)[:, 0])
         blocked = (to_obstacles.reshape(k, n) <= 0) & (np.arange(n) <= station.max(axis=1)[:, None])
         sound = (least >= NEAREST) & ~blocked.any(axis=1)
         sound[sound] = [self.links_apart(q) for q in opened[sound]]

@@ -20,10 +20,13 @@ from ..kernels.chains import rotations
 from ..kernels.tables import HandTables
 from ..spatial import skew
 from ..types import Array, IntArray
-from .closed import ClosedHands, link_chain
+from .closed import WRAP, ClosedHands, link_chain
 
 EVENNESS = 0.1
 """Weight of an even distribution of the forces; the balance of the forces has weight ten [C]."""
+STRAIN, LESS_EVEN, BALANCE = 20.0, 0.3, 5.0
+"""Weight of the motors' strain when the forces of a wrap are chosen, and factors on the weights of an even
+distribution and of the balance there [C]."""
 EDGES = 8
 """Number of edges of the pyramid that stands for a friction cone when forces are chosen."""
 CONTACT_ERROR = 0.002
@@ -105,7 +108,14 @@ class Squeezer:
         ]
         rates = self.hand.rates(hands.grasp[row])
         pressing = self._pressing(by_joint, chains, rates) if self._orders else None
-        forces = grip_forces(arms, normals, self.mu, pressing)
+        strain = None
+        if candidates.mask[row] & WRAP:
+            # A wrap has many ways to press; the one that strains the motors least can press hardest.
+            strain = [
+                (rates[chain] / self.hand.torque_limits).T @ J[:3].T
+                for J, chain in zip(by_joint, chains, strict=True)
+            ]
+        forces = grip_forces(arms, normals, self.mu, pressing, strain)
         wrench = np.concatenate([forces.sum(axis=0), cross(arms, forces).sum(axis=0)])
         torques = np.zeros(len(self.hand.joints))
         for J, chain, force in zip(by_joint, chains, forces, strict=True):
@@ -113,7 +123,7 @@ class Squeezer:
         # By virtual work; reactions of stops and of inequalities do none.
         drive = torques @ rates
         motors = [np.unique(self.tables.motor[chain]) for chain in chains]
-        strain = float((np.abs(drive) / self.hand.torque_limits).max())
+        most = float((np.abs(drive) / self.hand.torque_limits).max())
         return UnitSqueeze(
             points=points,
             normals_in=normals,
@@ -126,7 +136,7 @@ class Squeezer:
             motors=motors,
             torques=torques,
             drive=drive,
-            max_press=1.0 / max(strain, 1e-9),
+            max_press=1.0 / max(most, 1e-9),
         )
 
     def _pressing(self, jacobians: list[Array], chains: list[slice], rates: Array) -> list[Array]:
@@ -157,7 +167,13 @@ def finger_order(tables: HandTables) -> list[int]:
     return [t, *(f for f in range(len(tables.fingers)) if f != t)]
 
 
-def grip_forces(arms: Array, normals_in: Array, mu: float, pressing: Sequence[Array] | None = None) -> Array:
+def grip_forces(
+    arms: Array,
+    normals_in: Array,
+    mu: float,
+    pressing: Sequence[Array] | None = None,
+    strain: Sequence[Array] | None = None,
+) -> Array:
     """(n, 3) forces of a squeeze: balanced, within the friction cones, with normal parts that sum to one.
 
     Of all balanced forces in pyramids of ``EDGES`` edges, the result is close to the one spread most evenly
@@ -168,6 +184,8 @@ def grip_forces(arms: Array, normals_in: Array, mu: float, pressing: Sequence[Ar
         normals_in: (n, 3) inward unit normals.
         mu: Friction that the forces may use.
         pressing: For each contact, (i, 3) directions along which its force must not be negative.
+        strain: For each contact, (m, 3) share of each motor's torque limit that its force takes [1/N]. With
+            it, forces that strain the motors less are preferred to even ones.
     """
     from scipy.optimize import nnls
 
@@ -186,6 +204,13 @@ def grip_forces(arms: Array, normals_in: Array, mu: float, pressing: Sequence[Ar
     # Rows: balance of forces and torques, the sum of the weights, and one penalty for each weight.
     rows = np.concatenate([10 * wrenches.T, 10 * np.ones((1, n * EDGES)), penalty * np.eye(n * EDGES)])
     wanted = np.concatenate([np.zeros(6), [10.0], np.full(n * EDGES, penalty / (n * EDGES))])
+    if strain is not None:
+        loads = np.concatenate([share @ edge.T for share, edge in zip(strain, edges, strict=True)], axis=1)
+        rows[:6] *= BALANCE
+        rows = np.concatenate([rows, STRAIN * loads])
+        wanted = np.append(wanted, np.zeros(len(loads)))
+        rows[7 : 7 + n * EDGES] *= LESS_EVEN
+        wanted[7 : 7 + n * EDGES] *= LESS_EVEN
     for k, directions in enumerate(pressing or ()):
         # A contact none of whose edges can be pressed keeps them: then the hand is refused by its balance.
         refused = (edges[k] @ directions.T < -1e-9).any(axis=1)

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from ..hands.hand import Hand
+from ..hands.kinematics import HandKinematics
 from ..hiis.analyser import Grip
 from ..kernels.closing.host import Candidates, ClosingKernel, Closings, Fate
 from ..kernels.field.host import DistanceField, SurfaceQuery
@@ -22,12 +23,12 @@ from ..kernels.margin.host import CONTACTS, MarginKernel
 from ..kernels.tables import HandTables
 from ..types import Array, BoolArray, IntArray
 from .candidates import DrawnCandidates, RankedCandidates, distinct, merged
-from .closed import ClosedHands, closed_hands
+from .closed import WRAP, ClosedHands, closed_hands
 from .demand import HOLD, LEVER, Demand
 from .hand_tables import hand_tables
 from .preshapes import Preshapes, motor_ranges, posture_at, posture_of, preshapes
 from .settings import ClosureSettings
-from .wrapping import WRAP, Wrapper
+from .wrapping import Wrapper
 
 MIN_CONTACTS = 2
 """Least number of contacts of a candidate, thumb included; its margin decides whether they are enough."""
@@ -73,6 +74,7 @@ class ClosureSearch:
         self.pool: Preshapes = preshapes(hand)
         self.ranges = motor_ranges(hand, self.tables)
         self.kernel = ClosingKernel(self.tables, field, device=settings.device, threads=settings.threads)
+        self._kinematics = HandKinematics(hand)
         self.wrapper = Wrapper(self.tables, self.kernel, field, gap=WRAP_GAP, near=WRAP_NEAR)
         lever = min(LEVER, 1.5 * self.length)
         holding = [(lever, HOLD if not turns else HOLD[[0, 1, 2, 6, 7, 8]]), *turns]
@@ -135,6 +137,7 @@ class ClosureSearch:
             raise ValueError("wraps need the object's surface")
         hands = closed_hands(self.tables, self.query, *self.wrapper.close(candidates, back=BACK))
         rows = np.flatnonzero(hands.real)
+        rows = rows[[self._links_apart(q) for q in hands.grasp[rows]]] if len(rows) else rows
         hands, n = hands.take(rows), len(rows)
         closings = Closings(
             fate=np.full(n, Fate.CLOSED, dtype=np.int64),
@@ -145,6 +148,11 @@ class ClosureSearch:
             counts=hands.counts,
         )
         return rows, closings, hands.candidates, hands.grasp
+
+    def _links_apart(self, q: Array) -> bool:
+        """Whether no two links of the hand overlap; fingers that go round an object may meet each other."""
+        self._kinematics.set_posture(q)
+        return not self._kinematics.collides(WRAP_GAP)
 
     def _hits(self, hands: Candidates, grasp: Array) -> BoolArray:
         """(k, m) whether these hands collide with each obstacle, closed or a little opened."""

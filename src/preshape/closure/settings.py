@@ -62,7 +62,7 @@ class ClosureSettings:
     at_aim: int = 160
     on_plane: int = 500
     everywhere: int = 2000
-    wraps: int = 1200
+    wraps: int = 2400
     persistence: int = 3
     elite: int = 32
     children: int = 6

@@ -22,12 +22,10 @@ from ..objects.mesh import TriangleMesh
 from ..spatial import rotation_from_vector
 from ..types import Array, BoolArray, IntArray
 from .candidates import DrawnCandidates, Region, quaternions
-from .closed import ON_PALM
+from .closed import ON_PALM, WRAP
 from .opening import ALONG
 from .preshapes import Preshapes, posture_of
 
-WRAP = 1 << 20
-"""Bit of a candidate's mask: the hand wraps; without it, it grips with its fingertips."""
 STANDOFF = 0.15
 """Distance from the surface at which the palm of a drawn wrap begins [m] [C]."""
 JITTER = 0.15
@@ -36,6 +34,8 @@ MOVES, STEPS = 24, 60
 """Largest number of steps of the palm towards the object, and of the fingers round it."""
 PALM_CONTACTS, PALM_APART = 4, 0.012
 """Largest number of contacts of the palm, and their least distance from each other [m] [C]."""
+FURTHEST = 0.06
+"""Distances of links are computed up to this one [m]; a step of the fingers is not longer in any case."""
 FEWEST = 3
 """Least number of contacts of a wrap."""
 
@@ -181,7 +181,9 @@ class Wrapper:
         for k in range(MOVES):
             if not len(going):
                 break
-            distance, _ = self.kernel.link_distances(place[going], candidates.turn[going], posture[going])
+            distance, _ = self.kernel.link_distances(
+                place[going], candidates.turn[going], posture[going], enough=STANDOFF
+            )
             least = distance.min(axis=1) - self.gap
             if k == 0:
                 free[going[least < 0.0]] = False
@@ -214,11 +216,17 @@ class Wrapper:
             rows = rows[active[rows].any(axis=1)]
             if not len(rows):
                 break
-            posture = posture_of(tables, commands[rows])
-            distance = self.kernel.link_distances(place[rows], turn[rows], posture)[0][:, :-1] - self.gap
             on = active[rows]
-            # A touching link that still moves stops the motors of its own joint and of those before it.
             moving = on @ self._carries.T > 0
+            distance = self.kernel.link_distances(
+                place[rows],
+                turn[rows],
+                posture_of(tables, commands[rows]),
+                asked=np.pad(moving, [(0, 0), (0, 1)]),
+                enough=FURTHEST,
+            )[0][:, :-1]
+            distance = distance - self.gap
+            # A touching link that still moves stops the motors of its own joint and of those before it.
             touching = moving & (distance <= self.gap)
             on &= touching @ self._carries == 0
             moving = on @ self._carries.T > 0
@@ -278,7 +286,7 @@ class Wrapper:
         return found
 
     def _palm_front(self) -> Array:
-        """(k, 3) foremost points of the palm's spheres, which no other sphere of it covers, palm frame [m]."""
+        """(k, 3) foremost points of the palm that no other sphere of it covers, palm frame [m]."""
         palm = self.tables.palm
         front = palm[:, :3] - palm[:, 3:] * [0.0, 1.0, 0.0]
         aside = np.linalg.norm((palm[:, None, :3] - palm[None, :, :3])[..., [0, 2]], axis=2)

@@ -229,7 +229,8 @@ class MarginKernel:
         """(c,) strengths in units of the grip; the arguments are not checked.
 
         Args:
-            points: (c, 8..24, 3) contact points [m]; this and the next four arguments are as in :func:`margins`.
+            points: (c, 8..24, 3) contact points [m]; this and the next four arguments are as in
+                :func:`margins`.
             normals_in: (c, 8..24, 3) unit inward normals.
             counts: (c,) numbers of contacts.
             length: ℓ [m].
