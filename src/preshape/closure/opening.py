@@ -100,8 +100,8 @@ class Opener:
             rows: (k,) indices of the candidates to open.
             own: (n,) approach plane that each was drawn for.
             planes: Approach planes that the approach direction may belong to.
-            wrapping: (n,) whether the hand wraps. Its palm arrives last: the opened hand stands back by ``BACK``,
-                and comes in the way that the palm faces.
+            wrapping: (n,) whether the hand wraps. Its palm arrives last: the opened hand stands back by
+                ``BACK``, and comes in the way that the palm faces.
             anyway: Whether to return the other candidates too, with what refused them.
         """
         R = rotations(candidates.turn)
@@ -110,7 +110,7 @@ class Opener:
             candidates = replace(candidates, place=candidates.place + back)
         else:
             wrapping = np.zeros(len(grasp), dtype=bool)
-        pregrasp, least, opens = self._opened(candidates, grasp, rows)  # 1.
+        pregrasp, least, opens = self._opened(candidates, grasp, rows, wrapping[rows])  # 1.
         if not anyway:
             rows, pregrasp, least, opens = rows[opens], pregrasp[opens], least[opens], opens[opens]
         R, facing = R[rows], wrapping[rows]
@@ -140,7 +140,9 @@ class Opener:
             refused=tuple(clauses[free].tolist()),
         )
 
-    def _opened(self, candidates: Candidates, grasp: Array, rows: IntArray) -> tuple[Array, Array, BoolArray]:
+    def _opened(
+        self, candidates: Candidates, grasp: Array, rows: IntArray, wrapping: BoolArray
+    ) -> tuple[Array, Array, BoolArray]:
         """Opened joint angles (k, j) [rad], their clearance (k,) [m], and whether the hand opens (k,)."""
         k, n, f = len(rows), len(STATIONS), len(self.tables.fingers)
         begin, end = (q[rows] @ self.tables.command.T for q in (candidates.start, grasp))
@@ -155,6 +157,7 @@ class Opener:
         fingers = to_object[:, :-1].reshape(k, n, f)
         clear = fingers >= OPENING
         station = np.where(clear.any(axis=1), clear.argmax(axis=1), fingers.argmax(axis=1))
+        station[wrapping] = n - 1  # the preshape, with which the palm came in
         opened = posture_of(self.tables, begin + shares[station][:, self._finger_of_motor] * (end - begin))
         reached = np.take_along_axis(fingers, station[:, None], axis=1)[:, 0]
         least = np.minimum(reached.min(axis=1), to_object[:, -1].reshape(k, n)[:, 0])
