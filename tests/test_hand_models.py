@@ -141,7 +141,7 @@ def memory(taught: Path, tmp_path: Path) -> Path:
 
 @pytest.fixture
 def recalls(monkeypatch: pytest.MonkeyPatch) -> list[tuple[bool, int, int]]:
-    """For each search: whether it is at the estimate, and how many lessons of its own and others it may use."""
+    """For each search: if it is at the estimate, and how many lessons of its own and of others it may use."""
     calls: list[tuple[bool, int, int]] = []
 
     def spied(known: Sequence[Experience], mesh: Any, q: Array, aim: Aim, **more: Any) -> Any:

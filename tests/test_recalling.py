@@ -230,9 +230,9 @@ def test_the_object_most_alike_and_the_task_that_is_asked_come_first(box) -> Non
 def test_one_object_does_not_fill_the_list(box) -> None:
     mesh, grasp = box
     own = [remembered(mesh, grasp, 0.001 * k) for k in range(30)]
-    other = [remembered(mesh, grasp, 1 + 0.001 * k, attributes=sized(mesh, 1.1)) for k in range(30)]
+    other = [remembered(mesh, grasp, 0.2 + 0.001 * k, attributes=sized(mesh, 1.1)) for k in range(30)]
     order, _ = marks(own + other, mesh)
-    assert [mark < 1 for mark in order] == [True] * MOST_OF_ONE + [False] * MOST_OF_ONE
+    assert [mark < 0.2 for mark in order] == [True] * MOST_OF_ONE + [False] * MOST_OF_ONE
     many = [
         remembered(mesh, grasp, 0.01 * k + 0.0001 * i, attributes=sized(mesh, 1 + 0.01 * k))
         for k in range(20)
