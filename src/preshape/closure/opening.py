@@ -13,7 +13,7 @@ from ..kernels.closing.host import Candidates, ClosingKernel, Obstacles
 from ..kernels.tables import HandTables
 from ..types import Array, BoolArray, IntArray, value
 from .hand_pinches import unit
-from .preshapes import posture_at
+from .preshapes import posture_of
 
 SELF_DEPTH = 0.001
 """Largest overlap of two links [m] [C]."""
@@ -65,6 +65,9 @@ class Opener:
         self, tables: HandTables, kernel: ClosingKernel, kinematics: HandKinematics, obstacles: Obstacles
     ) -> None:
         self.tables, self.kernel, self.kinematics, self.obstacles = tables, kernel, kinematics, obstacles
+        # The finger of a motor is that of its first joint.
+        first = [int(np.flatnonzero(tables.motor == k)[0]) for k in range(len(tables.range))]
+        self._finger_of_motor = np.searchsorted(tables.joint_start, first, side="right") - 1
 
     def links_apart(self, q: Array) -> bool:
         """Whether no two links of the hand overlap at joint angles q (j,) [rad]."""
@@ -74,28 +77,31 @@ class Opener:
     def find(
         self,
         candidates: Candidates,
-        closing: Array,
+        grasp: Array,
         rows: IntArray,
         own: IntArray,
         planes: Sequence[int],
         *,
+        palm_touches: BoolArray | None = None,
         anyway: bool = False,
     ) -> Openings:
         """Pregrasps and approach directions of the candidates that have both.
 
-        1. Open each finger along its closing path until it clears the object.
+        1. Move each finger's motors back towards the preshape until the finger clears the object.
         2. Test the straight approach along the candidate's approach axis.
         3. If that is blocked, test the directions of fingers and palm that follow an allowed plane.
 
         Args:
             candidates: n candidates.
-            closing: (n, f) how far each finger is closed, 0..1.
+            grasp: (n, j) joint angles of the closed hands [rad].
             rows: (k,) indices of the candidates to open.
             own: (n,) approach plane that each was drawn for.
             planes: Approach planes that the approach direction may belong to.
+            palm_touches: (n,) whether the palm touches the object; it then stays while the fingers open.
             anyway: Whether to return the other candidates too, with what refused them.
         """
-        pregrasp, least, opens = self._opened(candidates, closing, rows)  # 1.
+        touches = np.zeros(len(grasp), dtype=bool) if palm_touches is None else palm_touches
+        pregrasp, least, opens = self._opened(candidates, grasp, rows, touches[rows])  # 1.
         if not anyway:
             rows, pregrasp, least, opens = rows[opens], pregrasp[opens], least[opens], opens[opens]
         approach = APPROACH_AXES[own[rows] - 1]
@@ -126,23 +132,26 @@ class Opener:
         )
 
     def _opened(
-        self, candidates: Candidates, closing: Array, rows: IntArray
+        self, candidates: Candidates, grasp: Array, rows: IntArray, palm_touches: BoolArray
     ) -> tuple[Array, Array, BoolArray]:
         """Opened joint angles (k, j) [rad], their clearance (k,) [m], and whether the hand opens (k,)."""
-        k, n = len(rows), len(STATIONS)
-        shares = closing[rows, None] * (1.0 - STATIONS[:, None])
+        k, n, f = len(rows), len(STATIONS), len(self.tables.fingers)
+        begin, end = (q[rows] @ self.tables.command.T for q in (candidates.start, grasp))
+        shares = 1.0 - STATIONS
         of = np.repeat(rows, n)
-        postures = posture_at(self.tables, candidates.start[of], shares.reshape(k * n, closing.shape[1]))
+        commands = begin[:, None] + shares[:, None] * (end - begin)[:, None]
+        postures = posture_of(self.tables, commands.reshape(k * n, -1))
         to_object, to_obstacles = self.kernel.clearances(
             candidates.place[of], candidates.turn[of], postures, self.obstacles, enough=OPENING
         )
         # Each finger opens on its own: to the first station that clears the object, else to the clearest.
-        fingers = to_object[:, :-1].reshape(k, n, closing.shape[1])
+        fingers = to_object[:, :-1].reshape(k, n, f)
         clear = fingers >= OPENING
         station = np.where(clear.any(axis=1), clear.argmax(axis=1), fingers.argmax(axis=1))
-        opened = posture_at(self.tables, candidates.start[rows], closing[rows] * (1.0 - STATIONS[station]))
+        opened = posture_of(self.tables, begin + shares[station][:, self._finger_of_motor] * (end - begin))
         reached = np.take_along_axis(fingers, station[:, None], axis=1)[:, 0]
-        least = np.minimum(reached.min(axis=1), to_object[:, -1].reshape(k, n)[:, 0])
+        palm = np.where(palm_touches, OPENING, to_object[:, -1].reshape(k, n)[:, 0])
+        least = np.minimum(reached.min(axis=1), palm)
         blocked = (to_obstacles.reshape(k, n) <= 0) & (np.arange(n) <= station.max(axis=1)[:, None])
         sound = (least >= NEAREST) & ~blocked.any(axis=1)
         sound[sound] = [self.links_apart(q) for q in opened[sound]]

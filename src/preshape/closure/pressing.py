@@ -17,10 +17,10 @@ import numpy as np
 from ..hands.hand import Hand
 from ..hands.kinematics import cross
 from ..kernels.chains import rotations
-from ..kernels.closing.host import Candidates, Closings
 from ..kernels.tables import HandTables
 from ..spatial import skew
 from ..types import Array, IntArray
+from .closed import ClosedHands, link_chain
 
 EVENNESS = 0.1
 """Weight of an even distribution of the forces; the balance of the forces has weight ten [C]."""
@@ -37,8 +37,7 @@ class UnitSqueeze(NamedTuple):
     """The squeeze of a hand, for normal forces that sum to one newton.
 
     Attributes:
-        fingers: Indices of the fingers that press, the thumb first.
-        points: (n, 3) contacts of these fingers [m].
+        points: (n, 3) contacts [m].
         normals_in: (n, 3) inward unit normals.
         forces: (n, 3) forces on the object, per newton.
         imbalance: Norm of the net wrench of the forces (force; torque divided by ℓ).
@@ -50,7 +49,6 @@ class UnitSqueeze(NamedTuple):
         max_press: Largest sum of normal forces that the motors' torques allow [N].
     """
 
-    fingers: list[int]
     points: Array
     normals_in: Array
     forces: Array
@@ -84,26 +82,20 @@ class Squeezer:
             for _, high in motor.order
         ]
 
-    def squeeze(
-        self, candidates: Candidates, contacts: Closings, frames: tuple[Array, Array], grasp: Array, row: int
-    ) -> UnitSqueeze:
-        """The squeeze of one candidate.
+    def squeeze(self, hands: ClosedHands, frames: tuple[Array, Array], row: int) -> UnitSqueeze:
+        """The squeeze of one closed hand; a contact on the palm presses without a motor.
 
         Args:
-            candidates: Candidates.
-            contacts: How they closed, with exact contacts, the thumb's first.
+            hands: Closed hands, with exact contacts.
             frames: (n, j, 3), (n, j, 3, 3) frames of their joints in the palm frame.
-            grasp: (n, j) joint angles at which they touch [rad].
-            row: Index of the candidate.
+            row: Index of the hand.
         """
-        n = int(contacts.counts[row])
-        points = contacts.points[row, :n].astype(np.float64)
-        normals = contacts.normals_in[row, :n].astype(np.float64)
-        fingers = [f for f in finger_order(self.tables) if contacts.sphere[row, f] >= 0]
+        n, candidates = int(hands.counts[row]), hands.candidates
+        points = hands.points[row, :n].astype(np.float64)
+        normals = hands.normals_in[row, :n].astype(np.float64)
         arms = (points - self.cog) / self.length
         # The joints behind a contact are those of its finger up to the link that touches.
-        touching = np.searchsorted(self.tables.sphere_start, contacts.sphere[row], side="right") - 1
-        chains = [slice(int(self.tables.joint_start[f]), int(touching[f]) + 1) for f in fingers]
+        chains = [link_chain(self.tables, int(link)) for link in hands.links[row, :n]]
         R = rotations(candidates.turn[row])
         anchors = candidates.place[row] + frames[0][row] @ R.T
         axes = np.einsum("ij,njk,nk->ni", R, frames[1][row], self.tables.axis)
@@ -111,7 +103,7 @@ class Squeezer:
             np.concatenate([cross(axes[chain], point - anchors[chain]).T, axes[chain].T])
             for chain, point in zip(chains, points, strict=True)
         ]
-        rates = self.hand.rates(grasp[row])
+        rates = self.hand.rates(hands.grasp[row])
         pressing = self._pressing(by_joint, chains, rates) if self._orders else None
         forces = grip_forces(arms, normals, self.mu, pressing)
         wrench = np.concatenate([forces.sum(axis=0), cross(arms, forces).sum(axis=0)])
@@ -123,7 +115,6 @@ class Squeezer:
         motors = [np.unique(self.tables.motor[chain]) for chain in chains]
         strain = float((np.abs(drive) / self.hand.torque_limits).max())
         return UnitSqueeze(
-            fingers=fingers,
             points=points,
             normals_in=normals,
             forces=forces,
@@ -234,7 +225,7 @@ def turn_from_contact_error(
     >>> [round(turn_from_contact_error(arms, inward, 5 * inward, joints, c), 3) for c in (stiff, soft)]
     [0.006, inf]
     """
-    n, most = len(arms), max(J.shape[1] for J in jacobians)
+    n, most = len(arms), max(1, *(J.shape[1] for J in jacobians))
     # A contact transmits forces and a torque about its normal; here at the contact and about the reference.
     transmitted = np.zeros((n, 6, 4))
     transmitted[:, :3, :3], transmitted[:, 3:, 3] = np.eye(3), normals_in

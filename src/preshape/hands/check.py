@@ -32,7 +32,9 @@ from .load import (
     split_motors,
     with_motors,
 )
+from .plausible import geometry_findings, motor_findings
 from .rewrite import rebuilt
+from .trial import trials
 
 STEPS = 25
 """Steps along a closing path."""
@@ -87,13 +89,15 @@ def inspect_hand(source: str | Path) -> tuple[list[Finding], Hand | None]:
         code = "outside_limits" if "outside the limits" in reason else "contradiction"
         return [*found, Finding(code=code, text=reason)], None
     hand = replace(hand, source=source_of(text))
+    found += geometry_findings(data, model)
     return found + shape_findings(hand) + motion_findings(hand), hand
 
 
 def _built_in_findings(name: str) -> list[Finding]:
     data, mjcf = built_in_text(name)
     hand_from(data, mjcf)
-    return [*description_findings(data), *model_findings(data, read_model(mjcf))]
+    model = read_model(mjcf)
+    return [*description_findings(data), *model_findings(data, model), *geometry_findings(data, model)]
 
 
 def shape_findings(hand: Hand) -> list[Finding]:
@@ -117,7 +121,13 @@ def motion_findings(hand: Hand) -> list[Finding]:
     found = _open_collision(hand, kinematics)
     if not found:
         found = _closing_collisions(hand, kinematics)
-    return found + _direction_findings(hand, kinematics) + _preshape_findings(hand)
+    found += _direction_findings(hand, kinematics) + _preshape_findings(hand)
+    found += motor_findings(hand, kinematics)
+    made = trials(hand)
+    if not found and not any(trial.against for trial in made):
+        text = f"it holds neither a cylinder nor a cube; {made[0]}, {made[1]}"
+        found.append(Finding(code="holds_nothing", text=text))
+    return found
 
 
 def _open_collision(hand: Hand, kinematics: HandKinematics) -> list[Finding]:

@@ -284,7 +284,9 @@ class Hand:
                 "law": motor.law,
                 "joints": list(motor.joints),
                 "weights": motor.weights.tolist(),
-                "polynomials": motor.polynomials.tolist() if not len(motor.path) else None,
+                "polynomials": None
+                if len(motor.path)
+                else [np.trim_zeros(law, "b").tolist() for law in motor.polynomials],
                 "unloaded": motor.path.tolist() if len(motor.path) else None,
                 "order": [list(pair) for pair in motor.order],
                 "locks": motor.locks or None,

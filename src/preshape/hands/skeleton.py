@@ -57,8 +57,8 @@ class Skeleton:
             for joint in couple_joints(couple):
                 if joint not in limits:
                     raise HandError(
-                        f"{source.label}: the law of the motor {couple['motor']} names {joint!r}, which is no "
-                        f"hinge of the model; its hinges are {', '.join(list(limits)[:12])}"
+                        f"{source.label}: the law of the motor {couple['motor']} names {joint!r}, which is "
+                        f"no hinge of the model; its hinges are {', '.join(list(limits)[:12])}"
                     )
             motor = couple_motor(couple, limits, source.label)
             motors |= dict.fromkeys(couple_joints(couple), motor)
@@ -109,11 +109,12 @@ class Skeleton:
         found = []
         for motor in dict.fromkeys(self.motors[joint] for joint in joints):
             own = [k for k, joint in enumerate(motor.joints) if joint in joints]
+            low, high = (float(bound) for bound in motor.range)
             found.append(
                 Drive(
                     motor=motor.name,
                     joints=tuple(motor.joints[k] for k in own),
-                    knots=motor.angles(np.linspace(motor.range[0], motor.range[1], KNOTS))[:, own],
+                    knots=motor.angles(np.linspace(low, high, KNOTS))[:, own],
                 )
             )
         return tuple(found)

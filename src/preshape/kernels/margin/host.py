@@ -24,7 +24,7 @@ from numpy.typing import ArrayLike
 from ...exceptions import InputError, shown
 from ...types import Array, IntArray, frozen_array, read_only, value
 
-CONTACTS = 8
+CONTACTS = MOST_CONTACTS = 24
 """Largest number of contacts of one candidate."""
 WRENCHES = 32
 """Largest number of demanded wrenches."""
@@ -229,8 +229,8 @@ class MarginKernel:
         """(c,) strengths in units of the grip; the arguments are not checked.
 
         Args:
-            points: (c, 8, 3) contact points [m]; this and the next four arguments are as in :func:`margins`.
-            normals_in: (c, 8, 3) unit inward normals.
+            points: (c, 8..24, 3) contact points [m]; this and the next four arguments are as in :func:`margins`.
+            normals_in: (c, 8..24, 3) unit inward normals.
             counts: (c,) numbers of contacts.
             length: ℓ [m].
             reference: (3,) point about which torques are taken [m].
@@ -243,8 +243,11 @@ class MarginKernel:
             return np.asarray(self._out["strength"].get(len(points)), dtype=np.float64)
 
     def _run(self, given: tuple[Any, ...], bound: float, floor: float, base: Array | None) -> None:
-        count = len(given[0])
-        for rows, values in zip(self._in.values(), given, strict=True):
+        count, (points, normals, *rest) = len(given[0]), given
+        if points.shape[1] < CONTACTS:  # fingertip grips have fewer than wraps
+            wider = [(0, 0), (0, CONTACTS - points.shape[1]), (0, 0)]
+            points, normals = np.pad(points, wider), np.pad(normals, wider)
+        for rows, values in zip(self._in.values(), (points, normals, *rest), strict=True):
             rows.put(values if np.ndim(values) else np.broadcast_to(values, count))
         always = self._base if base is None else self._vec6(*base.tolist())
         self._compute(count, {"base": always, "bound": float(bound), "floor": float(floor)})
@@ -268,8 +271,8 @@ def margins(
     """Residual and strength of many candidates.
 
     Args:
-        points: (c, 8, 3) contact points [m]; only the first ``counts`` are used.
-        normals_in: (c, 8, 3) unit inward normals.
+        points: (c, 8..24, 3) contact points [m]; only the first ``counts`` are used.
+        normals_in: (c, 8..24, 3) unit inward normals.
         counts: (c,) numbers of contacts, 0..8.
         wrenches: (m, 6) demanded wrenches (force; torque/ℓ) in units of the grip, 1 ≤ m ≤ 32.
         base: (6,) wrench that is demanded all the time, such as minus the weight, in units of the grip.

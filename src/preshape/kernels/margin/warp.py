@@ -33,7 +33,7 @@ BASE = wp.constant(1)
 STRENGTH = wp.constant(2)
 DONE = wp.constant(3)
 
-CONTACTS = wp.constant(8)
+CONTACTS = wp.constant(24)
 
 # These constants are those of plain.py, which explains them.
 GAP = wp.constant(wp.float32(3.0e-3))
