@@ -18,6 +18,7 @@ from preshape.cli.memory import show
 from preshape.closure import analyser as closing
 from preshape.closure.recall import FEW_VALUES, on_object, recalled
 from preshape.closure.settings import ClosureSettings
+from preshape.closure.wrapping import WRAP
 from preshape.hands import load_hand
 from preshape.hands.hand import Hand
 from preshape.hands.motors import RIGID
@@ -267,11 +268,11 @@ def test_a_start_of_another_model_is_brought_onto_the_laws_and_limits(lesson: Ex
     assert lesson.grip is not None
     hand, mesh = coupled_hand("bent"), load_library_object("box")
     wild = lesson.grip.copy()
-    wild[7], wild[8:] = 0b11111, [9.0, -9.0, 9.0, 0.2, 0.3, 1.0, 0.1, 9.0, -9.0]
+    wild[7], wild[8:] = WRAP | 0b11111, [9.0, -9.0, 9.0, 0.2, 0.3, 1.0, 0.1, 9.0, -9.0]
     (drawn,) = [on_object([replace(lesson, grip=wild)], mesh, hand).candidates]
     np.testing.assert_allclose(drawn.start, hand.lawful(drawn.start), atol=1e-9)
     assert ((drawn.start >= hand.limits[:, 0] - 1e-9) & (drawn.start <= hand.limits[:, 1] + 1e-9)).all()
-    assert drawn.mask.tolist() == [0b111]
+    assert drawn.mask.tolist() == [WRAP | 0b111]
     own = on_object([lesson], mesh, load_hand(EXAMPLE / "trident.toml")).candidates
     assert own.start.tobytes() == lesson.grip[8:].tobytes()  # not a rounding error is added to one's own
 

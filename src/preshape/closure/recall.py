@@ -14,6 +14,7 @@ from ..objects.mesh import TriangleMesh
 from ..objects.shape import attribute_distance
 from ..types import Array, BoolArray, Experience, value
 from .candidates import DrawnCandidates
+from .wrapping import WRAP
 
 FEW_VALUES = 7
 """With at most this many approach values, an aim means just these values; with more, the whole range."""
@@ -121,7 +122,7 @@ def on_object(experiences: Sequence[Experience], mesh: TriangleMesh, hand: Hand)
             place=grips[:, :3] + mesh.cog,
             turn=grips[:, 3:7],
             start=np.where(np.abs(lawful - start) > _OFF, lawful, start),
-            mask=grips[:, 7].astype(np.int64) & ((1 << len(hand.fingers)) - 1),
+            mask=grips[:, 7].astype(np.int64) & (WRAP | ((1 << len(hand.fingers)) - 1)),
         ),
         plane=np.array([e.plane for e in experiences]),
         flip=np.array([e.flip for e in experiences]),

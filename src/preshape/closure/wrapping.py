@@ -26,8 +26,9 @@ from .closed import ON_PALM
 from .opening import ALONG
 from .preshapes import Preshapes, posture_of
 
-WRAP = 1 << 20
-"""Bit of a candidate's mask: the hand wraps; without it, it grips with its fingertips."""
+WRAP = 1 << 15
+"""Bit of a candidate's mask: the hand wraps; without it, it grips with its fingertips. It is the highest bit
+that the memory stores (:data:`preshape.memory.checks.MOST_FINGERS`)."""
 STANDOFF = 0.15
 """Distance from the surface at which the palm of a drawn wrap begins [m] [C]."""
 JITTER = 0.15
