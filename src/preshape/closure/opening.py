@@ -140,7 +140,7 @@ class Opener:
         shares = 1.0 - STATIONS
         of = np.repeat(rows, n)
         commands = begin[:, None] + shares[:, None] * (end - begin)[:, None]
-        postures = posture_of(self.tables, commands.reshape(k * n, -1))
+        postures = posture_of(self.tables, commands.reshape(k * n, begin.shape[1]))
         to_object, to_obstacles = self.kernel.clearances(
             candidates.place[of], candidates.turn[of], postures, self.obstacles, enough=OPENING
         )
