@@ -88,7 +88,7 @@ class ClosureAnalyser:
         seed: Seed of every random draw; the same seed gives the same grips.
         known: Function that returns the experiences of this hand; their grips may be recalled.
         scene: The scene of the request. Mode 0 recalls grips of this scene only; the wider searches try
-            stored grips of any scene.
+            stored grips of any scene, those of another model of the hand among them.
     """
 
     def __init__(
@@ -196,7 +196,7 @@ class ClosureAnalyser:
         demand, unexplored = self.demand(task), not self._is_explored(task)
         options = FinishOptions(count=len(own), unexplored=unexplored, firm=not unexplored)
         finished = list[FinishedGrip]()
-        for family in families(on_object(own, self.mesh)):
+        for family in families(on_object(own, self.mesh, self.hand)):
             finished += self.finisher.finish(self.search.evaluate(family, demand), demand, options)
         return self.grips(task, finished)
 
@@ -258,7 +258,7 @@ class ClosureAnalyser:
         one_plane = len(aim.planes) == 1
         at_estimate = one_plane and len(aim.values) <= FEW_VALUES
         lessons = [e for e in self._known() if e.scene == self.scene] if at_estimate else self._known()
-        known = recalled(lessons, self.mesh, q, aim, joints=len(self.hand.joints), sets=self.sets)
+        known = recalled(lessons, self.mesh, q, aim, hand=self.hand, sets=self.sets)
         # 1. Stored grips.
         remembered, tried = list[FinishedGrip](), 0
         if at_estimate and known is not None:

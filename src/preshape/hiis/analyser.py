@@ -46,12 +46,21 @@ class HandLayout:
         u: U, length of the proximal phalanx of the middle finger [m].
         finger_pitch: Distance of neighbouring fingers [m].
         fingertip_width: Least distance of neighbouring fingers [m].
+        model: Hash of the hand's model, if an analyser closes that model; empty for the ray analyser.
     """
 
     name: str
     u: float
     finger_pitch: float
     fingertip_width: float
+    model: str = ""
+
+    def owns(self, lesson: Experience) -> bool:
+        """Whether a lesson of the hand of this name is of this very model of it.
+
+        A virtual grasp depends on these dimensions only, whatever the model.
+        """
+        return lesson.grip is None or lesson.model == self.model
 
     @property
     def length_unit(self) -> float:

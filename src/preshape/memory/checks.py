@@ -18,6 +18,8 @@ Fields = Mapping[str, Any]
 
 SHORTEST_GRIP, LONGEST_GRIP = 9, 1000
 """Numbers of the shortest grip, which are a pose, the finger mask and one joint, and of the longest."""
+MODEL_LENGTH = 16
+"""Number of hexadecimal digits of the hash of a hand's model."""
 LONGEST_TIME = 60
 """Largest number of characters of a time."""
 UNIT_SLACK = 1e-6
@@ -65,6 +67,12 @@ def is_unicode(data: str) -> bool:
     except UnicodeEncodeError:
         return False
     return True
+
+
+def is_model(data: object) -> bool:
+    """Whether ``data`` is the hash of a hand's model, or an empty text."""
+    digits = set("0123456789abcdef")
+    return isinstance(data, str) and (not data or (len(data) == MODEL_LENGTH and set(data) <= digits))
 
 
 def whole(data: object, name: str, low: int = 0, high: int = LARGEST) -> int:
