@@ -25,8 +25,31 @@ def dot(a: vec6, b: vec6):
     return (a[0] * b[0] + a[1] * b[1] + a[2] * b[2]) + (a[3] * b[3] + a[4] * b[4] + a[5] * b[5])
 
 
+@wp.struct
+class SharedContacts:
+    """Contacts whose normal forces sum to one."""
+
+    arms: mat83
+    normals: mat83
+    count: wp.int32
+    mu: wp.float32
+    gamma: wp.float32
+
+
+@wp.struct
+class BoundedContacts:
+    """Contacts with a largest normal force each; these bounds sum to one."""
+
+    arms: wp.array(dtype=wp.vec3)
+    normals: wp.array(dtype=wp.vec3)
+    bounds: wp.array(dtype=wp.float32)
+    count: wp.int32
+    mu: wp.float32
+    gamma: wp.float32
+
+
 @wp.func
-def support(arms: mat83, normals: mat83, count: int, mu: float, gamma: float, y: vec6):
+def support(contacts: SharedContacts, y: vec6):
     """How far the wrenches of unit normal force reach along y, and the wrench that does."""
     yf = wp.vec3(y[0], y[1], y[2])
     yt = wp.vec3(y[3], y[4], y[5])
@@ -35,27 +58,60 @@ def support(arms: mat83, normals: mat83, count: int, mu: float, gamma: float, y:
     best_s = float(0.0)
     best_g = wp.vec3(0.0, 0.0, 0.0)
     best_m = float(0.0)
-    for i in range(count):
-        n = normals[i]
-        g = yf + wp.cross(yt, arms[i])
+    for i in range(contacts.count):
+        n = contacts.normals[i]
+        g = yf + wp.cross(yt, contacts.arms[i])
         along = wp.dot(n, g)
         t = g - n * along
-        m = gamma * wp.dot(n, yt)
-        s = wp.sqrt(mu * mu * wp.dot(t, t) + m * m)
+        m = contacts.gamma * wp.dot(n, yt)
+        s = wp.sqrt(contacts.mu * contacts.mu * wp.dot(t, t) + m * m)
         if along + s > best:
             best = along + s
             best_i = i
             best_s = s
             best_g = t
             best_m = m
-    n = normals[best_i]
+    n = contacts.normals[best_i]
     f = n
     twist = float(0.0)
     if best_s > 1.0e-12:
-        f = n + best_g * (mu * mu / best_s)
-        twist = gamma * best_m / best_s
-    torque = wp.cross(arms[best_i], f) + n * twist
+        f = n + best_g * (contacts.mu * contacts.mu / best_s)
+        twist = contacts.gamma * best_m / best_s
+    torque = wp.cross(contacts.arms[best_i], f) + n * twist
     return best, vec6(f[0], f[1], f[2], torque[0], torque[1], torque[2])
+
+
+@wp.func
+def support(contacts: BoundedContacts, y: vec6):  # noqa: F811
+    """How far the wrenches of bounded normal forces reach along y, and the wrench that does.
+
+    The wrenches are the sum of the contacts' truncated cones, so their support is the sum of those of the
+    contacts. A contact whose cone does not reach along y gives no force.
+    """
+    yf = wp.vec3(y[0], y[1], y[2])
+    yt = wp.vec3(y[3], y[4], y[5])
+    height = float(0.0)
+    force = wp.vec3(0.0, 0.0, 0.0)
+    torque = wp.vec3(0.0, 0.0, 0.0)
+    for i in range(contacts.count):
+        n = contacts.normals[i]
+        r = contacts.arms[i]
+        g = yf + wp.cross(yt, r)
+        along = wp.dot(n, g)
+        t = g - n * along
+        m = contacts.gamma * wp.dot(n, yt)
+        s = wp.sqrt(contacts.mu * contacts.mu * wp.dot(t, t) + m * m)
+        if along + s > 0.0:
+            most = contacts.bounds[i]
+            f = n
+            twist = float(0.0)
+            if s > 1.0e-12:
+                f = n + t * (contacts.mu * contacts.mu / s)
+                twist = contacts.gamma * m / s
+            height = height + most * (along + s)
+            force = force + f * most
+            torque = torque + (wp.cross(r, f) + n * twist) * most
+    return height, vec6(force[0], force[1], force[2], torque[0], torque[1], torque[2])
 
 
 @wp.func
