@@ -603,6 +603,14 @@ def test_the_page_lists_every_finding():
         "open_collides",
         "closing_collides",
         "does_not_close",
+        # tests/test_hand_init.py
+        "u",
+        "finger_pitch",
+        "torque",
+        "tip_place",
+        "tip_points",
+        "palm_points",
+        "holds_nothing",
     }
     assert listed == tested | elsewhere | {"closes_outward", "thumb_not_opposed", "contradiction"}
 

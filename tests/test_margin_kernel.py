@@ -337,8 +337,26 @@ def test_bounded_contacts_by_hand():
         with pytest.raises(InputError, match=words):
             one(points[:2], normals[:2], [2, 2], 0.05, bounds=wrong)
     many = np.zeros((1, 25, 3))
-    with pytest.raises(InputError, match="up to 24 contacts with bounds, got 25"):
-        one(many, many, [25], 0.05, bounds=np.ones((1, 25)))
+    with pytest.raises(InputError, match="up to 24 contacts, got 25"):
+        one(many, many, [25], 0.05)
+
+
+def test_the_form_for_many_contacts_gives_the_same_for_few_and_right_for_many():
+    batch, many = Batch(40, 7), BoundedBatch(40, 1)
+    kernel = MarginKernel(PUSHES, base=0.02 * PUSHES[0], friction=batch.friction, torsion=batch.torsion)
+    few = batch.counts, float(np.mean(batch.length)), np.zeros(3)
+    alone = kernel.strengths(batch.points, batch.normals, *few)
+    points, normals = many.points.copy(), many.normals.copy()
+    points[:20, :8], normals[:20, :8] = batch.points[:20], batch.normals[:20]
+    counts = np.where(np.arange(40) < 20, batch.counts, many.counts)
+    together = kernel.strengths(points, normals, counts, *few[1:])
+    np.testing.assert_array_equal(together[:20], alone[:20])
+    assert (alone[:20] > 0.0).sum() > 5
+    for i in range(20, 30):
+        n, ell = counts[i], few[1]
+        soft = SoftContacts(points[i, :n] / ell, normals[i, :n], batch.friction, batch.torsion / ell)
+        plain = margin_plain(soft, PUSHES, 0.02 * PUSHES[0])
+        assert together[i] == pytest.approx(plain.strength, rel=0.006, abs=5e-5)
 
 
 def test_a_cone_without_width_is_its_axis():

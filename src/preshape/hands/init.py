@@ -22,9 +22,10 @@ from typing import Any
 import numpy as np
 
 from ..types import Array, value
-from .anatomy import Anatomy, Digit, along, anatomy, phalanx
+from .anatomy import Anatomy, anatomy
 from .compiled import CompiledModel
 from .couples import Table, couple_joints, couples_of
+from .digits import Digit, along, phalanx
 from .findings import DEPTH, refuse, size_findings
 from .hand import LONGEST_HAND_NAME, Hand
 from .kinematics import HandKinematics
@@ -47,8 +48,11 @@ _NARROW = 0.5
 _GRID = {0: 1, 1: 13, 2: 7, 3: 5}
 """Angles tried of each of the thumb's first joints, by their number."""
 
-_PARTS = (1.0, 0.7, 0.5)
+_PARTS = (1.0, 0.7, 0.5, 0.35)
 """Shares of the fingers' paths that are tried."""
+
+_WAYS = ((0.0, 1.0), (0.0, 0.7), (0.25, 1.0), (0.25, 0.7), (0.0, 0.5), (0.0, 0.35))
+"""Parts of the thumb's path that are tried."""
 
 _TRIES = 400
 """Largest number of tries of which collisions are computed [C]."""
@@ -228,7 +232,7 @@ class _Search:
                 spread |= along(drive, float(share))
             # Of equally good paths, the longer ones, and those with the joints nearer to neutral.
             moved = 0.1 * sum(abs(spread[joint] - still[joint]) for joint in still)
-            for start, end in ((0.0, 1.0), (0.0, 0.7), (0.25, 1.0), (0.25, 0.7), (0.0, 0.5)):
+            for start, end in _WAYS:
                 path = replace(paths[0].part(start, end), spread=spread)
                 own = [self.tips(path.at(c))[0] for c in (0.48, 0.52)]
                 for k, part in enumerate(_PARTS):

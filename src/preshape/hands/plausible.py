@@ -14,10 +14,10 @@ import numpy as np
 
 from ..spatial import rotation_from_quaternion
 from ..types import Array
-from .anatomy import outwards
 from .compiled import CompiledModel
 from .couples import Table, couple_joints, couples_of
 from .description import direction
+from .digits import outwards
 from .findings import Finding, fingers_of, joints_of
 from .hand import Hand
 from .skeleton import Skeleton

@@ -18,9 +18,9 @@ from ..spatial import inverse, pose, quaternion_from_rotation, rotation_from_qua
 from ..types import Array, value
 from .compiled import CompiledModel, quiet_mujoco, reason
 from .couples import Table, motors_within, per_motor, with_model_couples
-from .description import direction, finger_from, hand_from
+from .description import direction, finger_from, hand_from, rounded_to_limits
 from .findings import LARGEST_ANGLE, description_findings, model_findings, refuse
-from .hand import POSTURES, Hand
+from .hand import Hand
 from .motors import ADAPTIVE, DIRECT, Motor
 
 _DAMPING, _ARMATURE = 0.05, 2e-4
@@ -32,9 +32,6 @@ ms."""
 
 SPRING, SPRING_DAMPING = 0.05, 0.0
 """Stiffness [N m/rad] and damping [N m s/rad] that keep an adaptive couple on its unloaded path [C]."""
-
-_ROUNDING = 1e-4
-"""Largest angle by which a posture may leave the limits because one of them was rounded [rad] [C]."""
 
 _SAMPLES, _ALWAYS = 200, 0.9
 """Number of random postures, and share of them above which two colliding links overlap by design [C]."""
@@ -71,32 +68,9 @@ def rebuilt(data: Table, model: CompiledModel, label: str) -> Hand:
     fingers = []
     for entry in data["finger"]:
         tip = {"tip_site": f"{entry['name']}_tip", "tip_body": bodies[str(entry["tip_body"])]}
-        fingers.append({**_rounded(entry, model), **tip})
+        fingers.append({**rounded_to_limits(entry, model.ranges), **tip})
     palm = {"body": bodies[str(data["palm"]["body"])], "site": "palm_frame"}
     return hand_from({**data, "finger": fingers, "palm": palm}, mjcf)
-
-
-def _rounded(entry: Table, model: CompiledModel) -> Table:
-    """A finger's table, in which angles that leave their limits by a rounding error are at the limits."""
-    limits = np.array([sorted(model.ranges[str(joint)]) for joint in entry["joints"]])
-    low, high = np.where(limits[:, :1] < limits[:, 1:], limits, [-np.inf, np.inf]).T
-
-    def near(q: Any, low: Any, high: Any) -> Any:
-        angles = np.asarray(q, dtype=np.float64)
-        inside = np.clip(angles, low, high)
-        return np.where(np.abs(inside - angles) < _ROUNDING, inside, angles).tolist()
-
-    made = dict(entry)
-    for key in ("closing", *POSTURES):
-        if key in entry:
-            made[key] = near(entry[key], low, high)
-    if "preshape" in entry:
-        place = {str(joint): k for k, joint in enumerate(entry["joints"])}
-        made["preshape"] = {
-            joint: near(ends, low[place[joint]], high[place[joint]])
-            for joint, ends in entry["preshape"].items()
-        }
-    return made
 
 
 def _mjcf(data: Table, model: CompiledModel) -> str:

@@ -29,7 +29,7 @@ _FAR = 0.02  # distances beyond it are not computed [m]
 
 
 @value
-class Trial:
+class ClosingTrial:
     """What came of closing on one kind of object.
 
     Attributes:
@@ -53,9 +53,13 @@ class Trial:
         return f"{what}: no finger touches it"
 
 
+def trials(hand: Hand) -> tuple[ClosingTrial, ...]:
+    """The trials on a cylinder across the fingers and on a cube, made once per hand."""
+    return _made(hand)
+
+
 @cache
-def trials(hand: Hand) -> tuple[Trial, ...]:
-    """The trials on a cylinder across the fingers and on a cube."""
+def _made(hand: Hand) -> tuple[ClosingTrial, ...]:
     return tuple(_Closing(hand, shape).best() for shape in ("cylinder", "cube"))
 
 
@@ -116,9 +120,9 @@ class _Closing:
             turns.append(self.d.geom_xmat[geoms].copy())
         return np.array(places), np.array(turns)
 
-    def best(self) -> Trial:
+    def best(self) -> ClosingTrial:
         """The trial of the largest size that is held; of the smallest size, if none is."""
-        found = Trial(shape=self.shape, size=SIZES[-1], touching=(), against="")
+        found = ClosingTrial(shape=self.shape, size=SIZES[-1], touching=(), against="")
         for size in SIZES:
             self.half = np.full(3, size / 2)
             if self.shape == "cylinder":
@@ -177,7 +181,7 @@ class _Closing:
             length = max(float(np.linalg.norm(across)), 1e-9)
         return float(gap), across / length * (1.0 if gap >= 0 else -1.0)
 
-    def _close(self, place: Array, size: float) -> Trial:
+    def _close(self, place: Array, size: float) -> ClosingTrial:
         """Close every finger until it touches the object at a place."""
         self._set_object(place)
         pushes = {}
@@ -196,8 +200,8 @@ class _Closing:
                 continue
             if any(float(own @ push) < _OPPOSED for own in pushes.values()):
                 names = tuple(name for name in pushes if name != against)
-                return Trial(shape=self.shape, size=size, touching=names, against=against)
-        return Trial(shape=self.shape, size=size, touching=tuple(pushes), against="")
+                return ClosingTrial(shape=self.shape, size=size, touching=names, against=against)
+        return ClosingTrial(shape=self.shape, size=size, touching=tuple(pushes), against="")
 
     def _touch(self, finger: str) -> Array | None:
         """Unit vector of a finger's push where it first touches the object; ``None`` if it never does."""

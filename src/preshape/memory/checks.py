@@ -22,8 +22,8 @@ LONGEST_TIME = 60
 """Largest number of characters of a time."""
 UNIT_SLACK = 1e-6
 """Largest deviation of a quaternion's length from 1."""
-MOST_FINGERS = 2**16
-"""Finger masks are below this number."""
+MOST_FINGERS = 2**17
+"""Finger masks are below this number: 16 fingers, and bit 16 for a wrap of the whole hand."""
 
 
 def exactly(fields: object, names: Sequence[str], what: str) -> Fields:

@@ -32,10 +32,10 @@ from ...exceptions import InputError, shown
 from ...types import Array, IntArray, frozen_array, read_only, value
 from ..packed_launch import FIRST_ROW, DeviceRows, PackedLaunch
 
-CONTACTS = 8
+CONTACTS = MOST_CONTACTS = 24
 """Largest number of contacts of one candidate."""
-BOUNDED_CONTACTS = 24
-"""Largest number of contacts of one candidate, if each has a largest normal force."""
+FEW_CONTACTS = 8
+"""Number of contacts up to which the margins without bounds are computed by a faster form of the kernel."""
 WRENCHES = 32
 """Largest number of demanded wrenches."""
 _ROTATED = np.eye(5) - 0.4
@@ -179,18 +179,16 @@ class MarginKernel:
             "friction": float(friction),
             "torsion": float(torsion),
         }
-        self._shared = self._launch(warp_margin, warp_margin.margins, CONTACTS)
+        self._few = self._launch(warp_margin, warp_margin.margins, FEW_CONTACTS)
 
     @cached_property
-    def _bounded(self) -> MarginLaunch:
-        """The form for contacts with bounds, compiled and loaded when it is first needed."""
-        from . import warp_bounded
+    def _many(self) -> MarginLaunch:
+        """The form for many contacts and for bounds, compiled and loaded when it is first needed."""
+        from . import warp_many
 
-        return self._launch(warp_bounded, warp_bounded.bounded_margins, BOUNDED_CONTACTS, bounded=True)
+        return self._launch(warp_many, warp_many.many_margins, CONTACTS, many=True)
 
-    def _launch(
-        self, module: ModuleType, kernel: Any, contacts: int, *, bounded: bool = False
-    ) -> MarginLaunch:
+    def _launch(self, module: ModuleType, kernel: Any, contacts: int, *, many: bool = False) -> MarginLaunch:
         from ..cache import load_kernels
         from ..launch import warp
 
@@ -201,15 +199,17 @@ class MarginKernel:
             return DeviceRows(dtype, *shape, device=self.device)
 
         inputs = {
-            "arms" if bounded else "points": rows(wp.vec3, contacts),
+            "arms" if many else "points": rows(wp.vec3, contacts),
             "normals_in": rows(wp.vec3, contacts),
             "counts": rows(wp.int32),
             "lengths": rows(wp.float32),
             "most": rows(wp.float32),
         }
-        if bounded:
+        settings: dict[str, Any] = {}
+        if many:
             inputs |= {"shares": rows(wp.float32, contacts), "totals": rows(wp.float32)}
-        settings = {"bound": math.inf, "floor": 0.0, "first": FIRST_ROW}
+            settings = {"bounded": False}
+        settings |= {"bound": math.inf, "floor": 0.0, "first": FIRST_ROW}
         outputs = {
             "residual": rows(wp.float32),
             "strength": rows(wp.float32),
@@ -237,15 +237,15 @@ class MarginKernel:
             The arrays ``residual`` (c,); ``strength`` (c,); ``worst`` (c, 2), the indices of the wrenches
             that decided them; and ``wrench`` (c, 6), the wrench that decided the strength against a cone.
         """
-        p = frozen_array(points, (None, CONTACTS if bounds is None else None, 3), "contact points")
+        p = frozen_array(points, (None, None, 3), "contact points")
         most = p.shape[1]
         n = frozen_array(normals_in, (len(p), most, 3), "contact normals")
         c = frozen_array(counts, (len(p),), "numbers of contacts")
         ell = frozen_array(np.full(len(p), length) if np.ndim(length) == 0 else length, (len(p),), "lengths")
+        if most > CONTACTS:
+            raise InputError(f"a candidate may have up to {CONTACTS} contacts, got {most}")
         if bounds is not None:
             bounds = frozen_array(bounds, (len(p), most), "largest normal forces")
-            if most > BOUNDED_CONTACTS:
-                raise InputError(f"there may be up to {BOUNDED_CONTACTS} contacts with bounds, got {most}")
             if bounds.size and bounds.min() < 0.0:
                 raise InputError(f"largest normal forces must be at least 0 N, got {bounds.min():g} N")
         about = frozen_array(reference, (3,), "the reference point")
@@ -255,9 +255,9 @@ class MarginKernel:
             raise InputError(f"lengths must be positive, got {ell.min():g} m")
         if math.isnan(bound):
             raise InputError("the bound on the residual must be a number, got nan")
-        launch, given = self._given(p - about, n, c, ell, math.inf, bounds)
+        launch, given, settings = self._given(p - about, n, c, ell, math.inf, bounds)
         with launch.compute.lock:
-            self._run(launch, given, bound, 0.0, None)
+            self._run(launch, given, {**settings, "bound": float(bound), "floor": 0.0}, None)
             return {name: rows.get(len(p)) for name, rows in launch.outputs.items()}
 
     def strengths(
@@ -275,22 +275,21 @@ class MarginKernel:
         """(c,) strengths in units of the grip, or in newtons with ``bounds``; the arguments are not checked.
 
         Args:
-            points: (c, 8, 3) contact points [m]; this and the next four arguments are as in :func:`margins`.
-            normals_in: (c, 8, 3) unit inward normals.
+            points: (c, k, 3) contact points [m]; this and the next four arguments are as in :func:`margins`.
+            normals_in: (c, k, 3) unit inward normals.
             counts: (c,) numbers of contacts.
             length: ℓ [m].
             reference: (3,) point about which torques are taken [m].
             most: Strengths above this value are returned as this value; one number or (c,).
             least: The search of a candidate ends as soon as its strength is known not to exceed this.
             base: (6,) base that replaces that of the kernel.
-            bounds: (c, k) largest normal force of each contact [N], for up to k ≤ 24 contacts; points and
-                normals are then (c, k, 3), and the base and ``most`` and ``least`` are in newtons. A strength
-                up to 4e-6 of the sum of a candidate's bounds counts as 0. ``None`` for normal forces that sum
-                to at most one.
+            bounds: (c, k) largest normal force of each contact [N]; ``base``, ``most`` and ``least`` are then
+                in newtons. A strength up to 4e-6 of the sum of a candidate's bounds counts as 0. ``None`` for
+                normal forces that sum to at most one.
         """
-        launch, given = self._given(points - reference, normals_in, counts, length, most, bounds)
+        launch, given, settings = self._given(points - reference, normals_in, counts, length, most, bounds)
         with launch.compute.lock:
-            self._run(launch, given, -1.0, least, base)
+            self._run(launch, given, {**settings, "bound": -1.0, "floor": float(least)}, base)
             return np.asarray(launch.outputs["strength"].get(len(points)), dtype=np.float64)
 
     def _given(
@@ -301,32 +300,44 @@ class MarginKernel:
         length: Array | float,
         most: Array | float,
         bounds: Array | None,
-    ) -> tuple[MarginLaunch, tuple[Any, ...]]:
-        """The launch to use and its input rows."""
-        if bounds is None:
-            return self._shared, (points, normals_in, counts, length, most)
-        shape = len(points), BOUNDED_CONTACTS
-        arms, normals, shares = np.zeros((*shape, 3)), np.zeros((*shape, 3)), np.zeros(shape)
-        used = np.arange(points.shape[1]) < np.reshape(counts, (-1, 1))
-        rows, columns = np.nonzero(used)
-        arms[rows, columns] = points[used] / np.broadcast_to(length, len(points))[rows, None]
-        normals[rows, columns] = normals_in[used]
-        shares[rows, columns] = bounds[used]
-        totals = shares.sum(axis=1)
+    ) -> tuple[MarginLaunch, tuple[Any, ...], dict[str, bool]]:
+        """The launch to use, its input rows, and its setting."""
+        width = points.shape[1]
+        if bounds is None and (width <= FEW_CONTACTS or np.max(counts, initial=0) <= FEW_CONTACTS):
+            cut = min(width, FEW_CONTACTS)
+            wide = _padded(points[:, :cut], FEW_CONTACTS), _padded(normals_in[:, :cut], FEW_CONTACTS)
+            return self._few, (*wide, counts, length, most), {}
+        # Points and bounds beyond the counts are of no contact. The arms are divided in single precision, as
+        # in the other form, so that the results of few contacts do not depend on the form.
+        used = np.arange(width) < np.reshape(counts, (-1, 1))
+        arms = np.float32(points) / np.reshape(np.float32(length), (-1, 1, 1))
+        arms = np.where(used[:, :, None], arms, np.float32(0.0))
+        normals = np.where(used[:, :, None], normals_in, 0.0)
+        totals, shares = np.ones(len(points)), np.zeros(used.shape)
+        if bounds is not None:
+            shares = np.where(used, bounds, 0.0)
+            totals = shares.sum(axis=1)
         # A candidate without force, or with numbers that are none, is one without contacts.
         good = np.isfinite(totals + arms.sum(axis=(1, 2)) + normals.sum(axis=(1, 2))) & (totals > 0.0)
         totals[~good] = 1.0
-        given = arms, normals, np.where(good, counts, 0), length, most, shares / totals[:, None], totals
-        return self._bounded, given
+        wide = tuple(_padded(values, CONTACTS) for values in (arms, normals, shares / totals[:, None]))
+        given = *wide[:2], np.where(good, counts, 0), length, most, wide[2], totals
+        return self._many, given, {"bounded": bounds is not None}
 
     def _run(
-        self, launch: MarginLaunch, given: tuple[Any, ...], bound: float, floor: float, base: Array | None
+        self, launch: MarginLaunch, given: tuple[Any, ...], settings: dict[str, Any], base: Array | None
     ) -> None:
         count = len(given[0])
         for rows, values in zip(launch.inputs.values(), given, strict=True):
             rows.put(values if np.ndim(values) else np.broadcast_to(values, count))
         always = self._base if base is None else self._vec6(*base.tolist())
-        launch.compute(count, {"base": always, "bound": float(bound), "floor": float(floor)})
+        launch.compute(count, {**settings, "base": always})
+
+
+def _padded(values: Array, width: int) -> Array:
+    """(n, width, ...) values with zeros added to (n, k, ...)."""
+    missing = width - values.shape[1]
+    return np.pad(values, [(0, 0), (0, missing), *[(0, 0)] * (values.ndim - 2)]) if missing else values
 
 
 def margins(
@@ -347,9 +358,9 @@ def margins(
     """Residual and strength of many candidates.
 
     Args:
-        points: (c, 8, 3) contact points [m]; only the first ``counts`` are used.
-        normals_in: (c, 8, 3) unit inward normals.
-        counts: (c,) numbers of contacts, 0..8.
+        points: (c, k, 3) contact points [m], k ≤ 24; only the first ``counts`` are used.
+        normals_in: (c, k, 3) unit inward normals.
+        counts: (c,) numbers of contacts, 0..k.
         wrenches: (m, 6) demanded wrenches (force; torque/ℓ) in units of the grip, 1 ≤ m ≤ 32.
         base: (6,) wrench that is demanded all the time, such as minus the weight, in units of the grip.
         friction: μ.

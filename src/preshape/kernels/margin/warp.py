@@ -21,7 +21,7 @@ from typing import Any
 
 import warp as wp
 
-from .warp_support import FAR, SharedContacts, cone_support, dot, plane_bound, support, vec6
+from .warp_support import FAR, FewContacts, cone_support, dot, plane_bound, support, vec6
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 1, "optimization_level": 3})
 
@@ -73,7 +73,7 @@ def margin(
     5. if the target is finished, records its result and goes to the next target or mode.
 
     Args:
-        contacts: ``SharedContacts`` or ``BoundedContacts``: contact points relative to the reference point,
+        contacts: ``FewContacts`` or ``ManyContacts``: contact points relative to the reference point,
             divided by ℓ; inward unit normals; number of contacts; friction coefficient μ; γ/ℓ.
         base: Wrench that is demanded all the time.
         units: (m,) unit directions of the demanded wrenches.
@@ -353,7 +353,7 @@ def margins(
 ):
     """One thread computes one candidate; see :func:`margin`."""
     tid = first + wp.tid()
-    contacts = SharedContacts()
+    contacts = FewContacts()
     contacts.count = wp.clamp(counts[tid], 0, CONTACTS)
     finite = bool(True)
     length = lengths[tid]

@@ -26,8 +26,8 @@ def dot(a: vec6, b: vec6):
 
 
 @wp.struct
-class SharedContacts:
-    """Contacts whose normal forces sum to one."""
+class FewContacts:
+    """Up to eight contacts whose normal forces sum to one."""
 
     arms: mat83
     normals: mat83
@@ -37,11 +37,15 @@ class SharedContacts:
 
 
 @wp.struct
-class BoundedContacts:
-    """Contacts with a largest normal force each; these bounds sum to one."""
+class ManyContacts:
+    """Any number of contacts.
+
+    Their normal forces sum to one, or each has a largest one, and these bounds sum to one.
+    """
 
     arms: wp.array(dtype=wp.vec3)
     normals: wp.array(dtype=wp.vec3)
+    bounded: wp.bool
     bounds: wp.array(dtype=wp.float32)
     count: wp.int32
     mu: wp.float32
@@ -49,7 +53,28 @@ class BoundedContacts:
 
 
 @wp.func
-def support(contacts: SharedContacts, y: vec6):
+def farthest(n: wp.vec3, arm: wp.vec3, mu: float, gamma: float, t: wp.vec3, m: float, s: float):
+    """The force and torque of a contact at unit normal force that reach farthest.
+
+    Args:
+        n: Inward unit normal.
+        arm: Contact point relative to the reference point, divided by ℓ.
+        mu: Friction coefficient.
+        gamma: Torsional friction divided by ℓ.
+        t: The part across the normal of the direction at the contact.
+        m: The direction's share of the moment, times gamma.
+        s: How far friction reaches along the direction.
+    """
+    f = n
+    twist = float(0.0)
+    if s > 1.0e-12:
+        f = n + t * (mu * mu / s)
+        twist = gamma * m / s
+    return f, wp.cross(arm, f) + n * twist
+
+
+@wp.func
+def support(contacts: FewContacts, y: vec6):
     """How far the wrenches of unit normal force reach along y, and the wrench that does."""
     yf = wp.vec3(y[0], y[1], y[2])
     yt = wp.vec3(y[3], y[4], y[5])
@@ -71,46 +96,50 @@ def support(contacts: SharedContacts, y: vec6):
             best_s = s
             best_g = t
             best_m = m
-    n = contacts.normals[best_i]
-    f = n
-    twist = float(0.0)
-    if best_s > 1.0e-12:
-        f = n + best_g * (contacts.mu * contacts.mu / best_s)
-        twist = contacts.gamma * best_m / best_s
-    torque = wp.cross(contacts.arms[best_i], f) + n * twist
-    return best, vec6(f[0], f[1], f[2], torque[0], torque[1], torque[2])
+    force, torque = farthest(
+        contacts.normals[best_i],
+        contacts.arms[best_i],
+        contacts.mu,
+        contacts.gamma,
+        best_g,
+        best_m,
+        best_s,
+    )
+    return best, vec6(force[0], force[1], force[2], torque[0], torque[1], torque[2])
 
 
 @wp.func
-def support(contacts: BoundedContacts, y: vec6):  # noqa: F811
-    """How far the wrenches of bounded normal forces reach along y, and the wrench that does.
+def support(contacts: ManyContacts, y: vec6):  # noqa: F811
+    """How far the producible wrenches reach along y, and the wrench that does.
 
-    The wrenches are the sum of the contacts' truncated cones, so their support is the sum of those of the
-    contacts. A contact whose cone does not reach along y gives no force.
+    With bounds, the wrenches are the sum of the contacts' truncated cones, so their support is the sum of
+    those of the contacts. A contact whose cone does not reach along y gives no force.
     """
     yf = wp.vec3(y[0], y[1], y[2])
     yt = wp.vec3(y[3], y[4], y[5])
     height = float(0.0)
     force = wp.vec3(0.0, 0.0, 0.0)
     torque = wp.vec3(0.0, 0.0, 0.0)
+    if not contacts.bounded:
+        height = -1.0e30
     for i in range(contacts.count):
         n = contacts.normals[i]
-        r = contacts.arms[i]
-        g = yf + wp.cross(yt, r)
+        arm = contacts.arms[i]
+        g = yf + wp.cross(yt, arm)
         along = wp.dot(n, g)
         t = g - n * along
         m = contacts.gamma * wp.dot(n, yt)
         s = wp.sqrt(contacts.mu * contacts.mu * wp.dot(t, t) + m * m)
-        if along + s > 0.0:
-            most = contacts.bounds[i]
-            f = n
-            twist = float(0.0)
-            if s > 1.0e-12:
-                f = n + t * (contacts.mu * contacts.mu / s)
-                twist = contacts.gamma * m / s
-            height = height + most * (along + s)
-            force = force + f * most
-            torque = torque + (wp.cross(r, f) + n * twist) * most
+        if contacts.bounded:
+            if along + s > 0.0:
+                most = contacts.bounds[i]
+                f, r = farthest(n, arm, contacts.mu, contacts.gamma, t, m, s)
+                height = height + most * (along + s)
+                force = force + f * most
+                torque = torque + r * most
+        elif along + s > height:
+            height = along + s
+            force, torque = farthest(n, arm, contacts.mu, contacts.gamma, t, m, s)
     return height, vec6(force[0], force[1], force[2], torque[0], torque[1], torque[2])
 
 

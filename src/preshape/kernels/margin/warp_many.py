@@ -1,7 +1,7 @@
-"""Wrench margins of contacts that each have a largest normal force; one thread computes one candidate.
+"""Wrench margins of many contacts, or of contacts with a largest normal force each.
 
-The search is that of :mod:`.warp`. It is compiled a second time, so that the form for few contacts stays as
-fast as it is, and this one takes any number.
+One thread computes one candidate. The search is that of :mod:`.warp`, compiled a second time, so that the
+form for few contacts stays as fast as it is, and this one takes any number.
 
 Import this module only inside a function: it loads Warp. It runs unchanged on the CPU and on CUDA.
 """
@@ -13,8 +13,8 @@ from __future__ import annotations
 
 import warp as wp
 
-from .warp import margin
-from .warp_support import BoundedContacts, vec6
+from .warp import K_FLOOR, margin
+from .warp_support import ManyContacts, vec6
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 1, "optimization_level": 3})
 
@@ -23,7 +23,7 @@ BOUNDED_FLOOR = wp.constant(wp.float32(4.0e-6))
 
 
 @wp.kernel
-def bounded_margins(
+def many_margins(
     # Model:
     units: wp.array(dtype=vec6),
     sizes: wp.array(dtype=float),
@@ -42,6 +42,7 @@ def bounded_margins(
     most: wp.array(dtype=float),
     shares: wp.array2d(dtype=float),
     totals: wp.array(dtype=float),
+    bounded: wp.bool,
     bound: float,
     floor: float,
     first: int,
@@ -51,16 +52,20 @@ def bounded_margins(
     worst: wp.array2d(dtype=wp.int32),
     wrench: wp.array(dtype=vec6),
 ):
-    """The search in units of the sum of a candidate's bounds; the results are in newtons again."""
+    """With bounds the search runs in units of their sum, the total; the results are in newtons again."""
     tid = first + wp.tid()
-    contacts = BoundedContacts()
+    contacts = ManyContacts()
     contacts.arms = arms[tid]
     contacts.normals = normals_in[tid]
+    contacts.bounded = bounded
     contacts.bounds = shares[tid]
     contacts.mu = friction
     contacts.gamma = torsion / lengths[tid]
     contacts.count = wp.clamp(counts[tid], 0, arms.shape[1])
     total = totals[tid]
+    k_floor = float(K_FLOOR)
+    if bounded:
+        k_floor = BOUNDED_FLOOR
     r, s, i, j, w = margin(
         contacts,
         base / total,
@@ -74,7 +79,7 @@ def bounded_margins(
         bound / total,
         most[tid] / total,
         floor / total,
-        BOUNDED_FLOOR,
+        k_floor,
     )
     residual[tid] = r * total
     strength[tid] = wp.min(s * total, most[tid])
