@@ -324,8 +324,8 @@ class ClosingKernel:
             place: (n, 3) origins of the palm frames in the mesh frame [m].
             turn: (n, 4) orientations of the palm frames, quaternions wxyz.
             posture: (n, j) joint angles [rad].
-            asked: (n, j + 1) the links, and last the palm, whose distance is computed, which takes most of
-                the time; that of the others is returned as 1e6. ``None`` for all.
+            asked: (n, j + 1) which links, and last whether the palm, shall be computed; the distance of the
+                others is returned as 1e6. ``None`` for all. The time is almost proportional to their number.
             enough: The distance of a link that is farther is returned as this one, without a sphere [m]; a
                 smaller value is faster.
 
