@@ -53,7 +53,7 @@ def test_the_example_is_fit_for_use():
     k = HandKinematics(hand)
     assert k.model.body_mass.sum() == pytest.approx(0.4 + 3 * 0.12, abs=1e-6)
     shapes = k.shapes()
-    assert {shape.kind for shape in shapes} == {"box", "capsule", "sphere"}
+    assert {shape.kind for shape in shapes} == {"box", "hull", "sphere"}
     assert [s.link for s in shapes if s.kind == "sphere"] == [
         "thumb_base",
         "thumb_tip",
