@@ -14,7 +14,7 @@ import numpy as np
 from ..exceptions import ObjectError
 from ..objects.mesh import TriangleMesh
 from ..types import Array, IntArray
-from .hulls import Hull, hull
+from .hulls import LinkHull, hull
 from .kinematics import LinkShape
 
 SAMPLES = 6000
@@ -116,7 +116,7 @@ class ObjectCollision:
         return sign * distance[:, 0], (sign / length[:, 0])[:, None] * away[:, 0]
 
 
-def _grown(solid: Hull, grow: float) -> tuple[Array, IntArray]:
+def _grown(solid: LinkHull, grow: float) -> tuple[Array, IntArray]:
     """Corners and triangles of a hull whose planes are moved out by ``grow`` [m]; a point if it vanishes."""
     if grow == 0.0:
         return solid.corners, solid.faces

@@ -43,7 +43,7 @@ _VERSION = 2
 
 
 @value
-class Hull:
+class LinkHull:
     """A convex polyhedron.
 
     Attributes:
@@ -63,7 +63,7 @@ class Hull:
         return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6)
 
 
-def hull(points: Array) -> Hull:
+def hull(points: Array) -> LinkHull:
     """The convex hull of points (n, 3) [m] that are not in one plane."""
     from scipy.spatial import ConvexHull
 
@@ -77,7 +77,7 @@ def hull(points: Array) -> Hull:
     faces[inward] = faces[inward][:, ::-1]
     planes = found.equations * [1.0, 1.0, 1.0, -1.0]
     _, first = np.unique(np.round(planes, 6), axis=0, return_index=True)
-    return Hull(corners=corners, faces=faces, planes=planes[np.sort(first)])
+    return LinkHull(corners=corners, faces=faces, planes=planes[np.sort(first)])
 
 
 def few_corners(points: Array) -> Array:

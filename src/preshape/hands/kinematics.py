@@ -15,7 +15,7 @@ from ..exceptions import HandError
 from ..spatial import inverse, quaternion_from_rotation, rotation_from_quaternion
 from ..types import Array, IntArray, value
 from .hand import Finger, Hand
-from .hulls import Hull, hull
+from .hulls import LinkHull, hull
 
 _SIGNS = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
 _SLENDER = 0.8
@@ -47,7 +47,7 @@ class LinkShape:
     radius: float
     half: Array
     rotation: Array
-    hull: Hull | None = None
+    hull: LinkHull | None = None
 
     @property
     def corners(self) -> Array:
@@ -87,7 +87,7 @@ def compile_hand(hand: Hand) -> Any:
 
 
 @cache
-def hand_hulls(hand: Hand) -> dict[int, Hull]:
+def hand_hulls(hand: Hand) -> dict[int, LinkHull]:
     """The hull of each geom of the hand's model that is a mesh, in the geom's frame."""
     import mujoco
 

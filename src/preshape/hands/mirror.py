@@ -29,7 +29,7 @@ _SIGNS = {
     "vertex": _POINT,
 }
 _UNKNOWN = ("euler", "axisangle", "xyaxes", "zaxis")
-_NAMES = ("name", "joint", "tendon", "body1", "body2", "site", "body", "geom1", "geom2")
+_NAMES = ("name", "joint", "tendon", "body1", "body2", "site", "body", "geom1", "geom2", "mesh")
 
 
 def mirrored(hand: Hand, *, rename: tuple[str, str] | None = None) -> Hand:

@@ -21,7 +21,6 @@ from .couples import Table, motors_within, per_motor, with_model_couples
 from .description import direction, finger_from, hand_from
 from .findings import LARGEST_ANGLE, description_findings, model_findings, refuse
 from .hand import Hand
-from .hulls import ellipsoid_corners
 from .link_pieces import Piece, frame_text, geom_pieces, geom_text, mesh_text, numbers_text, outside
 from .motors import ADAPTIVE, DIRECT, Motor
 
@@ -34,9 +33,6 @@ ms."""
 
 SPRING, SPRING_DAMPING = 0.05, 0.0
 """Stiffness [N m/rad] and damping [N m s/rad] that keep an adaptive couple on its unloaded path [C]."""
-
-_STANDS_OUT = 0.5e-3
-"""Distance by which a fingertip's sphere may stand out of the shape of its link [m] [C]."""
 
 _SAMPLES, _ALWAYS = 200, 0.9
 """Number of random postures, and share of them above which two colliding links overlap by design [C]."""
@@ -224,7 +220,7 @@ class _Writer:
         return found
 
     def _sites(self, name: str, T_body_world: Array, pieces: list[Piece]) -> list[str]:
-        """Sites of palm and fingertips; a tip also gets a sphere if :func:`_wants_sphere`."""
+        """Sites of palm and fingertips; a tip also gets a sphere, unless it is a hull."""
         lines = []
         palm = self.data["palm"]
         if self.bodies[str(palm["body"])] == name:
@@ -234,7 +230,7 @@ class _Writer:
             if self.bodies[str(entry["tip_body"])] == name:
                 T, label = T_body_world @ self._tip_frame(entry), quoteattr(f"{entry['name']}_tip")
                 radius = float(entry["tip_radius"])
-                if _wants_sphere(pieces, T[:3, 3], radius):
+                if not _is_hull(pieces, T[:3, 3], radius):
                     lines.append(
                         f'<geom name={label} type="sphere" {frame_text(T)} size="{radius:.6g}" mass="0" '
                         'rgba="0.2 0.2 0.22 1"/>'
@@ -339,12 +335,10 @@ def _parts(joints: Sequence[str], weights: Iterable[float]) -> list[str]:
     ]
 
 
-def _wants_sphere(pieces: list[Piece], centre: Array, radius: float) -> bool:
-    """Whether a tip gets a sphere: nothing of its link is there, or the sphere lies in what is there."""
-    ways = ellipsoid_corners(np.ones(3))
-    nearest = min((outside(piece, centre[None])[0] for piece in pieces), default=np.inf)
-    out = np.min([outside(piece, centre + radius * ways) for piece in pieces], axis=0) if pieces else 0.0
-    return bool(nearest >= radius or np.max(out) <= _STANDS_OUT)
+def _is_hull(pieces: list[Piece], centre: Array, radius: float) -> bool:
+    """Whether a fingertip is a hull already: its centre is half a radius deep in one, at least."""
+    depths = [-outside(piece, centre[None])[0] for piece in pieces if piece.kind == "hull"]
+    return max(depths, default=-np.inf) >= 0.5 * radius
 
 
 def _overlapping_pairs(
