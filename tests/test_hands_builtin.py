@@ -9,7 +9,7 @@ from preshape.exceptions import HandError, InputError, UnknownHand
 from preshape.hands import hand_names, load_hand
 from preshape.hands.check import check_hand, close_empty, motion_findings, opposition
 from preshape.hands.collision import closest_on_triangles
-from preshape.hands.kinematics import HandKinematics
+from preshape.hands.kinematics import HandKinematics, hand_hulls
 from preshape.spatial import inverse, pose
 
 HANDS = ("allegro", "leap", "shadow", "utah_mit")
@@ -32,6 +32,36 @@ def random_postures(hand, count, seed=0):
 
 def frame(data, body):
     return pose(data.xmat[body].reshape(3, 3), data.xpos[body])
+
+
+def farthest(model, body, axis, sign):
+    """How far the colliding shapes of a last body reach along an axis of its frame [m].
+
+    Allegro's fingertips collide 2.3 mm farther out than they look; physics grasps with what collides.
+    """
+    import mujoco
+
+    kinds, reach = mujoco.mjtGeom, []
+    for g in range(model.ngeom):
+        owner = int(model.geom_bodyid[g])
+        fixed = model.body_parentid[owner] == body and not model.body_jntnum[owner]
+        if (owner == body or fixed) and (model.geom_contype[g] or model.geom_conaffinity[g]):
+            assert owner == body or np.allclose(model.body_quat[owner], [1, 0, 0, 0])
+            turn = np.zeros(9)
+            mujoco.mju_quat2Mat(turn, model.geom_quat[g])
+            row, size = sign * turn.reshape(3, 3)[axis], model.geom_size[g]
+            if model.geom_type[g] == kinds.mjGEOM_MESH:
+                mesh = int(model.geom_dataid[g])
+                start = int(model.mesh_vertadr[mesh])
+                out = (model.mesh_vert[start : start + int(model.mesh_vertnum[mesh])] @ row).max()
+            elif model.geom_type[g] == kinds.mjGEOM_CAPSULE:
+                out = size[0] + size[1] * abs(row[2])
+            else:
+                assert model.geom_type[g] == kinds.mjGEOM_BOX
+                out = np.abs(row) @ size
+            place = model.geom_pos[g] + (model.body_pos[owner] if owner != body else 0.0)
+            reach.append(float(sign * place[axis] + out))
+    return max(reach)
 
 
 def last_mesh(model, body):
@@ -72,8 +102,7 @@ def test_fingertips_agree_with_the_reference_model(name, reference):
         assert np.allclose(theirs.joint(joint).range, limits, atol=1e-9), joint
     ends = {}
     for finger in hand.fingers:
-        points, _ = last_mesh(theirs, theirs.body(finger.tip_body).id)
-        ends[finger.name] = float((sign * points[:, axis]).max())
+        ends[finger.name] = farthest(theirs, theirs.body(finger.tip_body).id, axis, sign)
     worst_body = worst_end = 0.0
     for q in random_postures(hand, 1000):
         a.qpos[:], b.qpos[:] = q, theirs.qpos0
@@ -96,9 +125,9 @@ def test_fingertips_agree_with_the_reference_model(name, reference):
     assert worst_end < 1e-3
 
 
-@pytest.mark.parametrize("name", ["shadow", "allegro"])
+@pytest.mark.parametrize("name", ["shadow"])
 def test_the_end_of_a_fingertip_lies_on_the_reference_mesh(name, reference):
-    # LEAP's white tip is no surface in its model: MuJoCo drops the second object of that mesh.
+    # LEAP's fingertip is a wedge; Allegro's capsules that collide are longer than its meshes.
     import mujoco
 
     folder, _, _, _ = REFERENCE[name]
@@ -160,6 +189,8 @@ def test_shadow_has_the_published_joints_in_their_order():
 
 @pytest.mark.parametrize("name", HANDS)
 def test_mjcf_and_description_agree(name):
+    import mujoco
+
     hand = load_hand(name)
     model = HandKinematics(hand).model
     assert tuple(model.joint(j).name for j in range(model.njnt)) == hand.joints
@@ -173,9 +204,17 @@ def test_mjcf_and_description_agree(name):
         assert model.actuator_forcerange[k, 1] == pytest.approx(hand.torque_limits[k])
     for finger in hand.fingers:
         tip = model.geom(f"{finger.name}_tip")
-        assert tip.size[0] == pytest.approx(finger.tip_radius)
-        assert np.allclose(tip.pos, model.site(finger.tip_site).pos)
         assert model.body(int(tip.bodyid[0])).name == finger.tip_body
+        if name == "leap":  # a wedge; the sphere of the description lies in it and touches its pad
+            solid = hand_hulls(hand)[int(tip.id)]
+            turn = np.zeros(9)
+            mujoco.mju_quat2Mat(turn, tip.quat)
+            centre = (model.site(finger.tip_site).pos - tip.pos) @ turn.reshape(3, 3)
+            depth = (solid.planes[:, 3] - solid.planes[:, :3] @ centre).min()
+            assert finger.tip_radius < depth < finger.tip_radius + 3e-4
+        else:
+            assert tip.size[0] == pytest.approx(finger.tip_radius)
+            assert np.allclose(tip.pos, model.site(finger.tip_site).pos)
     width = max(finger.tip_radius for finger in hand.fingers[1:])
     assert hand.fingertip_width >= 2 * width
     middle = hand.finger("middle")
@@ -310,8 +349,12 @@ def test_a_left_hand_is_the_mirror_image(name):
             assert np.allclose(mirrored, other.rotation, atol=1e-8) or one.kind != "box"
             ends = {tuple(np.round(p, 8) + 0.0) for p in (one.p0 * flip, one.p1 * flip)}
             assert ends == {tuple(np.round(p, 8) + 0.0) for p in (other.p0, other.p1)}
-        hits = [[hit[2] for hit in k.self_collisions()] for k in (a, b)]
-        assert np.allclose(sorted(hits[0]), sorted(hits[1]), atol=1e-5)
+            if one.hull is not None:
+                points = {tuple(np.round(p, 6) + 0.0) for p in one.corners * flip}
+                assert points == {tuple(np.round(p, 6) + 0.0) for p in other.corners}
+        # How deep two hulls are in each other depends on the order of their corners, if they are deep.
+        hits = [sorted(hit[2] for hit in k.self_collisions(1e-5)) for k in (a, b)]
+        assert np.allclose(hits[0], hits[1], atol=1e-5, rtol=0.1 if hand_hulls(right) else 0.0)
     mass = [k.model.body_mass for k in (a, b)]
     assert np.allclose(mass[0], mass[1])
     assert np.allclose(a.model.body_ipos * flip, b.model.body_ipos, atol=1e-9)

@@ -53,7 +53,7 @@ def test_the_example_is_fit_for_use():
     k = HandKinematics(hand)
     assert k.model.body_mass.sum() == pytest.approx(0.4 + 3 * 0.12, abs=1e-6)
     shapes = k.shapes()
-    assert {shape.kind for shape in shapes} == {"box", "capsule", "sphere"}
+    assert {shape.kind for shape in shapes} == {"box", "hull", "sphere"}
     assert [s.link for s in shapes if s.kind == "sphere"] == [
         "thumb_base",
         "thumb_tip",
@@ -163,9 +163,9 @@ def test_an_mjcf_with_meshes_degrees_fixed_joints_and_a_root(tmp_path):
     shapes = {shape.link: shape for shape in k.shapes()}
     assert [s.kind for s in shapes.values() if s.body == "hand"] == ["box"]  # what only shows is left out
     mesh = shapes["index_i1"]
-    assert mesh.kind == "capsule"  # 18 × 18 × 50 mm
-    assert mesh.radius == pytest.approx(0.009, abs=1e-6)
-    assert np.allclose((mesh.p0 + mesh.p1) / 2, [0.03, 0.05, 0.025], atol=1e-6)
+    assert mesh.kind == "hull"  # 18 × 18 × 50 mm
+    assert np.allclose(mesh.corners.min(axis=0), [0.021, 0.041, 0.0], atol=1e-6)
+    assert np.allclose(mesh.corners.max(axis=0), [0.039, 0.059, 0.05], atol=1e-6)
     # A joint of the hand that no finger lists is fixed by name, not by chance.
     path.write_text(swap(toml, ('root = "hand"', 'root = "arm"')), encoding="utf-8")
     assert [f.code for f in check_hand(path)] == ["joint_left_out"]
@@ -195,8 +195,8 @@ def test_meshes_of_a_package_are_found(tmp_path):
     path = write(tmp_path / "urdf", urdf=urdf)
     assert check_hand(path) == []
     links = {shape.link: shape for shape in HandKinematics(load_hand(path)).shapes()}
-    assert links["index_proximal"].kind == "capsule"
-    assert links["index_proximal"].radius == pytest.approx(0.009, abs=1e-6)
+    assert links["index_proximal"].kind == "hull"
+    assert links["index_proximal"].hull.volume == pytest.approx(0.018 * 0.018 * 0.05, rel=1e-4)
     large = write(tmp_path / "urdf", urdf=swap(urdf, ('link.obj"', 'link.obj" scale="1000 1000 1000"')))
     (found,) = check_hand(large)
     assert found.code == "mesh_size"

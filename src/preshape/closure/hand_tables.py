@@ -2,8 +2,8 @@
 
 Everything is in the palm frame. The spheres come from :mod:`preshape.kernels.hand_spheres` and lie inside the
 true shapes. The shapes protrude from them by at most 3 mm (``COARSE``; capsules by 1 mm) or 0.5 mm (``FINE``;
-capsules by 0.15 mm), edges and corners of boxes included. Neighbouring spheres share a bounding sphere, so
-that most distance queries end at the bounding sphere.
+capsules by 0.15 mm), edges and corners of boxes and hulls included. Neighbouring spheres share a bounding
+sphere, so that most distance queries end at the bounding sphere.
 
 Results that take a second or more to compute are cached on disk, keyed by the hand's content. If a cache file
 cannot be read, its result is computed again; if the cache folder cannot be written, nothing is cached.
@@ -24,13 +24,14 @@ import numpy as np
 
 from ..files import cache_folder, keep_arrays, read_arrays
 from ..hands.hand import Hand
-from ..hands.kinematics import compile_hand
+from ..hands.kinematics import compile_hand, hand_hulls
 from ..hands.motors import DEGREE, KNOTS
 from ..kernels.hand_spheres import COARSE, FINE, LinkSolid, bound, grouped, link_spheres
+from ..kernels.hull_spheres import Polyhedron
 from ..kernels.tables import HandTables
 from ..types import Array, IntArray
 
-CACHE_VERSION = 5
+CACHE_VERSION = 6
 """Increased whenever cached tables, preshapes or pinches are computed differently."""
 _GROUP = {COARSE: 12, FINE: 16}
 """Largest number of spheres under one bounding sphere [C]."""
@@ -245,7 +246,7 @@ def link_shapes(hand: Hand) -> list[list[LinkSolid]]:
     """The shapes that each joint carries, in the joint's frame; the palm's, in the palm frame, come last."""
     import mujoco
 
-    model = compile_hand(hand)
+    model, hulls = compile_hand(hand), hand_hulls(hand)
     carrier, frames = _carrying_joints(model), _body_frames(model)
     anchors = _joint_frames(model, frames)
     links: list[list[LinkSolid]] = [[] for _ in range(model.njnt + 1)]
@@ -267,6 +268,7 @@ def link_shapes(hand: Hand) -> list[list[LinkSolid]]:
                 facing=facing,
                 radius=0.0 if box else float(size[0]),
                 half=np.array(size) if box else np.array([0.0, 0.0, length]),
+                hull=Polyhedron(own.corners, own.faces, own.planes) if (own := hulls.get(geom)) else None,
             )
         )
     return links

@@ -26,9 +26,10 @@ _SIGNS = {
     "quat": _QUATERNION,
     "axis": _SPIN,
     "fullinertia": _PRODUCTS,
+    "vertex": _POINT,
 }
 _UNKNOWN = ("euler", "axisangle", "xyaxes", "zaxis")
-_NAMES = ("name", "joint", "tendon", "body1", "body2", "site", "body", "geom1", "geom2")
+_NAMES = ("name", "joint", "tendon", "body1", "body2", "site", "body", "geom1", "geom2", "mesh")
 
 
 def mirrored(hand: Hand, *, rename: tuple[str, str] | None = None) -> Hand:
@@ -96,6 +97,7 @@ def _mirror(element: ElementTree.Element, hand: str) -> None:
     for key, signs in _SIGNS.items():
         if key in element.attrib:
             numbers = np.array([float(x) for x in element.attrib[key].split()])
+            signs = np.resize(signs, len(numbers))  # a mesh has many vertices in one attribute
             element.set(key, " ".join(f"{x:.12g}" for x in numbers * signs + 0.0))
 
 
