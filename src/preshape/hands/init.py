@@ -21,17 +21,20 @@ from typing import Any
 
 import numpy as np
 
+from ..exceptions import HandError
 from ..types import Array, value
 from .anatomy import Anatomy, anatomy
 from .compiled import CompiledModel
 from .couples import Table, couple_joints, couples_of
 from .digits import Digit, along, phalanx
-from .findings import DEPTH, refuse, size_findings
+from .findings import DEPTH, description_findings, model_findings, refuse, size_findings
 from .hand import LONGEST_HAND_NAME, Hand
 from .kinematics import HandKinematics
 from .motor_guesses import Motors, motors_of
 from .rewrite import rebuilt
 from .skeleton import Drive, Skeleton
+
+_SAID = 3  # faults of a model that one message names
 
 _STEPS = 20
 """Steps along a closing path in the search for collisions."""
@@ -115,6 +118,9 @@ def describe(
     ]
     data = {"name": _hand_name(model, set(taken)), **_table(skeleton, found, drives, model, motors)}
     data["finger"] = [_finger(found, k, path, {}) for k, path in enumerate(paths)]
+    if faults := [*description_findings(data), *model_findings(data, source)]:
+        rest = f"; and {len(faults) - _SAID} more faults" if len(faults) > _SAID else ""
+        raise HandError(f"{label}: {'; '.join(map(str, faults[:_SAID]))}{rest}")
     hand = rebuilt(data, source, label)
     search = _Search(hand, found)
     paths = search.fingers(paths)
