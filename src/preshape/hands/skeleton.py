@@ -51,11 +51,11 @@ class Skeleton:
         self.source, self.m = source, source.model
         self._mujoco = mujoco
         self._data = mujoco.MjData(self.m)
-        turning = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
+        turning = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
         self._places = {
             joint: int(self.m.joint(joint).qposadr[0])
             for joint in source.joints
-            if self.m.jnt_type[self.m.joint(joint).id] in turning
+            if int(self.m.jnt_type[self.m.joint(joint).id]) in turning
         }
         limits = {joint: np.array(sorted(source.ranges[joint])) for joint in source.hinges}
         motors = {joint: direct_motor(joint, limits[joint]) for joint in source.hinges}
