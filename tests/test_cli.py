@@ -62,6 +62,7 @@ HELPS = [
         for command in ("holds", "planner", "pick", "tasks", "indices", "clouds", "learning")
     ),
     ["hands", "check"],
+    ["hands", "init"],
 ]
 
 

@@ -15,11 +15,12 @@ from model_hands import ROW, THUMB, FingerText, hand_urdf
 from preshape.cli.commands import app
 from preshape.exceptions import HandError
 from preshape.hands import load_hand
-from preshape.hands.check import check_hand, opposition
+from preshape.hands.check import check_hand, inspect_hand, opposition
 from preshape.hands.compiled import read_model
+from preshape.hands.description import direction
 from preshape.hands.init import describe
 from preshape.hands.kinematics import HandKinematics
-from preshape.hands.load import is_model, joined, read_description, recorded_hand, source_of
+from preshape.hands.load import describe_file, is_model, joined, read_description, recorded_hand, source_of
 from preshape.hands.toml_text import toml_text
 from preshape.hands.trial import trials
 
@@ -229,7 +230,7 @@ def test_of_a_whole_robot_the_hand_is_found_or_asked_for(tmp_path: Path) -> None
 
 
 def test_the_laws_of_the_file_are_kept_and_those_of_a_file_of_motors_are_used(
-    tmp_path: Path, runner: CliRunner
+    tmp_path: Path,
 ) -> None:
     fingers = [replace(f, follows={len(f.joints) - 1: (len(f.joints) - 2, 0.8)}) for f in (THUMB, *ROW)]
     path = save(tmp_path, hand_urdf(fingers))
@@ -242,18 +243,13 @@ def test_the_laws_of_the_file_are_kept_and_those_of_a_file_of_motors_are_used(
         for f in (THUMB, *ROW)
     ]
     motors = save(tmp_path, "[actuators]\ntorque_limit = 0.7\n" + "\n".join(couples), "motors.toml")
-    assert check_hand(joined(free, motors)) == []
     hand = load_hand(joined(free, motors))
     assert len(hand.motors) == 11
     assert set(hand.torque_limits.tolist()) == {0.7}
     assert load_hand(hand.source).mjcf == hand.mjcf
-    toml = tmp_path / "out.toml"
-    runner.invoke(
-        app,
-        ["hands", "init", str(free), "--motors", str(motors), "--out", str(toml)],
-        catch_exceptions=False,
-    )
-    assert len(load_hand(toml).motors) == 11
+    toml, _, described = describe_file(str(free), motors=str(motors), out=str(tmp_path / "out.toml"))
+    assert load_hand(toml).mjcf == described.mjcf
+    assert len(described.motors) == 11
     with pytest.raises(HandError, match="a file of motors contains"):
         load_hand(joined(free, save(tmp_path, "u = 3", "wrong.toml")))
     with pytest.raises(HandError, match="--motors belongs to a model or a TOML file"):
@@ -361,3 +357,49 @@ def test_a_hand_whose_fingers_pass_the_object_holds_nothing(fit: Path, tmp_path:
         ),
     )
     assert not any(trial.against for trial in trials(still))
+
+
+# -- hands that sell --------------------------------------------------------------------------------
+
+BARRETT = """# The four motors of a Barrett hand: the spread, and one for each finger.
+[actuators]
+torque_limit = 1.2
+
+[[couple]]
+law = "rigid"
+motor = "finger_1_prox_joint"
+follow = { finger_2_prox_joint = -1.0 }
+""" + "".join(
+    f"""
+[[couple]]
+law = "adaptive"
+motor = "finger_{k}"
+sum = {{ finger_{k}_med_joint = -1.0, finger_{k}_dist_joint = -1.0 }}
+free = [[0.0, 0.0], [-2.44, -0.785]]
+locks = "finger_{k}_med_joint"
+"""
+    for k in (1, 2, 3)
+)
+
+SOLD = {
+    "inspire/inspire_hand_right.urdf": (5, 6, "-y", "-x", "right"),
+    "linker_l10/linkerhand_l10_right.urdf": (5, 10, "+z", "+x", "right"),
+    "dex3/unitree_dex3_right.urdf": (3, 7, "-y", "-x", "right"),
+    "barrett/bhand_model.urdf": (3, 4, "+z", "-y", "right"),
+}
+"""Numbers of fingers and motors, the axes along which fingers point and the palm faces, and the side."""
+
+
+@pytest.mark.parametrize("name", SOLD)
+def test_hands_that_sell_are_fit_without_an_edit(name: str, reference: Path, tmp_path: Path) -> None:
+    fingers, motors, points, faces, side = SOLD[name]
+    source: Path | str = reference / "hands" / name
+    if name.startswith("barrett"):
+        source = joined(source, save(tmp_path, BARRETT, "motors.toml"))
+    found, hand = inspect_hand(source)
+    assert found == []
+    assert hand is not None
+    assert (len(hand.fingers), len(hand.motors), hand.side) == (fingers, motors, side)
+    assert np.allclose(hand.T_root_palm[:3, 2], direction(points, ""), atol=0.02)
+    assert np.allclose(-hand.T_root_palm[:3, 1], direction(faces, ""), atol=0.02)
+    assert all(trial.against for trial in trials(hand))

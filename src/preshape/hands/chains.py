@@ -17,7 +17,7 @@ REACH = 0.45
 WRIST = 0.35
 """Largest length of a forearm that stays part of the hand, as an obstacle [m] [C]."""
 
-_TURNED = 0.7
+_TURNED = 0.4
 """Share of its range at which a motor stays that moves palm and thumb at once [C]."""
 
 
@@ -61,7 +61,11 @@ def palm_and_chains(
     held = {joint for joint in under if not any(joint in chain for chain in chains)}
     held |= _with_their_motors(skeleton, held, chains)
     chains = [tuple(joint for joint in chain if joint not in held) for chain in chains]
-    return palm, [chain for chain in chains if chain], {joint: skeleton.neutral[joint] for joint in held}
+    return (
+        palm,
+        [chain for chain in chains if chain],
+        {joint: skeleton.neutral[joint] for joint in under if joint in held},
+    )
 
 
 def _with_their_motors(skeleton: Skeleton, held: set[str], chains: list[tuple[str, ...]]) -> set[str]:

@@ -36,6 +36,9 @@ from .plausible import geometry_findings, motor_findings
 from .rewrite import rebuilt
 from .trial import trials
 
+LEAST_TRAVEL = 5e-3
+"""Least way of a fingertip from open to closed [m] [C]."""
+
 STEPS = 25
 """Steps along a closing path."""
 
@@ -204,9 +207,17 @@ def opposition(hand: Hand, kinematics: HandKinematics) -> Array:
 def _direction_findings(hand: Hand, kinematics: HandKinematics) -> list[Finding]:
     found = []
     _, moves = half_closed(hand, kinematics)
-    for finger, move in zip(hand.fingers, moves, strict=True):
+    ends = []
+    for c in (0.0, 0.5, 1.0):
+        kinematics.set_posture(hand.at(c))
+        ends.append(kinematics.tips(hand.fingers)[0])
+    travel = np.linalg.norm(np.diff(ends, axis=0), axis=2).sum(axis=0)
+    for finger, move, way in zip(hand.fingers, moves, travel, strict=True):
         if not move.any():
             text = f"the closing path does not move the {finger.name}'s tip at half closed"
+            found.append(Finding(code="does_not_close", text=text))
+        elif way < LEAST_TRAVEL:
+            text = f"the closing path moves the {finger.name}'s tip by {1000 * way:.1f} mm only"
             found.append(Finding(code="does_not_close", text=text))
     for finger, move in zip(hand.fingers[1:], moves[1:], strict=True):
         # The palm faces -y of its frame, where the thumb is.

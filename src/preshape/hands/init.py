@@ -21,17 +21,20 @@ from typing import Any
 
 import numpy as np
 
+from ..exceptions import HandError
 from ..types import Array, value
 from .anatomy import Anatomy, anatomy
 from .compiled import CompiledModel
 from .couples import Table, couple_joints, couples_of
 from .digits import Digit, along, phalanx
-from .findings import DEPTH, refuse, size_findings
+from .findings import DEPTH, description_findings, model_findings, refuse, size_findings
 from .hand import LONGEST_HAND_NAME, Hand
 from .kinematics import HandKinematics
 from .motor_guesses import Motors, motors_of
 from .rewrite import rebuilt
 from .skeleton import Drive, Skeleton
+
+_SAID = 3  # faults of a model that one message names
 
 _STEPS = 20
 """Steps along a closing path in the search for collisions."""
@@ -115,8 +118,13 @@ def describe(
     ]
     data = {"name": _hand_name(model, set(taken)), **_table(skeleton, found, drives, model, motors)}
     data["finger"] = [_finger(found, k, path, {}) for k, path in enumerate(paths)]
+    if faults := [*description_findings(data), *model_findings(data, source)]:
+        rest = f"; and {len(faults) - _SAID} more faults" if len(faults) > _SAID else ""
+        raise HandError(f"{label}: {'; '.join(map(str, faults[:_SAID]))}{rest}")
     hand = rebuilt(data, source, label)
     search = _Search(hand, found)
+    if by_design := search.overlaps(paths):
+        data["ignore"] = [list(pair) for pair in by_design]
     paths = search.fingers(paths)
     paths, ranges = search.opposed(paths)
     data["finger"] = [
@@ -171,6 +179,15 @@ class _Search:
         owner = {
             int(model.joint(joint).bodyid[0]): k for k, d in enumerate(found.digits) for joint in d.joints
         }
+        self._body = {
+            model.geom(g).name: str(model.body(int(model.geom_bodyid[g])).name) for g in range(model.ngeom)
+        }
+        self._first = {
+            str(model.body(int(model.joint(joint).bodyid[0])).name)
+            for digit in found.digits
+            for joint in digit.joints[: digit.joints.index(digit.flexion[0]) + 1]
+        }
+        self._ignored: set[tuple[str, str]] = set()
         self._owner = {
             model.geom(g).name: owner.get(int(model.geom_bodyid[g]), -1) for g in range(model.ngeom)
         }
@@ -183,7 +200,31 @@ class _Search:
     def hits(self) -> list[tuple[int, int]]:
         """Pairs of fingers (palm -1) whose links overlap too much."""
         found = self.kinematics.self_collisions(0.75 * DEPTH)
-        return [(self._owner[one], self._owner[other]) for one, other, _ in found]
+        return [
+            (self._owner[one], self._owner[other])
+            for one, other, _ in found
+            if self._pair(one, other) not in self._ignored
+        ]
+
+    def _pair(self, one: str, other: str) -> tuple[str, str]:
+        """Names of the bodies of two shapes, sorted."""
+        a, b = sorted((self._body[one], self._body[other]))
+        return a, b
+
+    def overlaps(self, paths: list[_Path]) -> list[tuple[str, str]]:
+        """Bodies whose shapes overlap when the hand is open, because one houses the joint of the other.
+
+        These are the palm and a finger's links up to its first flexion joint, and links of one finger.
+        """
+        posture: dict[str, float] = {}
+        for path in paths:
+            posture |= path.at(0.0)
+        self.set(posture)
+        for one, other, _ in self.kinematics.self_collisions(0.75 * DEPTH):
+            owners, pair = {self._owner[one], self._owner[other]}, self._pair(one, other)
+            if len(owners) == 1 or (-1 in owners and self._first & set(pair)):
+                self._ignored.add(pair)
+        return sorted(self._ignored)
 
     def tips(self, angles: dict[str, float]) -> Array:
         self.set(angles)
@@ -433,6 +474,8 @@ def _lines(
     fingers = f"fingers: {', '.join(found.names)}; {thumb}"
     if found.fixed:
         fingers += f"; fixed: {_some(found.fixed)}"
+    if "ignore" in data:
+        fingers += f"; overlap by design: {_some(' and '.join(pair) for pair in data['ignore'])}"
     tips = [1000 * digit.tip.radius for digit in found.digits]
     radii = "-".join(dict.fromkeys(f"{radius:.0f}" for radius in (min(tips), max(tips))))
     palm = data["palm"]

@@ -136,7 +136,9 @@ def recorded_hand(record: Mapping[str, Any]) -> Hand:
         KeyError: The record has neither.
         InputError: The hand cannot be loaded; see :func:`load_hand`.
     """
-    return load_hand(str(record.get("source") or record["name"]))
+    source = str(record.get("source") or record["name"])
+    _said.add(_split_side(source, None)[0])  # what was guessed was said when the plan was made
+    return load_hand(source)
 
 
 def parse_hand(description: str, mjcf: str) -> Hand:

@@ -51,6 +51,12 @@ class Skeleton:
         self.source, self.m = source, source.model
         self._mujoco = mujoco
         self._data = mujoco.MjData(self.m)
+        turning = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
+        self._places = {
+            joint: int(self.m.joint(joint).qposadr[0])
+            for joint in source.joints
+            if int(self.m.jnt_type[self.m.joint(joint).id]) in turning
+        }
         limits = {joint: np.array(sorted(source.ranges[joint])) for joint in source.hinges}
         motors = {joint: direct_motor(joint, limits[joint]) for joint in source.hinges}
         for couple in couples:
@@ -85,7 +91,8 @@ class Skeleton:
         """Set the posture; joints that are not given stand at their neutral or lawful angle."""
         self._data.qpos[:] = self.m.qpos0
         for joint, angle in self.lawful(given).items():
-            self._data.qpos[self.m.jnt_qposadr[self.m.joint(joint).id]] = angle
+            if joint in self._places:
+                self._data.qpos[self._places[joint]] = angle
         self._mujoco.mj_kinematics(self.m, self._data)
 
     def body_of(self, joint: str) -> int:
