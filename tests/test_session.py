@@ -34,6 +34,7 @@ from preshape.viewer.words import scene_words
 
 QUICK = ClosureSettings(everywhere=300, on_plane=120, at_aim=60, persistence=0, rounds=1, elite=8, finished=3)
 DATA = Path(__file__).parent / "data"
+pytestmark = pytest.mark.usefixtures("small_pictures")
 
 
 @pytest.fixture
@@ -121,7 +122,7 @@ def test_a_table_reaches_the_request(
     monkeypatch.setattr(Session, "run", refuse)
     assert run(["plan", "box", "--hand", "shadow", "--memory", ":memory:", "--json", *words.split()]) == 2
     assert "not today" in capsys.readouterr().out
-    assert [(request.table, request.task) for request in found] == [(table, "lift")]
+    assert [(request.table, request.asked.name) for request in found] == [(table, "lift")]
 
 
 def test_a_box_out_of_reach_is_told(session: Session) -> None:
@@ -320,9 +321,16 @@ PAIRS = [(name, task) for name in names() for task in entry(name).tasks]
 @pytest.fixture(scope="module")
 def asked_twice() -> list[tuple[preshape.Plan, preshape.Plan]]:
     """The answers of rays for every task of every object, and those for the same requests at once after."""
-    with Session(":memory:") as one:
-        requests = [PlanRequest(source=name, task=task) for name, task in PAIRS]
-        return [(one.run(request), one.run(request)) for request in requests]
+    made = []
+    with Session(":memory:") as one, pytest.MonkeyPatch.context() as patch:
+        for name, task in PAIRS:
+            request = PlanRequest(source=name, task=task)
+            first = one.run(request)
+            hand = first.answer and first.answer.hand_result
+            patch.setattr("preshape.planning.session.execute", lambda *_, hand=hand, **__: hand)
+            made.append((first, one.run(request)))  # without the hand's simulation, which takes longest
+            patch.undo()
+    return made
 
 
 def test_asking_again_never_gives_a_worse_answer_with_rays(
@@ -337,6 +345,29 @@ def test_asking_again_never_gives_a_worse_answer_with_rays(
         improved += again.decision.reason.startswith("known:")
     assert not worse
     assert improved  # the estimator alone would have answered worse
+
+
+def test_an_answer_of_rays_without_the_motion_says_so(
+    asked_twice: list[tuple[preshape.Plan, preshape.Plan]],
+) -> None:
+    found = []
+    for plan, _ in asked_twice:
+        if plan.answer is not None:
+            missing = plan_to_json(plan)["missing_motion"]
+            found.append(missing)
+            share = np.abs(plan.request.asked.q) / [1, 1, 1, 0.8, 0.8, 0.8]
+            largest = share >= share.max() - 1e-9
+            assert bool(missing) == bool((plan.answer.grasp.adi[largest] <= 1e-9).all())
+            headline = str(plan).splitlines()[0]
+            assert ("Grasp found, but it" in headline) == bool(missing)
+            asked, given = plan.request.asked.q, plan.answer.grasp.net_wrench
+            opposed = [COMPONENTS[k] for k in np.flatnonzero((asked * given < 0) & (np.abs(given) > 0.1))]
+            if missing in opposed:
+                assert f"opposes {missing}" in headline
+                assert any(
+                    "the grasp opposes it with" in warning for warning in plan_to_json(plan)["warnings"]
+                )
+    assert 0 < sum(map(bool, found)) < len(found) / 2
 
 
 @pytest.mark.parametrize("name", ["box", "mug", "bottle", "bolt", "pear", "key", "pan", "sphere"])
@@ -440,29 +471,6 @@ def test_where_nothing_touches_there_is_no_best(session: Session) -> None:
     assert plan.decision.status is Status.NO_GRASP
     assert plan.best is None
     assert plan_to_json(plan)["best"] is None
-
-
-def test_an_answer_of_rays_without_the_motion_says_so(
-    asked_twice: list[tuple[preshape.Plan, preshape.Plan]],
-) -> None:
-    found = []
-    for plan, _ in asked_twice:
-        if plan.answer is not None:
-            missing = plan_to_json(plan)["missing_motion"]
-            found.append(missing)
-            share = np.abs(plan.request.asked.q) / [1, 1, 1, 0.8, 0.8, 0.8]
-            largest = share >= share.max() - 1e-9
-            assert bool(missing) == bool((plan.answer.grasp.adi[largest] <= 1e-9).all())
-            headline = str(plan).splitlines()[0]
-            assert ("Grasp found, but it" in headline) == bool(missing)
-            asked, given = plan.request.asked.q, plan.answer.grasp.net_wrench
-            opposed = [COMPONENTS[k] for k in np.flatnonzero((asked * given < 0) & (np.abs(given) > 0.1))]
-            if missing in opposed:
-                assert f"opposes {missing}" in headline
-                assert any(
-                    "the grasp opposes it with" in warning for warning in plan_to_json(plan)["warnings"]
-                )
-    assert 0 < sum(map(bool, found)) < len(found) / 2
 
 
 # -- plans as files -------------------------------------------------------------------------------------
