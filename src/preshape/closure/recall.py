@@ -14,7 +14,7 @@ from ..objects.mesh import TriangleMesh
 from ..objects.shape import attribute_distance
 from ..types import Array, BoolArray, Experience, value
 from .candidates import DrawnCandidates
-from .wrapping import WRAP
+from .closed import WRAP
 
 FEW_VALUES = 7
 """With at most this many approach values, an aim means just these values; with more, the whole range."""

@@ -320,8 +320,8 @@ class MarginKernel:
         # A candidate without force, or with numbers that are none, is one without contacts.
         good = np.isfinite(totals + arms.sum(axis=(1, 2)) + normals.sum(axis=(1, 2))) & (totals > 0.0)
         totals[~good] = 1.0
-        wide = tuple(_padded(values, CONTACTS) for values in (arms, normals, shares / totals[:, None]))
-        given = *wide[:2], np.where(good, counts, 0), length, most, wide[2], totals
+        padded = [_padded(np.asarray(x), CONTACTS) for x in (arms, normals, shares / totals[:, None])]
+        given = (padded[0], padded[1], np.where(good, counts, 0), length, most, padded[2], totals)
         return self._many, given, {"bounded": bounds is not None}
 
     def _run(
