@@ -11,6 +11,8 @@ JOBS ?= 2
 STAMP := $(VENV)/.installed
 OLD_MUJOCO := $(VENV)/mujoco-4.0.0
 OUT ?= out
+# Compiled modules are kept beside their sources: the tests start hundreds of interpreters.
+unexport PYTHONDONTWRITEBYTECODE
 
 .PHONY: help setup demo browser test lint format bench reproduce pictures docs fuzz harden mutants clean
 

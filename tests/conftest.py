@@ -54,6 +54,16 @@ def session_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
         yield
 
 
+@pytest.fixture(scope="module")
+def small_pictures() -> Iterator[None]:
+    """A module draws the pictures of plans with a quarter of the pixels, which take seconds otherwise."""
+    from preshape.viewer.plan_picture import plan_picture
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setitem(plan_picture.__kwdefaults__, "size", (700, 450))
+        yield
+
+
 @pytest.fixture(scope="session")
 def lesson(once: Callable[[str, Callable[[Path], object]], Path]) -> Callable[[str], Path]:
     """The memory of a hand that knows its first lesson, the cube, and nothing else, as a file.

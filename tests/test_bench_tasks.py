@@ -353,7 +353,7 @@ class TestCommand:
     def test_the_mass_is_planned_for(
         self, options: list[str], mass: float | None, capsys, monkeypatch: pytest.MonkeyPatch
     ) -> None:
-        """The hammer's own 0.35 kg is not used, and the ray analyser has no loads."""
+        """The cube's own 0.034 kg is not used, and the ray analyser has no loads."""
         planned_for: list[float | None] = []
 
         def refuse(_: Session, request: PlanRequest) -> None:
@@ -361,7 +361,7 @@ class TestCommand:
             raise InputError("not today")
 
         monkeypatch.setattr(Session, "run", refuse)
-        words = "bench tasks --objects hammer --tasks lift --workers 1 --json".split()
+        words = "bench tasks --objects cube --tasks lift --workers 1 --json".split()
         assert run([*words, *options]) == 0
         assert "not today" in capsys.readouterr().out
         assert planned_for == [mass]

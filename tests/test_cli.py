@@ -33,6 +33,8 @@ from preshape.planning.session import layout_of
 from preshape.studies.run import EXPERIMENTS
 from preshape.tasks import FAMILIES, all_named_tasks, parse_task
 
+pytestmark = pytest.mark.usefixtures("small_pictures")
+
 LAYOUT = layout_of(load_hand("utah_mit"))
 Q1 = "1 1 .1 .05 .8 .05"
 UNFIT = "0 0 0 2 2 2"
@@ -62,6 +64,7 @@ HELPS = [
         for command in ("holds", "planner", "pick", "tasks", "indices", "clouds", "learning")
     ),
     ["hands", "check"],
+    ["hands", "init"],
 ]
 
 

@@ -37,6 +37,8 @@ from preshape.planning.planner_bench import Case
 from preshape.studies.partial_report import cloud_figures, cloud_tables, write_cloud_report
 from preshape.studies.partial_views import CloudRun, agreement, completed, depth_view, run_clouds
 
+pytestmark = pytest.mark.usefixtures("small_pictures")
+
 FEW = np.random.default_rng(0).uniform(0.01, 0.05, (7, 3)).round(4)
 
 R = np.random.default_rng(5)

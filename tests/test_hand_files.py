@@ -15,7 +15,7 @@ from preshape.physics.grasps import read_grasps
 from preshape.planning.request import PlanRequest
 
 EXAMPLE = Path(__file__).parents[1] / "examples" / "hands" / "trident.toml"
-pytestmark = pytest.mark.usefixtures("session_cache")
+pytestmark = pytest.mark.usefixtures("session_cache", "small_pictures")
 
 
 @pytest.fixture

@@ -6,6 +6,8 @@ import json
 import os
 import shutil
 import sqlite3
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -32,7 +34,7 @@ from preshape.planning.session import Session
 TRIDENT = Path(__file__).parents[1] / "examples" / "hands" / "trident.toml"
 QUICK = ClosureSettings(everywhere=300, on_plane=120, at_aim=60, persistence=0, rounds=1, elite=8, finished=3)
 Q1 = "1 1 .1 .05 .8 .05"
-pytestmark = pytest.mark.usefixtures("session_cache")
+pytestmark = pytest.mark.usefixtures("session_cache", "small_pictures")
 
 
 def block(name: str = "part", size: float = 1.0, **more: Any) -> TriangleMesh:
@@ -170,8 +172,13 @@ def test_a_mesh_in_memory_says_that_it_cannot_be_found_again(mesh: TriangleMesh,
     assert find_object(saved, beside=tmp_path / "saved").name.endswith(f"{mesh.name}-surface.obj")
 
 
-def test_view_plans_on_with_the_mass_of_a_mesh_in_memory(tmp_path: Path) -> None:
-    preshape.plan(block(mass=0.4), "lift", hand="leap", closure=QUICK, memory=":memory:").save(tmp_path)
+def test_view_plans_on_with_the_mass_of_a_mesh_in_memory(
+    tmp_path: Path, lesson: Callable[[str], Path]
+) -> None:
+    made = preshape.plan(
+        block(mass=0.4), "lift", hand="leap", closure=QUICK, memory=lesson("leap"), learn=False
+    )
+    made.save(tmp_path)
     request = start_of_plan(tmp_path / "plan.json").request
     assert (request.source, request.mass) == (str(tmp_path / "part-surface.obj"), 0.4)
     assert start_of_plan(tmp_path / "plan.json", mass=0.3).request.mass == 0.3
@@ -334,16 +341,17 @@ def test_a_session_sees_the_buffer_of_a_gltf_that_changed(tmp_path: Path) -> Non
 
 @pytest.mark.parametrize("hand", ["utah_mit", "leap"])
 def test_nothing_is_written_if_the_request_says_so(hand: str, tmp_path: Path) -> None:
-    request = PlanRequest(source="box", task="lift", hand=hand, learn=False)
+    quick = {"search": QUICK} if hand == "leap" else {}
+    request = PlanRequest(source="box", task="lift", hand=hand, learn=False, **quick)
     with Memory.open(tmp_path / "m.sqlite") as memory:
         before = memory.state()
-        preshape.plan("box", "lift", hand=hand, memory=memory, learn=False)
+        preshape.plan("box", "lift", hand=hand, memory=memory, learn=False, closure=quick.get("search"))
         with Session(memory) as session:
             session.run(request)
             assert (memory.count(), memory.state()) == (0, before)
             assert memory.weights("utah_mit") is None
             # The next request may learn, and finds the first lesson missing.
-            session.run(PlanRequest(source="box", task="lift", hand=hand))
+            session.run(replace(request, learn=True))
         kinds = {e.kind for e in memory.experiences()}
         assert {"seed"} <= kinds
 

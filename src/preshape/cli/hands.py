@@ -12,6 +12,7 @@ from .printing import emit, say
 
 if TYPE_CHECKING:
     from ..hands.hand import Hand
+    from ..hands.trial import ClosingTrial
 
 SIDE = 420
 """Width and height of each of the three pictures of a hand [pixels]."""
@@ -91,6 +92,7 @@ def check(file: str, motors: str | None, out: str | None, as_json: bool) -> int:
     """
     from ..hands.check import inspect_hand
     from ..hands.load import joined
+    from ..hands.trial import trials
     from ..report.plain import escaped
 
     found, hand = inspect_hand(joined(file, motors))
@@ -101,6 +103,7 @@ def check(file: str, motors: str | None, out: str | None, as_json: bool) -> int:
                 "status": "findings" if found else "fine",
                 "hand": hand.name if hand is not None else None,
                 "findings": [{"code": finding.code, "text": finding.text} for finding in found],
+                "trials": [] if hand is None else [_trial_row(trial) for trial in trials(hand)],
                 "picture": str(picture) if picture is not None else None,
             }
         )
@@ -109,11 +112,22 @@ def check(file: str, motors: str | None, out: str | None, as_json: bool) -> int:
         click.echo(f"{click.style(finding.code, bold=True)}: {escaped(finding.text)}")
     if hand is not None:
         _show(_row(hand, picture))
+        say(*trials(hand))
     if found:
         click.echo(f"{len(found)} finding{'s' if len(found) > 1 else ''}; see docs/your-own-hand.md")
     else:
         click.echo("fit for use")
     return 1 if found else 0
+
+
+def _trial_row(trial: ClosingTrial) -> dict[str, Any]:
+    return {
+        "shape": trial.shape,
+        "size": trial.size,
+        "held": bool(trial.against),
+        "touching": list(trial.touching),
+        "against": trial.against or None,
+    }
 
 
 def draw_hand(hand: Hand, folder: Path) -> Path:

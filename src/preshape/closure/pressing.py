@@ -17,13 +17,16 @@ import numpy as np
 from ..hands.hand import Hand
 from ..hands.kinematics import cross
 from ..kernels.chains import rotations
-from ..kernels.closing.host import Candidates, Closings
 from ..kernels.tables import HandTables
 from ..spatial import skew
 from ..types import Array, IntArray
+from .closed import WRAP, ClosedHands, link_chain
 
 EVENNESS = 0.1
 """Weight of an even distribution of the forces; the balance of the forces has weight ten [C]."""
+STRAIN, LESS_EVEN, BALANCE = 20.0, 0.3, 5.0
+"""Weight of the motors' strain when the forces of a wrap are chosen, and factors on the weights of an even
+distribution and of the balance there [C]."""
 EDGES = 8
 """Number of edges of the pyramid that stands for a friction cone when forces are chosen."""
 CONTACT_ERROR = 0.002
@@ -37,8 +40,7 @@ class UnitSqueeze(NamedTuple):
     """The squeeze of a hand, for normal forces that sum to one newton.
 
     Attributes:
-        fingers: Indices of the fingers that press, the thumb first.
-        points: (n, 3) contacts of these fingers [m].
+        points: (n, 3) contacts [m].
         normals_in: (n, 3) inward unit normals.
         forces: (n, 3) forces on the object, per newton.
         imbalance: Norm of the net wrench of the forces (force; torque divided by ℓ).
@@ -50,7 +52,6 @@ class UnitSqueeze(NamedTuple):
         max_press: Largest sum of normal forces that the motors' torques allow [N].
     """
 
-    fingers: list[int]
     points: Array
     normals_in: Array
     forces: Array
@@ -84,26 +85,20 @@ class Squeezer:
             for _, high in motor.order
         ]
 
-    def squeeze(
-        self, candidates: Candidates, contacts: Closings, frames: tuple[Array, Array], grasp: Array, row: int
-    ) -> UnitSqueeze:
-        """The squeeze of one candidate.
+    def squeeze(self, hands: ClosedHands, frames: tuple[Array, Array], row: int) -> UnitSqueeze:
+        """The squeeze of one closed hand; a contact on the palm presses without a motor.
 
         Args:
-            candidates: Candidates.
-            contacts: How they closed, with exact contacts, the thumb's first.
+            hands: Closed hands, with exact contacts.
             frames: (n, j, 3), (n, j, 3, 3) frames of their joints in the palm frame.
-            grasp: (n, j) joint angles at which they touch [rad].
-            row: Index of the candidate.
+            row: Index of the hand.
         """
-        n = int(contacts.counts[row])
-        points = contacts.points[row, :n].astype(np.float64)
-        normals = contacts.normals_in[row, :n].astype(np.float64)
-        fingers = [f for f in finger_order(self.tables) if contacts.sphere[row, f] >= 0]
+        n, candidates = int(hands.counts[row]), hands.candidates
+        points = hands.points[row, :n].astype(np.float64)
+        normals = hands.normals_in[row, :n].astype(np.float64)
         arms = (points - self.cog) / self.length
         # The joints behind a contact are those of its finger up to the link that touches.
-        touching = np.searchsorted(self.tables.sphere_start, contacts.sphere[row], side="right") - 1
-        chains = [slice(int(self.tables.joint_start[f]), int(touching[f]) + 1) for f in fingers]
+        chains = [link_chain(self.tables, int(link)) for link in hands.links[row, :n]]
         R = rotations(candidates.turn[row])
         anchors = candidates.place[row] + frames[0][row] @ R.T
         axes = np.einsum("ij,njk,nk->ni", R, frames[1][row], self.tables.axis)
@@ -111,9 +106,16 @@ class Squeezer:
             np.concatenate([cross(axes[chain], point - anchors[chain]).T, axes[chain].T])
             for chain, point in zip(chains, points, strict=True)
         ]
-        rates = self.hand.rates(grasp[row])
+        rates = self.hand.rates(hands.grasp[row])
         pressing = self._pressing(by_joint, chains, rates) if self._orders else None
-        forces = grip_forces(arms, normals, self.mu, pressing)
+        strain = None
+        if candidates.mask[row] & WRAP:
+            # A wrap has many ways to press; the one that strains the motors least can press hardest.
+            strain = [
+                (rates[chain] / self.hand.torque_limits).T @ J[:3].T
+                for J, chain in zip(by_joint, chains, strict=True)
+            ]
+        forces = grip_forces(arms, normals, self.mu, pressing, strain)
         wrench = np.concatenate([forces.sum(axis=0), cross(arms, forces).sum(axis=0)])
         torques = np.zeros(len(self.hand.joints))
         for J, chain, force in zip(by_joint, chains, forces, strict=True):
@@ -121,9 +123,8 @@ class Squeezer:
         # By virtual work; reactions of stops and of inequalities do none.
         drive = torques @ rates
         motors = [np.unique(self.tables.motor[chain]) for chain in chains]
-        strain = float((np.abs(drive) / self.hand.torque_limits).max())
+        most = float((np.abs(drive) / self.hand.torque_limits).max())
         return UnitSqueeze(
-            fingers=fingers,
             points=points,
             normals_in=normals,
             forces=forces,
@@ -135,7 +136,7 @@ class Squeezer:
             motors=motors,
             torques=torques,
             drive=drive,
-            max_press=1.0 / max(strain, 1e-9),
+            max_press=1.0 / max(most, 1e-9),
         )
 
     def _pressing(self, jacobians: list[Array], chains: list[slice], rates: Array) -> list[Array]:
@@ -166,7 +167,13 @@ def finger_order(tables: HandTables) -> list[int]:
     return [t, *(f for f in range(len(tables.fingers)) if f != t)]
 
 
-def grip_forces(arms: Array, normals_in: Array, mu: float, pressing: Sequence[Array] | None = None) -> Array:
+def grip_forces(
+    arms: Array,
+    normals_in: Array,
+    mu: float,
+    pressing: Sequence[Array] | None = None,
+    strain: Sequence[Array] | None = None,
+) -> Array:
     """(n, 3) forces of a squeeze: balanced, within the friction cones, with normal parts that sum to one.
 
     Of all balanced forces in pyramids of ``EDGES`` edges, the result is close to the one spread most evenly
@@ -177,6 +184,8 @@ def grip_forces(arms: Array, normals_in: Array, mu: float, pressing: Sequence[Ar
         normals_in: (n, 3) inward unit normals.
         mu: Friction that the forces may use.
         pressing: For each contact, (i, 3) directions along which its force must not be negative.
+        strain: For each contact, (m, 3) share of each motor's torque limit that its force takes [1/N]. With
+            it, forces that strain the motors less are preferred to even ones.
     """
     from scipy.optimize import nnls
 
@@ -195,6 +204,13 @@ def grip_forces(arms: Array, normals_in: Array, mu: float, pressing: Sequence[Ar
     # Rows: balance of forces and torques, the sum of the weights, and one penalty for each weight.
     rows = np.concatenate([10 * wrenches.T, 10 * np.ones((1, n * EDGES)), penalty * np.eye(n * EDGES)])
     wanted = np.concatenate([np.zeros(6), [10.0], np.full(n * EDGES, penalty / (n * EDGES))])
+    if strain is not None:
+        loads = np.concatenate([share @ edge.T for share, edge in zip(strain, edges, strict=True)], axis=1)
+        rows[:6] *= BALANCE
+        rows = np.concatenate([rows, STRAIN * loads])
+        wanted = np.append(wanted, np.zeros(len(loads)))
+        rows[7 : 7 + n * EDGES] *= LESS_EVEN
+        wanted[7 : 7 + n * EDGES] *= LESS_EVEN
     for k, directions in enumerate(pressing or ()):
         # A contact none of whose edges can be pressed keeps them: then the hand is refused by its balance.
         refused = (edges[k] @ directions.T < -1e-9).any(axis=1)
@@ -234,7 +250,7 @@ def turn_from_contact_error(
     >>> [round(turn_from_contact_error(arms, inward, 5 * inward, joints, c), 3) for c in (stiff, soft)]
     [0.006, inf]
     """
-    n, most = len(arms), max(J.shape[1] for J in jacobians)
+    n, most = len(arms), max(1, *(J.shape[1] for J in jacobians))
     # A contact transmits forces and a torque about its normal; here at the contact and about the reference.
     transmitted = np.zeros((n, 6, 4))
     transmitted[:, :3, :3], transmitted[:, 3:, 3] = np.eye(3), normals_in

@@ -32,7 +32,12 @@ from .load import (
     split_motors,
     with_motors,
 )
+from .plausible import geometry_findings, motor_findings
 from .rewrite import rebuilt
+from .trial import trials
+
+LEAST_TRAVEL = 5e-3
+"""Least way of a fingertip from open to closed [m] [C]."""
 
 STEPS = 25
 """Steps along a closing path."""
@@ -87,13 +92,15 @@ def inspect_hand(source: str | Path) -> tuple[list[Finding], Hand | None]:
         code = "outside_limits" if "outside the limits" in reason else "contradiction"
         return [*found, Finding(code=code, text=reason)], None
     hand = replace(hand, source=source_of(text))
+    found += geometry_findings(data, model)
     return found + shape_findings(hand) + motion_findings(hand), hand
 
 
 def _built_in_findings(name: str) -> list[Finding]:
     data, mjcf = built_in_text(name)
     hand_from(data, mjcf)
-    return [*description_findings(data), *model_findings(data, read_model(mjcf))]
+    model = read_model(mjcf)
+    return [*description_findings(data), *model_findings(data, model), *geometry_findings(data, model)]
 
 
 def shape_findings(hand: Hand) -> list[Finding]:
@@ -117,7 +124,13 @@ def motion_findings(hand: Hand) -> list[Finding]:
     found = _open_collision(hand, kinematics)
     if not found:
         found = _closing_collisions(hand, kinematics)
-    return found + _direction_findings(hand, kinematics) + _preshape_findings(hand)
+    found += _direction_findings(hand, kinematics) + _preshape_findings(hand)
+    found += motor_findings(hand, kinematics)
+    made = trials(hand)
+    if not found and not any(trial.against for trial in made):
+        text = f"it holds neither a cylinder nor a cube; {made[0]}, {made[1]}"
+        found.append(Finding(code="holds_nothing", text=text))
+    return found
 
 
 def _open_collision(hand: Hand, kinematics: HandKinematics) -> list[Finding]:
@@ -194,9 +207,17 @@ def opposition(hand: Hand, kinematics: HandKinematics) -> Array:
 def _direction_findings(hand: Hand, kinematics: HandKinematics) -> list[Finding]:
     found = []
     _, moves = half_closed(hand, kinematics)
-    for finger, move in zip(hand.fingers, moves, strict=True):
+    ends = []
+    for c in (0.0, 0.5, 1.0):
+        kinematics.set_posture(hand.at(c))
+        ends.append(kinematics.tips(hand.fingers)[0])
+    travel = np.linalg.norm(np.diff(ends, axis=0), axis=2).sum(axis=0)
+    for finger, move, way in zip(hand.fingers, moves, travel, strict=True):
         if not move.any():
             text = f"the closing path does not move the {finger.name}'s tip at half closed"
+            found.append(Finding(code="does_not_close", text=text))
+        elif way < LEAST_TRAVEL:
+            text = f"the closing path moves the {finger.name}'s tip by {1000 * way:.1f} mm only"
             found.append(Finding(code="does_not_close", text=text))
     for finger, move in zip(hand.fingers[1:], moves[1:], strict=True):
         # The palm faces -y of its frame, where the thumb is.

@@ -179,7 +179,7 @@ def _coefficients(law: Any) -> Array:
 
 
 def couple_motor(couple: Table, limits: dict[str, Array], name: str) -> Motor:
-    """The motor of one ``[[couple]]``; the joints of which there are no limits are left out.
+    """The motor of one ``[[couple]]``; joints of which there are no limits are left out.
 
     Raises:
         HandError: Its law is impossible.

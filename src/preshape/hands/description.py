@@ -17,6 +17,9 @@ from .couples import Table, motors_of, per_motor, positive
 from .hand import POSTURES, Finger, Hand
 from .motors import ADAPTIVE, Motor
 
+_ROUNDING = 1e-4
+"""Largest angle by which a posture may leave the limits because one of them was rounded [rad] [C]."""
+
 LONGEST_MESSAGE = 1200
 """Largest number of characters of a message, because names in a file can be of any length."""
 
@@ -201,6 +204,29 @@ def direction(axis: Any, label: str) -> Array:
         if np.isfinite(vector).all() and np.linalg.norm(vector) > 0:
             return np.asarray(vector / np.linalg.norm(vector))
     raise HandError(f"{label} must be an axis (+x -x +y -y +z -z) or three numbers, got {axis!r}")
+
+
+def rounded_to_limits(entry: Table, ranges: dict[str, tuple[float, float]]) -> Table:
+    """A finger's table, in which angles that leave their limits by a rounding error are at the limits."""
+    limits = np.array([sorted(ranges[str(joint)]) for joint in entry["joints"]])
+    low, high = np.where(limits[:, :1] < limits[:, 1:], limits, [-np.inf, np.inf]).T
+
+    def near(q: Any, low: Any, high: Any) -> Any:
+        angles = np.asarray(q, dtype=np.float64)
+        inside = np.clip(angles, low, high)
+        return np.where(np.abs(inside - angles) < _ROUNDING, inside, angles).tolist()
+
+    made = dict(entry)
+    for key in ("closing", *POSTURES):
+        if key in entry:
+            made[key] = near(entry[key], low, high)
+    if "preshape" in entry:
+        place = {str(joint): k for k, joint in enumerate(entry["joints"])}
+        made["preshape"] = {
+            joint: near(ends, low[place[joint]], high[place[joint]])
+            for joint, ends in entry["preshape"].items()
+        }
+    return made
 
 
 def _numbers(rows: Any) -> Array:

@@ -33,8 +33,14 @@ LARGEST_ANGLE = 1000.0
 LARGEST_U = 0.2
 """Largest plausible U [m] [C]; a larger one means that the file uses another unit."""
 
-LARGEST_SHAPE = 1.0
-"""Largest plausible extent of one shape of a hand [m] [C]; a larger one means that its mesh is in mm."""
+LARGEST_SHAPE, SMALLEST_SHAPE = 1.0, 2e-4
+"""Range of plausible extents of one shape of a hand [m] [C]; a larger one means that its mesh is in mm."""
+
+LARGEST_OFFSET = 1.5
+"""Largest plausible distance of a link from the one that carries it [m] [C]; a robot may have 1 m."""
+
+_NOUNS = {2: "sphere", 3: "capsule", 4: "ellipsoid", 5: "cylinder", 6: "box"}
+"""MuJoCo's kinds of shapes, in words."""
 
 
 DEPTH = 4e-3
@@ -367,22 +373,42 @@ def _drive_findings(data: Table, model: CompiledModel, listed: set[str]) -> list
 
 
 def size_findings(model: CompiledModel) -> list[Finding]:
-    """Meshes too large for a part of a hand, before anything of their size is computed."""
+    """Shapes and distances too large for a part of a hand, before anything of their size is computed."""
     import mujoco
     import numpy as np
 
     found, m = [], model.model
     for shape in range(m.ngeom):
-        if m.geom_type[shape] != mujoco.mjtGeom.mjGEOM_MESH:
+        body, kind = m.body(int(m.geom_bodyid[shape])).name, int(m.geom_type[shape])
+        if kind == mujoco.mjtGeom.mjGEOM_MESH:
+            mesh = int(m.geom_dataid[shape])
+            start, count = int(m.mesh_vertadr[mesh]), int(m.mesh_vertnum[mesh])
+            extents = np.ptp(m.mesh_vert[start : start + count], axis=0)
+            noun = f"the mesh {m.mesh(mesh).name!r}"
+            small = extents.max() < SMALLEST_SHAPE
+        else:
+            extents = 2 * np.array(m.geom_size[shape])
+            noun = f"the {_NOUNS.get(kind, 'shape')}"
+            small = False
+        if kind in (mujoco.mjtGeom.mjGEOM_PLANE, mujoco.mjtGeom.mjGEOM_HFIELD):
             continue
-        mesh, body = int(m.geom_dataid[shape]), int(m.geom_bodyid[shape])
-        start, count = int(m.mesh_vertadr[mesh]), int(m.mesh_vertnum[mesh])
-        extents = np.ptp(m.mesh_vert[start : start + count], axis=0)
+        size = " × ".join(f"{extent:.3g}" for extent in extents if extent > 0)
         if extents.max() > LARGEST_SHAPE:
-            size = " × ".join(f"{extent:.3g}" for extent in extents)
             text = (
-                f"the mesh {m.mesh(mesh).name!r} of the link {m.body(body).name!r} measures {size} m, more "
-                'than a part of a hand: if it is in millimetres, give it the scale "0.001 0.001 0.001"'
+                f"{noun} of the link {body!r} measures {size} m, more than a part of a hand: if it is in "
+                'millimetres, give it the scale "0.001 0.001 0.001"'
+            )
+            found.append(Finding(code="mesh_size", text=text))
+        elif small:
+            text = f"{noun} of the link {body!r} measures {size} m, too small to be seen: is its scale right?"
+            found.append(Finding(code="mesh_size", text=text))
+    for body in range(1, m.nbody):
+        offset = float(np.linalg.norm(m.body_pos[body]))
+        if offset > LARGEST_OFFSET and m.body_parentid[body] > 0:
+            carrier = m.body(int(m.body_parentid[body])).name
+            text = (
+                f"the link {m.body(body).name!r} is {offset:.3g} m from {carrier!r}, which carries "
+                "it: is its place in millimetres?"
             )
             found.append(Finding(code="mesh_size", text=text))
     return found

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import hashlib
 from typing import Any
+from xml.etree import ElementTree
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,6 +17,17 @@ LONGEST_HAND_NAME = LONGEST_NAME - 55
 """Largest number of characters of a hand's name; the memory adds the analyser's to it."""
 
 POSTURES = ("open", "rest", "closed")
+
+_NO_SHAPE = {"actuator", "option", "inertial", "size", "statistic", "visual", "custom", "keyframe", "sensor"}
+"""Elements of an MJCF that say nothing of kinematics and shapes."""
+_NO_PLACE = {
+    *("mass", "density", "balanceinertia", "damping", "armature", "frictionloss", "actuatorfrcrange"),
+    *("stiffness", "springdamper", "solreflimit", "solimplimit", "margin", "gap"),
+    *("friction", "condim", "priority", "solref", "solimp", "solmix", "solreffriction", "solimpfriction"),
+    *("rgba", "material", "group"),
+}
+"""Attributes of an MJCF that say nothing of kinematics and shapes."""
+_HASH_DIGITS, _HASH_DECIMALS = 16, 9
 
 
 @value
@@ -153,6 +166,36 @@ class Hand:
             source=self.source or self.name,
         )
 
+    def model_hash(self) -> str:
+        """Hash of what a stored grip depends on: kinematics, shapes, laws, closing paths and preshapes.
+
+        Names and texts about the hand, its folder, gains, torque limits, masses and friction do not matter.
+
+        Returns:
+            16 lower-case hexadecimal digits.
+
+        Raises:
+            HandError: The MJCF is not XML.
+        """
+        try:
+            tree = ElementTree.fromstring(self.mjcf)
+        except ElementTree.ParseError as error:
+            raise HandError(f"{self.name}: the MJCF is not XML: {error}") from error
+        tree.attrib.clear()  # the model's name
+        numbers: list[ArrayLike] = [[self.u], self.T_root_palm, self.limits]
+        for finger in self.fingers:
+            numbers += [[finger.tip_radius], finger.closing, finger.preshape]
+        for motor in self.motors:
+            numbers += [motor.weights, motor.polynomials, motor.path, motor.range]
+        words: list[Any] = [self.joints, [finger.joints for finger in self.fingers]]
+        words += [[motor.joints, motor.law, motor.order, motor.locks] for motor in self.motors]
+        state = hashlib.sha256(repr((words, _model_content(tree))).encode())
+        for array in numbers:
+            # Zero is added to make -0 and 0 alike.
+            rounded = np.round(np.asarray(array, dtype=np.float64), _HASH_DECIMALS) + 0.0
+            state.update(repr(rounded.shape).encode() + rounded.astype("<f8").tobytes())
+        return state.hexdigest()[:_HASH_DIGITS]
+
     def finger(self, name: str) -> Finger:
         """The finger of that name.
 
@@ -241,7 +284,9 @@ class Hand:
                 "law": motor.law,
                 "joints": list(motor.joints),
                 "weights": motor.weights.tolist(),
-                "polynomials": motor.polynomials.tolist() if not len(motor.path) else None,
+                "polynomials": None
+                if len(motor.path)
+                else [np.trim_zeros(law, "b").tolist() for law in motor.polynomials],
                 "unloaded": motor.path.tolist() if len(motor.path) else None,
                 "order": [list(pair) for pair in motor.order],
                 "locks": motor.locks or None,
@@ -258,3 +303,9 @@ class Hand:
         for name, angles in by_finger.items():
             q[self.columns(name)] = angles
         return q
+
+
+def _model_content(element: ElementTree.Element) -> tuple[Any, ...]:
+    """What an element of an MJCF says of kinematics and shapes, with everything in it."""
+    attributes = sorted((name, text) for name, text in element.attrib.items() if name not in _NO_PLACE)
+    return element.tag, attributes, [_model_content(one) for one in element if one.tag not in _NO_SHAPE]

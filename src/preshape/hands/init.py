@@ -14,22 +14,27 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable
+from dataclasses import replace
 from itertools import product
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from ..exceptions import HandError
 from ..types import Array, value
-from .anatomy import Anatomy, Digit, along, anatomy
+from .anatomy import Anatomy, anatomy
 from .compiled import CompiledModel
 from .couples import Table, couple_joints, couples_of
-from .findings import DEPTH, refuse, size_findings
+from .digits import Digit, along, phalanx
+from .findings import DEPTH, description_findings, model_findings, refuse, size_findings
 from .hand import LONGEST_HAND_NAME, Hand
 from .kinematics import HandKinematics
 from .motor_guesses import Motors, motors_of
 from .rewrite import rebuilt
 from .skeleton import Drive, Skeleton
+
+_SAID = 3  # faults of a model that one message names
 
 _STEPS = 20
 """Steps along a closing path in the search for collisions."""
@@ -46,9 +51,17 @@ _NARROW = 0.5
 _GRID = {0: 1, 1: 13, 2: 7, 3: 5}
 """Angles tried of each of the thumb's first joints, by their number."""
 
+_PARTS = (1.0, 0.7, 0.5, 0.35)
+"""Shares of the fingers' paths that are tried."""
+
+_WAYS = ((0.0, 1.0), (0.0, 0.7), (0.25, 1.0), (0.25, 0.7), (0.0, 0.5), (0.0, 0.35))
+"""Parts of the thumb's path that are tried."""
+
+_TRIES = 400
+"""Largest number of tries of which collisions are computed [C]."""
+
 _NEAR, _FAR = 0.01, 1.5
-"""Distance of the tips' surfaces of thumb and finger at half closed that costs nothing, from [m] to [U]
-[C]."""
+"""Distance of the tips of thumb and finger at half closed that costs nothing, from [m] to [U] [C]."""
 
 
 @value
@@ -105,10 +118,15 @@ def describe(
     ]
     data = {"name": _hand_name(model, set(taken)), **_table(skeleton, found, drives, model, motors)}
     data["finger"] = [_finger(found, k, path, {}) for k, path in enumerate(paths)]
+    if faults := [*description_findings(data), *model_findings(data, source)]:
+        rest = f"; and {len(faults) - _SAID} more faults" if len(faults) > _SAID else ""
+        raise HandError(f"{label}: {'; '.join(map(str, faults[:_SAID]))}{rest}")
     hand = rebuilt(data, source, label)
     search = _Search(hand, found)
+    if by_design := search.overlaps(paths):
+        data["ignore"] = [list(pair) for pair in by_design]
     paths = search.fingers(paths)
-    paths[0], ranges = search.thumb(paths)
+    paths, ranges = search.opposed(paths)
     data["finger"] = [
         _finger(found, k, path, ranges if k == 0 else _spreads(found, path.digit))
         for k, path in enumerate(paths)
@@ -128,14 +146,27 @@ class _Path:
     def at(self, c: float) -> dict[str, float]:
         return {**self.spread, **self.digit.at(self.start + c * (self.end - self.start))}
 
-    def cut(self, c: float) -> _Path:
-        """The part of the path up to ``c``."""
-        return _Path(
-            digit=self.digit,
-            spread=self.spread,
-            start=self.start,
-            end=self.start + c * (self.end - self.start),
-        )
+    def part(self, low: float, high: float) -> _Path:
+        """The path between two of its places."""
+        start, length = self.start, self.end - self.start
+        return replace(self, start=start + low * length, end=start + high * length)
+
+
+@value
+class _Try:
+    """One posture of the thumb's first joints with one length of the paths.
+
+    Attributes:
+        score: How well the thumb opposes the fingers.
+        path: The thumb's path.
+        row: Index of the other fingers' length in ``_PARTS``.
+        places: Shares of the ranges of the thumb's first joints.
+    """
+
+    score: float
+    path: _Path
+    row: int
+    places: tuple[float, ...]
 
 
 class _Search:
@@ -148,6 +179,15 @@ class _Search:
         owner = {
             int(model.joint(joint).bodyid[0]): k for k, d in enumerate(found.digits) for joint in d.joints
         }
+        self._body = {
+            model.geom(g).name: str(model.body(int(model.geom_bodyid[g])).name) for g in range(model.ngeom)
+        }
+        self._first = {
+            str(model.body(int(model.joint(joint).bodyid[0])).name)
+            for digit in found.digits
+            for joint in digit.joints[: digit.joints.index(digit.flexion[0]) + 1]
+        }
+        self._ignored: set[tuple[str, str]] = set()
         self._owner = {
             model.geom(g).name: owner.get(int(model.geom_bodyid[g]), -1) for g in range(model.ngeom)
         }
@@ -160,15 +200,39 @@ class _Search:
     def hits(self) -> list[tuple[int, int]]:
         """Pairs of fingers (palm -1) whose links overlap too much."""
         found = self.kinematics.self_collisions(0.75 * DEPTH)
-        return [(self._owner[one], self._owner[other]) for one, other, _ in found]
+        return [
+            (self._owner[one], self._owner[other])
+            for one, other, _ in found
+            if self._pair(one, other) not in self._ignored
+        ]
+
+    def _pair(self, one: str, other: str) -> tuple[str, str]:
+        """Names of the bodies of two shapes, sorted."""
+        a, b = sorted((self._body[one], self._body[other]))
+        return a, b
+
+    def overlaps(self, paths: list[_Path]) -> list[tuple[str, str]]:
+        """Bodies whose shapes overlap when the hand is open, because one houses the joint of the other.
+
+        These are the palm and a finger's links up to its first flexion joint, and links of one finger.
+        """
+        posture: dict[str, float] = {}
+        for path in paths:
+            posture |= path.at(0.0)
+        self.set(posture)
+        for one, other, _ in self.kinematics.self_collisions(0.75 * DEPTH):
+            owners, pair = {self._owner[one], self._owner[other]}, self._pair(one, other)
+            if len(owners) == 1 or (-1 in owners and self._first & set(pair)):
+                self._ignored.add(pair)
+        return sorted(self._ignored)
 
     def tips(self, angles: dict[str, float]) -> Array:
         self.set(angles)
         return self.kinematics.tips(self.hand.fingers)[0]
 
     def fingers(self, paths: list[_Path]) -> list[_Path]:
-        """Let the paths of all fingers but the thumb begin and end clear of the palm and of each other."""
-        paths = [path if k == 0 else self._cleared(k, paths) for k, path in enumerate(paths)]
+        """Let all paths begin clear of the palm, and the fingers' end clear of it and of each other."""
+        paths = [self._cleared(k, paths) for k in range(len(paths))]
         reach = np.ones(len(paths))
         for c in np.linspace(0.0, 1.0, _STEPS + 1):
             posture = paths[0].at(0.0)
@@ -177,7 +241,7 @@ class _Search:
             self.set(posture)
             for k in {k for pair in self.hits() if 0 not in pair for k in pair if k > 0}:
                 reach[k] = min(reach[k], max(c - _MARGIN, 0.3))
-        return [path if k == 0 else path.cut(float(reach[k])) for k, path in enumerate(paths)]
+        return [path if k == 0 else path.part(0.0, float(reach[k])) for k, path in enumerate(paths)]
 
     def _cleared(self, k: int, paths: list[_Path]) -> _Path:
         """The path of finger k from where it no longer meets the palm, which may be a little bent."""
@@ -187,31 +251,48 @@ class _Search:
         for start in (0.0, 0.05, 0.1, 0.15, 0.2, 0.3):
             self.set({**posture, **paths[k].at(start)})
             if not any(pair in ((k, -1), (-1, k)) for pair in self.hits()):
-                path = paths[k]
-                return _Path(digit=path.digit, spread=path.spread, start=start, end=path.end)
+                return paths[k].part(start, 1.0)
         return paths[k]
 
-    def thumb(self, paths: list[_Path]) -> tuple[_Path, dict[str, list[float]]]:
-        """The thumb's best path, and the preshape ranges of its first joints around it."""
+    def opposed(self, paths: list[_Path]) -> tuple[list[_Path], dict[str, list[float]]]:
+        """The paths on which the thumb opposes the fingers best, and preshape ranges of its first joints.
+
+        The thumb's first joints are tried over their range; the paths of thumb and fingers may also become
+        shorter, where they would cross before they meet.
+        """
         digit = paths[0].digit
         drives = digit.spreads[:3]
         shares = np.linspace(0.0, 1.0, _GRID[len(drives)])
         still = paths[0].spread
-        tried: list[tuple[float, _Path, tuple[float, ...]]] = []
-        halves = self._row(paths)
+        rows = [[path.part(0.0, part) for path in paths[1:]] for part in _PARTS]
+        halves = [self._row(row) for row in rows]
+        tried: list[_Try] = []
         for places in product(shares, repeat=len(drives)):
             spread = dict(still)
             for drive, share in zip(drives, places, strict=True):
                 spread |= along(drive, float(share))
-            for start, end in ((0.0, 1.0), (0.0, 0.7), (0.25, 1.0), (0.25, 0.7), (0.0, 0.5)):
-                path = _Path(digit=digit, spread=spread, start=start, end=end)
-                # Of equally good paths, the longer one, and the one with its joints nearer to neutral.
-                moved = sum(abs(spread[joint] - still[joint]) for joint in still)
-                score = self._score(path, halves) + 0.15 * (end - start) - 0.1 * moved
-                tried.append((score, path, tuple(map(float, places))))
-        tried.sort(key=lambda entry: -entry[0])
-        chosen = next((entry for entry in tried[:400] if self._free(entry[1], paths)), tried[0])
-        return chosen[1], self._ranges(drives, chosen, tried)
+            # Of equally good paths, the longer ones, and those with the joints nearer to neutral.
+            moved = 0.1 * sum(abs(spread[joint] - still[joint]) for joint in still)
+            for start, end in _WAYS:
+                path = replace(paths[0].part(start, end), spread=spread)
+                own = [self.tips(path.at(c))[0] for c in (0.48, 0.52)]
+                for k, part in enumerate(_PARTS):
+                    score = self._score(own, halves[k]) + 0.15 * (end - start) + 0.5 * part - moved
+                    tried.append(_Try(score=score, path=path, row=k, places=tuple(map(float, places))))
+        tried.sort(key=lambda entry: -entry.score)
+        chosen, free = self._first_free(tried, rows)
+        return [chosen.path.part(0.0, free), *rows[chosen.row]], self._ranges(drives, chosen, tried)
+
+    def _first_free(self, tried: list[_Try], rows: list[list[_Path]]) -> tuple[_Try, float]:
+        """The best try that is free of collisions, else the one that is free for longest; and how far."""
+        best, most = tried[0], 0.0
+        for entry in tried[:_TRIES]:
+            free = self._free(entry.path, rows[entry.row])
+            if free == 1.0:
+                return entry, 1.0
+            if free > most:
+                best, most = entry, free
+        return best, max(most - _MARGIN, 0.4)
 
     def _row(self, paths: list[_Path]) -> tuple[Array, Array]:
         """Tips [m] and unit directions of motion of the other fingers at half closed."""
@@ -223,54 +304,46 @@ class _Search:
             places.append(self.tips(posture)[1:])
         return places[1], _unit(places[2] - places[0])
 
-    def _score(self, path: _Path, halves: tuple[Array, Array]) -> float:
+    def _score(self, ends: list[Array], halves: tuple[Array, Array]) -> float:
         """How well the thumb opposes its two best fingers at half closed, less what is too far apart."""
         tips, moves = halves
-        ends = [self.tips(path.at(c))[0] for c in (0.48, 0.52)]
-        own = (ends[0] + ends[1]) / 2
-        move = _unit(ends[1] - ends[0])
+        own, move = (ends[0] + ends[1]) / 2, _unit(ends[1] - ends[0])
         across = tips - own
-        gap = np.linalg.norm(across, axis=1)
+        radii = np.array([finger.tip_radius for finger in self.hand.fingers])
+        gap, far = np.linalg.norm(across, axis=1) - radii[1:] - radii[0], max(0.06, _FAR * self.hand.u)
         across = _unit(across)
         opposed = np.minimum(across @ move, -np.einsum("ki,ki->k", across, moves))
-        radii = np.array([finger.tip_radius for finger in self.hand.fingers])
-        gap, far = gap - radii[1:] - radii[0], max(0.06, _FAR * self.hand.u)
         value_of = opposed - 5 * np.maximum(gap - far, 0.0) - 10 * np.maximum(_NEAR - gap, 0.0)
         return float(np.sort(value_of)[::-1][:2].mean())
 
-    def _free(self, path: _Path, paths: list[_Path]) -> bool:
-        """Whether the open hand is free of collisions, and the thumb's way past palm and open fingers."""
+    def _free(self, path: _Path, row: list[_Path]) -> float:
+        """Share of the thumb's path to which the hand is free of collisions, while the fingers are open."""
         posture: dict[str, float] = {}
-        for other in paths[1:]:
+        for other in row:
             posture |= other.at(0.0)
         for c in np.linspace(0.0, 1.0, _STEPS + 1):
             self.set({**posture, **path.at(float(c))})
             if any(c == 0.0 or pair in ((0, -1), (-1, 0), (0, 0)) for pair in self.hits()):
-                return False
-        return True
+                return float(c)
+        return 1.0
 
-    def _ranges(
-        self,
-        drives: tuple[Drive, ...],
-        chosen: tuple[float, _Path, tuple[float, ...]],
-        tried: list[tuple[float, _Path, tuple[float, ...]]],
-    ) -> dict[str, list[float]]:
+    def _ranges(self, drives: tuple[Drive, ...], chosen: _Try, tried: list[_Try]) -> dict[str, list[float]]:
         """For each of the thumb's first joints, the range around its angle that still opposes a finger."""
-        score, path, places = chosen
         ranges: dict[str, list[float]] = {}
+        same = (chosen.row, chosen.path.start, chosen.path.end)
         for k, drive in enumerate(drives):
             joint = drive.joints[0]
             if drive.motor != joint or abs(drive.knots[-1, 0] - drive.knots[0, 0]) < _NARROW:
                 continue
             good = {
-                place[k]
-                for value_of, other, place in tried
-                if value_of > min(score, 1.0) - 0.35
-                and (other.start, other.end) == (path.start, path.end)
-                and all(place[i] == places[i] for i in range(len(places)) if i != k)
+                entry.places[k]
+                for entry in tried
+                if entry.score > chosen.score - 0.35
+                and (entry.row, entry.path.start, entry.path.end) == same
+                and all(entry.places[i] == chosen.places[i] for i in range(len(drives)) if i != k)
             }
             steps = np.linspace(0.0, 1.0, _GRID[len(drives)])
-            low = high = int(np.abs(steps - places[k]).argmin())
+            low = high = int(np.abs(steps - chosen.places[k]).argmin())
             while low > 0 and float(steps[low - 1]) in good:
                 low -= 1
             while high < len(steps) - 1 and float(steps[high + 1]) in good:
@@ -349,8 +422,8 @@ def _table(skeleton: Skeleton, found: Anatomy, drives: Motors, model: Path, moto
         "finger_pitch": _pitch(skeleton, found),
         "palm": {
             "body": found.palm,
-            "points": [round(float(x), 5) + 0.0 for x in found.points],
-            "faces": [round(float(x), 5) + 0.0 for x in found.faces],
+            "points": [round(float(x), 8) + 0.0 for x in found.points],
+            "faces": [round(float(x), 8) + 0.0 for x in found.faces],
         },
         "actuators": {key: entry for key, entry in actuators.items() if entry != {}},
     }
@@ -376,19 +449,6 @@ def _u(skeleton: Skeleton, found: Anatomy) -> float:
     return round(float(np.clip(phalanx(skeleton, digit), 0.01, 0.2)), 4)
 
 
-def phalanx(skeleton: Skeleton, digit: Digit) -> float:
-    """Length of a finger's proximal phalanx [m]; with one flexion joint, up to its tip."""
-    first = skeleton.anchor(digit.flexion[0])
-    axis = skeleton.axis(digit.flexion[0])
-    if len(digit.flexion) > 1:
-        end = skeleton.anchor(digit.flexion[1])
-    else:
-        T = skeleton.frame(int(skeleton.m.body(digit.tip_body).id))
-        end = T[:3, :3] @ digit.tip.pos + T[:3, 3]
-    arm = end - first
-    return float(np.linalg.norm(arm - (arm @ axis) * axis))
-
-
 def _pitch(skeleton: Skeleton, found: Anatomy) -> float:
     """Distance of neighbouring fingers [m]; of two fingers, the width of a tip."""
     skeleton.place({})
@@ -407,13 +467,15 @@ def _lines(
 ) -> tuple[str, ...]:
     first = found.names[0]
     thumb = (
-        f"no thumb: {first} takes its place opposite the others"
-        if found.radial or first != "thumb"
-        else f"thumb by opposition ({found.opposition:.2f} of 1)"
+        f"thumb by opposition ({found.opposition:.2f} of 1)"
+        if found.thumb
+        else f"no thumb: {first} takes its place opposite the others"
     )
     fingers = f"fingers: {', '.join(found.names)}; {thumb}"
     if found.fixed:
         fingers += f"; fixed: {_some(found.fixed)}"
+    if "ignore" in data:
+        fingers += f"; overlap by design: {_some(' and '.join(pair) for pair in data['ignore'])}"
     tips = [1000 * digit.tip.radius for digit in found.digits]
     radii = "-".join(dict.fromkeys(f"{radius:.0f}" for radius in (min(tips), max(tips))))
     palm = data["palm"]

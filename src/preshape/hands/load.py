@@ -136,7 +136,9 @@ def recorded_hand(record: Mapping[str, Any]) -> Hand:
         KeyError: The record has neither.
         InputError: The hand cannot be loaded; see :func:`load_hand`.
     """
-    return load_hand(str(record.get("source") or record["name"]))
+    source = str(record.get("source") or record["name"])
+    _said.add(_split_side(source, None)[0])  # what was guessed was said when the plan was made
+    return load_hand(source)
 
 
 def parse_hand(description: str, mjcf: str) -> Hand:
@@ -330,10 +332,20 @@ def describe_file(
     return file, Guess(data=data, lines=(*source.notes, *made.lines)), replace(hand, source=source_of(file))
 
 
+@cache
+def _program() -> str:
+    """Hash of the files that read hands, so that a changed program makes its own guesses."""
+    content = hashlib.sha256(__version__.encode())
+    for file in sorted(resources.files("preshape.hands").iterdir(), key=lambda file: file.name):
+        if file.name.endswith(".py"):
+            content.update(file.read_bytes())
+    return content.hexdigest()
+
+
 def _digest(source: CompiledModel, path: Path, motors: Table | None) -> str:
-    """Hash of everything that a guess depends on: the compiled model with its meshes, and this version."""
+    """Hash of everything that a guess depends on: the compiled model with its meshes, and this program."""
     m = source.model
-    content = hashlib.sha256(repr((__version__, path.stem, motors, source.ranges, source.couples)).encode())
+    content = hashlib.sha256(repr((_program(), path.stem, motors, source.ranges, source.couples)).encode())
     names = (
         m.names,
         m.body_pos,

@@ -9,7 +9,8 @@ from __future__ import annotations
 import numpy as np
 
 from ..types import value
-from .anatomy import Anatomy, Digit, tip_of
+from .anatomy import Anatomy
+from .digits import Digit, tip_of
 from .skeleton import Skeleton
 
 WEAKEST, STRONGEST = 0.1, 80.0

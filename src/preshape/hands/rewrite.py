@@ -18,7 +18,7 @@ from ..spatial import inverse, pose, rotation_from_quaternion
 from ..types import Array
 from .compiled import CompiledModel, quiet_mujoco, reason
 from .couples import Table, motors_within, per_motor, with_model_couples
-from .description import direction, finger_from, hand_from
+from .description import direction, finger_from, hand_from, rounded_to_limits
 from .findings import LARGEST_ANGLE, description_findings, model_findings, refuse
 from .hand import Hand
 from .link_pieces import Piece, frame_text, geom_pieces, geom_text, mesh_text, numbers_text, outside
@@ -59,10 +59,10 @@ def rebuilt(data: Table, model: CompiledModel, label: str) -> Hand:
             f"{label}: the model cannot be rebuilt from simple shapes: {reason(error)}"
         ) from error
     bodies = _written_bodies(data, model)
-    fingers = [
-        {**entry, "tip_site": f"{entry['name']}_tip", "tip_body": bodies[str(entry["tip_body"])]}
-        for entry in data["finger"]
-    ]
+    fingers = []
+    for entry in data["finger"]:
+        tip = {"tip_site": f"{entry['name']}_tip", "tip_body": bodies[str(entry["tip_body"])]}
+        fingers.append({**rounded_to_limits(entry, model.ranges), **tip})
     palm = {"body": bodies[str(data["palm"]["body"])], "site": "palm_frame"}
     return hand_from({**data, "finger": fingers, "palm": palm}, mjcf)
 

@@ -51,14 +51,20 @@ class Skeleton:
         self.source, self.m = source, source.model
         self._mujoco = mujoco
         self._data = mujoco.MjData(self.m)
+        turning = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
+        self._places = {
+            joint: int(self.m.joint(joint).qposadr[0])
+            for joint in source.joints
+            if int(self.m.jnt_type[self.m.joint(joint).id]) in turning
+        }
         limits = {joint: np.array(sorted(source.ranges[joint])) for joint in source.hinges}
         motors = {joint: direct_motor(joint, limits[joint]) for joint in source.hinges}
         for couple in couples:
             for joint in couple_joints(couple):
                 if joint not in limits:
                     raise HandError(
-                        f"{source.label}: the law of the motor {couple['motor']} names {joint!r}, which is no "
-                        f"hinge of the model; its hinges are {', '.join(list(limits)[:12])}"
+                        f"{source.label}: the law of the motor {couple['motor']} names {joint!r}, which is "
+                        f"no hinge of the model; its hinges are {', '.join(list(limits)[:12])}"
                     )
             motor = couple_motor(couple, limits, source.label)
             motors |= dict.fromkeys(couple_joints(couple), motor)
@@ -85,7 +91,8 @@ class Skeleton:
         """Set the posture; joints that are not given stand at their neutral or lawful angle."""
         self._data.qpos[:] = self.m.qpos0
         for joint, angle in self.lawful(given).items():
-            self._data.qpos[self.m.jnt_qposadr[self.m.joint(joint).id]] = angle
+            if joint in self._places:
+                self._data.qpos[self._places[joint]] = angle
         self._mujoco.mj_kinematics(self.m, self._data)
 
     def body_of(self, joint: str) -> int:
@@ -109,11 +116,12 @@ class Skeleton:
         found = []
         for motor in dict.fromkeys(self.motors[joint] for joint in joints):
             own = [k for k, joint in enumerate(motor.joints) if joint in joints]
+            low, high = (float(bound) for bound in motor.range)
             found.append(
                 Drive(
                     motor=motor.name,
                     joints=tuple(motor.joints[k] for k in own),
-                    knots=motor.angles(np.linspace(motor.range[0], motor.range[1], KNOTS))[:, own],
+                    knots=motor.angles(np.linspace(low, high, KNOTS))[:, own],
                 )
             )
         return tuple(found)

@@ -20,6 +20,7 @@ _COMMENTS = {
     "torque_limit": "N m",
     "tip_pos": "centre of the fingertip in the frame of tip_body [m]",
     "tip_points": "direction of the last phalanx, outwards",
+    "ignore": "pairs of links whose overlap does not count",
     "fixed": "joints that belong to no finger, and their angles [rad]",
 }
 

@@ -132,7 +132,7 @@ def _add_hand(spec: Any, hand: PhysicsHand, protocol: HoldProtocol) -> None:
     for option in (spec.option, child.option):  # attaching prints a warning if they differ
         _set_options(option, protocol)
     for actuator in child.actuators:
-        if protocol.gain is not None:
+        if protocol.gain is not None and not hand.own_gains:
             actuator.gainprm[0] = protocol.gain
             actuator.biasprm[1] = -protocol.gain
         if not protocol.torque_limits:

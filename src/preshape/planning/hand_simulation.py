@@ -21,7 +21,7 @@ from ..hands.collision import object_collision
 from ..hands.hand import Finger, Hand
 from ..hands.inverse import InverseKinematics, Placement, Reach
 from ..hands.kinematics import HandKinematics, hand_geometry, pose_vector
-from ..hiis.analyser import Grasp, Grip
+from ..hiis.analyser import PALM, Grasp, Grip
 from ..objects.mesh import TriangleMesh
 from ..types import Array, freeze, frozen_array, two_digits, value
 
@@ -100,19 +100,23 @@ class HandResult:
         def pose(q: Array) -> HandPose:
             return HandPose(palm_pose=grip.palm_pose, q=q)
 
-        free, away = not grip.refused, np.append(_STAND_OFF * grip.approach, np.zeros(4))
+        free, way = not grip.refused, np.append(grip.approach, np.zeros(4))
+        parts = list(dict.fromkeys(grip.fingers_touching))
+        said = "the palm and " * (PALM in parts) + f"{len(parts) - (PALM in parts)} fingers"
         return HandResult(
             status=HandStatus.REACHED if free else HandStatus.BLOCKED,
             reason=grip.refused
-            or f"{len(grip.fingers_touching)} fingers closed until they touched; the squeeze balances "
+            or f"{said} closed until they touched; the squeeze balances "
             f"{two_digits(grip.task_margin)} times the task's load and "
             f"{two_digits(grip.hold_margin)} times the pushes expected",
             fingers=grip.fingers_touching,
             joints=hand.joints,
             grasp=pose(grip.grasp) if free else None,
-            pregrasp=pose(grip.pregrasp) if free else None,
+            pregrasp=HandPose(palm_pose=grip.palm_pose - grip.back * way, q=grip.pregrasp) if free else None,
             squeeze=pose(grip.squeeze) if free else None,
-            retracted=None if free else HandPose(palm_pose=grip.palm_pose - away, q=grip.pregrasp),
+            retracted=None
+            if free
+            else HandPose(palm_pose=grip.palm_pose - _STAND_OFF * way, q=grip.pregrasp),
         )
 
 

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ...exceptions import InputError
-from ...types import Array, IntArray, freeze, frozen_array, value
+from ...types import Array, BoolArray, IntArray, freeze, frozen_array, value
 
 if TYPE_CHECKING:
     from ..field.host import DistanceField
@@ -176,9 +176,9 @@ class ClosingKernel:
         grid.origin = wp.vec3(*distances.origin)
         grid.inverse_spacing = 1.0 / distances.spacing
         self.hand, self.field = hand, grid
-        self._launches(warp_closing.close_hand, warp_clearance.clearances)
+        self._launches(warp_closing.close_hand, warp_clearance)
 
-    def _launches(self, close: Any, clear: Any) -> None:
+    def _launches(self, close: Any, distances: Any) -> None:
         from ..packed_launch import FIRST_ROW, DeviceRows, PackedLaunch
 
         wp, fingers, joints, device = self._wp, self.fingers, self.joints, self.device
@@ -219,7 +219,16 @@ class ClosingKernel:
         self._obstacles: Obstacles | None = None
         self._solids = self._on_device(Obstacles())
         given = {**model, **self._solids, **self._posed, "enough": _FAR, "first": FIRST_ROW, **self._apart}
-        self._clear = PackedLaunch(clear, given, device=device, threads=self.threads)
+        self._clear = PackedLaunch(distances.clearances, given, device=device, threads=self.threads)
+        self._linked = {"distance": rows(wp.float32, joints + 1), "sphere": rows(wp.int32, joints + 1)}
+        self._link_posed = {
+            "place": rows(wp.vec3),
+            "turn": rows(wp.quat),
+            "posture": rows(wp.float32, joints),
+            "asked": rows(wp.bool, joints + 1),
+        }
+        given = {**model, **self._link_posed, "enough": _FAR, "first": FIRST_ROW, **self._linked}
+        self._link = PackedLaunch(distances.link_distances, given, device=device, threads=self.threads)
 
     def close(
         self,
@@ -299,6 +308,41 @@ class ClosingKernel:
             self._clear(n, {**self._solids, "enough": min(float(enough), _FAR)})
             to_object, to_obstacles = self._apart.values()
             return to_object.get(n), to_obstacles.get(n)
+
+    def link_distances(
+        self,
+        place: Array,
+        turn: Array,
+        posture: Array,
+        *,
+        asked: BoolArray | None = None,
+        enough: float = math.inf,
+    ) -> tuple[Array, IntArray]:
+        """Distance from the object of each link of hands in given postures.
+
+        Args:
+            place: (n, 3) origins of the palm frames in the mesh frame [m].
+            turn: (n, 4) orientations of the palm frames, quaternions wxyz.
+            posture: (n, j) joint angles [rad].
+            asked: (n, j + 1) which links, and last whether the palm, shall be computed; the distance of the
+                others is returned as 1e6. ``None`` for all. The time is almost proportional to their number.
+            enough: The distance of a link that is farther is returned as this one, without a sphere [m]; a
+                smaller value is faster.
+
+        Returns:
+            (n, j + 1) signed distances of the link after each joint and, last, of the palm [m], negative if a
+            link is inside, 1e6 if it has no spheres; and (n, j + 1) index of the link's nearest sphere in the
+            tables' ``sphere``, for the palm in ``palm``; -1 for none.
+        """
+        n = len(place)
+        which = np.ones((n, self.joints + 1), dtype=bool) if asked is None else asked
+        with self._link.lock:
+            arrays = place, _xyzw(turn), posture, which
+            for rows, values in zip(self._link_posed.values(), arrays, strict=True):
+                rows.put(values)
+            self._link(n, {"enough": min(float(enough), _FAR)})
+            distance, sphere = self._linked.values()
+            return distance.get(n), sphere.get(n)
 
     def _on_device(self, obstacles: Obstacles) -> dict[str, Any]:
         wp = self._wp

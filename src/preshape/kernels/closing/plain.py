@@ -21,12 +21,13 @@ B. Keinert et al., Enhanced sphere tracing, Smart Tools and Applications in Grap
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 
 from ...types import Array, BoolArray, IntArray
-from ..chains import about, rotations
+from ..chains import about, joint_frames, rotations
 from ..field.host import DistanceField
 from ..field.plain import field_distance, field_gradient
 from ..tables import HandTables
@@ -326,6 +327,27 @@ def clearances_plain(
             R = R @ rotations(tables.turn[joint]) @ about(tables.axis[[joint]], posture[:, [joint]])[:, 0]
             include(finger, p, R, tables.sphere[tables.sphere_start[joint] : tables.sphere_start[joint + 1]])
     return to_object, to_obstacles
+
+
+def link_distances_plain(
+    tables: HandTables, field: DistanceField, place: Array, turn: Array, posture: Array
+) -> tuple[Array, IntArray]:
+    """Specification of :meth:`preshape.kernels.closing.host.ClosingKernel.link_distances`."""
+    n, joints = posture.shape
+    turns = rotations(turn)
+    distance, sphere = np.full((n, joints + 1), FAR), np.full((n, joints + 1), -1, dtype=np.int64)
+
+    def include(column: int, p: Array, R: Array, spheres: Array, first: int) -> None:
+        if len(spheres):
+            d = _distances(field, _moved(p, R, spheres), spheres)
+            distance[:, column], sphere[:, column] = d.min(axis=1), first + d.argmin(axis=1)
+
+    include(joints, place, turns, tables.palm, 0)
+    places, own = joint_frames(tables, posture)
+    for joint, (first, end) in enumerate(pairwise(tables.sphere_start)):
+        p = place + np.einsum("nij,nj->ni", turns, places[:, joint])
+        include(joint, p, turns @ own[:, joint], tables.sphere[first:end], int(first))
+    return distance, sphere
 
 
 def obstacle_distance(obstacles: Obstacles, x: Array) -> Array:
