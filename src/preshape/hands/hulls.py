@@ -200,7 +200,7 @@ class _Part(NamedTuple):
     edges: Array
 
     def cut(self, way: Array, at: float) -> list[_Part]:
-        """The parts below and above a plane with normal ``way``; an edge that crosses it gives both a point."""
+        """The parts below and above a plane with normal ``way``; edges that cross it give both a point."""
         along = self.edges @ way - at
         below = along <= 0
         crossing = below[:, 0] != below[:, 1]
