@@ -70,6 +70,8 @@ def finger_distance(tables: HandTables, field: DistanceField, at: Candidates, cl
 
 def shape_distance(shape: LinkShape, points: Array) -> Array:
     local = (points - (shape.p0 + shape.p1) / 2) @ shape.rotation
+    if shape.hull is not None:
+        return (local @ shape.hull.planes[:, :3].T - shape.hull.planes[:, 3]).max(axis=1)
     if shape.kind == "box":
         out = np.abs(local) - shape.half
         return np.linalg.norm(np.maximum(out, 0), axis=1) + np.minimum(out.max(axis=1), 0)

@@ -31,7 +31,7 @@ from ..kernels.hull_spheres import Polyhedron
 from ..kernels.tables import HandTables
 from ..types import Array, IntArray
 
-CACHE_VERSION = 6
+CACHE_VERSION = 7
 """Increased whenever cached tables, preshapes or pinches are computed differently."""
 _GROUP = {COARSE: 12, FINE: 16}
 """Largest number of spheres under one bounding sphere [C]."""

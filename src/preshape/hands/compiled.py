@@ -63,16 +63,9 @@ class CompiledModel:
         """The laws that the model states, as ``[[couple]]`` tables; see :func:`.laws.model_couples`."""
         return model_couples(self.model, self.label)
 
-    @property
-    def visual_shapes(self) -> bool:
-        """Whether no shape of the file collides; then the visual ones are the hand's shapes."""
-        m = self.model
-        return not ((m.geom_contype > 0) | (m.geom_conaffinity > 0))[m.geom_bodyid > 0].any()
-
     def is_shape(self, geom: int) -> bool:
-        """Whether a geom is one of the hand's shapes: it collides, or it is visual and nothing collides."""
-        collides = self.model.geom_contype[geom] or self.model.geom_conaffinity[geom]
-        return bool(collides) or self.visual_shapes
+        """Whether a geom is one of the hand's shapes: it collides, as visual shapes do where none else would."""
+        return bool(self.model.geom_contype[geom] or self.model.geom_conaffinity[geom])
 
     def joints_under(self, root: str | None) -> tuple[str, ...]:
         """Names of the joints that move bodies relative to the body ``root``; all if it does not exist."""

@@ -222,11 +222,29 @@ def model_findings(data: Table, model: CompiledModel) -> list[Finding]:
                 text = f"the model has no {noun} {name!r}, which the description names for {whose}; "
                 text += f"it has {_listed(there)}"
                 found.append(Finding(code=f"unknown_{noun}", text=text))
+    found += _ignore_findings(data, model)
     found += _frame_findings(data, palm)
     if "root" not in data and len(model.roots) != 1:
         text = f"the model has {len(model.roots)} root bodies ({_listed(model.roots)}): name one as root"
         found.append(Finding(code="roots", text=text))
     return found + _joint_findings(data, model) + _mass_findings(model) + size_findings(model)
+
+
+def _ignore_findings(data: Table, model: CompiledModel) -> list[Finding]:
+    """Entries of ``ignore`` that are no pairs of bodies."""
+    pairs = data.get("ignore", [])
+    if not isinstance(pairs, list) or not all(isinstance(pair, list) and len(pair) == 2 for pair in pairs):
+        text = f"ignore must be a list of pairs of bodies that may overlap, got {shown(pairs)}"
+        return [Finding(code="ignore", text=text)]
+    return [
+        Finding(
+            code="unknown_body",
+            text=f"the model has no body {name!r}, which ignore names; it has {_listed(model.bodies)}",
+        )
+        for pair in pairs
+        for name in pair
+        if name not in model.bodies
+    ]
 
 
 def _frame_findings(data: Table, palm: Table) -> list[Finding]:

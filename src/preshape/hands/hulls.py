@@ -15,12 +15,12 @@ pieces for a link, whose spheres would slow every search. Pieces are cached by t
 from __future__ import annotations
 
 import hashlib
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from ..files import cache_folder, keep_arrays, read_arrays
-from ..types import Array, BoolArray, IntArray, value
+from ..types import Array, IntArray, value
 
 DEVIATION = 0.3e-3
 """Distance by which a mesh stands out of its hull of few corners [m], if ``MOST_CORNERS`` suffice [C]."""
@@ -38,7 +38,7 @@ _LEAST_GAIN = 0.02
 """Share of the hull's volume that a cut must save [C]."""
 _FEW = 1000
 """Vertices of a mesh whose pieces are not cached, because they are computed as fast as read."""
-_VERSION = 2
+_VERSION = 3
 """Increased whenever pieces are computed differently."""
 
 
@@ -176,22 +176,48 @@ def _pieces(vertices: Array, triangles: IntArray) -> tuple[Array, ...]:
     if np.max(tree.query(skin, distance_upper_bound=HOLLOW)[0]) < HOLLOW:
         return (whole,)
     hollow = _Hollow(tree, vertices, cell)
-    first = np.ones(len(samples), dtype=bool)
-    pieces = [(hollow.within(samples), first)]
+    ends = np.unique(np.sort(triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1), axis=0)
+    part = _Part(points=samples, edges=vertices[ends])
+    parts = [(hollow.within(part.points), part)]
     ways = _directions(vertices, triangles)
-    whole_hull = True
-    while len(pieces) < MOST_PIECES:
-        worst = max(range(len(pieces)), key=lambda k: pieces[k][0])
-        share, own = pieces[worst]
-        sides = _best_cut(samples, own, ways, cell) if share > 0 else None
-        if sides is None:
-            if share == 0:
-                break
-            pieces[worst] = (0.0, own)  # no plane helps
-            continue
-        whole_hull = False
-        pieces[worst : worst + 1] = [(hollow.within(samples[side]), side) for side in sides]
-    return (whole,) if whole_hull else tuple(few_corners(samples[own]) for _, own in pieces)
+    while len(parts) < MOST_PIECES:
+        worst = max(range(len(parts)), key=lambda k: parts[k][0])
+        share, part = parts[worst]
+        if share == 0:
+            break
+        plane = _best_cut(part.points, ways, cell)
+        if plane is None:
+            parts[worst] = (0.0, part)
+        else:
+            parts[worst : worst + 1] = [(hollow.within(side.points), side) for side in part.cut(*plane)]
+    return (whole,) if len(parts) == 1 else tuple(few_corners(part.points) for _, part in parts)
+
+
+class _Part(NamedTuple):
+    """A part of a mesh: points of its surface (n, 3), and what is in it of the mesh's edges (m, 2, 3) [m]."""
+
+    points: Array
+    edges: Array
+
+    def cut(self, way: Array, at: float) -> list[_Part]:
+        """The parts below and above a plane with normal ``way``; edges that cross it give both a point."""
+        along = self.edges @ way - at
+        below = along <= 0
+        crossing = below[:, 0] != below[:, 1]
+        start, end = self.edges[crossing].transpose(1, 0, 2)
+        share = along[crossing, 0] / (along[crossing, 0] - along[crossing, 1])
+        on = start + share[:, None] * (end - start)
+        lower = self.points @ way <= at
+        sides = []
+        for inside, own in ((below, lower), (~below, ~lower)):
+            half = np.where(inside[crossing, :, None], self.edges[crossing], on[:, None])
+            sides.append(
+                _Part(
+                    points=np.concatenate([self.points[own], on]),
+                    edges=np.concatenate([self.edges[inside.all(axis=1)], half]),
+                )
+            )
+        return sides
 
 
 def _directions(vertices: Array, triangles: IntArray) -> Array:
@@ -213,21 +239,29 @@ def _directions(vertices: Array, triangles: IntArray) -> Array:
     return np.array(found)
 
 
-def _best_cut(samples: Array, own: BoolArray, ways: Array, cell: float) -> list[BoolArray] | None:
-    """The two sides, overlapping by one cell, of the plane that leaves the least volume of hulls; or none."""
-    points = _thinned(samples[own], cell)
-    best, sides = (1.0 - _LEAST_GAIN) * _volume(points), None
+def _best_cut(points: Array, ways: Array, cell: float) -> tuple[Array, float] | None:
+    """Normal and offset of the plane on whose sides the hulls have the least volume together; or none."""
+    points = _thinned(points, cell)
+    least, plane = (1.0 - _LEAST_GAIN) * _volume(points), None
+
+    def better(way: Array, offsets: Array) -> None:
+        nonlocal least, plane
+        along = points @ way
+        for at in offsets:
+            lower = along <= at
+            if 4 <= lower.sum() <= len(points) - 4:
+                total = _volume(points[lower]) + _volume(points[~lower])
+                if total < least:
+                    least, plane = total, (way, float(at))
+
     for way in ways:
         along = points @ way
-        low, high = along.min(), along.max()
-        for at in np.linspace(low, high, _CUTS + 2)[1:-1]:
-            total = _volume(points[along <= at + cell / 2]) + _volume(points[along >= at - cell / 2])
-            if total < best:
-                best, sides = total, (way, at)
-    if sides is None:
-        return None
-    along = samples @ sides[0]
-    return [own & (along <= sides[1] + cell / 2), own & (along >= sides[1] - cell / 2)]
+        better(way, np.linspace(along.min(), along.max(), _CUTS + 2)[1:-1])
+    if plane is not None:  # a finer search around it
+        way, at = plane
+        step = float(np.ptp(points @ way)) / (_CUTS + 1)
+        better(way, np.linspace(at - step, at + step, 2 * _CUTS + 1))
+    return plane
 
 
 def _thinned(points: Array, grain: float) -> Array:
@@ -285,7 +319,7 @@ class _Hollow:
 
 
 def surface_samples(vertices: Array, triangles: IntArray, spacing: float) -> Array:
-    """(n, 3) points of triangles, no point of which is farther than ``spacing`` / 2 from all of them [m]."""
+    """(n, 3) points of triangles, none of which is farther than ``spacing`` / 2 from one at any place [m]."""
     corners = vertices[triangles]
     longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
     parts = np.maximum(1, np.ceil(longest / (0.8 * spacing) - 1e-9)).astype(np.int64)

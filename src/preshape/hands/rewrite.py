@@ -220,7 +220,7 @@ class _Writer:
         return found
 
     def _sites(self, name: str, T_body_world: Array, pieces: list[Piece]) -> list[str]:
-        """Sites of palm and fingertips; a tip also gets a sphere, unless it is a hull."""
+        """Sites of palm and fingertips; a tip also gets a sphere, unless its link has a shape there."""
         lines = []
         palm = self.data["palm"]
         if self.bodies[str(palm["body"])] == name:
@@ -230,7 +230,7 @@ class _Writer:
             if self.bodies[str(entry["tip_body"])] == name:
                 T, label = T_body_world @ self._tip_frame(entry), quoteattr(f"{entry['name']}_tip")
                 radius = float(entry["tip_radius"])
-                if not _is_hull(pieces, T[:3, 3], radius):
+                if not _has_tip(pieces, T[:3, 3], radius):
                     lines.append(
                         f'<geom name={label} type="sphere" {frame_text(T)} size="{radius:.6g}" mass="0" '
                         'rgba="0.2 0.2 0.22 1"/>'
@@ -335,9 +335,9 @@ def _parts(joints: Sequence[str], weights: Iterable[float]) -> list[str]:
     ]
 
 
-def _is_hull(pieces: list[Piece], centre: Array, radius: float) -> bool:
-    """Whether a fingertip is a hull already: its centre is half a radius deep in one, at least."""
-    depths = [-outside(piece, centre[None])[0] for piece in pieces if piece.kind == "hull"]
+def _has_tip(pieces: list[Piece], centre: Array, radius: float) -> bool:
+    """Whether a tip's centre is half a radius deep in a hull or a box, of which a sphere might stand out."""
+    depths = [-outside(piece, centre[None])[0] for piece in pieces if piece.kind in ("hull", "box")]
     return max(depths, default=-np.inf) >= 0.5 * radius
 
 

@@ -26,7 +26,7 @@ _BOX = {
     COARSE: 0.0026,
     FINE: 0.00045,
 }  # ... of a box [m]; a reserve is left for the surface between the samples
-_HULL, _HULL_SAMPLES = {COARSE: 0.0025, FINE: 0.00036}, {COARSE: 0.0017, FINE: 0.00065}
+_HULL, _HULL_SAMPLES = {COARSE: 0.0024, FINE: 0.00033}, {COARSE: 0.0016, FINE: 0.0006}
 """Limit for the spheres of a polyhedron, met at samples that are this far apart [m]."""
 _SAMPLES = {COARSE: 0.002, FINE: 0.0008}  # spacing of surface points [m]
 
