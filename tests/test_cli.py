@@ -64,6 +64,7 @@ HELPS = [
         for command in ("holds", "planner", "pick", "tasks", "indices", "clouds", "learning")
     ),
     ["hands", "check"],
+    ["hands", "init"],
 ]
 
 

@@ -48,12 +48,12 @@ def test_the_example_is_fit_for_use():
     hand = load_hand(str(EXAMPLE))
     assert hand.name == "trident"
     assert hand.u == 0.05
-    assert len(hand.joints) == len(hand.actuators) == 9
+    assert len(hand.joints) == len(hand.motors) == 9
     assert hand.limits.tolist() == [[-0.6, 0.6], [-0.5, 1.4], [0, 1.5]] * 3
     k = HandKinematics(hand)
     assert k.model.body_mass.sum() == pytest.approx(0.4 + 3 * 0.12, abs=1e-6)
     shapes = k.shapes()
-    assert {shape.kind for shape in shapes} == {"box", "capsule", "sphere"}
+    assert {shape.kind for shape in shapes} == {"box", "hull", "sphere"}
     assert [s.link for s in shapes if s.kind == "sphere"] == [
         "thumb_base",
         "thumb_tip",
@@ -154,7 +154,7 @@ def test_an_mjcf_with_meshes_degrees_fixed_joints_and_a_root(tmp_path):
     hand = load_hand(path)
     assert hand.joints == ("ta", "tb", "ia", "ib", "ra", "rb")
     assert np.allclose(hand.limits[0], np.radians([-30, 80]))
-    assert hand.actuators == (("ta",), ("tb",), ("ia", "ib"), ("ra",), ("rb",))
+    assert [motor.joints for motor in hand.motors] == [("ta",), ("tb",), ("ia", "ib"), ("ra",), ("rb",)]
     k = HandKinematics(hand)
     k.set_posture(np.zeros(6))
     assert np.allclose(
@@ -163,9 +163,9 @@ def test_an_mjcf_with_meshes_degrees_fixed_joints_and_a_root(tmp_path):
     shapes = {shape.link: shape for shape in k.shapes()}
     assert [s.kind for s in shapes.values() if s.body == "hand"] == ["box"]  # what only shows is left out
     mesh = shapes["index_i1"]
-    assert mesh.kind == "capsule"  # 18 × 18 × 50 mm
-    assert mesh.radius == pytest.approx(0.009, abs=1e-6)
-    assert np.allclose((mesh.p0 + mesh.p1) / 2, [0.03, 0.05, 0.025], atol=1e-6)
+    assert mesh.kind == "hull"  # 18 × 18 × 50 mm
+    assert np.allclose(mesh.corners.min(axis=0), [0.021, 0.041, 0.0], atol=1e-6)
+    assert np.allclose(mesh.corners.max(axis=0), [0.039, 0.059, 0.05], atol=1e-6)
     # A joint of the hand that no finger lists is fixed by name, not by chance.
     path.write_text(swap(toml, ('root = "hand"', 'root = "arm"')), encoding="utf-8")
     assert [f.code for f in check_hand(path)] == ["joint_left_out"]
@@ -195,14 +195,14 @@ def test_meshes_of_a_package_are_found(tmp_path):
     path = write(tmp_path / "urdf", urdf=urdf)
     assert check_hand(path) == []
     links = {shape.link: shape for shape in HandKinematics(load_hand(path)).shapes()}
-    assert links["index_proximal"].kind == "capsule"
-    assert links["index_proximal"].radius == pytest.approx(0.009, abs=1e-6)
+    assert links["index_proximal"].kind == "hull"
+    assert links["index_proximal"].hull.volume == pytest.approx(0.018 * 0.018 * 0.05, rel=1e-4)
     large = write(tmp_path / "urdf", urdf=swap(urdf, ('link.obj"', 'link.obj" scale="1000 1000 1000"')))
     (found,) = check_hand(large)
     assert found.code == "mesh_size"
     assert re.search(r"the link 'index_proximal' measures 18 × 18 × 50 m, .*millimetres", found.text)
     lost = write(tmp_path / "urdf", urdf=swap(urdf, ("link.obj", "other.obj")))
-    with pytest.raises(HandError, match=r"MuJoCo cannot read it: .*other\.obj"):
+    with pytest.raises(HandError, match=r'other\.obj is not found in the package "gripper": .*ROS_'):
         check_hand(lost)
 
 
@@ -210,6 +210,8 @@ def test_meshes_of_a_package_are_found(tmp_path):
 
 OPEN_CLOSED = "closing = [[0.0, -0.4, 0.1], [0.0, 0.75, 1.1]]"
 LIMITS = '<limit lower="-0.5" upper="1.4" effort="1.5" velocity="3"/>'
+
+MIDDLE = '<limit lower="0" upper="1.5" effort="1.5" velocity="3"/>'
 
 SPREAD = '<limit lower="-0.6" upper="0.6" effort="1.5" velocity="3"/>'
 
@@ -262,11 +264,11 @@ DESCRIPTION_FAULTS = [
     ),
     ("closing", [(OPEN_CLOSED, "closing = [[0, -0.4, 0.1]]")], "two lists or more of 3 angles"),
     ("closing", [(OPEN_CLOSED, "closing = [[0, -0.4, 0.1], [0.5]]")], "two lists or more of 3"),
-    ("actuators", [("gain = 5.0", "gain = 5.0\ngains = { elbow = 3.0 }")], "names elbow, which is no joint"),
+    ("actuators", [("gain = 5.0", "gain = 5.0\ngains = { elbow = 3.0 }")], "names elbow, which is no motor"),
     (
         "couplings",
         [("u = 0.05 ", 'couplings = [["thumb_knuckle", "elbow"]]\nu = 0.05 ')],
-        "there is no joint elbow",
+        "names elbow, which is no joint",
     ),
     ("side", [("u = 0.05 ", 'side = "both"\nu = 0.05 ')], "right or left, got 'both'"),
     ("name", [('name = "trident"', 'name = "shadow"')], "a built-in hand is called shadow"),
@@ -314,9 +316,17 @@ MODEL_FAULTS = [
         "'thumb_spread' has no limits",
     ),
     (
+        "couplings",
+        [(LIMITS, LIMITS + '<mimic joint="index_knuckle" multiplier="0.5"/>')],
+        "the motor index_knuckle closes the thumb and also moves another finger",
+    ),
+    (
         "mimic",
-        [(LIMITS, LIMITS + '<mimic joint="thumb_middle" multiplier="0.5"/>')],
-        "'thumb_knuckle' follows 'thumb_middle' (mimic or equality), which is not supported",
+        [
+            (LIMITS, LIMITS + '<mimic joint="thumb_middle" multiplier="0.5"/>'),
+            (MIDDLE, MIDDLE + '<mimic joint="thumb_knuckle" multiplier="0.5"/>'),
+        ],
+        "the joints thumb_knuckle, thumb_middle follow each other in a circle",
     ),
     ("not_a_hinge", [('type="revolute"', 'type="prismatic"')], "'thumb_spread' is no hinge"),
     ("mass_zero", [('<mass value="0.06"/>', '<mass value="0"/>')], "'thumb_proximal' has no mass"),
@@ -419,7 +429,7 @@ def test_a_thumb_that_does_not_oppose(tmp_path):
 
 def test_fingers_that_close_outward_or_not_at_all(tmp_path):
     found = check_hand(write(tmp_path, swap(TOML, ('faces = "-y"', 'faces = "+y"'))))
-    assert {finding.code for finding in found} == {"closes_outward"}
+    assert {finding.code for finding in found} == {"closes_outward", "side"}
     still = TOML[::-1].replace(OPEN_CLOSED[::-1], "closing = [[0.0, 0.1, 0.1], [0.0, 0.1, 0.1]]"[::-1], 1)[
         ::-1
     ]
@@ -474,7 +484,7 @@ def test_what_cannot_be_read_at_all_is_one_sentence(toml, urdf, said, tmp_path):
 def test_files_that_are_no_hand(tmp_path):
     with pytest.raises(HandError, match="there is no file"):
         load_hand(tmp_path / "none.toml")
-    with pytest.raises(HandError, match="is a model; a hand is a TOML file"):
+    with pytest.raises(HandError, match="there is no model"):
         load_hand("shadow_hand.urdf")
     (tmp_path / "folder.toml").mkdir()
     with pytest.raises(HandError, match="is a folder"):
@@ -534,7 +544,7 @@ def test_the_list_names_every_hand_with_joints_u_and_licence(tmp_path):
     assert all("Apache-2.0" in row["licence"] and row["source"] for row in rows.values())
     code, text = run()
     assert code == 0
-    assert "22 joints, 18 drives" in text
+    assert "22 joints, 18 motors" in text
     assert "origin 0 0 34 mm, axes +x +y +z of the root" in text
 
 
@@ -593,6 +603,14 @@ def test_the_page_lists_every_finding():
         "open_collides",
         "closing_collides",
         "does_not_close",
+        # tests/test_hand_init.py
+        "u",
+        "finger_pitch",
+        "torque",
+        "tip_place",
+        "tip_points",
+        "palm_points",
+        "holds_nothing",
     }
     assert listed == tested | elsewhere | {"closes_outward", "thumb_not_opposed", "contradiction"}
 

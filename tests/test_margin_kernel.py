@@ -214,6 +214,151 @@ def test_what_is_worth_little_is_not_worked_out(share: float, thorough: bool):
         assert (found[~above] >= whole[~above]).all()
 
 
+class BoundedBatch:
+    """Random candidates with 5..24 contacts on an ellipsoid, each with a largest normal force of its own."""
+
+    def __init__(self, count: int, seed: int) -> None:
+        rng = np.random.default_rng(seed)
+        self.friction, self.torsion = float(rng.uniform(0.2, 0.8)), float(rng.uniform(0.0, 0.01)) * (seed % 2)
+        self.length, self.base = float(rng.uniform(0.03, 0.1)), 4.0 * rng.normal(size=6) * (seed % 3)
+        self.base[3:] *= 0.3
+        self.points, self.normals = np.zeros((count, 24, 3)), np.zeros((count, 24, 3))
+        self.bounds, self.counts = np.zeros((count, 24)), rng.integers(5, 25, count)
+        for i, n in enumerate(self.counts):
+            axes = np.array([1.0, rng.uniform(0.3, 1.0), rng.uniform(0.2, 1.0)]) * 0.06
+            u = rng.normal(size=(n, 3))
+            if i % 4 == 1:  # neighbours in pairs
+                u[n // 2 :] = u[: n - n // 2] + 0.05 * rng.normal(size=(n - n // 2, 3))
+            u /= np.linalg.norm(u, axis=1, keepdims=True)
+            p, q = u * axes, -u / axes
+            if i % 4 == 2:  # opposed pairs
+                p[1::2], q[1::2] = -p[::2][: n // 2], -q[::2][: n // 2]
+            self.points[i, :n], self.normals[i, :n] = p, q / np.linalg.norm(q, axis=1, keepdims=True)
+            self.bounds[i, :n] = np.exp(rng.uniform(np.log(0.5), np.log(60.0), n))
+            self.bounds[i, 0] *= i % 5 > 0
+        # What lies beyond the counts must not matter.
+        beyond = np.arange(24) >= self.counts[:, None]
+        self.points[beyond], self.normals[beyond], self.bounds[beyond] = 1.0, 0.5, 30.0
+
+    def kernel(self, wrenches: Array, **more: object) -> MarginKernel:
+        given = {"base": self.base, "friction": self.friction, "torsion": self.torsion, **more}
+        return MarginKernel(wrenches, **given)  # type: ignore[arg-type]
+
+    def strengths(self, kernel: MarginKernel, factor: float = 1.0, **more: object) -> Array:
+        given = self.points, self.normals, self.counts, self.length, np.zeros(3)
+        return kernel.strengths(*given, bounds=factor * self.bounds, **more)  # type: ignore[arg-type]
+
+    def soft_contacts(self, i: int) -> SoftContacts:
+        n, ell = self.counts[i], self.length
+        arms, normals = self.points[i, :n] / ell, self.normals[i, :n]
+        return SoftContacts(arms, normals, self.friction, self.torsion / ell, self.bounds[i, :n])
+
+    def reach(self, i: int, wrench: Array) -> float:
+        """Largest k with base + k·wrench producible [N], by Clarabel; 0 if the base is not."""
+        from test_metrics_programs import clarabel_solve, force_columns
+
+        n = self.counts[i]
+        bounds, total = self.bounds[i, :n], self.bounds[i, :n].sum()
+        contacts = Contacts(
+            positions=self.points[i, :n],
+            normals_in=self.normals[i, :n],
+            friction=self.friction,
+            torsion=self.torsion,
+            length=self.length,
+        )
+        A = np.zeros((6 + n, 5 * n + 1))
+        A[:6, : 4 * n], A[:6, -1] = force_columns(contacts), -wrench
+        A[6:, : 4 * n], A[6:, 4 * n : -1] = np.kron(np.eye(n), np.eye(4)[:1]), np.eye(n)
+        c, b = np.zeros(5 * n + 1), np.append(self.base, bounds) / total
+        c[-1] = -1.0
+        number, _, good = clarabel_solve(c, A, b, [(n, 4), (n + 1, 1)])
+        return -number * total if good else 0.0
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_bounded_contacts_against_clarabel_and_the_twin(seed: int):
+    pytest.importorskip("clarabel")
+    batch = BoundedBatch(12, seed)
+    wrenches = PUSHES if seed % 2 else np.random.default_rng(seed).normal(size=(5, 6))
+    kernel = batch.kernel(wrenches)
+    found = batch.strengths(kernel)
+    floors = 1e-4 * np.where(np.arange(24) < batch.counts[:, None], batch.bounds, 0.0).sum(axis=1)
+    for i, floor in enumerate(floors):
+        exact = min(batch.reach(i, w / np.linalg.norm(w)) for w in wrenches)
+        assert found[i] == pytest.approx(exact, rel=0.01, abs=floor)
+        plain = margin_plain(batch.soft_contacts(i), wrenches, batch.base)
+        assert found[i] == pytest.approx(plain.strength, rel=0.01, abs=floor)
+    assert (found > 1.0).sum() > 3
+    # Newtons are newtons: with all forces doubled, the base among them, the results double.
+    doubled = batch.strengths(kernel, 2.0, base=2.0 * batch.base)
+    np.testing.assert_allclose(doubled, 2.0 * found, rtol=1e-6)
+    floor = float(np.median(found[found > 0.0]))
+    above = found > floor
+    cut = batch.strengths(kernel, most=floor)[above]
+    np.testing.assert_allclose(cut, floor, rtol=1e-6)
+    assert (cut <= np.float32(floor)).all()
+    np.testing.assert_array_equal(batch.strengths(kernel, least=floor)[above], found[above])
+    out = kernel(batch.points, batch.normals, batch.counts, batch.length, bounds=batch.bounds)
+    np.testing.assert_allclose(out["strength"], found, rtol=0.006, atol=1e-4 * floors.max())
+    assert margin_plain(batch.soft_contacts(0), wrenches, batch.base).residual == pytest.approx(
+        out["residual"][0], rel=0.01, abs=1e-4
+    )
+
+
+def test_bounded_contacts_against_a_cone():
+    pytest.importorskip("clarabel")
+    batch, axis = BoundedBatch(8, 4), np.array([0.2, -0.1, 0.9, 0.3, 0.1, -0.2])
+    axis /= np.linalg.norm(axis)
+    kernel = batch.kernel(axis[None], half_angle=HALF_ANGLE, thorough=True)
+    out = kernel(batch.points, batch.normals, batch.counts, batch.length, bounds=batch.bounds)
+    assert (out["strength"] > 1.0).sum() > 3
+    np.testing.assert_array_equal(batch.strengths(kernel), out["strength"])
+    starts = cone_starts(axis, HALF_ANGLE)
+    for i, strength in enumerate(out["strength"]):
+        if strength > 0.0:
+            assert batch.reach(i, out["wrench"][i]) == pytest.approx(strength, rel=0.01)
+        assert strength <= 1.01 * min(batch.reach(i, w) for w in starts) + 1e-2
+
+
+def test_bounded_contacts_by_hand():
+    """Two fingers of 10 and 4 N, opposed: what they hold together, sideways and along their line."""
+    points, normals = np.zeros((4, 2, 3)), np.zeros((4, 2, 3))
+    points[:, :, 0], normals[:, :, 0] = [-0.05, 0.05], [1.0, -1.0]
+    bounds = np.array([[10.0, 4.0], [10.0, 0.0], [0.0, 0.0], [np.nan, 4.0]])
+    one = MarginKernel(np.eye(6)[2:3], base=np.zeros(6), friction=0.5)
+    given = points, normals, np.array([2, 2, 2, 2]), 0.05, np.zeros(3)
+    found = one.strengths(*given, bounds=bounds)
+    np.testing.assert_allclose(
+        found, [4.0, 0.0, 0.0, 0.0], rtol=0.005
+    )  # both hold alike, or the object turns
+    along = MarginKernel(np.eye(6)[:1], friction=0.5).strengths(*given, bounds=bounds)
+    np.testing.assert_allclose(along, [10.0, 10.0, 0.0, 0.0], rtol=0.005)
+    for wrong, words in ((-bounds[:2], "at least 0 N"), (bounds[:, :1], "largest normal forces")):
+        with pytest.raises(InputError, match=words):
+            one(points[:2], normals[:2], [2, 2], 0.05, bounds=wrong)
+    many = np.zeros((1, 25, 3))
+    with pytest.raises(InputError, match="up to 24 contacts, got 25"):
+        one(many, many, [25], 0.05)
+
+
+def test_the_form_for_many_contacts_gives_the_same_for_few_and_right_for_many():
+    batch, many = Batch(40, 7), BoundedBatch(40, 1)
+    kernel = MarginKernel(PUSHES, base=0.02 * PUSHES[0], friction=batch.friction, torsion=batch.torsion)
+    few = batch.counts, float(np.mean(batch.length)), np.zeros(3)
+    alone = kernel.strengths(batch.points, batch.normals, *few)
+    points, normals = many.points.copy(), many.normals.copy()
+    points[:20, :8], normals[:20, :8] = batch.points[:20], batch.normals[:20]
+    counts = np.where(np.arange(40) < 20, batch.counts, many.counts)
+    together = kernel.strengths(points, normals, counts, *few[1:])
+    np.testing.assert_array_equal(together[:20], alone[:20])
+    assert (alone[:20] > 0.0).sum() > 5
+    for i in range(20, 30):
+        n, ell = counts[i], few[1]
+        soft = SoftContacts(points[i, :n] / ell, normals[i, :n], batch.friction, batch.torsion / ell)
+        plain = margin_plain(soft, PUSHES, 0.02 * PUSHES[0])
+        assert together[i] == pytest.approx(plain.strength, rel=0.006, abs=5e-5)
+
+
 def test_a_cone_without_width_is_its_axis():
     batch = Batch(40, 3)
     narrow = strengths(batch, PUSHES[2], half_angle=0.0)

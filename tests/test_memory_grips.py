@@ -1,4 +1,4 @@
-"""What memory schema 3 added: shape descriptors, grips of real hands, their quality, what physics said."""
+"""What later memory schemas added: shape descriptors, grips of real hands, quality, outcome, scene, model."""
 
 from __future__ import annotations
 
@@ -23,6 +23,7 @@ from preshape.types import Array, Attributes, Experience
 
 GRIP = np.array([0.01, -0.02, 0.09, 0.5, -0.5, 0.5, -0.5, 0b10011, 0.3, -0.0, 1.2])
 SHAPE = np.linspace(-0.5, 1.0, LENGTH)
+MODEL = "01234567deadbeef"
 
 
 def experience(*, shape: Array | None = None, **changes: Any) -> Experience:
@@ -42,10 +43,10 @@ def experience(*, shape: Array | None = None, **changes: Any) -> Experience:
 def bits(e: Experience) -> tuple[Any, ...]:
     """What is new in an experience, down to the sign of zero."""
     arrays = (None if a is None else (a.shape, a.tobytes()) for a in (e.attributes.shape, e.grip))
-    return (*arrays, None if e.quality is None else struct.pack("<d", e.quality), e.outcome, e.scene)
+    return (*arrays, None if e.quality is None else struct.pack("<d", e.quality), e.outcome, e.scene, e.model)
 
 
-PLAIN = (None, None, None, "", "")
+PLAIN = (None, None, None, "", "", "")
 """Those bits of an experience from before there were such fields."""
 
 
@@ -68,6 +69,7 @@ new_fields = st.fixed_dictionaries(
         "quality": st.none() | st.floats(0, 6),
         "outcome": st.sampled_from(["", "held", "lost"]),
         "scene": st.text(st.characters(codec="utf-8"), max_size=40),
+        "model": st.text("0123456789abcdef", min_size=16, max_size=16) | st.just(""),
     }
 )
 
@@ -144,6 +146,9 @@ def changed(index: int, content: float) -> Array:
         ({"quality": "good"}, "quality"),
         ({"outcome": "dropped"}, "outcome must be empty, held or lost, got 'dropped'"),
         ({"outcome": None}, "outcome"),
+        ({"model": MODEL[1:]}, "model must be empty or 16 lower-case hexadecimal digits, got '1"),
+        ({"model": MODEL.upper()}, "model must be empty"),
+        ({"model": None}, "model"),
     ],
 )
 def test_what_could_not_be_read_back_is_not_stored(changes: dict[str, Any], words: str) -> None:
@@ -174,6 +179,8 @@ def test_a_grip_that_is_not_finite_numbers_in_a_row_is_refused_at_once(bad: Any)
         ("quality = 9e999", "quality"),
         ("outcome = 'broken'", "outcome"),
         ("outcome = 3", "outcome"),
+        ("model = 'another'", "model must be empty or 16"),
+        ("model = 3", "model"),
     ],
 )
 def test_a_damaged_row_is_skipped_and_named(tmp_path: Path, damage: str, words: str) -> None:
@@ -202,6 +209,7 @@ def file_of_version(path: Path, version: int, content: list[Experience]) -> None
         2: ("shape", "grip", "quality", "outcome"),
         3: ("scene",),
         4: ("length_unit",),
+        5: ("model",),
     }
     for name in (name for since, names in later.items() if since >= version for name in names):
         connection.execute(f"ALTER TABLE experiences DROP COLUMN {name}")
@@ -216,7 +224,7 @@ def columns(path: Path) -> list[Any]:
     return found
 
 
-@pytest.mark.parametrize("version", [1, 2, 3, 4])
+@pytest.mark.parametrize("version", [1, 2, 3, 4, 5])
 def test_an_older_file_is_migrated_and_a_copy_kept(tmp_path: Path, version: int) -> None:
     path, fresh = tmp_path / "memory.sqlite", tmp_path / "fresh.sqlite"
     old = [experience(object_name="old")]
@@ -267,7 +275,7 @@ def document_of(tmp_path: Path, content: Experience) -> dict[str, Any]:
 
 def older_version(document: dict[str, Any], version: int = 1) -> dict[str, Any]:
     (one,) = document["experiences"]
-    since = {2: ("grip", "quality", "outcome"), 3: ("scene",), 4: ("length_unit",)}
+    since = {2: ("grip", "quality", "outcome"), 3: ("scene",), 4: ("length_unit",), 5: ("model",)}
     later = [name for added, names in since.items() if added > version for name in names]
     plain = {name: one[name] for name in one if name not in later}
     if version == 1:
@@ -275,19 +283,19 @@ def older_version(document: dict[str, Any], version: int = 1) -> dict[str, Any]:
     return {**document, "version": version, "experiences": [plain]}
 
 
-@pytest.mark.parametrize("version", [1, 2, 3])
+@pytest.mark.parametrize("version", [1, 2, 3, 4])
 def test_a_document_of_an_older_version_is_read(tmp_path: Path, version: int) -> None:
     document = document_of(tmp_path, experience())
-    assert document["version"] == FORMAT_VERSION == 4
+    assert document["version"] == FORMAT_VERSION == 5
     (tmp_path / "in.json").write_text(json.dumps(older_version(document, version)))
     with Memory.open(":memory:") as memory:
         assert memory.import_(tmp_path / "in.json") == 1
         assert [bits(e) for e in memory.experiences()] == [PLAIN]
-        assert all(e.outdated for e in memory.experiences())
+        assert all(e.outdated == (version < 4) for e in memory.experiences())
         assert memory.import_(tmp_path / "in.json") == 0  # the same experience
 
 
-@pytest.mark.parametrize("name", ["grip", "quality", "outcome", "shape", "scene", "length_unit"])
+@pytest.mark.parametrize("name", ["grip", "quality", "outcome", "shape", "scene", "length_unit", "model"])
 def test_each_version_has_exactly_its_fields(tmp_path: Path, name: str) -> None:
     document = document_of(tmp_path, experience(grip=GRIP, shape=SHAPE, quality=3.0, outcome="held"))
     old = older_version(document)
@@ -315,6 +323,7 @@ def test_each_version_has_exactly_its_fields(tmp_path: Path, name: str) -> None:
         ("quality", True, "quality"),
         ("outcome", None, "outcome"),
         ("outcome", ["held"], "outcome"),
+        ("model", None, "model must be empty or 16"),
     ],
 )
 def test_each_fault_of_a_document_is_named(tmp_path: Path, name: str, content: Any, words: str) -> None:

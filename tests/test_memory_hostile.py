@@ -72,6 +72,7 @@ def lesson(number: int, *, grip: bool = False, **changes: Any) -> Experience:
         outcome=("", "held", "lost")[number % 3],
         scene="" if number % 2 else "table 0",
         length_unit="U" if number % 11 == 0 else "4U",
+        model="0123456789abcdef" if number % 4 == 0 else "",
     )
     return replace(plain, **changes)
 

@@ -28,7 +28,7 @@ from preshape.tasks import parse_task
 from preshape.types import ANSWER_KIND, Experience
 
 HAND, LIFT, TWIST = load_hand("allegro"), parse_task("lift"), parse_task("twist")
-JOINTS, SETS = len(HAND.joints), FuzzySets()
+SETS = FuzzySets()
 QUICK = ClosureSettings(everywhere=600, elite=8, rounds=2, finished=4, persistence=1)
 ALL_PLANES = tuple(range(1, 13))
 
@@ -154,7 +154,7 @@ def test_another_task_finds_the_grip_on_whatever_plane(memory: Memory) -> None:
     assert asked.tried < named.tried / 5
     known = recalled(
         [kept], element.mesh, TWIST.q, Aim(planes=[elsewhere], values=values, recall=ALL_PLANES),
-        joints=JOINTS, sets=SETS,
+        hand=HAND, sets=SETS,
     )  # fmt: skip
     assert known is not None
     assert known.aimed.tolist() == [False]
@@ -204,7 +204,7 @@ def box(memory: Memory) -> tuple[TriangleMesh, Grip]:
 
 def marks(known: list[Experience], mesh: TriangleMesh, **aim: Any) -> tuple[list[float], Any]:
     where = Aim(**{"planes": [12], "values": [0.0], "recall": ALL_PLANES, **aim})
-    found = recalled(known, mesh, LIFT.q, where, joints=JOINTS, sets=SETS)
+    found = recalled(known, mesh, LIFT.q, where, hand=HAND, sets=SETS)
     assert found is not None
     return found.drawn.candidates.start[:, 0].tolist(), found
 
@@ -230,9 +230,9 @@ def test_the_object_most_alike_and_the_task_that_is_asked_come_first(box) -> Non
 def test_one_object_does_not_fill_the_list(box) -> None:
     mesh, grasp = box
     own = [remembered(mesh, grasp, 0.001 * k) for k in range(30)]
-    other = [remembered(mesh, grasp, 1 + 0.001 * k, attributes=sized(mesh, 1.1)) for k in range(30)]
+    other = [remembered(mesh, grasp, 0.2 + 0.001 * k, attributes=sized(mesh, 1.1)) for k in range(30)]
     order, _ = marks(own + other, mesh)
-    assert [mark < 1 for mark in order] == [True] * MOST_OF_ONE + [False] * MOST_OF_ONE
+    assert [mark < 0.2 for mark in order] == [True] * MOST_OF_ONE + [False] * MOST_OF_ONE
     many = [
         remembered(mesh, grasp, 0.01 * k + 0.0001 * i, attributes=sized(mesh, 1 + 0.01 * k))
         for k in range(20)
@@ -249,7 +249,7 @@ def test_the_same_grip_is_tried_once_and_what_was_lost_not_at_all(box) -> None:
     lost = [remembered(mesh, grasp, 0.2), remembered(mesh, grasp, 0.2, outcome="lost")]
     order, _ = marks(twice + lost, mesh)
     assert order == [0.1]
-    nothing = recalled(lost, mesh, LIFT.q, Aim(values=[0.0]), joints=JOINTS, sets=SETS)
+    nothing = recalled(lost, mesh, LIFT.q, Aim(values=[0.0]), hand=HAND, sets=SETS)
     assert nothing is None
 
 
@@ -267,4 +267,4 @@ def test_without_recall_a_grip_must_lie_where_the_aim_is(box) -> None:
         {"values": [0.95 if grasp.approach_value < 0 else -0.95]},
     ):
         aim = Aim(**{**there, **elsewhere})
-        assert recalled(known, mesh, LIFT.q, aim, joints=JOINTS, sets=SETS) is None
+        assert recalled(known, mesh, LIFT.q, aim, hand=HAND, sets=SETS) is None

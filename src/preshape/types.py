@@ -343,6 +343,8 @@ class Experience:
             Recognition (mode 2) and recall (mode 0) use only lessons of the same scene.
         length_unit: Unit of length of ``wrench``: ``4U``; ``U`` in lessons of earlier memories, whose wrench
             and match no longer count.
+        model: Hash of the real hand's model (:meth:`~preshape.hands.hand.Hand.model_hash`); empty for a
+            virtual grasp, and in lessons of earlier memories.
     """
 
     kind: str
@@ -363,6 +365,7 @@ class Experience:
     outcome: str = ""
     scene: str = ""
     length_unit: str = UNIT_NAME
+    model: str = ""
 
     @property
     def judged(self) -> float:

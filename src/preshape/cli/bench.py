@@ -9,6 +9,7 @@ from .lazy import LazyGroup
 _BENCHES = {
     "holds": ("bench_holds", "Put grasps to the holding test: pushes from six sides, or harder."),
     "planner": ("bench_planner", "Plan objects and put the answers to the holding test."),
+    "hands": ("bench_hands", "Test the same plans on our models of hands and on the published ones."),
     "pick": ("bench_pick", "Plan objects on a table and pick them up in physics."),
     "tasks": ("bench_tasks", "Put a planner to the task test, the open benchmark."),
     "clouds": ("bench_clouds", "Plan on partial views and test on the whole objects."),

@@ -97,7 +97,7 @@ def pick(
     own = load_hand(hand)
     picks_with = physics_hand(own) if model is None else published_hand(own, model)
     cases = cases_of(objects, "1", None)
-    stated = {} if masses is None else _masses(Path(masses))
+    stated = {} if masses is None else masses_of(Path(masses))
     things = pick_objects(
         [case.source for case in cases],
         mass=mass_of(mass),
@@ -129,7 +129,7 @@ def pick(
     return 0
 
 
-def _masses(file: Path) -> dict[str, float]:
+def masses_of(file: Path) -> dict[str, float]:
     """Masses by object name [kg].
 
     Raises:

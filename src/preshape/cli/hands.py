@@ -1,4 +1,4 @@
-"""``preshape hands``: list the hands; ``preshape hands check``: check a hand of your own."""
+"""``preshape hands``: list the hands; ``hands init`` and ``hands check``: describe and check your own."""
 
 from __future__ import annotations
 
@@ -7,11 +7,12 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from .options import json_option
-from .printing import emit
+from .options import json_option, motors_option
+from .printing import emit, say
 
 if TYPE_CHECKING:
     from ..hands.hand import Hand
+    from ..hands.trial import ClosingTrial
 
 SIDE = 420
 """Width and height of each of the three pictures of a hand [pixels]."""
@@ -19,7 +20,7 @@ SIDE = 420
 
 @click.group(
     invoke_without_command=True,
-    epilog="Example: preshape hands check my_hand.toml --out pictures",
+    epilog="Example: preshape hands init my_hand.urdf",
 )
 @click.option(
     "--out", metavar="DIR", help="Folder for a picture of every hand, open, half closed and closed."
@@ -41,24 +42,60 @@ def hands(ctx: click.Context, out: str | None, as_json: bool) -> None:
     for row in rows:
         _show(row)
     click.echo(
-        "NAME:left is the mirror image. --hand also takes your own TOML (docs/your-own-hand.md) and "
-        "menagerie:NAME (shadow_hand, wonik_allegro, leap_hand)."
+        "NAME:left is the mirror image. --hand also takes your own URDF, MJCF or TOML file "
+        "(docs/your-own-hand.md) and menagerie:NAME (shadow_hand, wonik_allegro, leap_hand)."
     )
+
+
+@hands.command(epilog="Example: preshape hands init my_hand.urdf --out my_hand.toml")
+@click.argument("model", metavar="MODEL")
+@click.option("--root", metavar="BODY", help="The hand's mount, where MODEL is a whole robot.")
+@click.option("--side", metavar="left|right", help="Side of the hand; default: as geometry and names say.")
+@motors_option
+@click.option("--out", metavar="FILE", help="The TOML file; default: NAME.toml in the current folder.")
+@json_option
+def init(
+    model: str, root: str | None, side: str | None, motors: str | None, out: str | None, as_json: bool
+) -> None:
+    """Describe the hand of MODEL, a URDF or an MJCF: write its TOML file and a picture of it.
+
+    Fingers, palm, fingertips, sizes, motors and closing paths are inferred; what was guessed is said in three
+    lines. Look at the picture, and correct the TOML file where the guess is wrong.
+    """
+    from ..hands.load import describe_file
+
+    path, made, hand = describe_file(model, root=root, side=side, motors=motors, out=out)
+    picture = draw_hand(hand, path.parent)
+    if as_json:
+        emit(
+            {
+                "status": "answer",
+                "hand": hand.name,
+                "file": str(path),
+                "picture": str(picture),
+                "guesses": list(made.lines),
+            }
+        )
+        return
+    say(*made.lines, f"wrote {path}", f"wrote {picture}", f"next: preshape hands check {path}")
 
 
 @hands.command(epilog="Example: preshape hands check my_hand.toml --out pictures")
 @click.argument("file", metavar="FILE")
+@motors_option
 @click.option("--out", metavar="DIR", help="Folder for a picture of the hand, open, half closed and closed.")
 @json_option
-def check(file: str, out: str | None, as_json: bool) -> int:
-    """Report what is missing or wrong in a hand. FILE is its TOML file or its name.
+def check(file: str, motors: str | None, out: str | None, as_json: bool) -> int:
+    """Report what is missing or wrong in a hand. FILE is its TOML file, its URDF or MJCF, or its name.
 
     Exit code 0: fit for use. 1: findings. 2: the file or its model cannot be read.
     """
     from ..hands.check import inspect_hand
+    from ..hands.load import joined
+    from ..hands.trial import trials
     from ..report.plain import escaped
 
-    found, hand = inspect_hand(file)
+    found, hand = inspect_hand(joined(file, motors))
     picture = draw_hand(hand, Path(out)) if out is not None and hand is not None else None
     if as_json:
         emit(
@@ -66,6 +103,7 @@ def check(file: str, out: str | None, as_json: bool) -> int:
                 "status": "findings" if found else "fine",
                 "hand": hand.name if hand is not None else None,
                 "findings": [{"code": finding.code, "text": finding.text} for finding in found],
+                "trials": [] if hand is None else [_trial_row(trial) for trial in trials(hand)],
                 "picture": str(picture) if picture is not None else None,
             }
         )
@@ -74,11 +112,22 @@ def check(file: str, out: str | None, as_json: bool) -> int:
         click.echo(f"{click.style(finding.code, bold=True)}: {escaped(finding.text)}")
     if hand is not None:
         _show(_row(hand, picture))
+        say(*trials(hand))
     if found:
         click.echo(f"{len(found)} finding{'s' if len(found) > 1 else ''}; see docs/your-own-hand.md")
     else:
         click.echo("fit for use")
     return 1 if found else 0
+
+
+def _trial_row(trial: ClosingTrial) -> dict[str, Any]:
+    return {
+        "shape": trial.shape,
+        "size": trial.size,
+        "held": bool(trial.against),
+        "touching": list(trial.touching),
+        "against": trial.against or None,
+    }
 
 
 def draw_hand(hand: Hand, folder: Path) -> Path:
@@ -128,7 +177,8 @@ def _row(hand: Hand, picture: Path | None) -> dict[str, Any]:
         "fingers": [finger.name for finger in hand.fingers],
         "joints": len(hand.joints),
         "joint_names": list(hand.joints),
-        "actuators": len(hand.actuators),
+        "actuators": len(hand.motors),
+        "motors": hand.motor_facts(),
         "U": hand.u,
         "largest_object": 4 * hand.u,
         "fingertip_radius": hand.fingers[1].tip_radius,
@@ -144,7 +194,7 @@ def _row(hand: Hand, picture: Path | None) -> dict[str, Any]:
 def _show(row: dict[str, Any]) -> None:
     from ..report.terminal import fact_grid, terminal
 
-    drives = f", {row['actuators']} drives" if row["actuators"] != row["joints"] else ""
+    drives = f", {row['actuators']} motors" if row["actuators"] != row["joints"] else ""
     facts = {
         row["name"]: row["title"],
         "fingers": f"{', '.join(row['fingers'])}; {row['joints']} joints{drives}",

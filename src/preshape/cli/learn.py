@@ -10,6 +10,7 @@ import click
 from .options import (
     TableCommand,
     closure_options,
+    hand_from,
     json_option,
     memory_option,
     object_options,
@@ -54,7 +55,7 @@ def learn(things: tuple[str, ...], tasks: tuple[str, ...], as_json: bool, **opti
     from ..report.plain import escaped_line
     from ..report.terminal import terminal
 
-    model = load_hand(options["hand"])
+    model = load_hand(hand_from(options))
     lessons = [
         (task, request_from(name, task, hand=model, options=options))
         for name in _names(things)

@@ -38,6 +38,7 @@ def show(memory: str | None, as_json: bool) -> None:
                 "experiences": numbers.experiences,
                 "kinds": dict(numbers.kinds),
                 "hands": dict(numbers.hands),
+                "models": dict(numbers.models),
                 "trained_on": dict(numbers.trained),
                 "objects": [
                     {
@@ -86,6 +87,12 @@ def show(memory: str | None, as_json: bool) -> None:
     say(
         f"{numbers.experiences} experiences of {numbers.objects} objects; network {trained}",
         f"{numbers.path} (version {numbers.version}, {numbers.size / 1024:.0f} KiB)",
+        *(
+            f"{hand}: the lessons are of {count} models of this hand; under one model, those of the others"
+            " are starts for the search only"
+            for hand, count in numbers.models
+            if count > 1
+        ),
         *left_out,
     )
 

@@ -24,6 +24,11 @@ checkpoint_option = click.option(
 ladder_option = click.option(
     "--ladder", is_flag=True, help="Repeat the probes 1.4 times stronger each time, until the grasp is lost."
 )
+motors_option = click.option(
+    "--motors",
+    metavar="FILE",
+    help="TOML file with the motors of a hand whose own file does not state them: [[couple]], [actuators].",
+)
 pieces_option = click.option(
     "--pieces", metavar="DIR", help="Folder with NAME/mesh.obj and NAME/convex of each object."
 )
@@ -124,9 +129,15 @@ def json_option(command: Command) -> Command:
 
 
 def object_options(command: Command) -> Command:
-    """``--hand --analyser --scale --unit --approach --seed`` and the critic's thresholds."""
+    """``--hand --motors --analyser --scale --unit --approach --seed`` and the critic's thresholds."""
     options = (
-        click.option("--hand", default="utah_mit", metavar="HAND", help="See preshape hands."),
+        click.option(
+            "--hand",
+            default="utah_mit",
+            metavar="HAND",
+            help="A name (see preshape hands), or the URDF, MJCF or TOML file of your own hand.",
+        ),
+        motors_option,
         click.option(
             "--analyser",
             metavar="NAME",
@@ -159,6 +170,13 @@ def object_options(command: Command) -> Command:
     for option in reversed(options):
         command = option(command)
     return command
+
+
+def hand_from(options: dict[str, Any]) -> str:
+    """The hand of ``--hand``, with the motors of ``--motors``."""
+    from ..hands.load import joined
+
+    return joined(options["hand"], options["motors"])
 
 
 def closure_options(command: Command) -> Command:

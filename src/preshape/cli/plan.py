@@ -13,6 +13,7 @@ from .options import (
     TableCommand,
     check_folder,
     closure_options,
+    hand_from,
     json_option,
     memory_option,
     numbers_in,
@@ -88,7 +89,7 @@ def plan(
         request = request_from(
             thing,
             task,
-            hand=options["hand"],
+            hand=hand_from(options),
             options=options,
             view=_view(view),
             cut_table=cut_table,

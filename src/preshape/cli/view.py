@@ -11,7 +11,15 @@ from click.core import ParameterSource
 
 from ..exceptions import EnvironmentFailure, InputError, PreshapeError
 from . import interrupts
-from .options import TableCommand, boxes_from, closure_options, memory_option, object_options, request_from
+from .options import (
+    TableCommand,
+    boxes_from,
+    closure_options,
+    hand_from,
+    memory_option,
+    object_options,
+    request_from,
+)
 from .printing import say
 
 if TYPE_CHECKING:
@@ -51,7 +59,7 @@ def view(thing: str, task: str | None, host: str, port: int, sessions: int, **op
         given = {name: options[name] for name in options if source(name) is not ParameterSource.DEFAULT}
         start = start_of_plan(Path(thing), task, **given)
     else:
-        hand = options.pop("hand")
+        hand = hand_from(options)
         start = start_of(request_from(thing, task or "lift", hand=hand, options=options))
     try:
         from ..app.server import WILDCARDS, ViewServer

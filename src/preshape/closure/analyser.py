@@ -40,6 +40,7 @@ from .pinching import PINCHED, THINNEST, Pincher, antipodal_patches
 from .recall import FEW_VALUES, on_object, recalled
 from .search import ClosureSearch
 from .settings import ClosureSettings
+from .wrapping import families
 
 STILL_GOOD = 0.95
 """Mode 0 answers with a recalled grip that still has this share of its stored quality [C]."""
@@ -50,6 +51,8 @@ REFUSED_EXAMINED = 24
 ENOUGH_MARGIN, ENOUGH_CLOSED = 1.5, 100
 """Limits of a poor search [C]. More candidates are drawn if the best margin is below the first number, or if
 fewer than the second closed. The best are refined again while the margin is below the first number."""
+WRAP_ELITE, WRAP_CHILDREN, WRAP_SAMPLES = 16, 6, 4
+"""Size of the elite set of wraps, number of children of each of them, and of disturbed poses [C]."""
 _CACHED_AIMS = 24
 
 
@@ -85,7 +88,7 @@ class ClosureAnalyser:
         seed: Seed of every random draw; the same seed gives the same grips.
         known: Function that returns the experiences of this hand; their grips may be recalled.
         scene: The scene of the request. Mode 0 recalls grips of this scene only; the wider searches try
-            stored grips of any scene.
+            stored grips of any scene, those of another model of the hand among them.
     """
 
     def __init__(
@@ -191,9 +194,11 @@ class ClosureAnalyser:
             return []
         task = frozen_array(q, (6,), "task Q")
         demand, unexplored = self.demand(task), not self._is_explored(task)
-        found = self.search.evaluate(on_object(own, self.mesh), demand)
         options = FinishOptions(count=len(own), unexplored=unexplored, firm=not unexplored)
-        return self.grips(task, self.finisher.finish(found, demand, options))
+        finished = list[FinishedGrip]()
+        for family in families(on_object(own, self.mesh, self.hand)):
+            finished += self.finisher.finish(self.search.evaluate(family, demand), demand, options)
+        return self.grips(task, finished)
 
     def heaviest(self, q: Array, grasp: Grasp) -> float | None:
         """Heaviest mass for which a grip would still be good enough for the task [kg]."""
@@ -234,10 +239,11 @@ class ClosureAnalyser:
         4. Finish the best.
         5. In a search of all planes, while the margin is too small: drop candidates similar to those that
            failed, draw others in their place, and repeat from 3.
-        6. If everything has been searched and no grip is good enough, allow a firm press.
-        7. In the wider searches, finish the best stored grips that lie in the aim, too. They stay apart from
+        6. If the fingertips are not far stronger than needed, search wraps of the whole hand as well.
+        7. If everything has been searched and no grip is good enough, allow a firm press.
+        8. In the wider searches, finish the best stored grips that lie in the aim, too. They stay apart from
            the candidates: what the memory holds must not make a search find less.
-        8. Sort by quality. If there is no grip, find the nearest miss, and report why the candidates failed
+        9. Sort by quality. If there is no grip, find the nearest miss, and report why the candidates failed
            and what would help against the rule that refused most of them.
         """
         size = float(self.mesh.extents.max())
@@ -252,7 +258,7 @@ class ClosureAnalyser:
         one_plane = len(aim.planes) == 1
         at_estimate = one_plane and len(aim.values) <= FEW_VALUES
         lessons = [e for e in self._known() if e.scene == self.scene] if at_estimate else self._known()
-        known = recalled(lessons, self.mesh, q, aim, joints=len(self.hand.joints), sets=self.sets)
+        known = recalled(lessons, self.mesh, q, aim, hand=self.hand, sets=self.sets)
         # 1. Stored grips.
         remembered, tried = list[FinishedGrip](), 0
         if at_estimate and known is not None:
@@ -292,17 +298,23 @@ class ClosureAnalyser:
                 more = self._draw_more(rng, aim, without_failed(pool, examined, executable), demand, 1)
                 fresh = replace(more, tally=more.tally - pool.tally)
                 found, pool = merged(found, fresh), more
-        # 6. Firm press.
-        if not unexplored and _best_margin(finished) < 1.0:
+        # 6. Wraps.
+        wrapped = list[FinishedGrip]()
+        if not at_estimate and _best_margin(finished) < ENOUGH_MARGIN:
+            wrapped, closed = self._wraps(rng, aim, demand, options)
+            tried += closed
+        # 7. Firm press.
+        if not unexplored and max(_best_margin(finished), _best_margin(wrapped)) < 1.0:
             finished = self.finisher.finish(source, demand, replace(options, by_joints=True, firm=True))
-        # 7. Stored grips in the aim.
+        # 8. Stored grips in the aim.
         if known is not None and not at_estimate:
             aimed = known.drawn.take(np.flatnonzero(known.aimed))
             tried += len(aimed)
-            gentle = unexplored or _best_margin(finished) >= 1.0
+            gentle = unexplored or max(_best_margin(finished), _best_margin(wrapped)) >= 1.0
             remembered += self._finish_recalled(aimed, demand, aim, gentle)
-        # 8. Answer.
-        answers = self.grips(q, sorted([*remembered, *finished], key=lambda grip: -grip.margin))
+        # 9. Answer.
+        every = sorted([*remembered, *finished, *wrapped], key=lambda grip: -grip.margin)
+        answers = self.grips(q, every)
         answers.sort(key=lambda grip: -grip.judged)
         reason, miss = "" if answers else self._why_none(found), None
         if not answers and not one_plane:
@@ -385,15 +397,37 @@ class ClosureAnalyser:
         """Turn recalled candidates into grips of this object; with a firm press if all has been searched."""
         if not len(known):
             return []
-        found = self.search.evaluate(known, demand)
-        examined = found.take(distinct(found, RECALL_EXAMINED))
         options = FinishOptions(
             count=RECALL_FINISHED,
             planes=sorted({*aim.planes, *aim.recall}),
             unexplored=unexplored,
             firm=not unexplored,
         )
-        return self.finisher.finish(examined, demand, options)
+        finished = list[FinishedGrip]()
+        for family in families(known):
+            found = self.search.evaluate(family, demand)
+            examined = found.take(distinct(found, RECALL_EXAMINED))
+            finished += self.finisher.finish(examined, demand, options)
+        return finished
+
+    def _wraps(
+        self, rng: np.random.Generator, aim: Aim, demand: Demand, options: FinishOptions
+    ) -> tuple[list[FinishedGrip], int]:
+        """The best wraps of the whole hand in an aim, and the number of hands that were closed for them."""
+        region, settings = self._region(aim), self.settings
+        share = 1.0 if len(aim.planes) > 1 else 0.5
+        drawn = self.search.wrapper.draw(
+            rng, self.search.pool, self.mesh, round(share * settings.wraps), region
+        )
+        if not len(drawn):
+            return [], 0
+        found = self.search.evaluate(drawn, demand)
+        found = self.search.refine(
+            rng, found, demand, elite=WRAP_ELITE, children=WRAP_CHILDREN, rounds=settings.rounds
+        )
+        examined = found.take(distinct(found, max(16, 4 * options.count)))
+        examined = self.search.steady(rng, examined, demand, samples=WRAP_SAMPLES)
+        return self.finisher.finish(examined, demand, options), found.tried
 
     def _is_explored(self, q: Array) -> bool:
         """Whether all planes have been searched for a task, by this analyser or at teaching."""
@@ -430,17 +464,21 @@ class ClosureAnalyser:
 
     def _draw(self, rng: np.random.Generator, aim: Aim, count: int) -> DrawnCandidates:
         """Draw candidates in an aim: pinches where the object fits between fingers, else preshaped hands."""
+        region = self._region(aim)
+        pinching = self.pincher.draw(rng, int(PINCHED * count), region)
+        half, rest = self.mesh.extents / 2, count - len(pinching)
+        anywhere = draw_candidates(rng, self.search.pool, self.mesh.cog, half, rest, region)
+        return concatenated(pinching, anywhere)
+
+    def _region(self, aim: Aim) -> Region:
+        """The part of the search space that an aim means."""
         fingers = [n for n in range(2, len(self.hand.fingers) + 1) if min(n, MAX_FINGERS) in aim.fingers]
-        region = Region(
+        return Region(
             planes=aim.planes,
             flips=aim.flips,
             values=list(aim.values) if len(aim.values) <= FEW_VALUES else None,
             fingers=fingers or None,
         )
-        pinching = self.pincher.draw(rng, int(PINCHED * count), region)
-        half, rest = self.mesh.extents / 2, count - len(pinching)
-        anywhere = draw_candidates(rng, self.search.pool, self.mesh.cog, half, rest, region)
-        return concatenated(pinching, anywhere)
 
 
 def _best_margin(finished: Sequence[FinishedGrip]) -> float:

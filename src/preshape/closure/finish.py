@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
 from functools import cache, partial
 from typing import NamedTuple
 
@@ -13,26 +12,28 @@ import numpy as np
 from ..hands.kinematics import HandKinematics, joint_links
 from ..hiis.analyser import GripPosture
 from ..hiis.planes import APPROACH_AXES, OPPOSITION_AXES
-from ..kernels.chains import joint_frames, rotations
-from ..kernels.closing.host import Candidates, ClosingKernel, Closings, Fate
+from ..kernels.chains import joint_frames
+from ..kernels.closing.host import ClosingKernel, Fate
 from ..kernels.field.host import SurfaceQuery
 from ..kernels.hand_spheres import FINE
-from ..types import Array, BoolArray, value
-from .candidates import RankedCandidates
+from ..types import Array, IntArray, value
+from .candidates import DrawnCandidates, RankedCandidates
+from .closed import ON_PALM, WRAP, ClosedHands, closed_hands, part_name
 from .demand import LONGEST, Demand
 from .hand_tables import hand_tables
-from .opening import ALONG, NEAREST, OPENING, Opener
+from .opening import ALONG, BACK, NEAREST, OPENING, Opener
 from .preshapes import posture_at
 from .pressing import Squeezer, UnitSqueeze, finger_order, turn_from_contact_error
 from .search import MIN_CONTACTS, ClosureSearch
+from .wrapping import Wrapper, wraps
 
 GAP = 0.0001
 """Distance between finger and surface at which a finger stops closing in a finished grip [m] [C]."""
 DEEPEST = 0.0007
 """Largest accepted penetration of any link into the object [m] [C]."""
-SUNK, OUTSIDE = 0.003, 1e-5
-"""Largest penetration of a touching sphere, which is the error of a grid that resolves the object, and least
-distance of its centre from the surface [m] [C]."""
+CONTACT, RETREAT = 0.0008, 0.006
+"""Largest distance between a link of a finished wrap and the surface that it touches, and distance from the
+object at which the closing of a finished wrap begins [m] [C]."""
 MAX_IMBALANCE = 0.03
 """Largest net wrench of a squeeze's forces, divided by the press; torques are divided by ℓ."""
 INSIDE, OVERLAP = "a link of the closed hand is inside the object", "links of the closed hand overlap"
@@ -97,6 +98,8 @@ class _Executable(NamedTuple):
 
     Attributes:
         row: Index of the candidate.
+        palm_pose: (7,) palm frame in the mesh frame.
+        links: (n,) links in contact, as in :class:`ClosedHands`.
         squeeze: The squeeze per newton of press.
         grasp: (j,) joint angles at which the fingers touch [rad].
         pregrasp: (j,) joint angles of the opened hand [rad].
@@ -107,6 +110,8 @@ class _Executable(NamedTuple):
     """
 
     row: int
+    palm_pose: Array
+    links: IntArray
     squeeze: UnitSqueeze
     grasp: Array
     pregrasp: Array
@@ -139,46 +144,31 @@ class Finisher:
         self.squeezer = Squeezer(
             search.hand, self.tables, search.cog, min(search.length, LONGEST), self.settings.mu
         )
+        self.wrapper = Wrapper(self.tables, self.kernel, search.field, gap=GAP, near=CONTACT)
         self._links = joint_links(search.hand)
 
-    def close(self, found: RankedCandidates) -> Closings:
-        """Close the candidates again with the fine spheres; fingers stop a little off the surface."""
-        return self.kernel.close(
-            found.drawn.candidates,
-            wanted=MIN_CONTACTS,
-            clearance=GAP,
-            palm_clearance=NEAREST,
-            tolerance=5e-5,
+    def closed(self, drawn: DrawnCandidates) -> ClosedHands:
+        """Close candidates with the fine spheres, a little off the surface, and find their exact contacts."""
+        candidates = drawn.candidates
+        closings = self.kernel.close(
+            candidates, wanted=MIN_CONTACTS, clearance=GAP, palm_clearance=NEAREST, tolerance=5e-5
         )
+        grasp = posture_at(self.tables, candidates.start, closings.closing)
+        order = finger_order(self.tables)
+        spheres = closings.sphere[:, order]
+        used = (spheres >= 0) & (closings.fate == Fate.CLOSED)[:, None]
+        place = np.argsort(~used, axis=1, kind="stable")  # the thumb's first, then the others in use
+        spheres = np.where(
+            np.take_along_axis(used, place, axis=1), np.take_along_axis(spheres, place, axis=1), -1
+        )
+        links = np.searchsorted(self.tables.sphere_start, spheres, side="right") - 1
+        closed = closings.fate == Fate.CLOSED
+        return closed_hands(self.tables, self.query, candidates, grasp, spheres, links, closed)
 
-    def contacts(
-        self, candidates: Candidates, closings: Closings, frames: tuple[Array, Array]
-    ) -> tuple[Array, Array, BoolArray]:
-        """(n, f, 3), (n, f, 3) exact contact points and inward normals by finger; NaN where not in use.
-
-        Also (n,) whether every contact of a candidate is real: not on a lid, and with the centre of the
-        touching sphere outside. Where a wall is too thin for the grid of distances, the sphere sinks into it;
-        with the centre inside, the normal would point out of the object.
-        """
-        n, f = closings.sphere.shape
-        places, turns = frames
-        R = rotations(candidates.turn)
-        points, normals = np.full((n, f, 3), np.nan), np.full((n, f, 3), np.nan)
-        real = np.ones(n, dtype=bool)
-        rows, fingers = np.nonzero(closings.sphere >= 0)
-        if len(rows):
-            spheres = closings.sphere[rows, fingers]
-            joints = np.searchsorted(self.tables.sphere_start, spheres, side="right") - 1
-            local = np.einsum("nij,nj->ni", turns[rows, joints], self.tables.sphere[spheres, :3])
-            centres = candidates.place[rows] + np.einsum("nij,nj->ni", R[rows], places[rows, joints] + local)
-            closest = self.query.closest(centres)
-            sunk = closest.distance < np.maximum(self.tables.sphere[spheres, 3] - SUNK, OUTSIDE)
-            real[rows[sunk | self.query.is_lid[closest.triangle]]] = False
-            points[rows, fingers] = near = closest.point
-            # The normal points from the sphere's centre to the surface, because an edge has no face normal.
-            inward = near - centres
-            normals[rows, fingers] = inward / np.maximum(np.linalg.norm(inward, axis=1, keepdims=True), 1e-9)
-        return points, normals, real
+    def wrapped(self, drawn: DrawnCandidates) -> ClosedHands:
+        """Close wraps with the fine spheres, from a little outside, and find their exact contacts."""
+        hands = self.wrapper.close(drawn.candidates, back=RETREAT)
+        return closed_hands(self.tables, self.query, *hands)
 
     def finish(
         self, found: RankedCandidates, demand: Demand, options: FinishOptions | None = None
@@ -203,21 +193,18 @@ class Finisher:
         if not len(found):
             return []
         # 1. Exact contacts.
-        candidates = found.drawn.candidates
-        closings = self.close(found)
-        grasp = posture_at(self.tables, candidates.start, closings.closing)
+        hands = self.wrapped(found.drawn) if wraps(found.drawn) else self.closed(found.drawn)
+        candidates, grasp = hands.candidates, hands.grasp
         frames = joint_frames(self.tables, grasp)
-        points, normals, real = self.contacts(candidates, closings, frames)
-        contacts = self._with_contacts(closings, points, normals)
         # 2. Rough checks of all candidates at once.
-        task, hold = self.search.strengths(contacts, demand)
+        task, hold = self.search.strengths(hands, demand)
         to_object, to_obstacles = self.kernel.clearances(
             candidates.place, candidates.turn, grasp, self.settings.obstacles, enough=OPENING
         )
-        closed, outside = real & (closings.fate == Fate.CLOSED), to_object.min(axis=1) > -DEEPEST
+        closed, outside = hands.real, to_object.min(axis=1) > -DEEPEST
         sound = outside & (to_obstacles > 0) & (self.search.score(task, hold, demand) > 0)
         rows, apart = np.flatnonzero(closed & (sound | options.anyway)), np.ones(len(closed), dtype=bool)
-        squeeze = cache(partial(self.squeezer.squeeze, candidates, contacts, frames))
+        squeeze = cache(partial(self.squeezer.squeeze, hands, frames))
         if options.by_joints:
             press = [min(self.settings.strongest, squeeze(int(row)).max_press) for row in rows]
             rows = rows[np.argsort(-found.score[rows] * press, kind="stable")]
@@ -230,10 +217,11 @@ class Finisher:
             apart[part] = [self.opener.links_apart(grasp[row]) for row in part]
             ways = self.opener.find(
                 candidates,
-                closings.closing,
+                grasp,
                 part[apart[part] | options.anyway],
                 found.drawn.plane,
                 options.planes,
+                wrapping=candidates.mask & WRAP != 0,
                 anyway=options.anyway,
             )
             strengths = np.zeros(0)
@@ -245,12 +233,12 @@ class Finisher:
                 if k == len(strengths):
                     more = ways.row[k : k + options.count - len(grips)]
                     press = [min(self.settings.middling, squeeze(int(one)).max_press) for one in more]
-                    part_strengths = self.search.thorough_strengths(
-                        contacts.take(more), demand, np.array(press)
-                    )
+                    part_strengths = self.search.thorough_strengths(hands.take(more), demand, np.array(press))
                     strengths = np.append(strengths, part_strengths)
                 candidate = _Executable(
                     row=row,
+                    palm_pose=np.concatenate([candidates.place[row], candidates.turn[row]]),
+                    links=hands.links[row, : hands.counts[row]],
                     squeeze=squeeze(row),
                     grasp=grasp[row],
                     pregrasp=ways.pregrasp[k],
@@ -269,19 +257,6 @@ class Finisher:
             return [grip for grip in firm if grip is not None]
         return grips
 
-    def _with_contacts(self, closings: Closings, points: Array, normals: Array) -> Closings:
-        """Replace the kernel's contacts in the closings by exact ones (n, f, 3), the thumb's first."""
-        order = finger_order(self.tables)
-        used = closings.sphere[:, order] >= 0
-        place = np.argsort(~used, axis=1, kind="stable")
-        P = np.take_along_axis(points[:, order], place[:, :, None], axis=1)
-        N = np.take_along_axis(normals[:, order], place[:, :, None], axis=1)
-        full_p, full_n = np.zeros_like(closings.points), np.zeros_like(closings.normals_in)
-        f = P.shape[1]
-        full_p[:, :f], full_n[:, :f] = np.nan_to_num(P), np.nan_to_num(N)
-        counts = np.where(closings.fate == Fate.CLOSED, used.sum(axis=1), 0).astype(np.int64)
-        return replace(closings, points=full_p, normals_in=full_n, counts=counts)
-
     def _grip(
         self, found: RankedCandidates, candidate: _Executable, options: FinishOptions, *, firm: bool
     ) -> FinishedGrip | None:
@@ -299,13 +274,13 @@ class Finisher:
         firm = firm and usual < needed <= min(FIRM * settings.strongest, squeeze.max_press)
         press = needed if firm else min(max(settings.press_least, settings.safety * needed), usual)
         # A target may lie beyond a joint's limit: a servo whose target is the limit itself would not press.
-        compliance = 1.0 / (self.hand.gains * self.squeezer.sharing)
+        compliance = 1.0 / self.hand.gains
         turn = turn_from_contact_error(
             points - self.search.cog,
             squeeze.normals_in,
             press * squeeze.forces,
             squeeze.jacobians,
-            [compliance[chain] for chain in squeeze.chains],
+            [compliance[motors] for motors in squeeze.motors],
         )
         margin = weakest * usual / settings.weight
         drawn = found.drawn
@@ -318,14 +293,18 @@ class Finisher:
             normals_in=squeeze.normals_in,
             margin=margin,
             approach=candidate.approach,
-            palm_pose=np.concatenate([drawn.candidates.place[row], drawn.candidates.turn[row]]),
+            palm_pose=candidate.palm_pose,
             start=drawn.candidates.start[row],
             mask=int(drawn.candidates.mask[row]),
             pregrasp=candidate.pregrasp,
             grasp=candidate.grasp,
-            squeeze=candidate.grasp + press * squeeze.torques * compliance,
-            fingers_touching=tuple(self.tables.fingers[f] for f in squeeze.fingers),
-            links=tuple(self._links[chain.stop - 1] for chain in squeeze.chains),
+            squeeze=self.hand.follow(
+                self.hand.controls(candidate.grasp) + press * squeeze.drive * compliance
+            ),
+            fingers_touching=tuple(part_name(self.tables, int(link)) for link in candidate.links),
+            links=tuple(
+                self.hand.palm_body if link == ON_PALM else self._links[link] for link in candidate.links
+            ),
             forces=press * squeeze.forces,
             torques=press * squeeze.torques,
             task_margin=candidate.strengths[0] * press / settings.weight,
@@ -333,6 +312,7 @@ class Finisher:
             quality=ENOUGH if firm else quality(margin, turn, unexplored=options.unexplored),
             clearance=candidate.clearance,
             refused=candidate.refused,
+            back=BACK if int(drawn.candidates.mask[row]) & WRAP else 0.0,
         )
 
 

@@ -20,7 +20,7 @@ from ..kernels.fitting.host import PinchRows
 from ..kernels.tables import HandTables
 from ..types import Array, IntArray, value
 from .hand_tables import cached, hand_tables
-from .preshapes import SELF_DEPTH, joint_ranges, posture_at
+from .preshapes import SELF_DEPTH, motor_ranges, posture_at, posture_of
 
 WIDTHS = np.array([0.0, 3, 6, 10, 15, 20, 27, 35, 45, 60, 80, 100]) * 1e-3
 """Edges of the width classes [m]; each class gets up to :data:`PER_WIDTH` pinches [C]."""
@@ -148,8 +148,8 @@ def _find_pinches(hand: Hand, seed: int) -> Pinches:
     f, t = len(tables.fingers), tables.thumb
     rng = np.random.default_rng(seed)
     # 1. Postures and fingertips.
-    low, high = joint_ranges(hand, tables)
-    start = low + (high - low) * qmc.Sobol(len(hand.joints), rng=rng).random(_POSTURES)
+    low, high = motor_ranges(hand, tables)
+    start = posture_of(tables, low + (high - low) * qmc.Sobol(len(low), rng=rng).random(_POSTURES))
     shares = np.linspace(0.0, 1.0, _STATIONS)
     tips = np.stack(
         [fingertips(tables, posture_at(tables, start, np.full((_POSTURES, f), c))) for c in shares], axis=1

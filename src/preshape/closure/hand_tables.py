@@ -2,8 +2,8 @@
 
 Everything is in the palm frame. The spheres come from :mod:`preshape.kernels.hand_spheres` and lie inside the
 true shapes. The shapes protrude from them by at most 3 mm (``COARSE``; capsules by 1 mm) or 0.5 mm (``FINE``;
-capsules by 0.15 mm), edges and corners of boxes included. Neighbouring spheres share a bounding sphere, so
-that most distance queries end at the bounding sphere.
+capsules by 0.15 mm), edges and corners of boxes and hulls included. Neighbouring spheres share a bounding
+sphere, so that most distance queries end at the bounding sphere.
 
 Results that take a second or more to compute are cached on disk, keyed by the hand's content. If a cache file
 cannot be read, its result is computed again; if the cache folder cannot be written, nothing is cached.
@@ -24,12 +24,14 @@ import numpy as np
 
 from ..files import cache_folder, keep_arrays, read_arrays
 from ..hands.hand import Hand
-from ..hands.kinematics import compile_hand
+from ..hands.kinematics import compile_hand, hand_hulls
+from ..hands.motors import DEGREE, KNOTS
 from ..kernels.hand_spheres import COARSE, FINE, LinkSolid, bound, grouped, link_spheres
+from ..kernels.hull_spheres import Polyhedron
 from ..kernels.tables import HandTables
 from ..types import Array, IntArray
 
-CACHE_VERSION = 4
+CACHE_VERSION = 6
 """Increased whenever cached tables, preshapes or pinches are computed differently."""
 _GROUP = {COARSE: 12, FINE: 16}
 """Largest number of spheres under one bounding sphere [C]."""
@@ -70,10 +72,10 @@ def digest(hand: Hand, label: str) -> str:
         state.update(item.tobytes() if isinstance(item, np.ndarray) else repr(item).encode())
 
     for field in fields(hand):
-        if field.name == "fingers":
-            for finger in hand.fingers:
-                for part in fields(finger):
-                    add(part.name, getattr(finger, part.name))
+        if field.name in ("fingers", "motors"):
+            for item in getattr(hand, field.name):
+                for part in fields(item):
+                    add(part.name, getattr(item, part.name))
         elif field.name != "source":  # a copy of the hand in another folder has the same hash
             add(field.name, getattr(hand, field.name))
     return state.hexdigest()
@@ -118,8 +120,10 @@ def _tables(hand: Hand, detail: float) -> HandTables:
     palm_groups, joint_groups = groups[-1], groups[:-1]
     links = [np.concatenate([np.zeros((0, 4)), *own]) for own in joint_groups]
     # 3. Closing path and speeds.
-    path = np.stack([hand.at(share) for share in np.linspace(0.0, 1.0, _path_points(hand))])
-    speed = np.concatenate(_speeds(hand, offset, links, path))
+    path = hand.controls([hand.at(share) for share in np.linspace(0.0, 1.0, _path_points(hand))])
+    motor, law, bent, unloaded = _laws(hand)
+    rate = _joint_rates(hand, path)
+    speed = np.concatenate(_speeds(hand, offset, links, rate))
     flat = [group for own in joint_groups for group in own]
     group_sphere = _run_starts([len(group) for group in flat])
     ordered = sorted(hand.fingers, key=lambda finger: hand.columns(finger.name).start)
@@ -133,7 +137,7 @@ def _tables(hand: Hand, detail: float) -> HandTables:
         turn=turn,
         axis=np.array(model.jnt_axis),
         moving=np.array(
-            [_first_moving(path, f, e) for f, e in itertools.pairwise([*firsts, model.njnt])], dtype=np.int64
+            [_first_moving(rate, f, e) for f, e in itertools.pairwise([*firsts, model.njnt])], dtype=np.int64
         ),
         sphere_start=_run_starts([len(link) for link in links]),
         sphere=np.concatenate(links),
@@ -146,7 +150,12 @@ def _tables(hand: Hand, detail: float) -> HandTables:
         palm_group=_run_starts([len(group) for group in palm_groups]),
         palm_bound=np.array([bound(group) for group in palm_groups]).reshape(-1, 4),
         path=path,
-        limits=np.array(hand.limits),
+        motor=motor,
+        command=hand.command_matrix(),
+        range=hand.ranges(),
+        law=law,
+        bent=bent,
+        unloaded=unloaded,
         tip=np.array([_tip(model, finger.tip_site, frames, anchors, joint_of_body) for finger in ordered]),
     )
 
@@ -203,16 +212,41 @@ def _run_starts(counts: list[int]) -> IntArray:
     return np.concatenate([[0], np.cumsum(counts, dtype=np.int64)]).astype(np.int64)
 
 
-def _first_moving(path: Array, first: int, end: int) -> int:
+def _first_moving(rate: Array, first: int, end: int) -> int:
     """Index of a finger's first joint that the closing path moves; ``end`` if it moves none."""
-    return next((j for j in range(first, end) if np.ptp(path[:, j]) > 0), end)
+    return next((j for j in range(first, end) if rate[j] > 0), end)
+
+
+def _laws(hand: Hand) -> tuple[IntArray, Array, IntArray, Array]:
+    """The motor of each joint and the laws, as in :class:`~preshape.kernels.tables.HandTables`."""
+    joints = len(hand.joints)
+    motor, bent = np.zeros(joints, dtype=np.int64), np.zeros(joints, dtype=np.int64)
+    law, unloaded = np.zeros((joints, DEGREE + 1)), np.zeros((KNOTS, joints))
+    for k, (one, columns) in enumerate(zip(hand.motors, hand.motor_columns(), strict=True)):
+        motor[columns], law[columns] = k, one.polynomials
+        if len(one.path):
+            bent[columns], unloaded[:, columns] = 1, one.path
+    return motor, law, bent, unloaded if bent.any() else unloaded[:2]
+
+
+def _joint_rates(hand: Hand, path: Array) -> Array:
+    """(j,) the largest derivative of each joint by the place on the closing path, from any preshape [rad]."""
+    rate = np.zeros(len(hand.joints))
+    of_path = np.abs(np.diff(path, axis=0)).max(axis=0) * (len(path) - 1)
+    for k, (motor, columns) in enumerate(zip(hand.motors, hand.motor_columns(), strict=True)):
+        samples = [
+            motor.rates(m)
+            for m in np.linspace(motor.range[0], motor.range[1], 1 if motor.affine else 8 * KNOTS)
+        ]
+        rate[columns] = np.abs(samples).max(axis=0) * of_path[k]
+    return rate
 
 
 def link_shapes(hand: Hand) -> list[list[LinkSolid]]:
     """The shapes that each joint carries, in the joint's frame; the palm's, in the palm frame, come last."""
     import mujoco
 
-    model = compile_hand(hand)
+    model, hulls = compile_hand(hand), hand_hulls(hand)
     carrier, frames = _carrying_joints(model), _body_frames(model)
     anchors = _joint_frames(model, frames)
     links: list[list[LinkSolid]] = [[] for _ in range(model.njnt + 1)]
@@ -234,6 +268,7 @@ def link_shapes(hand: Hand) -> list[list[LinkSolid]]:
                 facing=facing,
                 radius=0.0 if box else float(size[0]),
                 half=np.array(size) if box else np.array([0.0, 0.0, length]),
+                hull=Polyhedron(own.corners, own.faces, own.planes) if (own := hulls.get(geom)) else None,
             )
         )
     return links
@@ -247,9 +282,8 @@ def _joint_frames(model: Any, frames: list[tuple[Array, Array]]) -> list[tuple[A
     ]
 
 
-def _speeds(hand: Hand, offset: Array, links: list[Array], path: Array) -> list[Array]:
+def _speeds(hand: Hand, offset: Array, links: list[Array], rate: Array) -> list[Array]:
     """(s,) upper bound on the path length of each sphere's centre over the whole closing [m], by joint."""
-    rate = np.abs(np.diff(path, axis=0)).max(axis=0) * (len(path) - 1)
     out = []
     for joint, spheres in enumerate(links):
         first = next(hand.columns(f.name).start for f in hand.fingers if hand.joints[joint] in f.joints)

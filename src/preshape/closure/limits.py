@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ..hands.hand import Hand
 from ..hiis.analyser import Grip
 from ..types import FIELD_MASS, GRAVITY, told_apart, two_digits
 from .demand import Demand
@@ -45,16 +46,18 @@ def remedy(rules: Sequence[str], best: Grip | None = None) -> str:
     return f"; most are refused because of {rules[0]}: {helps} would help"
 
 
-def strongest_press(grip: Grip, torque_limits: np.ndarray) -> float:
-    """Largest sum of normal forces that the joint torques allow the grip [N]."""
-    strain = float((np.abs(grip.torques) / torque_limits).max())
+def strongest_press(grip: Grip, hand: Hand) -> float:
+    """Largest sum of normal forces that the motors' torques allow the grip [N]."""
+    drive = grip.torques @ hand.rates(grip.grasp)
+    strain = float((np.abs(drive) / hand.torque_limits).max())
     return grip.press / max(strain, 1e-9)
 
 
 def heaviest_mass(search: ClosureSearch, grip: Grip, demand: Demand) -> float:
     """Heaviest mass for which the grip would still be good enough for the task [kg].
 
-    The grip is good enough if the strongest press that the settings and the joint torques allow balances the
+    The grip is good enough if the strongest press that the settings and the motors' torques allow balances
+    the
     load: strength · press / weight ≥ 1. The joints limit the press, so a heavier object takes a larger share
     of it and the strength falls. Therefore the mass is found by bisection.
 
@@ -64,7 +67,7 @@ def heaviest_mass(search: ClosureSearch, grip: Grip, demand: Demand) -> float:
         demand: What the task asks at the planned mass.
     """
     settings, hand = search.settings, search.hand
-    limit = strongest_press(grip, hand.torque_limits)
+    limit = strongest_press(grip, hand)
     hold = grip.hold_margin * settings.weight / grip.press
 
     def margin(mass: float) -> float:
@@ -109,8 +112,8 @@ def shortfall(search: ClosureSearch, grip: Grip, demand: Demand) -> str:
             f"the contacts of the best grip cannot balance {mass:.3g} kg with the planned {share}; a "
             "lighter object (--mass), more friction (--friction), another task or another hand would help"
         )
-    limit = strongest_press(grip, search.hand.torque_limits)
-    bound = "the joint torques allow" if limit <= settings.strongest else "at this mass the planner allows"
+    limit = strongest_press(grip, search.hand)
+    bound = "the motors' torques allow" if limit <= settings.strongest else "at this mass the planner allows"
     held, asked = told_apart(most, mass, digits=1)
     return (
         f"the best grip would hold {held} kg, and {asked} kg is asked: {bound} a press of "

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -13,7 +14,7 @@ from ..kernels.closing.host import Candidates, ClosingKernel, Obstacles
 from ..kernels.tables import HandTables
 from ..types import Array, BoolArray, IntArray, value
 from .hand_pinches import unit
-from .preshapes import posture_at
+from .preshapes import posture_of
 
 SELF_DEPTH = 0.001
 """Largest overlap of two links [m] [C]."""
@@ -25,6 +26,8 @@ ALONG = 0.7
 """Least cosine between the approach direction and the approach axis of the plane that a grip belongs to."""
 STATIONS = np.linspace(0.0, 1.0, 21)
 """Fractions of the path back to the open posture at which a pregrasp is tested; 1 is fully open."""
+BACK = 0.008
+"""Distance by which the opened hand of a wrap stands back [m] [C]."""
 WAY_IN, STRIDE = 0.12, 0.006
 """Length of the straight approach that is checked, and the step of that check [m] [C]."""
 
@@ -65,6 +68,9 @@ class Opener:
         self, tables: HandTables, kernel: ClosingKernel, kinematics: HandKinematics, obstacles: Obstacles
     ) -> None:
         self.tables, self.kernel, self.kinematics, self.obstacles = tables, kernel, kinematics, obstacles
+        # The finger of a motor is that of its first joint.
+        first = [int(np.flatnonzero(tables.motor == k)[0]) for k in range(len(tables.range))]
+        self._finger_of_motor = np.searchsorted(tables.joint_start, first, side="right") - 1
 
     def links_apart(self, q: Array) -> bool:
         """Whether no two links of the hand overlap at joint angles q (j,) [rad]."""
@@ -74,36 +80,45 @@ class Opener:
     def find(
         self,
         candidates: Candidates,
-        closing: Array,
+        grasp: Array,
         rows: IntArray,
         own: IntArray,
         planes: Sequence[int],
         *,
+        wrapping: BoolArray | None = None,
         anyway: bool = False,
     ) -> Openings:
         """Pregrasps and approach directions of the candidates that have both.
 
-        1. Open each finger along its closing path until it clears the object.
+        1. Move each finger's motors back towards the preshape until the finger clears the object.
         2. Test the straight approach along the candidate's approach axis.
         3. If that is blocked, test the directions of fingers and palm that follow an allowed plane.
 
         Args:
             candidates: n candidates.
-            closing: (n, f) how far each finger is closed, 0..1.
+            grasp: (n, j) joint angles of the closed hands [rad].
             rows: (k,) indices of the candidates to open.
             own: (n,) approach plane that each was drawn for.
             planes: Approach planes that the approach direction may belong to.
+            wrapping: (n,) whether the hand wraps. Its palm arrives last: the opened hand stands back by
+                ``BACK``, and comes in the way that the palm faces.
             anyway: Whether to return the other candidates too, with what refused them.
         """
-        pregrasp, least, opens = self._opened(candidates, closing, rows)  # 1.
+        R = rotations(candidates.turn)
+        if wrapping is not None and wrapping.any():
+            back = np.where(wrapping[:, None], BACK * R[:, :, 1], 0.0)
+            candidates = replace(candidates, place=candidates.place + back)
+        else:
+            wrapping = np.zeros(len(grasp), dtype=bool)
+        pregrasp, least, opens = self._opened(candidates, grasp, rows, wrapping[rows])  # 1.
         if not anyway:
             rows, pregrasp, least, opens = rows[opens], pregrasp[opens], least[opens], opens[opens]
-        approach = APPROACH_AXES[own[rows] - 1]
+        R, facing = R[rows], wrapping[rows]
+        approach = np.where(facing[:, None], -R[:, :, 1], APPROACH_AXES[own[rows] - 1])
         clearance, free = self._way_in(candidates, rows, pregrasp, approach)  # 2.
         axes = APPROACH_AXES[np.asarray(planes) - 1]
-        R = rotations(candidates.turn[rows])
         for other in (R[:, :, 2], unit(R[:, :, 2] - R[:, :, 1]), -R[:, :, 1]):  # 3.
-            blocked = np.flatnonzero(~free & ((other @ axes.T).max(axis=1) > ALONG))
+            blocked = np.flatnonzero(~free & ~facing & ((other @ axes.T).max(axis=1) > ALONG))
             if len(blocked):
                 found, clear = self._way_in(candidates, rows[blocked], pregrasp[blocked], other[blocked])
                 blocked, found = blocked[clear], found[clear]
@@ -126,21 +141,24 @@ class Opener:
         )
 
     def _opened(
-        self, candidates: Candidates, closing: Array, rows: IntArray
+        self, candidates: Candidates, grasp: Array, rows: IntArray, wrapping: BoolArray
     ) -> tuple[Array, Array, BoolArray]:
         """Opened joint angles (k, j) [rad], their clearance (k,) [m], and whether the hand opens (k,)."""
-        k, n = len(rows), len(STATIONS)
-        shares = closing[rows, None] * (1.0 - STATIONS[:, None])
+        k, n, f = len(rows), len(STATIONS), len(self.tables.fingers)
+        begin, end = (q[rows] @ self.tables.command.T for q in (candidates.start, grasp))
+        shares = 1.0 - STATIONS
         of = np.repeat(rows, n)
-        postures = posture_at(self.tables, candidates.start[of], shares.reshape(k * n, closing.shape[1]))
+        commands = begin[:, None] + shares[:, None] * (end - begin)[:, None]
+        postures = posture_of(self.tables, commands.reshape(k * n, len(self.tables.range)))
         to_object, to_obstacles = self.kernel.clearances(
             candidates.place[of], candidates.turn[of], postures, self.obstacles, enough=OPENING
         )
         # Each finger opens on its own: to the first station that clears the object, else to the clearest.
-        fingers = to_object[:, :-1].reshape(k, n, closing.shape[1])
+        fingers = to_object[:, :-1].reshape(k, n, f)
         clear = fingers >= OPENING
         station = np.where(clear.any(axis=1), clear.argmax(axis=1), fingers.argmax(axis=1))
-        opened = posture_at(self.tables, candidates.start[rows], closing[rows] * (1.0 - STATIONS[station]))
+        station[wrapping] = n - 1  # the preshape, with which the palm came in
+        opened = posture_of(self.tables, begin + shares[station][:, self._finger_of_motor] * (end - begin))
         reached = np.take_along_axis(fingers, station[:, None], axis=1)[:, 0]
         least = np.minimum(reached.min(axis=1), to_object[:, -1].reshape(k, n)[:, 0])
         blocked = (to_obstacles.reshape(k, n) <= 0) & (np.arange(n) <= station.max(axis=1)[:, None])

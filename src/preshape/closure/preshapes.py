@@ -8,6 +8,7 @@ import numpy as np
 
 from ..hands.hand import Hand
 from ..hands.kinematics import HandKinematics
+from ..hands.motors import Motor
 from ..kernels.chains import fingertips
 from ..kernels.tables import HandTables
 from ..types import Array, IntArray, value
@@ -57,13 +58,27 @@ def posture_at(tables: HandTables, start: Array, closing: Array) -> Array:
     share = np.clip(closing, 0.0, 1.0) * (knots - 1)
     low = np.minimum(share.astype(np.int64), knots - 2)
     part = share - low
-    q = np.array(start, dtype=np.float64)
-    for f, (first, end) in enumerate(zip(tables.joint_start[:-1], tables.joint_start[1:], strict=True)):
-        along = (1 - part[:, f, None]) * tables.path[low[:, f], first:end] + part[:, f, None] * tables.path[
-            low[:, f] + 1, first:end
-        ]
-        q[:, first:end] += along - tables.path[0, first:end]
-    return np.clip(q, tables.limits[:, 0], tables.limits[:, 1])
+    commands = np.asarray(start, dtype=np.float64) @ tables.command.T
+    for f, own in enumerate(finger_motors(tables)):
+        along = (1 - part[:, f, None]) * tables.path[low[:, f]][:, own] + part[:, f, None] * tables.path[
+            low[:, f] + 1
+        ][:, own]
+        commands[:, own] += along - tables.path[0, own]
+    return posture_of(tables, commands)
+
+
+def posture_of(tables: HandTables, commands: Array) -> Array:
+    """(n, j) joint angles [rad] at the motors' commands (n, m) [rad], which are kept within their ranges."""
+    m = np.clip(commands, tables.range[:, 0], tables.range[:, 1])[:, tables.motor]
+    q = np.zeros_like(m)
+    for coefficients in tables.law.T[::-1]:
+        q = q * m + coefficients
+    for j in np.flatnonzero(tables.bent):
+        knots = np.linspace(
+            tables.range[tables.motor[j]][0], tables.range[tables.motor[j]][1], len(tables.unloaded)
+        )
+        q[:, j] = np.interp(m[:, j], knots, tables.unloaded[:, j])
+    return q
 
 
 @lru_cache(maxsize=16)
@@ -88,14 +103,14 @@ def _preshapes(hand: Hand, count: int, seed: int) -> Preshapes:
     from scipy.stats import qmc
 
     tables = hand_tables(hand)
-    joints = len(hand.joints)
-    low, high = joint_ranges(hand, tables)
+    motors = len(hand.motors)
+    low, high = motor_ranges(hand, tables)
     # 1. and 2.
-    draws = qmc.Sobol(joints + 2, rng=np.random.default_rng(seed)).random(_DRAWS * count)
-    start = low + (high - low) * draws[:, :joints]
+    draws = qmc.Sobol(motors + 2, rng=np.random.default_rng(seed)).random(_DRAWS * count)
+    start = posture_of(tables, low + (high - low) * draws[:, :motors])
     sound = _collision_free(hand, tables, start, count)
     start = start[sound]
-    mask = _finger_sets(tables, draws[sound, joints], draws[sound, joints + 1])
+    mask = _finger_sets(tables, draws[sound, motors], draws[sound, motors + 1])
     # 3.
     n = len(start)
     shares = np.linspace(0.0, 1.0, STATIONS)
@@ -122,18 +137,41 @@ def _preshapes(hand: Hand, count: int, seed: int) -> Preshapes:
     )
 
 
-def joint_ranges(hand: Hand, tables: HandTables) -> tuple[Array, Array]:
-    """(j,), (j,) lower and upper end of the range that each joint's first angle is drawn from [rad]."""
+def motor_ranges(hand: Hand, tables: HandTables) -> tuple[Array, Array]:
+    """(m,), (m,) lower and upper end of the range that each motor's first command is drawn from [rad]."""
     low, high = tables.path[0].copy(), tables.path[0].copy()
+    drawn = np.zeros(len(low), dtype=bool)
     for finger in hand.fingers:
-        columns = hand.columns(finger.name)
-        low[columns], high[columns] = finger.preshape[:, 0], finger.preshape[:, 1]
-        # A joint that only the closing path moves may start more or less bent than the path.
-        fixed = np.ptp(finger.preshape, axis=1) == 0
-        moving = fixed & (np.ptp(finger.closing, axis=0) > 0.1)
-        low[columns] -= np.where(moving, BENDS, 0.0)
-        high[columns] += np.where(moving, BENDS, 0.0)
-    return np.maximum(low, tables.limits[:, 0]), np.minimum(high, tables.limits[:, 1])
+        ends = np.stack([hand.posture("open")] * 2)
+        ends[:, hand.columns(finger.name)] = finger.preshape.T
+        commands = hand.controls(ends)
+        first = hand.columns(finger.name).start
+        for k in sorted(set(tables.motor[hand.columns(finger.name)].tolist())):
+            # A motor of several fingers takes the range of the first of them that gives one.
+            columns = np.flatnonzero(tables.motor == k)
+            inside = [j - first for j in columns if 0 <= j - first < len(finger.joints)]
+            if not drawn[k] and np.ptp(finger.preshape[inside], axis=1).any():
+                low[k], high[k], drawn[k] = commands[:, k].min(), commands[:, k].max(), True
+    # A motor that only the closing path moves may start more or less bent than the path.
+    moving = ~drawn & (np.ptp(tables.path, axis=0) > 0.1)
+    fastest = np.array([_fastest(motor) for motor in hand.motors])
+    low -= np.where(moving, BENDS / fastest, 0.0)
+    high += np.where(moving, BENDS / fastest, 0.0)
+    return np.maximum(low, tables.range[:, 0]), np.minimum(high, tables.range[:, 1])
+
+
+def _fastest(motor: Motor) -> float:
+    """The largest rate of a joint of the motor; at least a small one."""
+    return max(
+        float(np.abs([motor.rates(m) for m in np.linspace(motor.range[0], motor.range[1], 9)]).max()), 1e-3
+    )
+
+
+def finger_motors(tables: HandTables) -> list[IntArray]:
+    """For each finger the motors that move its joints along the closing path."""
+    closes = np.ptp(tables.path, axis=0) > 0
+    runs = zip(tables.joint_start[:-1], tables.joint_start[1:], strict=True)
+    return [np.array([k for k in np.unique(tables.motor[a:b]) if closes[k]], dtype=np.int64) for a, b in runs]
 
 
 def _finger_sets(tables: HandTables, kind: Array, shift: Array) -> IntArray:

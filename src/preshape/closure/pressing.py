@@ -1,7 +1,7 @@
 """The squeeze of a closed hand: balanced contact forces, their joint torques, and the grip's stiffness.
 
 Every finger acts as a spring: a servo yields by its torque divided by its gain. At a contact that sticks, the
-joints behind it act as a spring for three forces and the torque about the normal. All contacts together give
+motors behind it act as a spring for three forces and the torque about the normal. All contacts together give
 the stiffness matrix of the grasp (Cutkosky & Kao 1989). The forces of the squeeze reduce this stiffness, most
 strongly for small objects between two fingers: if the object turns a little, the two contacts no longer face
 each other.
@@ -17,13 +17,16 @@ import numpy as np
 from ..hands.hand import Hand
 from ..hands.kinematics import cross
 from ..kernels.chains import rotations
-from ..kernels.closing.host import Candidates, Closings
 from ..kernels.tables import HandTables
 from ..spatial import skew
-from ..types import Array
+from ..types import Array, IntArray
+from .closed import WRAP, ClosedHands, link_chain
 
 EVENNESS = 0.1
 """Weight of an even distribution of the forces; the balance of the forces has weight ten [C]."""
+STRAIN, LESS_EVEN, BALANCE = 20.0, 0.3, 5.0
+"""Weight of the motors' strain when the forces of a wrap are chosen, and factors on the weights of an even
+distribution and of the balance there [C]."""
 EDGES = 8
 """Number of edges of the pyramid that stands for a friction cone when forces are chosen."""
 CONTACT_ERROR = 0.002
@@ -37,25 +40,27 @@ class UnitSqueeze(NamedTuple):
     """The squeeze of a hand, for normal forces that sum to one newton.
 
     Attributes:
-        fingers: Indices of the fingers that press, the thumb first.
-        points: (n, 3) contacts of these fingers [m].
+        points: (n, 3) contacts [m].
         normals_in: (n, 3) inward unit normals.
         forces: (n, 3) forces on the object, per newton.
         imbalance: Norm of the net wrench of the forces (force; torque divided by ℓ).
-        jacobians: For each contact, (6, k) linear and angular velocity per speed of the k joints behind it.
-        chains: For each contact, the slice of the hand's joints that these are.
+        jacobians: For each contact, (6, k) linear and angular velocity per speed of the k motors behind it.
+        chains: For each contact, the slice of the hand's joints between the palm and the touching link.
+        motors: For each contact, (k,) the motors behind it.
         torques: (j,) joint torques per newton [m].
-        max_press: Largest sum of normal forces that the joint torques allow [N].
+        drive: (m,) motor torques per newton [m].
+        max_press: Largest sum of normal forces that the motors' torques allow [N].
     """
 
-    fingers: list[int]
     points: Array
     normals_in: Array
     forces: Array
     imbalance: float
     jacobians: list[Array]
     chains: list[slice]
+    motors: list[IntArray]
     torques: Array
+    drive: Array
     max_press: float
 
 
@@ -68,70 +73,92 @@ class Squeezer:
         cog: (3,) point that torques are about [m].
         length: Length by which torques are divided [m].
         mu: Friction that the forces may use.
-
-    Attributes:
-        sharing: (j,) number of joints that share each joint's drive. One drive sets the sum of the two angles
-            of a coupled pair, so each joint of the pair follows half of the command.
     """
 
     def __init__(self, hand: Hand, tables: HandTables, cog: Array, length: float, mu: float) -> None:
         self.hand, self.tables, self.cog, self.length, self.mu = hand, tables, cog, length, mu
-        joints = list(hand.joints)
-        self._couples = [(joints.index(a), joints.index(b)) for a, b in hand.couplings]
-        self.sharing = np.ones(len(joints))
-        self.sharing[[k for couple in self._couples for k in couple]] = 2.0
+        at = {joint: k for k, joint in enumerate(hand.joints)}
+        # For each inequality of a couple: its joints, their weights, and which of them must not be below.
+        self._orders = [
+            (columns, motor.weights, columns.index(at[high]))
+            for motor, columns in zip(hand.motors, hand.motor_columns(), strict=True)
+            for _, high in motor.order
+        ]
 
-    def squeeze(
-        self, candidates: Candidates, contacts: Closings, frames: tuple[Array, Array], row: int
-    ) -> UnitSqueeze:
-        """The squeeze of one candidate.
+    def squeeze(self, hands: ClosedHands, frames: tuple[Array, Array], row: int) -> UnitSqueeze:
+        """The squeeze of one closed hand; a contact on the palm presses without a motor.
 
         Args:
-            candidates: Candidates.
-            contacts: How they closed, with exact contacts, the thumb's first.
+            hands: Closed hands, with exact contacts.
             frames: (n, j, 3), (n, j, 3, 3) frames of their joints in the palm frame.
-            row: Index of the candidate.
+            row: Index of the hand.
         """
-        n = int(contacts.counts[row])
-        points = contacts.points[row, :n].astype(np.float64)
-        normals = contacts.normals_in[row, :n].astype(np.float64)
-        fingers = [f for f in finger_order(self.tables) if contacts.sphere[row, f] >= 0]
+        n, candidates = int(hands.counts[row]), hands.candidates
+        points = hands.points[row, :n].astype(np.float64)
+        normals = hands.normals_in[row, :n].astype(np.float64)
         arms = (points - self.cog) / self.length
-        forces = grip_forces(arms, normals, self.mu)
-        wrench = np.concatenate([forces.sum(axis=0), cross(arms, forces).sum(axis=0)])
         # The joints behind a contact are those of its finger up to the link that touches.
-        touching = np.searchsorted(self.tables.sphere_start, contacts.sphere[row], side="right") - 1
-        chains = [slice(int(self.tables.joint_start[f]), int(touching[f]) + 1) for f in fingers]
+        chains = [link_chain(self.tables, int(link)) for link in hands.links[row, :n]]
         R = rotations(candidates.turn[row])
         anchors = candidates.place[row] + frames[0][row] @ R.T
         axes = np.einsum("ij,njk,nk->ni", R, frames[1][row], self.tables.axis)
-        jacobians = [
+        by_joint = [
             np.concatenate([cross(axes[chain], point - anchors[chain]).T, axes[chain].T])
             for chain, point in zip(chains, points, strict=True)
         ]
-        torques = self._torques(jacobians, chains, forces)
-        strain = float((np.abs(torques) / self.hand.torque_limits).max())
+        rates = self.hand.rates(hands.grasp[row])
+        pressing = self._pressing(by_joint, chains, rates) if self._orders else None
+        strain = None
+        if candidates.mask[row] & WRAP:
+            # A wrap has many ways to press; the one that strains the motors least can press hardest.
+            strain = [
+                (rates[chain] / self.hand.torque_limits).T @ J[:3].T
+                for J, chain in zip(by_joint, chains, strict=True)
+            ]
+        forces = grip_forces(arms, normals, self.mu, pressing, strain)
+        wrench = np.concatenate([forces.sum(axis=0), cross(arms, forces).sum(axis=0)])
+        torques = np.zeros(len(self.hand.joints))
+        for J, chain, force in zip(by_joint, chains, forces, strict=True):
+            torques[chain] = force @ J[:3]
+        # By virtual work; reactions of stops and of inequalities do none.
+        drive = torques @ rates
+        motors = [np.unique(self.tables.motor[chain]) for chain in chains]
+        most = float((np.abs(drive) / self.hand.torque_limits).max())
         return UnitSqueeze(
-            fingers=fingers,
             points=points,
             normals_in=normals,
             forces=forces,
             imbalance=float(np.linalg.norm(wrench)),
-            jacobians=jacobians,
+            jacobians=[
+                J @ rates[chain][:, own] for J, chain, own in zip(by_joint, chains, motors, strict=True)
+            ],
             chains=chains,
+            motors=motors,
             torques=torques,
-            max_press=1.0 / max(strain, 1e-9),
+            drive=drive,
+            max_press=1.0 / max(most, 1e-9),
         )
 
-    def _torques(self, jacobians: list[Array], chains: list[slice], forces: Array) -> Array:
-        """(j,) joint torques that make the contact forces (n, 3), Jᵀ f."""
-        torques = np.zeros(len(self.hand.joints))
-        for J, chain, force in zip(jacobians, chains, forces, strict=True):
-            torques[chain] = force @ J[:3]
-        # A tendon puts the same torque on both joints of a pair; the mean is nearest to what each needs.
-        for a, b in self._couples:
-            torques[[a, b]] = (torques[a] + torques[b]) / 2
-        return torques
+    def _pressing(self, jacobians: list[Array], chains: list[slice], rates: Array) -> list[Array]:
+        """For each contact, (i, 3) directions along which a force that the couples can make is not negative.
+
+        The motor of a couple puts the torque cᵢ F on its joints. On the unloaded path the joints of an
+        inequality stand at it, so it can only add torque to the joint that must not be below the other:
+        τ = c F + reaction, with the reaction on that joint at least zero.
+        """
+        found = []
+        for J, chain in zip(jacobians, chains, strict=True):
+            rows = []
+            for columns, weights, high in self._orders:
+                by_joint = np.zeros((len(columns), 3))
+                inside = [k for k, column in enumerate(columns) if chain.start <= column < chain.stop]
+                if not inside:
+                    continue
+                by_joint[inside] = J[:3].T[[columns[k] - chain.start for k in inside]]
+                motor = int(self.tables.motor[columns[0]])
+                rows.append(by_joint[high] - weights[high] * (rates[columns, motor] @ by_joint))
+            found.append(np.array(rows).reshape(-1, 3))
+        return found
 
 
 def finger_order(tables: HandTables) -> list[int]:
@@ -140,7 +167,13 @@ def finger_order(tables: HandTables) -> list[int]:
     return [t, *(f for f in range(len(tables.fingers)) if f != t)]
 
 
-def grip_forces(arms: Array, normals_in: Array, mu: float) -> Array:
+def grip_forces(
+    arms: Array,
+    normals_in: Array,
+    mu: float,
+    pressing: Sequence[Array] | None = None,
+    strain: Sequence[Array] | None = None,
+) -> Array:
     """(n, 3) forces of a squeeze: balanced, within the friction cones, with normal parts that sum to one.
 
     Of all balanced forces in pyramids of ``EDGES`` edges, the result is close to the one spread most evenly
@@ -150,6 +183,9 @@ def grip_forces(arms: Array, normals_in: Array, mu: float) -> Array:
         arms: (n, 3) contact points relative to the reference point, divided by ℓ.
         normals_in: (n, 3) inward unit normals.
         mu: Friction that the forces may use.
+        pressing: For each contact, (i, 3) directions along which its force must not be negative.
+        strain: For each contact, (m, 3) share of each motor's torque limit that its force takes [1/N]. With
+            it, forces that strain the motors less are preferred to even ones.
     """
     from scipy.optimize import nnls
 
@@ -168,6 +204,18 @@ def grip_forces(arms: Array, normals_in: Array, mu: float) -> Array:
     # Rows: balance of forces and torques, the sum of the weights, and one penalty for each weight.
     rows = np.concatenate([10 * wrenches.T, 10 * np.ones((1, n * EDGES)), penalty * np.eye(n * EDGES)])
     wanted = np.concatenate([np.zeros(6), [10.0], np.full(n * EDGES, penalty / (n * EDGES))])
+    if strain is not None:
+        loads = np.concatenate([share @ edge.T for share, edge in zip(strain, edges, strict=True)], axis=1)
+        rows[:6] *= BALANCE
+        rows = np.concatenate([rows, STRAIN * loads])
+        wanted = np.append(wanted, np.zeros(len(loads)))
+        rows[7 : 7 + n * EDGES] *= LESS_EVEN
+        wanted[7 : 7 + n * EDGES] *= LESS_EVEN
+    for k, directions in enumerate(pressing or ()):
+        # A contact none of whose edges can be pressed keeps them: then the hand is refused by its balance.
+        refused = (edges[k] @ directions.T < -1e-9).any(axis=1)
+        if not refused.all():
+            rows[:, k * EDGES + np.flatnonzero(refused)] = 0.0
     weights, _ = nnls(rows, wanted)
     weights /= max(weights.sum(), 1e-9)
     return np.asarray(np.einsum("ne,nei->ni", weights.reshape(n, EDGES), edges))
@@ -193,8 +241,8 @@ def turn_from_contact_error(
         arms: (n, 3) contact points relative to the reference point [m].
         normals_in: (n, 3) inward unit normals.
         forces: (n, 3) forces of the squeeze on the object [N].
-        jacobians: For each contact, (6, k) linear and angular velocity per speed of the k joints behind it.
-        compliances: For each contact, (k,) compliance of these joints [rad/(N m)].
+        jacobians: For each contact, (6, k) linear and angular velocity per speed of the k motors behind it.
+        compliances: For each contact, (k,) compliance of these motors [rad/(N m)].
 
     >>> arms, inward = np.array([[0.02, 0, 0], [-0.02, 0, 0]]), np.array([[-1.0, 0, 0], [1.0, 0, 0]])
     >>> joints = [np.concatenate([0.1 * np.eye(3), np.eye(3)])] * 2  # three joints, each 0.1 m away
@@ -202,7 +250,7 @@ def turn_from_contact_error(
     >>> [round(turn_from_contact_error(arms, inward, 5 * inward, joints, c), 3) for c in (stiff, soft)]
     [0.006, inf]
     """
-    n, most = len(arms), max(J.shape[1] for J in jacobians)
+    n, most = len(arms), max(1, *(J.shape[1] for J in jacobians))
     # A contact transmits forces and a torque about its normal; here at the contact and about the reference.
     transmitted = np.zeros((n, 6, 4))
     transmitted[:, :3, :3], transmitted[:, 3:, 3] = np.eye(3), normals_in

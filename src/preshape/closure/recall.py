@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ..hands.hand import Hand
 from ..hiis.analyser import MAX_FINGERS, Aim
 from ..hiis.fuzzy import FuzzySets
 from ..kernels.closing.host import Candidates
@@ -13,11 +14,14 @@ from ..objects.mesh import TriangleMesh
 from ..objects.shape import attribute_distance
 from ..types import Array, BoolArray, Experience, value
 from .candidates import DrawnCandidates
+from .closed import WRAP
 
 FEW_VALUES = 7
 """With at most this many approach values, an aim means just these values; with more, the whole range."""
 SIZE_RATIO = 0.25
 """Grips of another object are recalled if the logarithm of the ratio of extents is at most this [C]."""
+_OFF = 1e-9
+"""Deviation from the laws and limits that rounding causes [rad]."""
 MOST_RECALLED, MOST_OF_ONE = 48, 16
 """Largest number of recalled grips in all, and from any one object [C]."""
 
@@ -40,12 +44,13 @@ class Recalled:
 
 
 def recalled(
-    known: Sequence[Experience], mesh: TriangleMesh, q: Array, aim: Aim, *, joints: int, sets: FuzzySets
+    known: Sequence[Experience], mesh: TriangleMesh, q: Array, aim: Aim, *, hand: Hand, sets: FuzzySets
 ) -> Recalled | None:
     """The stored grips that fit an object, a task and an aim; ``None`` if there are none.
 
     1. Select grips of this hand from objects of about this size, on the aim's planes or on those of
-       ``aim.recall``. Leave out grips that lost the object in the physics test.
+       ``aim.recall``. Leave out grips that lost the object in the physics test, with the same model of the
+       hand.
     2. Sort by similarity of the object, then this task before others, then quality, then latest first.
     3. Take each grip once, at most ``MOST_OF_ONE`` of one object and ``MOST_RECALLED`` in all.
 
@@ -54,11 +59,11 @@ def recalled(
         mesh: The current object.
         q: (6,) task Q.
         aim: Where to search.
-        joints: Number of the hand's joints.
+        hand: The hand.
         sets: Membership functions.
     """
     here, distances = mesh.attributes, dict[bytes, float]()
-    outcomes = {e.grip.tobytes(): e.outcome for e in known if e.grip is not None and e.outcome}
+    outcomes = {(e.model, e.grip.tobytes()): e.outcome for e in known if e.grip is not None and e.outcome}
     sizes = np.array([e.attributes.extents for e in known]).reshape(-1, 3)
     with np.errstate(divide="ignore"):
         near = np.abs(np.log(sizes / here.extents)).max(axis=1) < SIZE_RATIO
@@ -68,7 +73,9 @@ def recalled(
     rows = []
     for k in np.flatnonzero(near).tolist():
         e = known[k]
-        if e.grip is None or len(e.grip) != 8 + joints or outcomes.get(e.grip.tobytes()) == "lost":
+        if e.grip is None or len(e.grip) != 8 + len(hand.joints):
+            continue
+        if outcomes.get((e.model, e.grip.tobytes())) == "lost":
             continue
         aimed = e.plane in aim.planes and e.flip in aim.flips and e.approach_set in approach_sets
         # The paper's estimator knows four virtual fingers: a hand's fifth counts as the fourth.
@@ -94,22 +101,28 @@ def recalled(
         of_one[distance] = of_one.get(distance, 0) + 1
         first += (distance, other_task) == rows[0][:2]
     return Recalled(
-        drawn=on_object([e for e, _ in chosen.values()], mesh),
+        drawn=on_object([e for e, _ in chosen.values()], mesh, hand),
         aimed=np.array([aimed for _, aimed in chosen.values()]),
         first=first,
         best_quality=-rows[0][2],
     )
 
 
-def on_object(experiences: Sequence[Experience], mesh: TriangleMesh) -> DrawnCandidates:
-    """Turn the grips of stored lessons into candidates for the current object."""
+def on_object(experiences: Sequence[Experience], mesh: TriangleMesh, hand: Hand) -> DrawnCandidates:
+    """Turn the grips of stored lessons into candidates for the current object.
+
+    A grip that another model of the hand learnt may start where this one's laws or limits do not let it; it
+    then starts at the nearest commands.
+    """
     grips = np.array([e.grip for e in experiences])
+    start = grips[:, 8:]
+    lawful = hand.lawful(start)
     return DrawnCandidates(
         candidates=Candidates(
             place=grips[:, :3] + mesh.cog,
             turn=grips[:, 3:7],
-            start=grips[:, 8:],
-            mask=grips[:, 7].astype(np.int64),
+            start=np.where(np.abs(lawful - start) > _OFF, lawful, start),
+            mask=grips[:, 7].astype(np.int64) & (WRAP | ((1 << len(hand.fingers)) - 1)),
         ),
         plane=np.array([e.plane for e in experiences]),
         flip=np.array([e.flip for e in experiences]),

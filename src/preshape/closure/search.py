@@ -14,24 +14,30 @@ from typing import Any
 import numpy as np
 
 from ..hands.hand import Hand
+from ..hands.kinematics import HandKinematics
 from ..hiis.analyser import Grip
-from ..kernels.closing.host import Candidates, ClosingKernel, Closings
+from ..kernels.closing.host import Candidates, ClosingKernel, Closings, Fate
 from ..kernels.field.host import DistanceField, SurfaceQuery
 from ..kernels.hand_spheres import COARSE
 from ..kernels.margin.host import CONTACTS, MarginKernel
 from ..kernels.tables import HandTables
 from ..types import Array, BoolArray, IntArray
 from .candidates import DrawnCandidates, RankedCandidates, distinct, merged
+from .closed import WRAP, ClosedHands, closed_hands
 from .demand import HOLD, LEVER, Demand
 from .hand_tables import hand_tables
-from .preshapes import Preshapes, joint_ranges, posture_at, preshapes
+from .preshapes import Preshapes, motor_ranges, posture_at, posture_of, preshapes
 from .settings import ClosureSettings
+from .wrapping import Wrapper
 
 MIN_CONTACTS = 2
 """Least number of contacts of a candidate, thumb included; its margin decides whether they are enough."""
 STEP, TURN, BEND = 0.006, 0.12, 0.10
 """Standard deviations of the first refinement: wrist position [m], wrist rotation [rad], joints of the
 preshape [rad] [C]."""
+WRAP_GAP, WRAP_NEAR, BACK = 5e-4, 1.5e-3, 0.012
+"""Distance from the surface at which links of a wrap stop in the search, largest distance that counts as
+contact, and distance from the object at which a wrap begins to move in [m] [C]."""
 OPENED, ROOM = 0.8, 0.002
 """The hand must be clear of table and boxes when closed, and when closed by only the first share. The second
 number is the least distance from them [m] [C]."""
@@ -66,8 +72,10 @@ class ClosureSearch:
         self.cog, self.length = np.asarray(cog, dtype=np.float64), float(length)
         self.tables: HandTables = hand_tables(hand, COARSE)
         self.pool: Preshapes = preshapes(hand)
-        self.ranges = joint_ranges(hand, self.tables)
+        self.ranges = motor_ranges(hand, self.tables)
         self.kernel = ClosingKernel(self.tables, field, device=settings.device, threads=settings.threads)
+        self._kinematics = HandKinematics(hand)
+        self.wrapper = Wrapper(self.tables, self.kernel, field, gap=WRAP_GAP, near=WRAP_NEAR)
         lever = min(LEVER, 1.5 * self.length)
         holding = [(lever, HOLD if not turns else HOLD[[0, 1, 2, 6, 7, 8]]), *turns]
         self._hold_kernels = [(lever, self._margin_kernel(wrenches)) for lever, wrenches in holding]
@@ -89,14 +97,14 @@ class ClosureSearch:
             blocked: Index of an obstacle: the candidates that collide with it are ranked, and not those that
                 are clear of all obstacles.
         """
-        rows, closings = self._closed(drawn.candidates)
-        closed, hits = len(rows), self._hits(drawn, closings, rows)
-        keep = ~hits.any(axis=1) if blocked is None else hits[:, blocked]
-        rows, closings = rows[keep], closings.take(np.flatnonzero(keep))
+        rows, closings, hands, grasp = self._closed(drawn.candidates)
+        closed, hits = len(rows), self._hits(hands, grasp)
+        keep = np.flatnonzero(~hits.any(axis=1) if blocked is None else hits[:, blocked])
+        rows, closings, hands = rows[keep], closings.take(keep), hands.take(keep)
         task, hold = self.strengths(closings, demand, ranking=True, least=least)
         score = self.score(task, hold, demand)
         found = RankedCandidates(
-            drawn=drawn.take(rows),
+            drawn=replace(drawn.take(rows), candidates=hands),
             closings=closings,
             score=score,
             task=task,
@@ -105,36 +113,69 @@ class ClosureSearch:
         )
         return found.take(np.argsort(-score, kind="stable"))
 
-    def _closed(self, candidates: Candidates) -> tuple[IntArray, Closings]:
-        """The candidates that close on the object, none of whose contacts is on a lid; see the kernel's."""
-        rows, closings = self.kernel.closed(candidates, wanted=MIN_CONTACTS)
-        if self.query is None or not self.query.is_lid.any():
-            return rows, closings
-        on_lid = np.arange(closings.points.shape[1]) < closings.counts[:, None]  # those in use, so far
-        on_lid[on_lid] = self.query.is_lid[self.query.closest(closings.points[on_lid]).triangle]
-        keep = np.flatnonzero(~on_lid.any(axis=1))
-        return rows[keep], closings.take(keep)
+    def _closed(self, candidates: Candidates) -> tuple[IntArray, Closings, Candidates, Array]:
+        """The candidates that close on the object, none of whose contacts is on a lid.
 
-    def _hits(self, drawn: DrawnCandidates, closings: Closings, rows: IntArray) -> BoolArray:
-        """(k, m) whether these candidates collide with each obstacle, closed or a little opened."""
+        Returns:
+            (k,) their indices; their closings; the hands where they closed, which for a wrap is where its
+            palm stopped; and (k, j) their joint angles [rad].
+        """
+        if len(candidates) and candidates.mask[0] & WRAP:
+            return self._wrapped(candidates)
+        rows, closings = self.kernel.closed(candidates, wanted=MIN_CONTACTS)
+        if self.query is not None and self.query.is_lid.any():
+            on_lid = np.arange(closings.points.shape[1]) < closings.counts[:, None]  # those in use, so far
+            on_lid[on_lid] = self.query.is_lid[self.query.closest(closings.points[on_lid]).triangle]
+            keep = np.flatnonzero(~on_lid.any(axis=1))
+            rows, closings = rows[keep], closings.take(keep)
+        hands = candidates.take(rows)
+        return rows, closings, hands, posture_at(self.tables, hands.start, closings.closing)
+
+    def _wrapped(self, candidates: Candidates) -> tuple[IntArray, Closings, Candidates, Array]:
+        """The same for wraps; their contacts are exact already."""
+        if self.query is None:
+            raise ValueError("wraps need the object's surface")
+        hands = closed_hands(self.tables, self.query, *self.wrapper.close(candidates, back=BACK))
+        rows = np.flatnonzero(hands.real)
+        rows = rows[[self._links_apart(q) for q in hands.grasp[rows]]] if len(rows) else rows
+        hands, n = hands.take(rows), len(rows)
+        closings = Closings(
+            fate=np.full(n, Fate.CLOSED, dtype=np.int64),
+            closing=np.zeros((n, len(self.tables.fingers))),
+            sphere=np.full((n, len(self.tables.fingers)), -1, dtype=np.int64),
+            points=hands.points,
+            normals_in=hands.normals_in,
+            counts=hands.counts,
+        )
+        return rows, closings, hands.candidates, hands.grasp
+
+    def _links_apart(self, q: Array) -> bool:
+        """Whether no two links of the hand overlap; fingers that go round an object may meet each other."""
+        self._kinematics.set_posture(q)
+        return not self._kinematics.collides(WRAP_GAP)
+
+    def _hits(self, hands: Candidates, grasp: Array) -> BoolArray:
+        """(k, m) whether these hands collide with each obstacle, closed or a little opened."""
         obstacles = self.settings.obstacles
-        hits = np.zeros((len(rows), len(obstacles)), dtype=bool)
+        hits = np.zeros((len(hands), len(obstacles)), dtype=bool)
         if not len(obstacles):
             return hits
-        c = drawn.candidates.take(rows)
+        begin, end = (q @ self.tables.command.T for q in (hands.start, grasp))
         for share in (1.0, OPENED):
-            posture = posture_at(self.tables, c.start, share * closings.closing)
-            near = np.flatnonzero(self.kernel.clearances(c.place, c.turn, posture, obstacles)[1] <= ROOM)
+            posture = posture_of(self.tables, begin + share * (end - begin))
+            near = np.flatnonzero(
+                self.kernel.clearances(hands.place, hands.turn, posture, obstacles)[1] <= ROOM
+            )
             if len(obstacles) == 1:
                 hits[near] = True
                 continue
-            wrist = c.place[near], c.turn[near], posture[near]
+            wrist = hands.place[near], hands.turn[near], posture[near]
             for k, one in enumerate(obstacles.each):
                 hits[near, k] |= self.kernel.clearances(*wrist, one)[1] <= ROOM
         return hits
 
     def strengths(
-        self, closings: Closings, demand: Demand, *, ranking: bool = False, least: float = 0.0
+        self, closings: Closings | ClosedHands, demand: Demand, *, ranking: bool = False, least: float = 0.0
     ) -> tuple[Array, Array]:
         """(n,), (n,) strength along the task's cone and of plain holding, per unit of normal force.
 
@@ -159,7 +200,7 @@ class ClosureSearch:
             hold = kernel.strengths(*contacts, lever, self.cog, most=hold, least=floor)
         return np.asarray(hold if task is None else task), np.asarray(hold)
 
-    def thorough_strengths(self, closings: Closings, demand: Demand, press: Array) -> Array:
+    def thorough_strengths(self, closings: ClosedHands, demand: Demand, press: Array) -> Array:
         """(n,) strength along the task's cone, by a search that takes ten times as long and misses less.
 
         Args:
@@ -253,14 +294,15 @@ class ClosureSearch:
         rotation = Rotation.from_rotvec(rng.normal(0.0, TURN * spread if turn is None else turn, (n, 3)))
         place = rotation.apply(copies.candidates.place - middle) + middle
         place += rng.normal(0.0, STEP * spread if shift is None else shift, (n, 3))
-        start = copies.candidates.start + rng.normal(0.0, BEND * spread, copies.candidates.start.shape)
+        commands = copies.candidates.start @ self.tables.command.T
+        commands += rng.normal(0.0, BEND * spread, commands.shape)
         rotation = rotation * Rotation.from_quat(copies.candidates.turn, scalar_first=True)
         return replace(
             copies,
             candidates=Candidates(
                 place=place,
                 turn=rotation.as_quat(scalar_first=True),
-                start=np.clip(start, *self.ranges),
+                start=posture_of(self.tables, np.clip(commands, *self.ranges)),
                 mask=copies.candidates.mask,
             ),
         )
@@ -325,7 +367,7 @@ class ClosureSearch:
         if not len(found):
             return found
         moved = self.perturbed(rng, found, samples, 0.0, shift=shift, turn=turn)
-        rows, closings = self._closed(moved.candidates)
+        rows, closings, _, _ = self._closed(moved.candidates)
         score = np.zeros(len(moved))
         score[rows] = self.score(*self.strengths(closings, demand, ranking=True), demand)
         sorted_scores = np.sort(score.reshape(len(found), samples), axis=1)

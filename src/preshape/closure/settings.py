@@ -13,7 +13,7 @@ from ..types import FIELD_MASS, FRICTION, GRAVITY, finite_number, freeze, value,
 
 _DEVICE = re.compile(r"cpu|cuda(:[0-9]+)?")
 _NUMBERS = ("friction", "torsion", "friction_share", "press_least", "press_most", "safety", "hold")
-_COUNTS = ("at_aim", "on_plane", "everywhere", "elite", "children", "finished", "threads")
+_COUNTS = ("at_aim", "on_plane", "everywhere", "wraps", "elite", "children", "finished", "threads")
 _COUNTS_FROM_ZERO = ("persistence", "rounds")
 
 
@@ -36,6 +36,7 @@ class ClosureSettings:
         at_aim: Number of candidates for one plane and approach value (mode 0).
         on_plane: Number of candidates for one plane (mode 1).
         everywhere: Number of candidates for all planes (mode 3).
+        wraps: Number of wraps of the whole hand, for all planes; half as many for one plane.
         persistence: Number of times that more candidates are drawn, and that the best are refined again, if
             the margin is too small.
         elite: Size of the elite set of a round of refinement.
@@ -61,6 +62,7 @@ class ClosureSettings:
     at_aim: int = 160
     on_plane: int = 500
     everywhere: int = 2000
+    wraps: int = 2400
     persistence: int = 3
     elite: int = 32
     children: int = 6

@@ -13,9 +13,10 @@ from .planned import PlannedGrasp
 def contact_forces(grasp: PlannedGrasp) -> Array:
     """(n, 3) Force of each contact on the object under the torques of the squeeze [N], mesh frame.
 
-    A contact force f loads the joints between palm and touching link with the torques Jᵀ f. Two joints with a
-    common drive each take the mean of their torques. The result is the least-squares fit to the torques of
-    the squeeze, and the one of least norm if there are several. Friction in the joints is neglected.
+    A contact force f loads the joints between palm and touching link with the torques Jᵀ f, and each motor
+    with the sum of its joints' torques times their rates. The result is the least-squares fit to the motors'
+    torques
+    in the squeeze, and the one of least norm if there are several. Friction in the joints is neglected.
     """
     kinematics = HandKinematics(grasp.hand)
     kinematics.set_posture(grasp.grasp)
@@ -26,15 +27,12 @@ def contact_forces(grasp: PlannedGrasp) -> Array:
         dtype=np.int64,
     )
     jacobians = kinematics.point_jacobians(bodies, points)
-    share = np.eye(len(grasp.efforts))
-    for couple in grasp.hand.couplings:
-        both = [grasp.hand.joints.index(joint) for joint in couple]
-        share[np.ix_(both, both)] = 0.5
+    rates, drive = grasp.hand.rates(grasp.grasp), grasp.motor_torques
     forces = []
     for J in jacobians:
-        loads = share @ J.T
+        loads = rates.T @ J.T
         loaded = np.abs(loads).max(axis=1) > 0
-        forces.append(np.linalg.lstsq(loads[loaded], grasp.efforts[loaded], rcond=1e-9)[0])
+        forces.append(np.linalg.lstsq(loads[loaded], drive[loaded], rcond=1e-9)[0])
     return np.array(forces).reshape(-1, 3) @ T_mesh_palm[:3, :3].T
 
 

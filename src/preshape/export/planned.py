@@ -36,7 +36,7 @@ class PlannedGrasp:
         pregrasp: (j,) Joint angles of the open hand, clear of the object [rad].
         grasp: (j,) Joint angles at which the fingers touch the object [rad].
         squeeze: (j,) Servo targets of the squeeze [rad]; they may lie beyond a joint's limit.
-        efforts: (j,) Torques of the squeeze within the hand's limits [N m].
+        efforts: (j,) Torques that the motors put on the joints in the squeeze, within their limits [N m].
         points: (n, 3) Contact points [m].
         normals_in: (n, 3) Inward unit normals at the contact points.
         fingers: (n,) Name of the finger at each contact.
@@ -69,6 +69,11 @@ class PlannedGrasp:
     quality: float
     forces: Array | None = None
     lacking: str = ""
+
+    @property
+    def motor_torques(self) -> Array:
+        """(m,) Torques of the motors in the squeeze, within their limits [N m]."""
+        return motor_torques(self.hand, self.grasp, self.squeeze)
 
     @property
     def label(self) -> str:
@@ -185,7 +190,8 @@ def _planned(
             # The way in of a grip may differ from the approach axis of its plane.
             approach=grip.get("approach", answer["approach_axis"]),
             palm_pose=tried["grasp"]["palm_pose"],
-            efforts=_efforts(hand, q["squeeze"] - q["grasp"]),
+            # An actuator acts on its joints in proportion to their part in its command.
+            efforts=motor_torques(hand, q["grasp"], q["squeeze"]) @ hand.command_matrix(),
             points=np.array([c["point"] for c in answer["contacts"]], dtype=np.float64).reshape(-1, 3),
             normals_in=np.array([c["normal_in"] for c in answer["contacts"]]).reshape(-1, 3),
             fingers=tuple(str(c["finger"]) for c in answer["contacts"]),
@@ -199,18 +205,9 @@ def _planned(
         raise InputError(f"{name}: answer {number}: {error}") from error
 
 
-def _efforts(hand: Hand, ahead: Array) -> Array:
-    """(j,) Servo torques of a hand whose joints do not move [N m].
-
-    Args:
-        hand: The hand.
-        ahead: (j,) Target minus angle of each joint [rad]. The drive of two coupled joints controls the sum
-            of their angles and applies the same torque to both.
-    """
-    lead = ahead.copy()
-    for couple in hand.couplings:
-        both = [hand.joints.index(joint) for joint in couple]
-        lead[both] = ahead[both].sum()
+def motor_torques(hand: Hand, grasp: Array, squeeze: Array) -> Array:
+    """(m,) Servo torques of a hand that stands at ``grasp`` (j,) and aims at ``squeeze`` (j,) [N m]."""
+    lead = hand.controls(squeeze) - hand.controls(grasp)
     return np.clip(hand.gains * lead, -hand.torque_limits, hand.torque_limits)
 
 

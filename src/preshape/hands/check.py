@@ -6,6 +6,7 @@ hand is moved and checked when open, along its closing path, and for thumb and f
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,14 +15,29 @@ from ..exceptions import HandError
 from ..types import Array
 from .compiled import read_model
 from .description import hand_from
-from .findings import Finding, description_findings, model_findings
+from .findings import DEPTH, Finding, description_findings, model_findings
 from .hand import Hand
 from .kinematics import HandKinematics
-from .load import built_in_text, hand_names, load_hand, model_file, read_description
+from .load import (
+    built_in_text,
+    guess,
+    hand_names,
+    is_description,
+    is_model,
+    load_hand,
+    model_file,
+    read_description,
+    read_hand_model,
+    source_of,
+    split_motors,
+    with_motors,
+)
+from .plausible import geometry_findings, motor_findings
 from .rewrite import rebuilt
+from .trial import trials
 
-DEPTH = 4e-3
-"""Largest allowed overlap of two links on the closing path [m]; the closure analyser refuses more."""
+LEAST_TRAVEL = 5e-3
+"""Least way of a fingertip from open to closed [m] [C]."""
 
 STEPS = 25
 """Steps along a closing path."""
@@ -34,7 +50,7 @@ def check_hand(source: str | Path) -> list[Finding]:
     """All faults of a hand; empty if it is fit for use.
 
     Args:
-        source: A TOML file, or the name of a hand.
+        source: A TOML file, a model, or the name of a hand; a file may be followed by ``#motors=FILE``.
 
     Raises:
         UnknownHand: There is no hand of that name.
@@ -47,21 +63,26 @@ def check_hand(source: str | Path) -> list[Finding]:
 def inspect_hand(source: str | Path) -> tuple[list[Finding], Hand | None]:
     """The faults as in :func:`check_hand`, and the hand, or ``None`` if it cannot be built."""
     text = str(source)
-    if not text.lower().endswith(".toml"):
+    file, motors = split_motors(text)
+    found: list[Finding] = []
+    if is_model(file):
+        path = Path(file)
+        model = read_hand_model(path)
+        data = guess(model, path, motors).data
+    elif is_description(file):
+        path = Path(file)
+        data = with_motors(read_description(path), motors)
+        if data.get("name") in hand_names():
+            text_of = f"a built-in hand is called {data['name']}: choose another name"
+            found.append(Finding(code="name", text=text_of))
+        found += description_findings(data)
+        model = read_model(model_file(data, path))
+        found += model_findings(data, model)
+    else:
         hand = load_hand(text)
         name = hand.source.removesuffix(":left").removesuffix(":right")
         found = _built_in_findings(name) if name in hand_names() else []
         return found + motion_findings(hand), hand
-    path = Path(text)
-    data = read_description(path)
-    found = []
-    if data.get("name") in hand_names():
-        found.append(
-            Finding(code="name", text=f"a built-in hand is called {data['name']}: choose another name")
-        )
-    found += description_findings(data)
-    model = read_model(model_file(data, path))
-    found += model_findings(data, model)
     if any(finding.code != "name" for finding in found):
         return found, None
     try:
@@ -70,13 +91,16 @@ def inspect_hand(source: str | Path) -> tuple[list[Finding], Hand | None]:
         reason = str(error).removeprefix(f"hand {data['name']!r}: ")
         code = "outside_limits" if "outside the limits" in reason else "contradiction"
         return [*found, Finding(code=code, text=reason)], None
+    hand = replace(hand, source=source_of(text))
+    found += geometry_findings(data, model)
     return found + shape_findings(hand) + motion_findings(hand), hand
 
 
 def _built_in_findings(name: str) -> list[Finding]:
     data, mjcf = built_in_text(name)
     hand_from(data, mjcf)
-    return [*description_findings(data), *model_findings(data, read_model(mjcf))]
+    model = read_model(mjcf)
+    return [*description_findings(data), *model_findings(data, model), *geometry_findings(data, model)]
 
 
 def shape_findings(hand: Hand) -> list[Finding]:
@@ -100,7 +124,13 @@ def motion_findings(hand: Hand) -> list[Finding]:
     found = _open_collision(hand, kinematics)
     if not found:
         found = _closing_collisions(hand, kinematics)
-    return found + _direction_findings(hand, kinematics) + _preshape_findings(hand)
+    found += _direction_findings(hand, kinematics) + _preshape_findings(hand)
+    found += motor_findings(hand, kinematics)
+    made = trials(hand)
+    if not found and not any(trial.against for trial in made):
+        text = f"it holds neither a cylinder nor a cube; {made[0]}, {made[1]}"
+        found.append(Finding(code="holds_nothing", text=text))
+    return found
 
 
 def _open_collision(hand: Hand, kinematics: HandKinematics) -> list[Finding]:
@@ -177,9 +207,17 @@ def opposition(hand: Hand, kinematics: HandKinematics) -> Array:
 def _direction_findings(hand: Hand, kinematics: HandKinematics) -> list[Finding]:
     found = []
     _, moves = half_closed(hand, kinematics)
-    for finger, move in zip(hand.fingers, moves, strict=True):
+    ends = []
+    for c in (0.0, 0.5, 1.0):
+        kinematics.set_posture(hand.at(c))
+        ends.append(kinematics.tips(hand.fingers)[0])
+    travel = np.linalg.norm(np.diff(ends, axis=0), axis=2).sum(axis=0)
+    for finger, move, way in zip(hand.fingers, moves, travel, strict=True):
         if not move.any():
             text = f"the closing path does not move the {finger.name}'s tip at half closed"
+            found.append(Finding(code="does_not_close", text=text))
+        elif way < LEAST_TRAVEL:
+            text = f"the closing path moves the {finger.name}'s tip by {1000 * way:.1f} mm only"
             found.append(Finding(code="does_not_close", text=text))
     for finger, move in zip(hand.fingers[1:], moves[1:], strict=True):
         # The palm faces -y of its frame, where the thumb is.

@@ -136,7 +136,7 @@ class Clearance:
         idle = tuple(finger.name for finger in self.hand.fingers if finger not in fingers)
         shapes = [s for s in self.shapes(placement) if self._finger_of.get(s.body) not in idle]
         flaw = (
-            self._touch_flaw(fingers, shapes)
+            self._touch_flaw(fingers, placement)
             or self._link_flaw(fingers, shapes)
             or self._self_flaw(ignore=idle)
         )
@@ -162,13 +162,14 @@ class Clearance:
         self.kinematics.set_posture(placement.q)
         return [move_shape(s, placement.rotation, placement.translation) for s in self.kinematics.shapes()]
 
-    def _touch_flaw(self, fingers: tuple[Finger, ...], shapes: list[LinkShape]) -> Flaw | None:
-        tips = {shape.body: shape for shape in shapes if shape.kind == "sphere"}
-        for finger, point, triangle in zip(
-            fingers, self.contacts.points, self.contacts.triangles, strict=True
+    def _touch_flaw(self, fingers: tuple[Finger, ...], placement: Placement) -> Flaw | None:
+        self.kinematics.set_posture(placement.q)
+        centres = self.kinematics.tips(fingers)[0] @ placement.rotation.T + placement.translation
+        for finger, centre, point, triangle in zip(
+            fingers, centres, self.contacts.points, self.contacts.triangles, strict=True
         ):
             radius = finger.tip_radius
-            distance, hit, where = self.object.closest(tips[finger.tip_body].p0, radius + TOUCH_TOLERANCE)
+            distance, hit, where = self.object.closest(centre, radius + TOUCH_TOLERANCE)
             if distance < radius - TOUCH_TOLERANCE:
                 depth = 1000 * (radius - distance)
                 reason = f"the {finger.name}'s tip is {depth:.1f} mm inside the object"
@@ -203,10 +204,14 @@ class Clearance:
     ) -> tuple[Flaw | None, Placement]:
         """The placement with the finger in its first posture clear of object and hand, or a flaw."""
         columns = self.hand.columns(finger.name)
+        # A motor that also moves another finger stays.
+        own = np.array([set(motor.joints) <= set(finger.joints) for motor in self.hand.motors])
+        stay = self.hand.controls(placement.q)
         first: Flaw | None = None
         for posture in self._aside(finger, placement.q[self.hand.columns(used[1].name)]):
             q = placement.q.copy()
             q[columns] = posture
+            q = self.hand.follow(np.where(own, self.hand.controls(self.hand.lawful(q)), stay))
             moved = Placement(
                 rotation=placement.rotation, translation=placement.translation, q=q, errors=placement.errors
             )

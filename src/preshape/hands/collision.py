@@ -13,13 +13,15 @@ import numpy as np
 
 from ..exceptions import ObjectError
 from ..objects.mesh import TriangleMesh
-from ..types import Array
+from ..types import Array, IntArray
+from .hulls import LinkHull, hull
 from .kinematics import LinkShape
 
 SAMPLES = 6000
 """Surface points for the smooth distances that guide the inverse kinematics."""
 
 _NEAREST = 6
+_THIN = 1e-5  # [m] radius at which a shrunken hull counts as a point
 
 _checkers: WeakKeyDictionary[TriangleMesh, ObjectCollision] = WeakKeyDictionary()
 
@@ -79,6 +81,9 @@ class ObjectCollision:
             return fcl.Sphere(shape.radius + grow)
         if shape.kind == "capsule":
             return fcl.Capsule(shape.radius + grow, float(np.linalg.norm(shape.p1 - shape.p0)))
+        if shape.hull is not None:
+            corners, faces = _grown(shape.hull, grow)
+            return fcl.Convex(corners, len(faces), np.insert(faces, 0, 3, axis=1).ravel())
         return fcl.Box(*(2 * (shape.half + grow)))
 
     def _transform(self, shape: LinkShape) -> Any:
@@ -109,6 +114,26 @@ class ObjectCollision:
         share = np.einsum("kni,kni->kn", away, self._normals[index]) / length**3
         sign = np.where(share.sum(axis=1) < 0, -1.0, 1.0)
         return sign * distance[:, 0], (sign / length[:, 0])[:, None] * away[:, 0]
+
+
+def _grown(solid: LinkHull, grow: float) -> tuple[Array, IntArray]:
+    """Corners and triangles of a hull whose planes are moved out by ``grow`` [m]; a point if it vanishes."""
+    if grow == 0.0:
+        return solid.corners, solid.faces
+    from scipy.optimize import linprog
+    from scipy.spatial import HalfspaceIntersection
+
+    normals, offsets = solid.planes[:, :3], solid.planes[:, 3] + grow
+    # The centre of the largest sphere inside is far from every plane.
+    found = linprog(
+        [0.0, 0.0, 0.0, -1.0], np.column_stack([normals, np.ones(len(normals))]), offsets, bounds=(None, None)
+    )
+    if found.x is None or found.x[3] < _THIN:
+        middle = solid.corners.mean(axis=0)
+        grown = hull(middle + _THIN * np.concatenate([np.eye(3), -np.eye(3)]))
+    else:
+        grown = hull(HalfspaceIntersection(np.column_stack([normals, -offsets]), found.x[:3]).intersections)
+    return grown.corners, grown.faces
 
 
 def closest_on_triangles(corners: Array, point: Array) -> Array:

@@ -22,6 +22,8 @@ from ..exceptions import HandError
 from ..files import MOST_OF_MESH, MOST_OF_MODEL, read_file
 from ..objects.read_text import printable
 from ..types import value
+from .laws import model_couples
+from .ros_files import mend_spec, model_text, use_visual_shapes
 
 _TINY = 1e-9  # [kg] given to a massless body, so that the model compiles and the body can be reported
 _LONGEST_REASON = 600  # characters
@@ -41,6 +43,8 @@ class CompiledModel:
         hinges: Names of those joints that are hinges.
         ranges: Lower and upper limit of every joint as written in the file [rad]; equal if it has no limits.
         massless: Names of moving bodies without mass.
+        label: File or name, which begins messages.
+        notes: What was mended in the file so that it could be used, each in one sentence.
     """
 
     model: Any
@@ -51,6 +55,24 @@ class CompiledModel:
     hinges: tuple[str, ...]
     ranges: dict[str, tuple[float, float]]
     massless: tuple[str, ...]
+    label: str = "the model"
+    notes: tuple[str, ...] = ()
+
+    @property
+    def couples(self) -> tuple[dict[str, Any], ...]:
+        """The laws that the model states, as ``[[couple]]`` tables; see :func:`.laws.model_couples`."""
+        return model_couples(self.model, self.label)
+
+    @property
+    def visual_shapes(self) -> bool:
+        """Whether no shape of the file collides; then the visual ones are the hand's shapes."""
+        m = self.model
+        return not ((m.geom_contype > 0) | (m.geom_conaffinity > 0))[m.geom_bodyid > 0].any()
+
+    def is_shape(self, geom: int) -> bool:
+        """Whether a geom is one of the hand's shapes: it collides, or it is visual and nothing collides."""
+        collides = self.model.geom_contype[geom] or self.model.geom_conaffinity[geom]
+        return bool(collides) or self.visual_shapes
 
     def joints_under(self, root: str | None) -> tuple[str, ...]:
         """Names of the joints that move bodies relative to the body ``root``; all if it does not exist."""
@@ -90,12 +112,8 @@ def _compiled(source: Path | str) -> CompiledModel:
     if (parts := _repetitions(source)) > _MOST_REPEATS:
         raise HandError(f"{label}: it repeats a part {parts:.3g} times; at most {_MOST_REPEATS} are allowed")
     try:
-        if isinstance(source, Path) and source.suffix.lower() == ".urdf":
-            spec = mujoco.MjSpec.from_string(_urdf_text(source))
-        elif isinstance(source, Path):
-            spec = mujoco.MjSpec.from_file(str(source))
-        else:
-            spec = mujoco.MjSpec.from_string(source)
+        notes: list[str] = []
+        spec = _spec_of(source, notes) if isinstance(source, Path) else mujoco.MjSpec.from_string(source)
         if isinstance(source, Path):
             _check_assets(spec, source.parent)
         _name_all(spec)
@@ -111,7 +129,10 @@ def _compiled(source: Path | str) -> CompiledModel:
             ranges[joint.name] = (low * scale, high * scale)
             if low > high:
                 joint.range = [high, low]
-        return _recorded(spec.compile(), ranges)
+        model = _compiled_spec(spec)
+        if isinstance(source, Path):
+            notes += use_visual_shapes(model)
+        return _recorded(model, ranges, label, tuple(notes))
     except UnicodeDecodeError as error:
         raise HandError(f"{label}: its text or a name in it is not UTF-8; save the model as UTF-8") from error
     except RecursionError as error:
@@ -120,7 +141,46 @@ def _compiled(source: Path | str) -> CompiledModel:
         raise HandError(f"{label}: MuJoCo cannot read it: {reason(error)}") from error
 
 
-def _recorded(model: Any, ranges: dict[str, tuple[float, float]]) -> CompiledModel:
+def _spec_of(path: Path, notes: list[str]) -> Any:
+    """The ``mujoco.MjSpec`` of a file, mended; what was mended is added to ``notes``."""
+    import mujoco
+
+    try:
+        found = model_text(path)
+    except ElementTree.ParseError:
+        if path.suffix.lower() in (".urdf", ".xacro"):
+            raise
+        return mujoco.MjSpec.from_file(str(path))  # MuJoCo accepts some text that is not well formed
+    notes += found.notes
+    if found.urdf:
+        return mujoco.MjSpec.from_string(found.text, assets=found.assets)
+    spec = mujoco.MjSpec.from_file(str(path)) if found.whole else mujoco.MjSpec.from_string(found.text)
+    notes += mend_spec(spec, path)
+    return spec
+
+
+def _compiled_spec(spec: Any) -> Any:
+    """The ``mujoco.MjModel``; flat meshes, which MuJoCo refuses as solids, count as shells."""
+    import mujoco
+
+    try:
+        return spec.compile()
+    except ValueError as error:
+        if "too small" not in str(error):
+            raise
+        for mesh in spec.meshes:
+            mesh.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL
+    try:
+        return spec.compile()
+    except ValueError as error:
+        if "too small" not in str(error):
+            raise
+        raise ValueError(f"{error}; is the scale of this mesh right?") from error
+
+
+def _recorded(
+    model: Any, ranges: dict[str, tuple[float, float]], label: str, notes: tuple[str, ...]
+) -> CompiledModel:
     import mujoco
 
     kinds = {model.joint(j).name: int(model.jnt_type[j]) for j in range(model.njnt)}
@@ -139,6 +199,8 @@ def _recorded(model: Any, ranges: dict[str, tuple[float, float]]) -> CompiledMod
         massless=tuple(
             model.body(b).name for b in moving if mass[b] < 10 * _TINY * (model.body_weldid == b).sum()
         ),
+        label=label,
+        notes=notes,
     )
 
 
@@ -240,24 +302,3 @@ def quiet_mujoco() -> Iterator[None]:
     """Like :func:`no_mujoco_log`, but also suppress Python warnings."""
     with no_mujoco_log(), warnings.catch_warnings(action="ignore", category=UserWarning):
         yield
-
-
-def _urdf_text(path: Path) -> str:
-    """A URDF with absolute paths of its meshes, because MuJoCo does not resolve ``package://``."""
-    root = ElementTree.fromstring(_model_text(path))
-    for mesh in root.iter("mesh"):
-        name = mesh.get("filename", "").removeprefix("file://")
-        package = name.startswith("package://")
-        # The package is a folder above the URDF; that folder may have another name than the package.
-        rest = name.removeprefix("package://").partition("/")[2] if package else name
-        folder = path.resolve().parent
-        places = (
-            [up / part for up in (folder, *folder.parents) for part in (rest, name[10:])] if package else []
-        )
-        found = next((place for place in [folder / name, *places] if place.is_file()), None)
-        mesh.set("filename", str(found) if found is not None else name)
-    settings = root.find("mujoco/compiler")
-    if settings is None:
-        settings = ElementTree.SubElement(ElementTree.SubElement(root, "mujoco"), "compiler")
-    settings.set("strippath", "false")
-    return ElementTree.tostring(root, encoding="unicode")

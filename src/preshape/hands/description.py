@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from typing import Any
 from xml.etree import ElementTree
 
@@ -12,9 +13,12 @@ from ..exceptions import HandError, InputError
 from ..objects.read_text import printable
 from ..spatial import pose, rotation_from_quaternion
 from ..types import Array
+from .couples import Table, motors_of, per_motor, positive
 from .hand import POSTURES, Finger, Hand
+from .motors import ADAPTIVE, Motor
 
-Table = dict[str, Any]
+_ROUNDING = 1e-4
+"""Largest angle by which a posture may leave the limits because one of them was rounded [rad] [C]."""
 
 LONGEST_MESSAGE = 1200
 """Largest number of characters of a message, because names in a file can be of any length."""
@@ -70,6 +74,10 @@ def _hand(data: Table, root: ElementTree.Element, mjcf: str) -> Hand:
                 f"outwards as in the MJCF, got {', '.join(finger.joints)}"
             )
     drives = data["actuators"]
+    limits = np.array([[float(bound) for bound in (ranges[joint] or "").split()] for joint in joints])
+    motors = motors_of(data, dict(zip(joints, limits, strict=True)), fingers, name)
+    _require_drives(root, motors, name)
+    names = tuple(motor.name for motor in motors)
     hand = Hand(
         name=name,
         title=str(data.get("title", name)),
@@ -85,16 +93,17 @@ def _hand(data: Table, root: ElementTree.Element, mjcf: str) -> Hand:
         T_root_palm=_palm_pose(root, str(palm["site"]), name),
         fingers=fingers,
         joints=joints,
-        limits=np.array([[float(bound) for bound in (ranges[joint] or "").split()] for joint in joints]),
+        limits=limits,
         actuator_gain=positive(drives, "gain"),
         actuator_damping=positive(drives, "damping"),
         torque_limit=positive(drives, "torque_limit"),
-        gains=per_joint(drives, "gain", "gains", joints, name),
-        torque_limits=per_joint(drives, "torque_limit", "torque_limits", joints, name),
-        couplings=couplings_of(data, joints, name),
-        actuators=_actuators(root, name),
+        motors=motors,
+        gains=per_motor(drives, "gain", "gains", names, name),
+        torque_limits=per_motor(drives, "torque_limit", "torque_limits", names, name),
         mjcf=mjcf,
     )
+    if hand.coupled:
+        hand = replace(hand, fingers=tuple(_on_laws(hand, finger) for finger in hand.fingers))
     for label, q in (*((kind, hand.posture(kind)) for kind in POSTURES), *_path_postures(hand)):
         outside = (q < hand.limits[:, 0] - 1e-9) | (q > hand.limits[:, 1] + 1e-9)
         if outside.any():
@@ -147,19 +156,6 @@ def finger_from(entry: Table) -> Finger:
     )
 
 
-def positive(data: Table, key: str) -> float:
-    """The number of that name, which must be above zero.
-
-    Raises:
-        HandError: It is not.
-        KeyError, TypeError, ValueError: There is no number of that name.
-    """
-    number = float(data[key])
-    if not (np.isfinite(number) and number > 0):
-        raise HandError(f"the hand's {key} must be positive, got {number}")
-    return number
-
-
 def side_of(data: Table, name: str) -> str:
     """``right`` or ``left`` as the description says; ``right`` by default."""
     side = str(data.get("side", "right"))
@@ -168,27 +164,23 @@ def side_of(data: Table, name: str) -> str:
     return side
 
 
-def per_joint(drives: Table, key: str, table: str, joints: tuple[str, ...], name: str) -> Array:
-    """(n,) a number for every joint: its entry in ``table``, else the common number of ``key``."""
-    values = np.full(len(joints), positive(drives, key))
-    for joint in dict(drives.get(table, {})):
-        if joint not in joints:
-            raise HandError(f"hand {name!r}: actuators.{table} names {joint}, which is no joint of the hand")
-        values[joints.index(joint)] = positive(drives[table], joint)
-    return values
+def _on_laws(hand: Hand, finger: Finger) -> Finger:
+    """The finger with postures, path and preshape ranges on the laws of its motors.
 
+    The motor's command decides: of a rigid law the angle of its own joint, of an adaptive one the sum.
+    """
+    columns = hand.columns(finger.name)
 
-def couplings_of(data: Table, joints: Iterable[str], name: str) -> tuple[tuple[str, str], ...]:
-    """Pairs of joints that share an actuator."""
-    pairs = tuple(tuple(str(joint) for joint in pair) for pair in data.get("couplings", []))
-    flat = [joint for pair in pairs for joint in pair]
-    wrong = [joint for joint in flat if joint not in set(joints)]
-    if wrong or len(set(flat)) != len(flat) or any(len(pair) != 2 for pair in pairs):
-        raise HandError(
-            f"hand {name!r}: couplings must be pairs of the hand's joints, each joint in at most one pair"
-            + (f"; there is no joint {wrong[0]}" if wrong else "")
-        )
-    return tuple((pair[0], pair[1]) for pair in pairs)
+    def lawful(rows: Array) -> Array:
+        q = np.zeros((len(rows), len(hand.joints)))
+        q[:, columns] = rows
+        return hand.lawful(q)[:, columns]
+
+    path, preshape = lawful(finger.closing), finger.preshape.copy()
+    still = np.ptp(preshape, axis=1) == 0.0
+    preshape[still] = path[0][still, None]
+    postures = {kind: lawful(getattr(finger, kind)[None])[0] for kind in POSTURES}
+    return replace(finger, closing=path, preshape=preshape, **postures)
 
 
 def direction(axis: Any, label: str) -> Array:
@@ -212,6 +204,29 @@ def direction(axis: Any, label: str) -> Array:
         if np.isfinite(vector).all() and np.linalg.norm(vector) > 0:
             return np.asarray(vector / np.linalg.norm(vector))
     raise HandError(f"{label} must be an axis (+x -x +y -y +z -z) or three numbers, got {axis!r}")
+
+
+def rounded_to_limits(entry: Table, ranges: dict[str, tuple[float, float]]) -> Table:
+    """A finger's table, in which angles that leave their limits by a rounding error are at the limits."""
+    limits = np.array([sorted(ranges[str(joint)]) for joint in entry["joints"]])
+    low, high = np.where(limits[:, :1] < limits[:, 1:], limits, [-np.inf, np.inf]).T
+
+    def near(q: Any, low: Any, high: Any) -> Any:
+        angles = np.asarray(q, dtype=np.float64)
+        inside = np.clip(angles, low, high)
+        return np.where(np.abs(inside - angles) < _ROUNDING, inside, angles).tolist()
+
+    made = dict(entry)
+    for key in ("closing", *POSTURES):
+        if key in entry:
+            made[key] = near(entry[key], low, high)
+    if "preshape" in entry:
+        place = {str(joint): k for k, joint in enumerate(entry["joints"])}
+        made["preshape"] = {
+            joint: near(ends, low[place[joint]], high[place[joint]])
+            for joint, ends in entry["preshape"].items()
+        }
+    return made
 
 
 def _numbers(rows: Any) -> Array:
@@ -273,7 +288,8 @@ def _pose_of(element: ElementTree.Element) -> Array:
     return pose(rotation_from_quaternion(quaternion), position)
 
 
-def _actuators(root: ElementTree.Element, name: str) -> tuple[tuple[str, ...], ...]:
+def _require_drives(root: ElementTree.Element, motors: Sequence[Motor], name: str) -> None:
+    """Refuse an MJCF whose actuators are not the motors, in their order."""
     tendons = {
         str(fixed.get("name")): tuple(str(joint.get("joint")) for joint in fixed.findall("joint"))
         for fixed in root.iter("fixed")
@@ -287,7 +303,12 @@ def _actuators(root: ElementTree.Element, name: str) -> tuple[tuple[str, ...], .
             found.append(tendons[str(drive.get("tendon"))])
         else:
             raise HandError(f"hand {name!r}: actuator {drive.get('name')} drives neither joint nor tendon")
-    return tuple(found)
+    wanted = [motor.joints if motor.law == ADAPTIVE else (motor.name,) for motor in motors]
+    if [set(one) for one in found] != [set(one) for one in wanted]:
+        raise HandError(
+            f"hand {name!r}: the MJCF's actuators are not the motors {', '.join(m.name for m in motors)}, "
+            "in the order of their first joints"
+        )
 
 
 def _require_same_joints(hand: str, described: set[str], modelled: set[str]) -> None:

@@ -12,15 +12,17 @@ from ..exceptions import HandError, InputError, shown
 from ..objects.read_text import printable
 from ..types import value
 from .compiled import CompiledModel
-from .description import (
-    LONGEST_MESSAGE,
+from .couples import (
     Table,
-    couplings_of,
-    direction,
-    finger_from,
-    per_joint,
-    side_of,
+    couple_joints,
+    couples_of,
+    motors_within,
+    per_motor,
+    positive,
+    with_model_couples,
 )
+from .description import LONGEST_MESSAGE, direction, finger_from, side_of
+from .motors import RIGID
 
 SMALLEST_TIP, LARGEST_TIP = 1e-3, 30e-3
 """Plausible radii of a fingertip [m] [C]."""
@@ -31,8 +33,18 @@ LARGEST_ANGLE = 1000.0
 LARGEST_U = 0.2
 """Largest plausible U [m] [C]; a larger one means that the file uses another unit."""
 
-LARGEST_SHAPE = 1.0
-"""Largest plausible extent of one shape of a hand [m] [C]; a larger one means that its mesh is in mm."""
+LARGEST_SHAPE, SMALLEST_SHAPE = 1.0, 2e-4
+"""Range of plausible extents of one shape of a hand [m] [C]; a larger one means that its mesh is in mm."""
+
+LARGEST_OFFSET = 1.5
+"""Largest plausible distance of a link from the one that carries it [m] [C]; a robot may have 1 m."""
+
+_NOUNS = {2: "sphere", 3: "capsule", 4: "ellipsoid", 5: "cylinder", 6: "box"}
+"""MuJoCo's kinds of shapes, in words."""
+
+
+DEPTH = 4e-3
+"""Largest allowed overlap of two links on the closing path [m]; the closure analyser refuses more."""
 
 
 @value
@@ -85,11 +97,19 @@ def description_findings(data: Table) -> list[Finding]:
         )
     drives = data.get("actuators")
     if isinstance(drives, dict):
-        for key, table in (("gain", "gains"), ("torque_limit", "torque_limits")):
-            found += _attempt("actuators", per_joint, {**drives, key: 1.0}, key, table, tuple(joints), "it")
-    found += _attempt("couplings", couplings_of, data, joints, "it")
+        for table in ("gains", "torque_limits"):
+            found += _attempt("actuators", _require_positive, drives.get(table, {}), table)
+    found += _attempt("couplings", couples_of, data, "it")
     found += _attempt("side", side_of, data, "it")
     return found
+
+
+def _require_positive(numbers: Any, table: str) -> None:
+    """Raise unless the table of numbers by motor has positive numbers only."""
+    if not isinstance(numbers, dict):
+        raise HandError(f"actuators.{table} must be a table of motors and numbers, got {shown(numbers)}")
+    for motor in numbers:
+        positive(numbers, motor)
 
 
 def _attempt(code: str, check: Any, *arguments: Any) -> list[Finding]:
@@ -206,7 +226,7 @@ def model_findings(data: Table, model: CompiledModel) -> list[Finding]:
     if "root" not in data and len(model.roots) != 1:
         text = f"the model has {len(model.roots)} root bodies ({_listed(model.roots)}): name one as root"
         found.append(Finding(code="roots", text=text))
-    return found + _joint_findings(data, model) + _mass_findings(model) + _size_findings(model)
+    return found + _joint_findings(data, model) + _mass_findings(model) + size_findings(model)
 
 
 def _frame_findings(data: Table, palm: Table) -> list[Finding]:
@@ -257,7 +277,8 @@ def _joint_findings(data: Table, model: CompiledModel) -> list[Finding]:
         text = f"fixed must be a list of joints, or a table of joints and angles, got {shown(named)}"
         return [Finding(code="unknown_joint", text=text)]
     fixed = {str(joint) for joint in named}
-    found += _mimic_findings(listed - fixed, model)
+    found += _law_findings(data, fixed, model)
+    followers = _followers(data, model) if not found else set()
     inside = model.joints_under(data.get("root"))
     for joint in sorted((listed | fixed) - set(model.joints)):
         text = f"the model has no joint {joint!r}; it has {_listed(model.joints)}"
@@ -278,47 +299,98 @@ def _joint_findings(data: Table, model: CompiledModel) -> list[Finding]:
         elif low > high:
             text = f"the limits of {joint!r} are in the wrong order: {low:g} to {high:g}"
             found.append(Finding(code="limits_reversed", text=text))
-        elif low == high:
+        elif low == high and joint not in followers:
             found.append(Finding(code="limits_missing", text=f"the joint {joint!r} has no limits"))
     return found
 
 
-def _mimic_findings(listed: set[str], model: CompiledModel) -> list[Finding]:
-    """Joints that follow another joint of the hand, which would be moved as if they were free."""
-    import mujoco
+def _followers(data: Table, model: CompiledModel) -> set[str]:
+    """Joints whose limits may follow from a rigid law."""
+    return {
+        joint
+        for couple in (*couples_of(data, "it"), *model.couples)
+        if couple["law"] == RIGID
+        for joint in couple_joints(couple)[1:]
+    }
 
-    found, m = [], model.model
-    for row in range(m.neq):
-        first, second = int(m.eq_obj1id[row]), int(m.eq_obj2id[row])
-        if m.eq_type[row] != mujoco.mjtEq.mjEQ_JOINT or second < 0:
-            continue
-        one, other = m.joint(first).name, m.joint(second).name
-        if {one, other} <= listed:
+
+def _law_findings(data: Table, fixed: set[str], model: CompiledModel) -> list[Finding]:
+    """Faults of the model's laws: one cannot be expressed, or is only half of what is listed as fixed."""
+    try:
+        own = {joint for couple in couples_of(data, "it") for joint in couple_joints(couple)}
+        couples = model.couples
+    except (InputError, KeyError, TypeError, ValueError, AttributeError) as error:
+        return [Finding(code="mimic", text=str(error).removeprefix("hand 'it': "))]
+    found = []
+    for couple in couples:
+        joints = couple_joints(couple)
+        held = [joint for joint in joints if joint in fixed]
+        if held and len(held) < len(joints) and not own & set(joints):
+            free = next(joint for joint in joints if joint not in fixed)
             text = (
-                f"the joint {one!r} follows {other!r} (mimic or equality), which is not supported: such a "
-                "joint would be moved as if it were free; model it without this law, or name it under fixed"
+                f"the joint {held[0]!r} is fixed, but by the model's law it moves with {free!r}: "
+                "fix both, or neither"
             )
             found.append(Finding(code="mimic", text=text))
+    listed = {joint for entry in fingers_of(data) for joint in joints_of(entry)}
+    if not found and listed <= set(model.hinges) and not description_findings(data):
+        found += _drive_findings(with_model_couples(data, couples), model, listed)
     return found
 
 
-def _size_findings(model: CompiledModel) -> list[Finding]:
-    """Meshes too large for a part of a hand, before anything of their size is computed."""
+def _drive_findings(data: Table, model: CompiledModel, listed: set[str]) -> list[Finding]:
+    """Faults of couples, and of numbers for motors that do not exist."""
+    joints = [joint for joint in model.joints if joint in listed]
+    try:
+        fingers = [finger_from(entry) for entry in data["finger"]]
+        motors = motors_within(data, model.ranges, joints, fingers)[1]
+    except (InputError, KeyError, TypeError, ValueError, AttributeError) as error:
+        return [Finding(code="couplings", text=str(error).removeprefix("hand 'it': "))]
+    found, drives = [], data.get("actuators")
+    for key, table in (("gain", "gains"), ("torque_limit", "torque_limits")):
+        if isinstance(drives, dict):
+            names = [motor.name for motor in motors]
+            found += _attempt("actuators", per_motor, {**drives, key: 1.0}, key, table, names, "it")
+    return found
+
+
+def size_findings(model: CompiledModel) -> list[Finding]:
+    """Shapes and distances too large for a part of a hand, before anything of their size is computed."""
     import mujoco
     import numpy as np
 
     found, m = [], model.model
     for shape in range(m.ngeom):
-        if m.geom_type[shape] != mujoco.mjtGeom.mjGEOM_MESH:
+        body, kind = m.body(int(m.geom_bodyid[shape])).name, int(m.geom_type[shape])
+        if kind == mujoco.mjtGeom.mjGEOM_MESH:
+            mesh = int(m.geom_dataid[shape])
+            start, count = int(m.mesh_vertadr[mesh]), int(m.mesh_vertnum[mesh])
+            extents = np.ptp(m.mesh_vert[start : start + count], axis=0)
+            noun = f"the mesh {m.mesh(mesh).name!r}"
+            small = extents.max() < SMALLEST_SHAPE
+        else:
+            extents = 2 * np.array(m.geom_size[shape])
+            noun = f"the {_NOUNS.get(kind, 'shape')}"
+            small = False
+        if kind in (mujoco.mjtGeom.mjGEOM_PLANE, mujoco.mjtGeom.mjGEOM_HFIELD):
             continue
-        mesh, body = int(m.geom_dataid[shape]), int(m.geom_bodyid[shape])
-        start, count = int(m.mesh_vertadr[mesh]), int(m.mesh_vertnum[mesh])
-        extents = np.ptp(m.mesh_vert[start : start + count], axis=0)
+        size = " × ".join(f"{extent:.3g}" for extent in extents if extent > 0)
         if extents.max() > LARGEST_SHAPE:
-            size = " × ".join(f"{extent:.3g}" for extent in extents)
             text = (
-                f"the mesh {m.mesh(mesh).name!r} of the link {m.body(body).name!r} measures {size} m, more "
-                'than a part of a hand: if it is in millimetres, give it the scale "0.001 0.001 0.001"'
+                f"{noun} of the link {body!r} measures {size} m, more than a part of a hand: if it is in "
+                'millimetres, give it the scale "0.001 0.001 0.001"'
+            )
+            found.append(Finding(code="mesh_size", text=text))
+        elif small:
+            text = f"{noun} of the link {body!r} measures {size} m, too small to be seen: is its scale right?"
+            found.append(Finding(code="mesh_size", text=text))
+    for body in range(1, m.nbody):
+        offset = float(np.linalg.norm(m.body_pos[body]))
+        if offset > LARGEST_OFFSET and m.body_parentid[body] > 0:
+            carrier = m.body(int(m.body_parentid[body])).name
+            text = (
+                f"the link {m.body(body).name!r} is {offset:.3g} m from {carrier!r}, which carries "
+                "it: is its place in millimetres?"
             )
             found.append(Finding(code="mesh_size", text=text))
     return found

@@ -2,16 +2,32 @@
 
 from __future__ import annotations
 
+import hashlib
+from typing import Any
+from xml.etree import ElementTree
+
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ..exceptions import HandError, shown
 from ..types import LONGEST_NAME, Array, freeze, frozen_array, value
+from .motors import DIRECT, Motor
 
 LONGEST_HAND_NAME = LONGEST_NAME - 55
 """Largest number of characters of a hand's name; the memory adds the analyser's to it."""
 
 POSTURES = ("open", "rest", "closed")
+
+_NO_SHAPE = {"actuator", "option", "inertial", "size", "statistic", "visual", "custom", "keyframe", "sensor"}
+"""Elements of an MJCF that say nothing of kinematics and shapes."""
+_NO_PLACE = {
+    *("mass", "density", "balanceinertia", "damping", "armature", "frictionloss", "actuatorfrcrange"),
+    *("stiffness", "springdamper", "solreflimit", "solimplimit", "margin", "gap"),
+    *("friction", "condim", "priority", "solref", "solimp", "solmix", "solreffriction", "solimpfriction"),
+    *("rgba", "material", "group"),
+}
+"""Attributes of an MJCF that say nothing of kinematics and shapes."""
+_HASH_DIGITS, _HASH_DECIMALS = 16, 9
 
 
 @value
@@ -97,13 +113,13 @@ class Hand:
         fingers: The thumb, then the other fingers from the index side.
         joints: Names of all joints in the order of the MJCF, which is the order of every posture ``q``.
         limits: (n, 2) lower and upper joint limit [rad].
-        actuator_gain: Gain of the position servos [N m/rad].
+        actuator_gain: Gain [N m/rad] of the position servos of motors without an entry of their own.
         actuator_damping: Damping of the position servos [N m s/rad].
-        torque_limit: Torque limit [N m] of joints without an entry of their own.
-        gains: (n,) servo gain of every joint [N m/rad].
-        torque_limits: (n,) torque limit of every joint [N m].
-        couplings: Pairs of joints that one actuator drives; it controls the sum of their angles.
-        actuators: Joints of each actuator in the MJCF's order: one, or the two of a coupling.
+        torque_limit: Torque limit [N m] of motors without an entry of their own.
+        motors: The motors, in the order of their first joints; every joint belongs to one of them. The MJCF
+            has one actuator for each, in this order, and no other.
+        gains: (m,) servo gain of every motor [N m/rad], about its command.
+        torque_limits: (m,) torque limit of every motor [N m].
         mjcf: Text of the MJCF. It has primitive shapes only and needs no other file.
         source: What :func:`~preshape.hands.load.load_hand` takes to load this hand again: a name, or the
             absolute path of its TOML file, with ``:left`` or ``:right`` for a mirror image. Default ``name``.
@@ -127,10 +143,9 @@ class Hand:
     actuator_gain: float
     actuator_damping: float
     torque_limit: float
+    motors: tuple[Motor, ...]
     gains: Array
     torque_limits: Array
-    couplings: tuple[tuple[str, str], ...]
-    actuators: tuple[tuple[str, ...], ...]
     mjcf: str
     source: str = ""
 
@@ -139,15 +154,47 @@ class Hand:
             raise HandError(
                 f"a hand's name must have at most {LONGEST_HAND_NAME} characters, got {len(self.name)}"
             )
-        count = len(self.joints)
+        count, motors = len(self.joints), len(self.motors)
+        if sorted(joint for motor in self.motors for joint in motor.joints) != sorted(self.joints):
+            raise HandError(f"{self.name}: every joint must follow exactly one motor")
         freeze(
             self,
             limits=frozen_array(self.limits, (count, 2), f"{self.name}: joint limits"),
-            gains=frozen_array(self.gains, (count,), f"{self.name}: gains"),
-            torque_limits=frozen_array(self.torque_limits, (count,), f"{self.name}: torque limits"),
+            gains=frozen_array(self.gains, (motors,), f"{self.name}: gains"),
+            torque_limits=frozen_array(self.torque_limits, (motors,), f"{self.name}: torque limits"),
             T_root_palm=frozen_array(self.T_root_palm, (4, 4), f"{self.name}: palm frame"),
             source=self.source or self.name,
         )
+
+    def model_hash(self) -> str:
+        """Hash of what a stored grip depends on: kinematics, shapes, laws, closing paths and preshapes.
+
+        Names and texts about the hand, its folder, gains, torque limits, masses and friction do not matter.
+
+        Returns:
+            16 lower-case hexadecimal digits.
+
+        Raises:
+            HandError: The MJCF is not XML.
+        """
+        try:
+            tree = ElementTree.fromstring(self.mjcf)
+        except ElementTree.ParseError as error:
+            raise HandError(f"{self.name}: the MJCF is not XML: {error}") from error
+        tree.attrib.clear()  # the model's name
+        numbers: list[ArrayLike] = [[self.u], self.T_root_palm, self.limits]
+        for finger in self.fingers:
+            numbers += [[finger.tip_radius], finger.closing, finger.preshape]
+        for motor in self.motors:
+            numbers += [motor.weights, motor.polynomials, motor.path, motor.range]
+        words: list[Any] = [self.joints, [finger.joints for finger in self.fingers]]
+        words += [[motor.joints, motor.law, motor.order, motor.locks] for motor in self.motors]
+        state = hashlib.sha256(repr((words, _model_content(tree))).encode())
+        for array in numbers:
+            # Zero is added to make -0 and 0 alike.
+            rounded = np.round(np.asarray(array, dtype=np.float64), _HASH_DECIMALS) + 0.0
+            state.update(repr(rounded.shape).encode() + rounded.astype("<f8").tobytes())
+        return state.hexdigest()[:_HASH_DIGITS]
 
     def finger(self, name: str) -> Finger:
         """The finger of that name.
@@ -167,6 +214,16 @@ class Hand:
         start = self.joints.index(finger.joints[0])
         return slice(start, start + len(finger.joints))
 
+    @property
+    def coupled(self) -> bool:
+        """Whether a motor moves more than one joint."""
+        return len(self.motors) < len(self.joints)
+
+    def motor_columns(self) -> list[list[int]]:
+        """For every motor the columns of its joints in ``joints``."""
+        at = {joint: k for k, joint in enumerate(self.joints)}
+        return [[at[joint] for joint in motor.joints] for motor in self.motors]
+
     def posture(self, kind: str) -> Array:
         """(n,) joint angles [rad] of the whole hand in the posture ``open``, ``rest`` or ``closed``."""
         if kind not in POSTURES:
@@ -176,17 +233,79 @@ class Hand:
     def at(self, c: float | ArrayLike) -> Array:
         """(n,) joint angles [rad] at ``c`` (0 open, 1 closed) of the closing path; a number or (fingers,)."""
         shares = np.broadcast_to(np.asarray(c, dtype=np.float64), (len(self.fingers),))
-        return self._whole({f.name: f.at(share) for f, share in zip(self.fingers, shares, strict=True)})
+        q = self._whole({f.name: f.at(share) for f, share in zip(self.fingers, shares, strict=True)})
+        return self.follow(self.controls(q))
+
+    def command_matrix(self) -> Array:
+        """(m, n) matrix W that gives the motors' commands of a posture, m = W q."""
+        matrix = np.zeros((len(self.motors), len(self.joints)))
+        for row, (motor, columns) in enumerate(zip(self.motors, self.motor_columns(), strict=True)):
+            matrix[row, columns] = motor.weights
+        return matrix
 
     def controls(self, q: ArrayLike) -> Array:
-        """(..., actuators) controls [rad] that drive the joints to ``q`` (..., n) [rad], in MJCF order."""
+        """(..., m) commands [rad] of the motors in postures ``q`` (..., n) [rad]."""
         angles = frozen_array(np.atleast_2d(q), (None, len(self.joints)), "joint angles")
-        at = {joint: k for k, joint in enumerate(self.joints)}
-        drives = np.stack([sum(angles[:, at[j]] for j in group) for group in self.actuators], axis=-1)
-        return np.asarray(drives.reshape(*np.shape(q)[:-1], len(self.actuators)))
+        commands = angles @ self.command_matrix().T
+        return np.asarray(commands.reshape(*np.shape(q)[:-1], len(self.motors)))
+
+    def follow(self, commands: ArrayLike) -> Array:
+        """(..., n) postures [rad] taken at commands (..., m) [rad] while nothing touches the hand."""
+        m = np.asarray(commands, dtype=np.float64)
+        q = np.empty((*m.shape[:-1], len(self.joints)))
+        for k, (motor, columns) in enumerate(zip(self.motors, self.motor_columns(), strict=True)):
+            q[..., columns] = m[..., k, None] if motor.law == DIRECT else motor.angles(m[..., k])
+        return q
+
+    def lawful(self, q: ArrayLike) -> Array:
+        """(..., n) postures with the commands of ``q``, on the motors' laws and within their ranges."""
+        low, high = self.ranges().T
+        return self.follow(np.clip(self.controls(q), low, high))
+
+    def rates(self, q: ArrayLike) -> Array:
+        """(n, m) derivatives of the joint angles by the motors' commands, in the posture ``q`` (n,) [rad].
+
+        A motor's torque is the sum of the torques of its joints times their rates, by virtual work.
+        """
+        matrix, commands = np.zeros((len(self.joints), len(self.motors))), self.controls(q)
+        for k, (motor, columns) in enumerate(zip(self.motors, self.motor_columns(), strict=True)):
+            matrix[columns, k] = motor.rates(float(commands[k]))
+        return matrix
+
+    def ranges(self) -> Array:
+        """(m, 2) least and largest command of every motor [rad]."""
+        return np.array([motor.range for motor in self.motors])
+
+    def motor_facts(self) -> list[dict[str, Any]]:
+        """What a reader of a plan must know of the motors to send it to other servos; JSON values."""
+        return [
+            {
+                "name": motor.name,
+                "law": motor.law,
+                "joints": list(motor.joints),
+                "weights": motor.weights.tolist(),
+                "polynomials": None
+                if len(motor.path)
+                else [np.trim_zeros(law, "b").tolist() for law in motor.polynomials],
+                "unloaded": motor.path.tolist() if len(motor.path) else None,
+                "order": [list(pair) for pair in motor.order],
+                "locks": motor.locks or None,
+                "range": motor.range.tolist(),
+                "gain": float(gain),
+                "damping": self.actuator_damping,
+                "torque_limit": float(limit),
+            }
+            for motor, gain, limit in zip(self.motors, self.gains, self.torque_limits, strict=True)
+        ]
 
     def _whole(self, by_finger: dict[str, Array]) -> Array:
         q = np.zeros(len(self.joints))
         for name, angles in by_finger.items():
             q[self.columns(name)] = angles
         return q
+
+
+def _model_content(element: ElementTree.Element) -> tuple[Any, ...]:
+    """What an element of an MJCF says of kinematics and shapes, with everything in it."""
+    attributes = sorted((name, text) for name, text in element.attrib.items() if name not in _NO_PLACE)
+    return element.tag, attributes, [_model_content(one) for one in element if one.tag not in _NO_SHAPE]

@@ -3,8 +3,9 @@
 This is a bounded nonlinear least-squares problem, solved by ``scipy.optimize.least_squares`` with an analytic
 Jacobian.
 
-- Unknowns: the palm's position (free), its tilt from the nominal orientation (bounded), and the joints of the
-  fingers in use (within their limits).
+- Unknowns: the palm's position (free), its tilt from the nominal orientation (bounded), and the commands of
+the
+  motors that move the fingers in use (within their ranges).
 - Residuals: the errors of the fingertips; with low weights, the tilt and the posture's distance from a
   reference; and one-sided penalties that keep links out of the object and turn the last phalanges so that
   only their caps touch.
@@ -114,10 +115,10 @@ class InverseKinematics:
 
         Args:
             reach: Fingers and targets.
-            start: Where the solver begins; joints of fingers that are not in use stay there.
-            reference: (n,) posture [rad] that attracts the joints with a low weight.
+            start: Where the solver begins; motors of fingers that are not in use stay there.
+            reference: (n,) posture [rad] that attracts the motors with a low weight.
             move_base: Whether the palm may move and tilt; otherwise it stays at ``start``.
-            limits: (n, 2) joint limits [rad]; by default those of the hand.
+            limits: (m, 2) bounds of the motors' commands [rad]; by default those of the hand.
             avoid: Whether the penalties on links act.
             effort: Largest number of evaluations; with 0, only Newton steps are taken, for near targets.
 
@@ -127,9 +128,9 @@ class InverseKinematics:
         from scipy.optimize import least_squares
 
         problem = _Problem(self, reach, start, reference, move_base, avoid)
-        bounds = self.hand.limits if limits is None else limits
-        lower = np.r_[problem.base_lower, bounds[problem.columns, 0]]
-        upper = np.r_[problem.base_upper, bounds[problem.columns, 1]]
+        bounds = self.hand.ranges() if limits is None else limits
+        lower = np.r_[problem.base_lower, bounds[problem.motors, 0]]
+        upper = np.r_[problem.base_upper, bounds[problem.motors, 1]]
         z = np.clip(problem.z0, lower + 1e-6, upper - 1e-6)
         if not effort:
             return problem.polish(z, lower, upper)
@@ -201,16 +202,16 @@ class _Problem:
         self.targets = (reach.targets - self.centre) @ self.frame
         self.inward = reach.inward @ self.frame
         self.fixed = self.frame.T @ start.rotation, (start.translation - self.centre) @ self.frame
-        self.columns = np.concatenate(
-            [np.arange(len(hand.joints))[hand.columns(finger.name)] for finger in reach.fingers]
-        )
-        self.reference = reference[self.columns]
+        used = {joint for finger in reach.fingers for joint in finger.joints}
+        self.motors = np.array([k for k, motor in enumerate(hand.motors) if used & set(motor.joints)])
+        self.commands = hand.controls(start.q)
+        self.reference = hand.controls(reference)[self.motors]
         self.avoid = avoid and solver.obstacle is not None
         self.soft = True
         base = 6 if move_base else 0
         self.base_lower = np.r_[np.full(3, -np.inf), -TILT_LIMITS][:base]
         self.base_upper = -self.base_lower
-        self.z0 = np.r_[self._base()[:base], start.q[self.columns]]
+        self.z0 = np.r_[self._base()[:base], self.commands[self.motors]]
         self._last: Array | None = None
 
     def _base(self) -> Array:
@@ -225,9 +226,13 @@ class _Problem:
             translation = z[:3] * _LENGTH
         else:
             (rotation, translation), right = self.fixed, np.eye(3)
-        q = self.start.q.copy()
-        q[self.columns] = z[6 if self.move_base else 0 :]
-        return rotation, translation, right, q
+        commands = self.commands.copy()
+        commands[self.motors] = z[6 if self.move_base else 0 :]
+        return rotation, translation, right, self.solver.hand.follow(commands)
+
+    def _by_motor(self, jacobian: Array) -> Array:
+        """(k, 3, m) derivatives by the commands of the motors in use, from those by the joints (k, 3, n)."""
+        return np.asarray(jacobian @ self.rates)
 
     def _evaluate(self, z: Array) -> None:
         if self._last is not None and np.array_equal(self._last, z):
@@ -235,12 +240,13 @@ class _Problem:
         self._last = z.copy()
         rotation, translation, right, q = self._place(z)
         self.kinematics.set_posture(q)
+        self.rates = self.solver.hand.rates(q)[:, self.motors]
         fingers = self.reach.fingers
         tips, axes = self.kinematics.tips(fingers)
-        tip_slopes, axis_slopes = self.kinematics.tip_jacobians(fingers)
-        n, width, joints = len(fingers), len(z), len(self.columns)
+        tip_slopes, axis_slopes = map(self._by_motor, self.kinematics.tip_jacobians(fingers))
+        n, width, joints = len(fingers), len(z), len(self.motors)
         slope = np.zeros((n, 3, width))
-        slope[:, :, -joints:] = rotation @ tip_slopes[:, :, self.columns]
+        slope[:, :, -joints:] = rotation @ tip_slopes
         if self.move_base:
             slope[:, :, :3] = _LENGTH * np.eye(3)
             slope[:, :, 3:6] = -rotation @ skew(tips) @ right  # d(R p) = -R [p]x J dw
@@ -251,7 +257,7 @@ class _Problem:
             inward = self.inward @ rotation
             lack = _LEAN - np.einsum("ki,ki->k", axes, inward)
             lean = np.zeros((n, width))
-            lean[:, -joints:] = -np.einsum("ki,kij->kj", inward, axis_slopes[:, :, self.columns])
+            lean[:, -joints:] = -np.einsum("ki,kij->kj", inward, axis_slopes)
             if self.move_base:
                 lean[:, 3:6] = cross(inward, axes) @ right
             lean[lack <= 0] = 0.0
@@ -271,8 +277,8 @@ class _Problem:
         slopes: list[Array],
     ) -> None:
         width = len(z)
-        rows.append(_POSTURE * (z[-len(self.columns) :] - self.reference))
-        slopes.append(_POSTURE * np.eye(width)[-len(self.columns) :])
+        rows.append(_POSTURE * (z[-len(self.motors) :] - self.reference))
+        slopes.append(_POSTURE * np.eye(width)[-len(self.motors) :])
         if self.move_base:
             rows.append(_TILT * z[3:6])
             slopes.append(_TILT * np.eye(width)[3:6])
@@ -289,8 +295,8 @@ class _Problem:
         slope = np.zeros((len(lack), width))
         if len(near):
             push = away[near] @ rotation  # in the palm frame
-            by_joint = self.kinematics.point_jacobians(bodies[near], points[near])[:, :, self.columns]
-            slope[near, -len(self.columns) :] = -np.einsum("ki,kij->kj", push, by_joint) / _LINK
+            by_motor = self._by_motor(self.kinematics.point_jacobians(bodies[near], points[near]))
+            slope[near, -len(self.motors) :] = -np.einsum("ki,kij->kj", push, by_motor) / _LINK
             if self.move_base:
                 slope[near, :3] = -away[near] * _LENGTH / _LINK
                 # -push . d(R p) = push . [p]x J dw = (push x p) . J dw

@@ -15,7 +15,11 @@ from ..exceptions import HandError
 from ..spatial import inverse, quaternion_from_rotation, rotation_from_quaternion
 from ..types import Array, IntArray, value
 from .hand import Finger, Hand
+from .hulls import LinkHull, hull
 
+_SIGNS = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
+_SLENDER = 0.8
+"""Radius of the capsule that stands for a hull, in radii of the sphere about its middle [C]."""
 _NEXT, _LAST = [1, 2, 0], [2, 0, 1]
 
 
@@ -24,14 +28,15 @@ class LinkShape:
     """One primitive shape of a hand in a given posture.
 
     Attributes:
-        kind: ``capsule``, ``sphere`` or ``box``.
+        kind: ``capsule``, ``sphere``, ``box`` or ``hull``.
         link: Name of the shape in the MJCF, such as ``index_distal``.
         body: Name of its body.
-        p0: (3,) one end of a capsule's axis, or the centre [m].
+        p0: (3,) one end of a capsule's axis, or the centre [m]; of a hull, the origin of its frame.
         p1: (3,) the other end of the axis, or the centre [m].
-        radius: Radius of a capsule or sphere [m]; 0 for a box.
+        radius: Radius of a capsule or sphere [m]; 0 otherwise.
         half: (3,) half sizes of a box [m]; zero otherwise.
         rotation: (3, 3) the shape's axes as columns; a capsule lies along the third.
+        hull: A hull in its own frame; ``None`` for the other kinds.
     """
 
     kind: str
@@ -42,6 +47,16 @@ class LinkShape:
     radius: float
     half: Array
     rotation: Array
+    hull: LinkHull | None = None
+
+    @property
+    def corners(self) -> Array:
+        """(n, 3) points whose hull, grown by ``radius``, is the shape [m]."""
+        if self.hull is not None:
+            return np.asarray(self.hull.corners @ self.rotation.T + self.p0)
+        if self.kind == "box":
+            return np.asarray((_SIGNS * self.half) @ self.rotation.T + self.p0)
+        return np.stack([self.p0, self.p1])
 
 
 @cache
@@ -69,6 +84,20 @@ def compile_hand(hand: Hand) -> Any:
             quaternion_from_rotation(T_palm_root[:3, :3]),
         )
     return model
+
+
+@cache
+def hand_hulls(hand: Hand) -> dict[int, LinkHull]:
+    """The hull of each geom of the hand's model that is a mesh, in the geom's frame."""
+    import mujoco
+
+    model = compile_hand(hand)
+    found = {}
+    for geom in np.flatnonzero(model.geom_type == mujoco.mjtGeom.mjGEOM_MESH).tolist():
+        mesh = int(model.geom_dataid[geom])
+        first, count = int(model.mesh_vertadr[mesh]), int(model.mesh_vertnum[mesh])
+        found[geom] = hull(model.mesh_vert[first : first + count].astype(np.float64))
+    return found
 
 
 def joint_links(hand: Hand) -> tuple[str, ...]:
@@ -119,6 +148,13 @@ class HandKinematics:
         # A box counts as the largest sphere in it here; the exact check uses the box.
         box = self.model.geom_type == mujoco.mjtGeom.mjGEOM_BOX
         self.radii = np.where(box, self.model.geom_size.min(axis=1), self.model.geom_size[:, 0])
+        # A hull counts as a slender capsule along its third axis, about which its inertia is least.
+        self._hulls = hand_hulls(hand)
+        for geom, solid in self._hulls.items():
+            normals, offsets = solid.planes[:, :3], solid.planes[:, 3]
+            self.radii[geom] = _SLENDER * max(float(offsets.min()), 0.0)
+            room = (offsets - self.radii[geom]) / np.maximum(np.abs(normals[:, 2]), 1e-9)
+            self.half_lengths[geom] = max(float(room.min()), 0.0)
         self._moves = _moves(self.model)
 
     def set_posture(self, q: Array) -> None:
@@ -153,7 +189,7 @@ class HandKinematics:
         """All collision shapes in the palm frame, the palm first.
 
         Raises:
-            HandError: A shape is not a capsule, a sphere or a box.
+            HandError: A shape is not a capsule, a sphere, a box or a mesh.
         """
         return [self._shape(geom) for geom in range(self.model.ngeom)]
 
@@ -176,8 +212,10 @@ class HandKinematics:
             word, radius = "sphere", float(size[0])
         elif kind == kinds.mjGEOM_BOX:
             word, half = "box", np.array(size)
+        elif kind == kinds.mjGEOM_MESH:
+            word = "hull"
         else:
-            raise HandError(f"{self.hand.name}: shape {name} must be a capsule, a sphere or a box")
+            raise HandError(f"{self.hand.name}: shape {name} must be a capsule, a sphere, a box or a mesh")
         return LinkShape(
             kind=word,
             link=name,
@@ -187,6 +225,7 @@ class HandKinematics:
             radius=radius,
             half=half,
             rotation=rotation,
+            hull=self._hulls.get(geom),
         )
 
     def collides(self, depth: float = 0.0) -> bool:
@@ -228,6 +267,7 @@ def move_shape(shape: LinkShape, rotation: Array, translation: Array) -> LinkSha
         radius=shape.radius,
         half=shape.half,
         rotation=rotation @ shape.rotation,
+        hull=shape.hull,
     )
 
 

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from ..exceptions import EnvironmentFailure, HandError, UnknownHand
-from .description import Table
+from .couples import Table
 
 PREFIX = "menagerie:"
 """Begins the name of a Menagerie hand."""

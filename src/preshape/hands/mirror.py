@@ -26,9 +26,10 @@ _SIGNS = {
     "quat": _QUATERNION,
     "axis": _SPIN,
     "fullinertia": _PRODUCTS,
+    "vertex": _POINT,
 }
 _UNKNOWN = ("euler", "axisangle", "xyaxes", "zaxis")
-_NAMES = ("name", "joint", "tendon", "body1", "body2", "site", "body", "geom1", "geom2")
+_NAMES = ("name", "joint", "tendon", "body1", "body2", "site", "body", "geom1", "geom2", "mesh")
 
 
 def mirrored(hand: Hand, *, rename: tuple[str, str] | None = None) -> Hand:
@@ -78,8 +79,10 @@ def mirrored(hand: Hand, *, rename: tuple[str, str] | None = None) -> Hand:
         T_root_palm=flip @ hand.T_root_palm @ flip,
         fingers=tuple(finger(old) for old in hand.fingers),
         joints=tuple(renamed(joint) for joint in hand.joints),
-        couplings=tuple((renamed(a), renamed(b)) for a, b in hand.couplings),
-        actuators=tuple(tuple(renamed(joint) for joint in group) for group in hand.actuators),
+        motors=tuple(
+            motor.renamed(renamed(motor.name), {joint: renamed(joint) for joint in motor.joints})
+            for motor in hand.motors
+        ),
         mjcf=ElementTree.tostring(root, encoding="unicode"),
         source=on_side(hand.source),
     )
@@ -94,6 +97,7 @@ def _mirror(element: ElementTree.Element, hand: str) -> None:
     for key, signs in _SIGNS.items():
         if key in element.attrib:
             numbers = np.array([float(x) for x in element.attrib[key].split()])
+            signs = np.resize(signs, len(numbers))  # a mesh has many vertices in one attribute
             element.set(key, " ".join(f"{x:.12g}" for x in numbers * signs + 0.0))
 
 

@@ -1,37 +1,41 @@
 """Rewrites a compiled model as a self-contained MJCF in one standard form, and makes a hand of it.
 
 The MJCF has one root body and fingers as chains of hinges. Static bodies are merged into the body that
-carries them; every colliding shape becomes a capsule, a sphere or a box; the palm and every fingertip get a
-site. Code that reads a hand then needs to know this form only, and the text needs no other file.
+carries them; every colliding shape keeps its form as a capsule, a sphere, a box or convex hulls
+(:mod:`preshape.hands.link_pieces`); the palm and every fingertip get a site. Code that reads a hand then
+needs to know this form only, and the text needs no other file.
 """
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Iterable, Sequence
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
 from ..exceptions import HandError
-from ..spatial import inverse, pose, quaternion_from_rotation, rotation_from_quaternion
-from ..types import Array, value
+from ..spatial import inverse, pose, rotation_from_quaternion
+from ..types import Array
 from .compiled import CompiledModel, quiet_mujoco, reason
-from .description import Table, direction, hand_from, per_joint
-from .findings import description_findings, model_findings, refuse
+from .couples import Table, motors_within, per_motor, with_model_couples
+from .description import direction, finger_from, hand_from, rounded_to_limits
+from .findings import LARGEST_ANGLE, description_findings, model_findings, refuse
 from .hand import Hand
+from .link_pieces import Piece, frame_text, geom_pieces, geom_text, mesh_text, numbers_text, outside
+from .motors import ADAPTIVE, DIRECT, Motor
 
 _DAMPING, _ARMATURE = 0.05, 2e-4
 """Damping [N m s/rad] and armature [kg m²] of a joint if the model does not state them [C]."""
 
+STIFF = "0.008 1"
+"""Time constant [s] and damping ratio of a linkage or a stop of a couple in MuJoCo; twice a time step of 4
+ms."""
+
+SPRING, SPRING_DAMPING = 0.05, 0.0
+"""Stiffness [N m/rad] and damping [N m s/rad] that keep an adaptive couple on its unloaded path [C]."""
+
 _SAMPLES, _ALWAYS = 200, 0.9
 """Number of random postures, and share of them above which two colliding links overlap by design [C]."""
-
-
-@value
-class _Primitive:
-    kind: str
-    size: tuple[float, ...]
-    T: Array  # in the frame of the body that is written
 
 
 def rebuilt(data: Table, model: CompiledModel, label: str) -> Hand:
@@ -46,6 +50,7 @@ def rebuilt(data: Table, model: CompiledModel, label: str) -> Hand:
         HandError: Description or model has a fault; the first one is reported.
     """
     refuse([*description_findings(data), *model_findings(data, model)], label)
+    data = with_model_couples(data, model.couples)
     try:
         with quiet_mujoco():
             mjcf = _mjcf(data, model)
@@ -54,10 +59,10 @@ def rebuilt(data: Table, model: CompiledModel, label: str) -> Hand:
             f"{label}: the model cannot be rebuilt from simple shapes: {reason(error)}"
         ) from error
     bodies = _written_bodies(data, model)
-    fingers = [
-        {**entry, "tip_site": f"{entry['name']}_tip", "tip_body": bodies[str(entry["tip_body"])]}
-        for entry in data["finger"]
-    ]
+    fingers = []
+    for entry in data["finger"]:
+        tip = {"tip_site": f"{entry['name']}_tip", "tip_body": bodies[str(entry["tip_body"])]}
+        fingers.append({**rounded_to_limits(entry, model.ranges), **tip})
     palm = {"body": bodies[str(data["palm"]["body"])], "site": "palm_frame"}
     return hand_from({**data, "finger": fingers, "palm": palm}, mjcf)
 
@@ -69,7 +74,9 @@ def _mjcf(data: Table, model: CompiledModel) -> str:
     one excludes these pairs from collision.
     """
     writer = _Writer(data, model)
-    return writer.document(_overlapping_pairs(writer.document(()), model, writer.bodies))
+    return writer.document(
+        _overlapping_pairs(writer.document(()), model, writer.bodies, data.get("ignore", ()))
+    )
 
 
 def _written_bodies(data: Table, model: CompiledModel) -> dict[str, str]:
@@ -112,6 +119,8 @@ class _Writer:
         }
         self.written = [name for name in self.frames if self.bodies.get(name) == name]
         self.root = self.written[0]
+        fingers = [finger_from(entry) for entry in data["finger"]]
+        self.limits, self.motors = motors_within(data, source.ranges, self.joints, fingers)
         self.finger_of = {
             self.m.body(int(self.m.joint(joint).bodyid[0])).name: str(entry["name"])
             for entry in data["finger"]
@@ -120,6 +129,8 @@ class _Writer:
 
     def document(self, excluded: tuple[tuple[str, str], ...]) -> str:
         """The MJCF, with pairs of bodies that are excluded from collision."""
+        self.meshes: list[str] = []
+        bodies = self._body(self.root, np.eye(4), 2)
         lines = [
             f"<mujoco model={quoteattr(str(self.data['name']))}>",
             '  <compiler angle="radian" autolimits="true" balanceinertia="true"/>',
@@ -127,8 +138,9 @@ class _Writer:
             "  <default>",
             '    <geom condim="4" friction="1 0.02 0.0001"/>',
             "  </default>",
+            *(["  <asset>", *self.meshes, "  </asset>"] if self.meshes else []),
             "  <worldbody>",
-            *self._body(self.root, np.eye(4), 2),
+            *bodies,
             "  </worldbody>",
             "  <contact>",
         ]
@@ -141,7 +153,7 @@ class _Writer:
 
     def _body(self, name: str, T_parent_body: Array, depth: int) -> list[str]:
         pad = "  " * depth
-        lines = [f"{pad}<body name={quoteattr(name)} {_frame(T_parent_body)}>"]
+        lines = [f"{pad}<body name={quoteattr(name)} {frame_text(T_parent_body)}>"]
         lines += [f"{pad}  {text}" for text in self._inside(name)]
         for child in self.written:
             if child != name and self._parent(child) == name:
@@ -160,21 +172,22 @@ class _Writer:
             lines += [self._joint(j) for j in found if self.m.joint(j).name in self.joints]
         owner = self.finger_of.get(name, "palm")
         stem = name if name.startswith(f"{owner}_") else f"{owner}_{name}"
-        shapes = self._shapes(members, T_body_world)
-        for k, shape in enumerate(shapes):
-            label = stem if len(shapes) == 1 else f"{stem}_{k}"
-            lines.append(_geom(label, shape))
-        return lines + self._sites(name, T_body_world)
+        pieces = self._pieces(members, T_body_world)
+        for k, piece in enumerate(pieces):
+            label = stem if len(pieces) == 1 else f"{stem}_{k}"
+            lines.append(geom_text(label, piece))
+            self.meshes += [f"    {mesh_text(label, piece)}"] if piece.kind == "hull" else []
+        return lines + self._sites(name, T_body_world, pieces)
 
     def _joint(self, j: int) -> str:
         m, joint = self.m, self.m.joint(j)
-        low, high = sorted(self.source.ranges[joint.name])
+        low, high = self.limits[joint.name]
         dof = int(m.jnt_dofadr[j])
         damping = float(np.ravel(m.dof_damping[dof])[0]) or _DAMPING
         armature, friction = float(m.dof_armature[dof]) or _ARMATURE, float(m.dof_frictionloss[dof])
         return (
-            f'<joint name={quoteattr(joint.name)} type="hinge" pos="{_text(m.jnt_pos[j])}" '
-            f'axis="{_text(m.jnt_axis[j])}" range="{low:.9g} {high:.9g}" '
+            f'<joint name={quoteattr(joint.name)} type="hinge" pos="{numbers_text(m.jnt_pos[j])}" '
+            f'axis="{numbers_text(m.jnt_axis[j])}" range="{low:.9g} {high:.9g}" '
             f'damping="{damping:.6g}" armature="{armature:.6g}" frictionloss="{friction:.6g}"/>'
         )
 
@@ -191,38 +204,38 @@ class _Writer:
             tensor += weight * (arm @ arm * np.eye(3) - np.outer(arm, arm))
         tensor += 1e-9 * np.eye(3)
         six = [tensor[0, 0], tensor[1, 1], tensor[2, 2], tensor[0, 1], tensor[0, 2], tensor[1, 2]]
-        return f'<inertial pos="{_text(centre)}" mass="{total:.9g}" fullinertia="{_text(six)}"/>'
+        return (
+            f'<inertial pos="{numbers_text(centre)}" mass="{total:.9g}" fullinertia="{numbers_text(six)}"/>'
+        )
 
-    def _shapes(self, members: list[int], T_body_world: Array) -> list[_Primitive]:
-        found = []
+    def _pieces(self, members: list[int], T_body_world: Array) -> list[Piece]:
+        """The pieces of the bodies ``members``, in the frame of the body that is written."""
+        found: list[Piece] = []
         for g in range(self.m.ngeom):
-            if int(self.m.geom_bodyid[g]) in members and (
-                self.m.geom_contype[g] or self.m.geom_conaffinity[g]
-            ):
-                T = pose(
-                    self.state.xmat[self.m.geom_bodyid[g]].reshape(3, 3),
-                    self.state.xpos[self.m.geom_bodyid[g]],
-                )
+            body = int(self.m.geom_bodyid[g])
+            if body in members and self.source.is_shape(g):
+                T = pose(self.state.xmat[body].reshape(3, 3), self.state.xpos[body])
                 T = T @ pose(rotation_from_quaternion(self.m.geom_quat[g]), self.m.geom_pos[g])
-                shape = _primitive(self.m, g, T_body_world @ T)
-                found += [shape] if shape is not None else []
+                found += geom_pieces(self.m, g, T_body_world @ T)
         return found
 
-    def _sites(self, name: str, T_body_world: Array) -> list[str]:
+    def _sites(self, name: str, T_body_world: Array, pieces: list[Piece]) -> list[str]:
+        """Sites of palm and fingertips; a tip also gets a sphere, unless it is a hull."""
         lines = []
         palm = self.data["palm"]
         if self.bodies[str(palm["body"])] == name:
             T = T_body_world @ self._palm_frame(palm)
-            lines.append(f'<site name="palm_frame" {_frame(T)} size="0.003"/>')
+            lines.append(f'<site name="palm_frame" {frame_text(T)} size="0.003"/>')
         for entry in self.data["finger"]:
             if self.bodies[str(entry["tip_body"])] == name:
                 T, label = T_body_world @ self._tip_frame(entry), quoteattr(f"{entry['name']}_tip")
                 radius = float(entry["tip_radius"])
-                lines.append(
-                    f'<geom name={label} type="sphere" {_frame(T)} size="{radius:.6g}" mass="0" '
-                    'rgba="0.2 0.2 0.22 1"/>'
-                )
-                lines.append(f'<site name={label} {_frame(T)} size="0.002"/>')
+                if not _is_hull(pieces, T[:3, 3], radius):
+                    lines.append(
+                        f'<geom name={label} type="sphere" {frame_text(T)} size="{radius:.6g}" mass="0" '
+                        'rgba="0.2 0.2 0.22 1"/>'
+                    )
+                lines.append(f'<site name={label} {frame_text(T)} size="0.002"/>')
         return lines
 
     def _palm_frame(self, palm: Table) -> Array:
@@ -252,90 +265,89 @@ class _Writer:
         return np.asarray(pose(self.state.xmat[body].reshape(3, 3), self.state.xpos[body]) @ local)
 
     def _drives(self) -> list[str]:
-        drives, joints = self.data["actuators"], tuple(self.joints)
-        gain = dict(zip(joints, per_joint(drives, "gain", "gains", joints, "it"), strict=True))
-        limit = dict(
-            zip(joints, per_joint(drives, "torque_limit", "torque_limits", joints, "it"), strict=True)
-        )
-        pairs = {str(pair[0]): str(pair[1]) for pair in self.data.get("couplings", [])}
-        seconds = set(pairs.values())
-        tendons, actuators = [], []
-        for joint in joints:
-            numbers = (
-                f'kp="{gain[joint]:.9g}" kv="{float(drives["damping"]):.9g}" '
-                f'forcerange="{-limit[joint]:.9g} {limit[joint]:.9g}"'
-            )
-            low, high = sorted(self.source.ranges[joint])
-            aim = f"joint={quoteattr(joint)}"
-            if joint in seconds:
-                continue
-            if joint in pairs:
-                other = pairs[joint]
-                aim = f"tendon={quoteattr(f'{joint}+{other}')}"
-                low, high = (
-                    a + b for a, b in zip((low, high), sorted(self.source.ranges[other]), strict=True)
-                )
-                tendons += [
-                    f"    <fixed name={quoteattr(f'{joint}+{other}')}>",
-                    *(f'      <joint joint={quoteattr(part)} coef="1"/>' for part in (joint, other)),
-                    "    </fixed>",
+        """Equalities of rigid laws, tendons of adaptive ones, and an actuator for every motor.
+
+        An adaptive motor pulls a tendon. Each of its inequalities is a second tendon with a limit. Weak
+        springs keep joints that nothing touches on the unloaded path if it is straight.
+        """
+        drives, names = self.data["actuators"], tuple(motor.name for motor in self.motors)
+        gains = per_motor(drives, "gain", "gains", names, "it")
+        limits = per_motor(drives, "torque_limit", "torque_limits", names, "it")
+        equalities, tendons, actuators = [], [], []
+        for motor, gain, limit in zip(self.motors, gains, limits, strict=True):
+            aim = f"joint={quoteattr(motor.name)}"
+            if motor.law == ADAPTIVE:
+                aim = f"tendon={quoteattr(motor.name)}"
+                tendons += adaptive_tendons(motor)
+            elif motor.law != DIRECT:
+                equalities += [
+                    f"    <joint joint1={quoteattr(joint)} joint2={quoteattr(motor.name)} "
+                    f'polycoef="{numbers_text(law)}" solref="{STIFF}" solimp="0.99 0.999 0.001"/>'
+                    for joint, law in zip(motor.joints, motor.polynomials, strict=True)
+                    if joint != motor.name
                 ]
+            low, high = motor.range
             actuators.append(
-                f'    <position name={quoteattr(joint)} {aim} {numbers} ctrlrange="{low:.9g} {high:.9g}"/>'
+                f'    <position name={quoteattr(motor.name)} {aim} kp="{gain:.9g}" '
+                f'kv="{float(drives["damping"]):.9g}" forcerange="{-limit:.9g} {limit:.9g}" '
+                f'ctrlrange="{low:.9g} {high:.9g}"/>'
             )
         return [
+            *(["  <equality>", *equalities, "  </equality>"] if equalities else []),
             *(["  <tendon>", *tendons, "  </tendon>"] if tendons else []),
             *["  <actuator>", *actuators, "  </actuator>"],
         ]
 
 
-def _primitive(m: Any, g: int, T: Array) -> _Primitive | None:
-    """The capsule, sphere or box that replaces a shape; ``None`` for a plane or a height field."""
-    import mujoco
+def adaptive_tendons(motor: Motor) -> list[str]:
+    """The MJCF tendons of an adaptive motor: the one that it pulls, its inequalities and its springs."""
+    lines = [
+        f"    <fixed name={quoteattr(motor.name)}>",
+        *_parts(motor.joints, motor.weights),
+        "    </fixed>",
+    ]
+    for low, high in motor.order:
+        name = quoteattr(f"{high}-{low}")
+        lines += [
+            f'    <fixed name={name} limited="true" range="0 {2 * LARGEST_ANGLE:g}" solreflimit="{STIFF}" '
+            'solimplimit="0.99 0.999 0.001">',
+            *_parts((high, low), (1.0, -1.0)),
+            "    </fixed>",
+        ]
+    first = motor.joints[0]
+    if motor.affine and motor.polynomials[0, 1]:
+        (b0, a0), rest = motor.polynomials[0, :2], zip(motor.joints, motor.polynomials, strict=True)
+        for joint, (b, a, *_) in list(rest)[1:]:
+            name = quoteattr(f"{joint}~{first}")
+            lines += [
+                f'    <fixed name={name} stiffness="{SPRING:g}" damping="{SPRING_DAMPING:g}" '
+                f'springlength="{b - a / a0 * b0:.9g}">',
+                *_parts((joint, first), (1.0, -a / a0)),
+                "    </fixed>",
+            ]
+    return lines
 
-    kinds, size = mujoco.mjtGeom, m.geom_size[g]
-    kind = int(m.geom_type[g])
-    if kind == kinds.mjGEOM_SPHERE:
-        return _Primitive(kind="sphere", size=(float(size[0]),), T=T)
-    if kind == kinds.mjGEOM_CAPSULE:
-        return _Primitive(kind="capsule", size=(float(size[0]), float(size[1])), T=T)
-    if kind == kinds.mjGEOM_BOX:
-        return _Primitive(kind="box", size=tuple(float(x) for x in size), T=T)
-    if kind == kinds.mjGEOM_CYLINDER:
-        return _capsule_or_box(np.array([size[0], size[0], size[1]]), T)
-    if kind == kinds.mjGEOM_ELLIPSOID:
-        return _capsule_or_box(0.9 * size, T)
-    if kind == kinds.mjGEOM_MESH:
-        mesh = int(m.geom_dataid[g])
-        start, count = int(m.mesh_vertadr[mesh]), int(m.mesh_vertnum[mesh])
-        points = m.mesh_vert[start : start + count].astype(np.float64)
-        low, high = points.min(axis=0), points.max(axis=0)
-        return _capsule_or_box((high - low) / 2, T @ pose(np.eye(3), (low + high) / 2))
-    return None
+
+def _parts(joints: Sequence[str], weights: Iterable[float]) -> list[str]:
+    return [
+        f'      <joint joint={quoteattr(joint)} coef="{c:.9g}"/>'
+        for joint, c in zip(joints, weights, strict=True)
+    ]
 
 
-def _capsule_or_box(half: Array, T: Array) -> _Primitive:
-    """A capsule for a long, roughly round shape, else a box [C]; ``half`` is (3,) half sizes [m]."""
-    half = np.maximum(half, 5e-4)
-    long = int(half.argmax())
-    others = np.delete(half, long)
-    if half[long] > 1.25 * others.max() and others.max() < 1.4 * others.min():
-        radius = float(others.mean())
-        z = np.eye(3)[long]
-        turn = np.stack([np.eye(3)[(long + 1) % 3], np.eye(3)[(long + 2) % 3], z], axis=1)
-        return _Primitive(
-            kind="capsule", size=(radius, float(half[long] - 0.7 * radius)), T=T @ pose(turn, np.zeros(3))
-        )
-    return _Primitive(kind="box", size=tuple(float(x) for x in half), T=T)
+def _is_hull(pieces: list[Piece], centre: Array, radius: float) -> bool:
+    """Whether a fingertip is a hull already: its centre is half a radius deep in one, at least."""
+    depths = [-outside(piece, centre[None])[0] for piece in pieces if piece.kind == "hull"]
+    return max(depths, default=-np.inf) >= 0.5 * radius
 
 
 def _overlapping_pairs(
-    text: str, source: CompiledModel, bodies: dict[str, str]
+    text: str, source: CompiledModel, bodies: dict[str, str], ignored: Iterable[Sequence[str]]
 ) -> tuple[tuple[str, str], ...]:
     """Pairs of bodies that are excluded from collision.
 
     These are neighbours in a chain, bodies that collide in nearly all random postures, and pairs that the
-    source model excludes.
+    source model or the description excludes.
     """
     import mujoco
 
@@ -358,24 +370,9 @@ def _overlapping_pairs(
     pairs |= {pair for pair, times in count.items() if times >= _ALWAYS * _SAMPLES}
     own = {tuple(sorted((int(s) >> 16, int(s) & 0xFFFF))) for s in np.ravel(source.model.exclude_signature)}
     back = {label: b for b, label in name.items()}
-    for a, b in own:
-        one, other = (bodies.get(source.model.body(x).name) for x in (a, b))
+    named = [(source.model.body(a).name, source.model.body(b).name) for a, b in own]
+    for a, b in (*named, *ignored):
+        one, other = bodies.get(a), bodies.get(b)
         if one and other and one != other:
             pairs.add((min(back[one], back[other]), max(back[one], back[other])))
     return tuple((name[a], name[b]) for a, b in sorted(pairs))
-
-
-def _geom(name: str, shape: _Primitive) -> str:
-    size = " ".join(f"{x:.6g}" for x in shape.size)
-    return (
-        f'<geom name={quoteattr(name)} type="{shape.kind}" {_frame(shape.T)} size="{size}" mass="0" '
-        'rgba="0.72 0.74 0.78 1"/>'
-    )
-
-
-def _frame(T: Array) -> str:
-    return f'pos="{_text(T[:3, 3])}" quat="{_text(quaternion_from_rotation(T[:3, :3]))}"'
-
-
-def _text(numbers: Any) -> str:
-    return " ".join(f"{float(x) + 0.0:.9g}" for x in numbers)

@@ -46,12 +46,21 @@ class HandLayout:
         u: U, length of the proximal phalanx of the middle finger [m].
         finger_pitch: Distance of neighbouring fingers [m].
         fingertip_width: Least distance of neighbouring fingers [m].
+        model: Hash of the hand's model, if an analyser closes that model; empty for the ray analyser.
     """
 
     name: str
     u: float
     finger_pitch: float
     fingertip_width: float
+    model: str = ""
+
+    def owns(self, lesson: Experience) -> bool:
+        """Whether a lesson of the hand of this name is of this very model of it.
+
+        A virtual grasp depends on these dimensions only, whatever the model.
+        """
+        return lesson.grip is None or lesson.model == self.model
 
     @property
     def length_unit(self) -> float:
@@ -162,6 +171,10 @@ class VirtualGrasp(Grasp):
         return (self.plane.index, self.flip, self.fingers) == (other.plane.index, other.flip, other.fingers)
 
 
+PALM = "palm"
+"""What a contact of the palm is called where others have the name of their finger."""
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class GripPosture:
     """What the real hand does in a grip, as the closure analyser computed it.
@@ -187,6 +200,7 @@ class GripPosture:
         clearance: Least distance of the open hand to the object, at the pregrasp and on the approach [m].
         refused: What keeps the hand from executing the grip, as a clause; empty if nothing does. Only the
             best grasp of a plan without an answer may be refused.
+        back: Distance by which the opened hand stands back along its approach, for a palm that touches [m].
     """
 
     __slots__ = ()
@@ -207,6 +221,7 @@ class GripPosture:
     quality: float
     clearance: float
     refused: str = ""
+    back: float = 0.0
 
 
 @value
@@ -226,8 +241,10 @@ class Grip(Grasp, GripPosture):
     @property
     def description(self) -> str:
         """Plane, fingers in contact, press and margins."""
+        parts = set(self.fingers_touching)
+        said = f"{len(parts - {PALM})} fingers" + " and the palm" * (PALM in parts)
         return (
-            f"{self.plane.label}, {len(self.fingers_touching)} fingers: squeezing with {self.press:.0f} N it "
+            f"{self.plane.label}, {said}: squeezing with {self.press:.0f} N it "
             f"balances {two_digits(self.task_margin)} times the task's load, {two_digits(self.hold_margin)} "
             "times the pushes expected"
         )

@@ -120,7 +120,7 @@ class Controller:
 
     @property
     def experiences(self) -> tuple[Experience, ...]:
-        """All experiences of this hand, in the order in which they were stored."""
+        """All experiences of this hand; see :class:`.knowledge.Knowledge`."""
         return self.knowledge.experiences
 
     def ray_analyser(self, mesh: TriangleMesh) -> RayAnalyser:
@@ -334,8 +334,9 @@ class Controller:
             other = recognise_shape(here, self.experiences)
             if other.verdict.reward:
                 reason = (
-                    f"the memory knows {other.nearest} only with another load, friction, table or boxes, by "
-                    "answers that were not taught, or with grips that are not good enough"
+                    f"the memory knows {other.nearest} only with another load, friction, table, boxes or "
+                    "model of the hand, by answers that were not taught, or with grips that are not good "
+                    "enough"
                 )
                 return replace(found, verdict=replace(found.verdict, reason=reason))
         return found

@@ -27,6 +27,9 @@ from .learning import (
 )
 from .lessons import not_yet_learnt, of_this_mesh
 
+OTHER_MODEL = " (another model of this hand)"
+"""What the scene of a lesson ends in if another model of the hand learnt it; no request has such a scene."""
+
 
 class Knowledge:
     """Experiences and weights of one hand, in main memory and on disk.
@@ -42,7 +45,9 @@ class Knowledge:
 
     Attributes:
         memory_state: State of the memory when it was last read or written here (:meth:`Memory.state`).
-        experiences: All experiences of the hand, in the order in which they were stored.
+        experiences: All experiences of the hand, in the order in which they were stored; but those of other
+            models of the hand come first, so that they count as earlier, and each in a scene that no request
+            has (``OTHER_MODEL``). So their grips are starts for the wider searches and nothing else.
     """
 
     def __init__(
@@ -70,6 +75,11 @@ class Knowledge:
         """The current weights of the approach estimator."""
         assert self._weights is not None
         return self._weights
+
+    @property
+    def own(self) -> tuple[Experience, ...]:
+        """The experiences of this model of the hand, in the order in which they were stored."""
+        return tuple(e for e in self.experiences if self.layout.owns(e))
 
     def of_task(self, task: Task, allowed: BoolArray) -> list[Experience]:
         """The lessons of a task and of this scene, on allowed planes, with any object."""
@@ -174,12 +184,19 @@ class Knowledge:
         if unchanged:
             self.memory_state = self.memory.state()
 
+    def _stored(self) -> tuple[Experience, ...]:
+        """The hand's experiences in the memory, as ``experiences`` has them."""
+        found, owns = self.memory.experiences(hand=self.layout.name), self.layout.owns
+        others = [replace(e, scene=e.scene + OTHER_MODEL) for e in found if not owns(e)]
+        return (*others, *(e for e in found if owns(e))) if others else found
+
     def _load(self, first_lesson: Callable[[], Analyser]) -> None:
-        """Read the memory; if it has no first lesson, learn the cube first (§3.5)."""
-        self.experiences = self.memory.experiences(hand=self.layout.name)
+        """Read the memory; if it has no first lesson of this model, learn the cube first (§3.5)."""
+        self.experiences = self._stored()
         self._weights = self.memory.weights(self.layout.name)
-        migrated = any(e.outdated and e.grip is None for e in self.experiences)
-        if not self.experiences or (migrated and not any(e.kind == "seed" for e in self.experiences)):
+        own = self.own
+        migrated = any(e.outdated and e.grip is None for e in own)
+        if not own or (migrated and not any(e.kind == "seed" for e in own)):
             s = self.settings
             cube = first_lesson()
             seeds = seed_experiences(cube, s.sets, enough=s.thresholds.estimation, finger_rule=s.finger_rule)
@@ -187,13 +204,14 @@ class Knowledge:
                 # The hand cannot hold the cube, and the estimator still needs weights.
                 self._weights = first_guess(cube, self.layout.u, self._kind, seed=s.seed)
                 return
-            self.experiences, self._weights = (*seeds, *self.experiences), None
+            others = self.experiences[: len(self.experiences) - len(own)]
+            self.experiences, self._weights = (*others, *seeds, *own), None
             self._weights = self._trained(self.experiences)
             if seeds and self._may_store:
                 with self._writing():
                     stored = self.memory.add(seeds, self._weights, first=True)
                 if not stored:  # another process was faster
-                    self.experiences = self.memory.experiences(hand=self.layout.name)
+                    self.experiences = self._stored()
                     self._weights = self.memory.weights(self.layout.name)
         x, _ = training_set(self.experiences, self.layout.u, kind=self._kind)
         weights = self._weights

@@ -162,6 +162,7 @@ def experience_of(
         quality=g.quality if isinstance(g, Grip) else None,
         outcome=outcome,
         scene=scene,
+        model=analyser.layout.model,
     )
 
 

@@ -5,7 +5,8 @@ No sphere protrudes from the link, and the link protrudes from the spheres by a 
 1. A capsule is filled by a row of spheres of its own radius.
 2. A box is filled by rows of spheres along the edges of ever smaller boxes inside it: small spheres near its
    edges, larger ones farther inside, the largest in the middle.
-3. Spheres are left out if they cover only surface that lies inside another shape of the link. At coarse
+3. A convex polyhedron is filled by :mod:`preshape.kernels.hull_spheres`.
+4. Spheres are left out if they cover only surface that lies inside another shape of the link. At coarse
    detail, a small subset of the spheres that covers the surface is chosen (greedy set cover).
 """
 
@@ -16,6 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..types import Array, BoolArray
+from .hull_spheres import Polyhedron, polyhedron_spheres, polyhedron_surface
 
 COARSE, FINE = 0.003, 0.0005
 """Largest protrusion of a link from its spheres [m], in the search and in the final answers [C]."""
@@ -24,26 +26,40 @@ _BOX = {
     COARSE: 0.0026,
     FINE: 0.00045,
 }  # ... of a box [m]; a reserve is left for the surface between the samples
+_HULL, _HULL_SAMPLES = {COARSE: 0.0025, FINE: 0.00036}, {COARSE: 0.0017, FINE: 0.00065}
+"""Limit for the spheres of a polyhedron, met at samples that are this far apart [m]."""
 _SAMPLES = {COARSE: 0.002, FINE: 0.0008}  # spacing of surface points [m]
 
 
 class LinkSolid(NamedTuple):
-    """A capsule, a sphere (a capsule of no length) or a box, in its link's frame.
+    """A capsule, a sphere (a capsule of no length), a box or a convex polyhedron, in its link's frame.
 
     Attributes:
         place: (3,) its centre [m].
         facing: (3, 3) its axes as columns; a capsule lies along the third.
-        radius: Radius of a capsule [m]; 0 for a box.
+        radius: Radius of a capsule [m]; 0 for a box and a polyhedron.
         half: (3,) half sizes of a box, or (0, 0, half length) of a capsule [m].
+        hull: The polyhedron in its own frame; ``None`` for the others.
     """
 
     place: Array
     facing: Array
     radius: float
     half: Array
+    hull: Polyhedron | None = None
+
+    @property
+    def flat(self) -> bool:
+        """Whether it has flat faces with edges: a box or a polyhedron."""
+        return self.hull is not None or self.radius == 0.0
 
     def distance(self, points: Array) -> Array:
-        """(n,) signed distance from points (n, 3) to its surface, negative inside [m]."""
+        """(n,) signed distance from points (n, 3) to its surface, negative inside [m].
+
+        Outside a polyhedron it is the distance to the farthest of the planes that a point is beyond.
+        """
+        if self.hull is not None:
+            return -self.hull.depth((points - self.place) @ self.facing)
         local = np.abs((points - self.place) @ self.facing)
         out = local - self.half
         inside = np.minimum(out.max(axis=1), 0.0) if self.radius == 0.0 else 0.0
@@ -87,7 +103,7 @@ def exposed(shapes: list[LinkSolid], detail: float, spacing: float | None = None
             if other is not shape:
                 bare &= other.distance(own) > -1e-9
         points.append(own[bare])
-        allowed.append(np.full(int(bare.sum()), _BOX[detail] if shape.radius == 0.0 else _CAPSULE[detail]))
+        allowed.append(np.full(int(bare.sum()), _BOX[detail] if shape.flat else _CAPSULE[detail]))
     return np.concatenate(points), np.concatenate(allowed)
 
 
@@ -110,6 +126,8 @@ def bound(spheres: Array) -> Array:
 
 def _filled(shape: LinkSolid, detail: float) -> Array:
     """(n, 4) spheres of one shape in its own frame."""
+    if shape.hull is not None:
+        return polyhedron_spheres(shape.hull, _HULL[detail], _HULL_SAMPLES[detail])
     if shape.radius == 0.0:
         return _box_spheres(shape.half, _BOX[detail])
     # Between two spheres of radius r a capsule protrudes by about step²/8r.
@@ -149,7 +167,9 @@ def _box_spheres(half: Array, protrusion: float) -> Array:
 
 
 def _surface(shape: LinkSolid, spacing: float) -> Array:
-    """(n, 3) points on the surface of one shape in its own frame, edges and corners of a box included."""
+    """(n, 3) points on the surface of one shape in its own frame, edges and corners included."""
+    if shape.hull is not None:
+        return polyhedron_surface(shape.hull, spacing)[0]
     if shape.radius == 0.0:
         axes = [_spread(h, spacing) for h in shape.half]
         grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)

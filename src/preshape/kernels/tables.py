@@ -33,8 +33,14 @@ class HandTables:
         palm: (p, 4) spheres of the parts that no joint moves, in the palm frame: centre and radius [m].
         palm_group: (h + 1,) first sphere of each group of palm spheres.
         palm_bound: (h, 4) a sphere round all spheres of each such group: centre and radius [m].
-        path: (k, j) joint angles at k evenly spaced points of the closing path, from open to closed [rad].
-        limits: (j, 2) lower and upper joint limit [rad].
+        path: (k, m) the motors' commands at k evenly spaced points of the closing path, from open to closed
+            [rad].
+        motor: (j,) index of the motor that each joint follows.
+        command: (m, j) matrix W that gives the commands of a posture, m = W q.
+        range: (m, 2) least and largest command of each motor [rad].
+        law: (j, 5) coefficients of each joint's angle in powers of its motor's command, lowest first.
+        bent: (j,) 1 for a joint whose angle is read from ``unloaded`` instead, else 0.
+        unloaded: (p, j) angles of such joints at p evenly spaced commands over the motor's range [rad].
         tip: (f, 3) centre of each fingertip in the frame of its last joint [m].
     """
 
@@ -57,5 +63,10 @@ class HandTables:
     palm_group: IntArray
     palm_bound: Array
     path: Array
-    limits: Array
+    motor: IntArray
+    command: Array
+    range: Array
+    law: Array
+    bent: IntArray
+    unloaded: Array
     tip: Array

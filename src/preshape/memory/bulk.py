@@ -134,6 +134,7 @@ def _plain_cells(cell: Mapping[str, Sequence[Any]]) -> bool:
             type(scene) is str and len(scene) <= SCENE_LENGTH and checks.is_unicode(scene)
             for scene in set(cell["scene"])
         )
+        and all(map(checks.is_model, set(cell["model"])))
     )
 
 

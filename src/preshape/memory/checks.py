@@ -18,12 +18,14 @@ Fields = Mapping[str, Any]
 
 SHORTEST_GRIP, LONGEST_GRIP = 9, 1000
 """Numbers of the shortest grip, which are a pose, the finger mask and one joint, and of the longest."""
+MODEL_LENGTH = 16
+"""Number of hexadecimal digits of the hash of a hand's model."""
 LONGEST_TIME = 60
 """Largest number of characters of a time."""
 UNIT_SLACK = 1e-6
 """Largest deviation of a quaternion's length from 1."""
-MOST_FINGERS = 2**16
-"""Finger masks are below this number."""
+MOST_FINGERS = 2**17
+"""Finger masks are below this number: 16 fingers, and bit 16 for a wrap of the whole hand."""
 
 
 def exactly(fields: object, names: Sequence[str], what: str) -> Fields:
@@ -65,6 +67,12 @@ def is_unicode(data: str) -> bool:
     except UnicodeEncodeError:
         return False
     return True
+
+
+def is_model(data: object) -> bool:
+    """Whether ``data`` is the hash of a hand's model, or an empty text."""
+    digits = set("0123456789abcdef")
+    return isinstance(data, str) and (not data or (len(data) == MODEL_LENGTH and set(data) <= digits))
 
 
 def whole(data: object, name: str, low: int = 0, high: int = LARGEST) -> int:

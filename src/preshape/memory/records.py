@@ -28,8 +28,10 @@ from ..types import (
 from .checks import (
     LONGEST_GRIP,
     LONGEST_TIME,
+    MODEL_LENGTH,
     exactly,
     grip,
+    is_model,
     is_unicode,
     number,
     numbers,
@@ -56,11 +58,13 @@ EXPERIENCE_COLUMNS = (
     *("plane", "flip", "approach_value", "approach_set", "fingers"),
     *("wrench_fx", "wrench_fy", "wrench_fz", "wrench_mx", "wrench_my", "wrench_mz"),
     *("match", "created", "area", "volume", "shape", "grip", "quality", "outcome", "scene", "length_unit"),
+    "model",
 )
 LONGEST_CELLS = {
     **dict.fromkeys(("hand", "object_name"), 4 * LONGEST_NAME),
     **dict.fromkeys(("kind", "created", "outcome", "length_unit"), 4 * LONGEST_TIME),
     "scene": 4 * SCENE_LENGTH,
+    "model": 4 * MODEL_LENGTH,
     **dict.fromkeys(("shape", "grip"), 8 * LONGEST_GRIP),
 }
 """For each column of texts or arrays the size of the largest cell that can be right [bytes]."""
@@ -72,12 +76,13 @@ _ATTRIBUTES = ("extents", "vertices", "vertex_normals", "faces", "triangles", "a
 _EXPERIENCE = (
     *("kind", "object_name", "hand", "attributes", "task", "plane", "flip", "approach_value"),
     *("approach_set", "fingers", "wrench", "match", "created", "grip", "quality", "outcome", "scene"),
-    "length_unit",
+    *("length_unit", "model"),
 )
 _SINCE: dict[int, dict[str, Any]] = {
     2: {"grip": None, "quality": None, "outcome": ""},
     3: {"scene": ""},
     SINCE_LENGTH_UNIT: {"length_unit": OLD_UNIT_NAME},
+    5: {"model": ""},
 }
 """For each format version, the fields that it added, with their values for older documents."""
 _WEIGHTS = ("hand", "w1", "b1", "w2", "b2", "mean_square_error", "trained_on", "epochs")
@@ -146,6 +151,9 @@ def experience_from(fields: object) -> Experience:
     if found["length_unit"] not in (UNIT_NAME, OLD_UNIT_NAME):
         units = f"{UNIT_NAME} or {OLD_UNIT_NAME}"
         raise InputError(f"length_unit must be {units}, got {shown(found['length_unit'])}")
+    if not is_model(found["model"]):
+        digits = f"{MODEL_LENGTH} lower-case hexadecimal digits"
+        raise InputError(f"model must be empty or {digits}, got {shown(found['model'])}")
     extents = numbers(shape["extents"], "object extents")
     if any(extent < 0.0 for extent in extents):
         raise InputError(f"object extents must not be below 0, got {shown(extents)}")
@@ -177,6 +185,7 @@ def experience_from(fields: object) -> Experience:
         outcome=found["outcome"],
         scene=scene,
         length_unit=found["length_unit"],
+        model=found["model"],
     )
 
 
@@ -203,7 +212,7 @@ def experience_row(experience: Experience, created: str) -> Row:
         *checked.wrench.tolist(),
         *(checked.match, checked.created, shape.area, shape.volume),
         *(_optional_blob(shape.shape), _optional_blob(checked.grip), checked.quality),
-        *(checked.outcome or None, checked.scene, checked.length_unit),
+        *(checked.outcome or None, checked.scene, checked.length_unit, checked.model),
     )
 
 

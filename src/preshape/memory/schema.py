@@ -11,6 +11,7 @@ version what changed
 4       the scene of the lesson: table and boxes, empty for free space
 5       the unit of length of the net wrench, ``U`` in older lessons; virtual grasps of these keep plane,
         thumb side, approach value and fingers, while wrench and match are void until the object is met
+6       hash of the real hand's model, empty in older lessons
 ======= ==================================================================================
 
 A file is inspected before it is opened for writing. A file that is not a memory, or that a newer version
@@ -40,7 +41,7 @@ from .failures import BUSY_SECONDS, ELSEWHERE, primary_code, transaction
 from .records import OLD_SCENE
 
 APPLICATION_ID = 0x70726573  # "pres"
-SCHEMA_VERSION = 5
+SCHEMA_VERSION = 6
 
 _VERSION_1 = (
     """CREATE TABLE experiences (
@@ -106,6 +107,11 @@ def _add_length_unit(connection: sqlite3.Connection) -> None:
     connection.execute("DELETE FROM weights")
 
 
+def _add_model(connection: sqlite3.Connection) -> None:
+    """Version 5 to 6: the hash of the hand's model; nobody knows with which model a hand learnt before."""
+    connection.execute("ALTER TABLE experiences ADD COLUMN model TEXT NOT NULL DEFAULT ''")
+
+
 _SMALLEST_DATABASE = 512  # bytes
 _UNSETTLED = {sqlite3.SQLITE_NOTADB, sqlite3.SQLITE_CORRUPT}
 
@@ -114,6 +120,7 @@ MIGRATIONS: dict[int, Callable[[sqlite3.Connection], None]] = {
     2: _add_shape_and_grip,
     3: _add_scene,
     4: _add_length_unit,
+    5: _add_model,
 }
 """For each version the migration to the next one, which runs inside a transaction."""
 

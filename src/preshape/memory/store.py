@@ -140,8 +140,8 @@ class Memory:
             experiences: Experiences; an empty ``created`` is set to the current time.
             weights: Weights for the hand of these experiences.
             instead_of: The weights that they replace; see :meth:`save_weights`.
-            first: Whether this is a first lesson. If the hand has one already, because another process was
-                faster, nothing is stored.
+            first: Whether this is a first lesson. If this model of the hand has one already, because another
+                process was faster, nothing is stored.
 
         Returns:
             Number of each experience in the memory; numbers are never reused. On return the experiences are
@@ -162,7 +162,7 @@ class Memory:
                 )
             trained = records.weights_row(hands.pop(), weights)
         with self._writing():
-            if first and self._has_first_lesson({experience.hand for experience in experiences}):
+            if first and self._has_first_lesson({(e.hand, e.model) for e in experiences}):
                 return ()
             numbers = tuple(self._insert(rows))
             if trained is not None:
@@ -378,8 +378,9 @@ class Memory:
         with translated(self.where), transaction(self._connection):
             yield
 
-    def _has_first_lesson(self, hands: Iterable[str]) -> bool:
-        return any(self.experiences(hand, ("seed",)) for hand in hands)
+    def _has_first_lesson(self, hands: Iterable[tuple[str, str]]) -> bool:
+        """Whether one of these hands, each with the hash of its model, has a first lesson."""
+        return any(e.model == model for hand, model in hands for e in self.experiences(hand, ("seed",)))
 
     def _replace_weights(self, row: records.Row, instead_of: NetworkWeights | None = None) -> bool:
         """Store a row of weights by the rule of :meth:`save_weights`; returns whether it is stored now."""

@@ -49,6 +49,8 @@ class MemoryStatistics:
         objects: Number of different objects.
         kinds: Each kind with its number of experiences, in the order of ``KINDS``.
         hands: Each hand with its number of experiences, sorted.
+        models: Each real hand with the number of models of it that the experiences are of, sorted; those
+            of earlier memories, without the hash of a model, count as one.
         trained: Each hand with the number of samples that its weights were trained on, sorted.
         oldest: Time at which the oldest experience was stored; empty if there is none.
         newest: Time at which the newest experience was stored; empty if there is none.
@@ -61,6 +63,7 @@ class MemoryStatistics:
     objects: int
     kinds: tuple[tuple[str, int], ...]
     hands: tuple[tuple[str, int], ...]
+    models: tuple[tuple[str, int], ...]
     trained: tuple[tuple[str, int], ...]
     oldest: str
     newest: str
@@ -100,6 +103,7 @@ def statistics(
     """Counts and sizes; called inside the transaction that read the experiences."""
     run = connection.execute
     kinds, hands = (Counter(getattr(e, name) for e in experiences) for name in ("kind", "hand"))
+    models = Counter(hand for hand, _ in {(e.hand, e.model) for e in experiences if e.grip is not None})
     trained = run(
         "SELECT hand, trained_on FROM weights WHERE typeof(hand) = 'text' AND length(hand) <= ?"
         " AND typeof(trained_on) = 'integer' ORDER BY hand",
@@ -115,6 +119,7 @@ def statistics(
         objects=len({e.object_name for e in experiences}),
         kinds=tuple((kind, kinds[kind]) for kind in KINDS),
         hands=tuple(sorted(hands.items())),
+        models=tuple(sorted(models.items())),
         trained=tuple(trained),
         oldest=min((e.created for e in experiences), default=""),
         newest=max((e.created for e in experiences), default=""),

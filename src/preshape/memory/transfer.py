@@ -4,7 +4,7 @@
 
     {
       "format": "preshape-memory",
-      "version": 4,
+      "version": 5,
       "experiences": [
         {
           "kind": "task", "object_name": "cube", "hand": "utah_mit",
@@ -17,7 +17,8 @@
           "grip": [x, y, z, w, x, y, z, fingers, joint angles …] or null,
           "quality": 0..6 or null, "outcome": "", "held" or "lost",
           "scene": "" or the table, boxes and unusual load of the lesson,
-          "length_unit": "4U", the unit of the wrench, or "U" of older lessons
+          "length_unit": "4U", the unit of the wrench, or "U" of older lessons,
+          "model": "" or the hash of the real hand's model, 16 hexadecimal digits
         }
       ],
       "weights": [
@@ -29,8 +30,9 @@
 Experiences are in the order in which they were stored. The fields are exactly those of
 :class:`~preshape.types.Experience` and :class:`~preshape.types.NetworkWeights`. Numbers have enough digits to
 give the same double when read. Older versions are read too: version 1 has neither shape, grip, quality nor
-outcome, version 2 has no scene, version 3 no unit of length. Of versions before 4, the weights and the first
-lessons with virtual grasps are left out, because they are made again with the new unit.
+outcome, version 2 has no scene, version 3 no unit of length, version 4 no hash of the model. Of versions
+before 4, the weights and the first lessons with virtual grasps are left out, because they are made again with
+the new unit.
 """
 
 from __future__ import annotations
@@ -46,7 +48,7 @@ from ..types import Experience, NetworkWeights
 from . import checks, records
 
 FORMAT_NAME = "preshape-memory"
-FORMAT_VERSION = 4
+FORMAT_VERSION = 5
 
 _KEYS = ("format", "version", "experiences", "weights")
 _T = TypeVar("_T")

@@ -14,9 +14,11 @@ from ..exceptions import EnvironmentFailure, HandError
 from ..files import MOST_OF_MESH, MOST_OF_MODEL, read_file
 from ..hands import menagerie
 from ..hands.compiled import read_model
+from ..hands.findings import LARGEST_ANGLE
 from ..hands.hand import Hand
 from ..hands.load import built_in_text
-from ..hands.rewrite import rebuilt
+from ..hands.motors import ADAPTIVE
+from ..hands.rewrite import STIFF, rebuilt
 from ..types import Array, freeze, frozen_array, value
 
 
@@ -35,6 +37,11 @@ class PhysicsHand:
         joints: Joint names in the order of the angles; other joints below ``root`` are fixed at zero.
         T_root_palm: (4, 4) palm frame in the frame of ``root``, for poses that are given as palm poses.
         source: Name or file that the hand is loaded from; by default its name.
+        order: Pairs of joints, of which the first one's angle is never above the second one's, that the MJCF
+            itself does not enforce.
+        gains: (m,) gains of the motors [N m/rad], in the order of :class:`~preshape.hands.hand.Hand`'s, where
+            they differ from those of the hand that plans; a squeeze is aimed again for them.
+        own_gains: Whether squeezes are aimed for the gains of the model, so that no test may replace them.
     """
 
     name: str
@@ -44,17 +51,23 @@ class PhysicsHand:
     joints: tuple[str, ...]
     T_root_palm: Array
     source: str = ""
+    order: tuple[tuple[str, str], ...] = ()
+    gains: Array | None = None
+    own_gains: bool = False
 
     def __post_init__(self) -> None:
+        if self.gains is not None:
+            freeze(self, gains=frozen_array(self.gains, (None,), f"{self.name}: gains"))
         freeze(self, T_root_palm=frozen_array(self.T_root_palm, (4, 4), f"{self.name}: palm frame"))
         freeze(self, source=self.source or self.name)
 
     @property
     def digest(self) -> str:
         """Hash of the content; hands with equal digests behave identically."""
-        state = hashlib.sha256(repr((self.mjcf, self.root, self.joints)).encode())
-        for name, content in self.assets:
-            state.update(name.encode() + b"\0" + hashlib.sha256(content).digest())
+        content = self.mjcf, self.root, self.joints, self.own_gains, *self.order
+        state = hashlib.sha256(repr(content).encode())
+        for name, asset in self.assets:
+            state.update(name.encode() + b"\0" + hashlib.sha256(asset).digest())
         return state.hexdigest()
 
     def spec(self) -> Any:
@@ -82,6 +95,8 @@ class PhysicsHand:
         if spec.body(self.root) is None:
             raise HandError(f"{self.name}: the MJCF has no body {self.root!r}")
         _fix_other_joints(spec, set(self.joints))
+        for low, high in self.order:
+            _add_order(spec, low, high)
         for geom in list(spec.geoms):
             if _is_visual(geom):
                 spec.delete(geom)
@@ -108,6 +123,7 @@ def physics_hand(hand: Hand) -> PhysicsHand:
         joints=hand.joints,
         T_root_palm=hand.T_root_palm,
         source=hand.source,
+        own_gains=True,
     )
 
 
@@ -157,7 +173,8 @@ def hand_from_mjcf(
 def published_hand(hand: Hand, path: str | Path) -> PhysicsHand:
     """The published model of a built-in hand, with its own meshes, gains and torque limits.
 
-    It takes the poses of the built-in hand: joints have the same names, and the palm frame is the same.
+    It takes the poses of the built-in hand: joints have the same names, and the palm frame is the same. The
+    inequalities of its couples, which MJCF models leave out, are added.
 
     Args:
         hand: The built-in hand.
@@ -168,10 +185,55 @@ def published_hand(hand: Hand, path: str | Path) -> PhysicsHand:
         EnvironmentFailure: A file is missing or cannot be read.
     """
     data = menagerie.adapted(built_in_text(hand.name)[0], menagerie.model_of(hand.name))
-    own = physics_hand(rebuilt(data, read_model(Path(path)), str(path)))
+    compiled = read_model(Path(path))
+    own = physics_hand(rebuilt(data, compiled, str(path)))
     fixed = tuple(str(joint) for joint in data.get("fixed", ()))
     model = hand_from_mjcf(path, root=own.root, fixed=fixed, name=f"{hand.name} ({Path(path).name})")
-    return replace(model, T_root_palm=own.T_root_palm)
+    order = tuple(pair for motor in hand.motors for pair in motor.order)
+    return replace(
+        model,
+        T_root_palm=own.T_root_palm,
+        order=order,
+        gains=_motor_gains(hand, compiled.model, str(path)),
+        own_gains=True,
+    )
+
+
+def _motor_gains(hand: Hand, model: Any, label: str) -> Array:
+    """(m,) gains of the position actuators of a model that drive the same joints as the hand's motors [N
+    m/rad].
+
+    Raises:
+        HandError: A motor has no such actuator.
+    """
+    import mujoco
+
+    gains = {}
+    for k in range(model.nu):
+        target = int(model.actuator_trnid[k, 0])
+        if model.actuator_trntype[k] == mujoco.mjtTrn.mjTRN_TENDON:
+            first = int(model.tendon_adr[target])
+            wraps = range(first, first + int(model.tendon_num[target]))
+            joints = frozenset(model.joint(int(model.wrap_objid[w])).name for w in wraps)
+        else:
+            joints = frozenset([model.joint(target).name])
+        gains[joints] = float(model.actuator_gainprm[k, 0])
+    found = []
+    for motor in hand.motors:
+        driven = frozenset(motor.joints if motor.law == ADAPTIVE else [motor.name])
+        if driven not in gains:
+            raise HandError(f"{label}: no position actuator drives what the motor {motor.name} drives")
+        found.append(gains[driven])
+    return np.array(found)
+
+
+def _add_order(spec: Any, low: str, high: str) -> None:
+    """Add a tendon whose limit keeps the angle of one joint at or below that of another."""
+    tendon = spec.add_tendon(name=f"{high}-{low}", limited=True, range=[0.0, 2 * LARGEST_ANGLE])
+    stiff = [float(x) for x in STIFF.split()]
+    tendon.solref_limit[:2], tendon.solimp_limit[:3] = stiff, [0.99, 0.999, 0.001]
+    tendon.wrap_joint(high, 1.0)
+    tendon.wrap_joint(low, -1.0)
 
 
 def _fix_other_joints(spec: Any, wanted: set[str]) -> None:

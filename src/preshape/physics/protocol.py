@@ -51,7 +51,8 @@ class HoldProtocol:
         mass: Mass of the object [kg].
         friction: Sliding friction of every geom.
         torsion: Torsional friction of every geom [m] (condim 4).
-        gain: Gain of the position actuators [N m/rad]; ``None`` keeps those of the hand's model.
+        gain: Gain of the position actuators [N m/rad]; ``None`` keeps those of the hand's model, as do hands
+            whose squeezes are aimed for them.
         torque_limits: Whether the actuators keep the torque limits of the hand's model; the field's test
             lifts them.
         many_contacts: Whether two flat faces touch at several points (MuJoCo's multiccd, on by default since

@@ -132,7 +132,7 @@ def _add_hand(spec: Any, hand: PhysicsHand, protocol: HoldProtocol) -> None:
     for option in (spec.option, child.option):  # attaching prints a warning if they differ
         _set_options(option, protocol)
     for actuator in child.actuators:
-        if protocol.gain is not None:
+        if protocol.gain is not None and not hand.own_gains:
             actuator.gainprm[0] = protocol.gain
             actuator.biasprm[1] = -protocol.gain
         if not protocol.torque_limits:
@@ -180,8 +180,13 @@ def _describe(model: Any, hand: PhysicsHand | None, protocol: HoldProtocol) -> S
         ):
             raise HandError(f"joint {shown(joint)} of the hand is neither a hinge nor a slide")
     controls = _control_matrix(model)[:, speeds] if joints else np.zeros((0, 0))
+    following = {
+        model.joint(int(model.eq_obj1id[row])).name.removeprefix(PREFIX)
+        for row in range(model.neq)
+        if model.eq_type[row] == mujoco.mjtEq.mjEQ_JOINT
+    }
     for joint, column in zip(joints, controls.T, strict=True):
-        if not column.any():
+        if not column.any() and joint not in following:
             raise HandError(f"joint {joint!r} has no actuator in the hand's MJCF; add a position actuator")
     return Scene(
         model=model,

@@ -78,7 +78,8 @@ class PlanRecord:
         warnings: What the caller should know about the request, such as an absurd density or a box out of
             reach.
         verified: Result of the holding test in physics; ``None`` if the request did not ask for the test.
-        known: Whether the memory held an experience of this object, of any task and scene, before the run.
+        known: Whether the memory held an experience of this object and of this model of the hand, of any
+            task and scene, before the run.
     """
 
     request: PlanRequest

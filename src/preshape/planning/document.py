@@ -19,6 +19,7 @@ from typing import Any
 from .._version import __version__
 from ..exceptions import EnvironmentFailure, InputError, shown
 from ..files import MEGABYTE, MOST_OF_JSON, loads, read_file
+from ..hands.hand import Hand
 from ..hiis.analyser import Grasp, Grip
 from ..hiis.critic import Thresholds
 from ..hiis.decision import Settings
@@ -339,16 +340,22 @@ def _hand(plan: PlanRecord, answer: Answer | None) -> Document:
         "name": plan.hand.name,
         "source": plan.hand.source or plan.hand.name,
         "joints": list(plan.hand.joints),
+        "motors": plan.hand.motor_facts(),
         "status": result.status.name.lower() if result else None,
         "reason": result.reason if result else None,
-        "pregrasp": _pose(result.pregrasp) if result else None,
-        "grasp": _pose(result.grasp) if result else None,
-        "squeeze": _pose(result.squeeze) if result else None,
-        "retracted": _pose(result.retracted) if result else None,
+        "pregrasp": _pose(result.pregrasp, plan.hand) if result else None,
+        "grasp": _pose(result.grasp, plan.hand) if result else None,
+        "squeeze": _pose(result.squeeze, plan.hand) if result else None,
+        "retracted": _pose(result.retracted, plan.hand) if result else None,
     }
 
 
-def _pose(pose: HandPose | None) -> Document | None:
+def _pose(pose: HandPose | None, hand: Hand) -> Document | None:
+    """Palm pose, joint angles, and the commands of the motors for them."""
     if pose is None:
         return None
-    return {"palm_pose": pose.palm_pose.tolist(), "q": pose.q.tolist()}
+    return {
+        "palm_pose": pose.palm_pose.tolist(),
+        "q": pose.q.tolist(),
+        "motors": hand.controls(pose.q).tolist(),
+    }

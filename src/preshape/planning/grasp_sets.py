@@ -195,6 +195,25 @@ def poses_of(results: Sequence[HandResult]) -> dict[str, Array]:
     }
 
 
+def poses_with_gains(hand: Hand, result: HandResult, gains: Array | None) -> dict[str, Array]:
+    """The poses (1, 7 + j) of each stage of a hand that reached its grasp, for motors with other gains.
+
+    The squeeze aims beyond the grasp by the motor's torque divided by its gain; another gain needs another
+    aim for the same torque.
+
+    Args:
+        hand: The hand that was planned for.
+        result: What the hand made of the grasp.
+        gains: (m,) gains of the motors that execute it [N m/rad]; ``None`` for the hand's own.
+    """
+    poses = poses_of([result])
+    if gains is not None:
+        touch = hand.controls(poses["grasp"][:, 7:])
+        lead = hand.controls(poses["squeeze"][:, 7:]) - touch
+        poses["squeeze"][:, 7:] = hand.follow(touch + lead * hand.gains / gains)
+    return poses
+
+
 def _postures(hand: dict[str, Any]) -> dict[str, list[float]]:
     """Palm pose and joint angles of each stage; zeros for a stage that the hand does not have."""
     return {

@@ -21,7 +21,7 @@ from ..hands.collision import object_collision
 from ..hands.hand import Finger, Hand
 from ..hands.inverse import InverseKinematics, Placement, Reach
 from ..hands.kinematics import HandKinematics, hand_geometry, pose_vector
-from ..hiis.analyser import Grasp, Grip
+from ..hiis.analyser import PALM, Grasp, Grip
 from ..objects.mesh import TriangleMesh
 from ..types import Array, freeze, frozen_array, two_digits, value
 
@@ -100,19 +100,23 @@ class HandResult:
         def pose(q: Array) -> HandPose:
             return HandPose(palm_pose=grip.palm_pose, q=q)
 
-        free, away = not grip.refused, np.append(_STAND_OFF * grip.approach, np.zeros(4))
+        free, way = not grip.refused, np.append(grip.approach, np.zeros(4))
+        parts = list(dict.fromkeys(grip.fingers_touching))
+        said = "the palm and " * (PALM in parts) + f"{len(parts) - (PALM in parts)} fingers"
         return HandResult(
             status=HandStatus.REACHED if free else HandStatus.BLOCKED,
             reason=grip.refused
-            or f"{len(grip.fingers_touching)} fingers closed until they touched; the squeeze balances "
+            or f"{said} closed until they touched; the squeeze balances "
             f"{two_digits(grip.task_margin)} times the task's load and "
             f"{two_digits(grip.hold_margin)} times the pushes expected",
             fingers=grip.fingers_touching,
             joints=hand.joints,
             grasp=pose(grip.grasp) if free else None,
-            pregrasp=pose(grip.pregrasp) if free else None,
+            pregrasp=HandPose(palm_pose=grip.palm_pose - grip.back * way, q=grip.pregrasp) if free else None,
             squeeze=pose(grip.squeeze) if free else None,
-            retracted=None if free else HandPose(palm_pose=grip.palm_pose - away, q=grip.pregrasp),
+            retracted=None
+            if free
+            else HandPose(palm_pose=grip.palm_pose - _STAND_OFF * way, q=grip.pregrasp),
         )
 
 
@@ -297,14 +301,14 @@ class _Simulation:
             yield fingers, rest, 0.0
         for _ in range(2):
             noise = self.rng.uniform(-0.3, 0.3, len(rest))
-            reference = np.clip(rest + noise, self.hand.limits[:, 0], self.hand.limits[:, 1])
+            reference = self.hand.lawful(np.clip(rest + noise, *self.hand.limits.T))
             yield assignments[0], reference, float(self.rng.uniform(-0.4, 0.4))
 
     def _reference(self, medial: float, distal: float) -> Array:
         q = self.hand.posture("rest")
         for finger in self.hand.fingers:
             q[self.hand.columns(finger.name)][-2:] = medial, distal
-        return q
+        return self.hand.lawful(q) if self.hand.coupled else q
 
     def reach(self, fingers: tuple[Finger, ...]) -> Reach:
         """Wanted centres of these fingers' tips: one tip radius outside each contact, or at its seat."""
@@ -374,7 +378,7 @@ class _Simulation:
             opened = Placement(
                 rotation=grasp.rotation,
                 translation=grasp.translation,
-                q=grasp.q + share * (target - grasp.q),
+                q=self.hand.follow(self.hand.controls(grasp.q + share * (target - grasp.q))),
                 errors=grasp.errors,
             )
             if self.clearance.clear(opened):
@@ -426,7 +430,7 @@ class _Simulation:
             if best is None or placement.errors.max() < best.errors.max():
                 best = placement
         assert best is not None
-        free = np.tile([-np.pi, np.pi], (len(self.hand.joints), 1))
+        free = np.tile([-np.pi, np.pi], (len(self.hand.motors), 1))
         start = self.start(reach, self.hand.posture("rest"), 0.0)
         loose = self.solver.solve(
             reach, start=start, reference=self.hand.posture("rest"), limits=free, avoid=False, effort=80

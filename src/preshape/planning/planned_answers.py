@@ -15,7 +15,7 @@ from ..physics.pick.objects import PickAnswer, PickObject
 from ..physics.task.instances import TaskInstance
 from ..types import FIELD_MASS, value
 from .answers import Answer
-from .grasp_sets import palm_grasps, poses_of
+from .grasp_sets import palm_grasps, poses_with_gains
 from .request import AUTO, PlanRequest
 from .session import Session
 
@@ -113,5 +113,6 @@ def _planned(model: PhysicsHand, **request: Any) -> tuple[Answer, HandPoses] | s
         return made.decision.reason
     if result.pregrasp is None or result.grasp is None or result.squeeze is None:
         return f"the hand does not reach the grasp: {result.reason}"
-    one = palm_grasps(made.hand, [asked.object_name], [asked.scale], poses_of([result]))
+    poses = poses_with_gains(made.hand, result, model.gains)
+    one = palm_grasps(made.hand, [asked.object_name], [asked.scale], poses)
     return answer, one.for_hand(model).poses(0)

@@ -16,7 +16,7 @@ from ..exceptions import ObjectError
 from ..hands.hand import Hand
 from ..hiis.decision import Settings
 from ..objects.load import load_object
-from ..physics.grasps import GraspSet
+from ..physics.grasps import STAGES, GraspSet
 from ..physics.hand import PhysicsHand, physics_hand
 from ..physics.hold.report import HoldReport
 from ..physics.hold.runner import run_holds
@@ -26,7 +26,7 @@ from ..physics.pieces import ConvexPieces, load_pieces
 from ..physics.protocol import HoldProtocol
 from ..types import FIELD_MASS, value
 from .answers import Answer, answers_of
-from .grasp_sets import palm_grasps, poses_of
+from .grasp_sets import palm_grasps, poses_with_gains
 from .request import PlanRequest
 from .session import Session
 
@@ -195,13 +195,16 @@ def plan_cases(
     return planned
 
 
-def grasps_of(planned: Sequence[Planned], hand: Hand) -> GraspSet | None:
-    """The answers as grasps of one set; ``None`` when there are none."""
+def grasps_of(planned: Sequence[Planned], hand: Hand, model: PhysicsHand | None = None) -> GraspSet | None:
+    """The answers as grasps of one set, squeezed with the gains of ``model``; ``None`` without answers."""
     rows = [(p.case, answer.hand_result) for p in planned for answer in p.answers]
     if not rows:
         return None
     cases, results = zip(*rows, strict=True)
-    return palm_grasps(hand, [c.source for c in cases], [c.scale for c in cases], poses_of(results))
+    gains = None if model is None else model.gains
+    each = [poses_with_gains(hand, result, gains) for result in results]
+    poses = {stage: np.concatenate([one[stage] for one in each]) for stage in STAGES}
+    return palm_grasps(hand, [c.source for c in cases], [c.scale for c in cases], poses)
 
 
 def bench_planner(
@@ -211,6 +214,7 @@ def bench_planner(
     protocol: HoldProtocol,
     own_mass: bool,
     asked: int,
+    model: PhysicsHand | None = None,
     workers: int | None = None,
     progress: Progress | None = None,
 ) -> PlannerReport:
@@ -222,13 +226,15 @@ def bench_planner(
         protocol: Settings of the test.
         own_mass: Whether each answer is tested with the mass that it was planned for, not the protocol's.
         asked: Number of answers asked for of each case.
+        model: The hand that is tested; another model of the same hand has the same joints and palm frame.
         workers: Number of processes of the test.
         progress: Called as the work advances.
 
     Raises:
         EnvironmentFailure: A file cannot be read, or a process was killed.
     """
-    grasps = grasps_of(planned, hand)
+    tested = physics_hand(hand) if model is None else model
+    grasps = grasps_of(planned, hand, tested)
     masses = tuple(p.mass if own_mass else protocol.mass for p in planned for _ in p.answers)
     holds = None
     if grasps is not None:
@@ -238,7 +244,7 @@ def bench_planner(
             cut[source] = case.load_pieces()
             if progress is not None:
                 progress("cut into convex pieces", number, len(wanted))
-        holds = _tested(grasps, masses, physics_hand(hand), protocol, cut, workers, progress)
+        holds = _tested(grasps, masses, tested, protocol, cut, workers, progress)
     return PlannerReport(hand=hand, planned=tuple(planned), asked=asked, masses=masses, holds=holds)
 
 

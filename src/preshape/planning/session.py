@@ -63,7 +63,8 @@ class Prepared:
         element: The analyser, prepared for the object.
         warnings: What the caller should know about the request.
         seconds: Time of ``load`` and ``prepare`` [s].
-        known: Whether the memory holds an experience of this object (5 % of scale), of any task and scene.
+        known: Whether the memory holds an experience of this object (5 % of scale) and of this model of the
+            hand, of any task and scene.
     """
 
     request: PlanRequest
@@ -170,7 +171,7 @@ class Session:
             element=self._element[1],
             warnings=tuple(warnings),
             seconds={"load": loaded - start, "prepare": time.perf_counter() - loaded},
-            known=bool(of_this_object(controller.experiences, mesh)),
+            known=bool(of_this_object(controller.knowledge.own, mesh)),
         )
 
     def run(self, request: PlanRequest, *, partial: Partial | None = None) -> Plan:
@@ -399,7 +400,7 @@ def closure_controller(
     """
     from ..closure.analyser import ClosureAnalyser
 
-    layout = replace(layout_of(hand), name=hand.name + CLOSURE_SUFFIX)
+    layout = replace(layout_of(hand), name=hand.name + CLOSURE_SUFFIX, model=hand.model_hash())
 
     def known() -> Sequence[Experience]:
         return controller.experiences

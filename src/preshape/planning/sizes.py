@@ -50,7 +50,7 @@ def out_of_reach(request: PlanRequest, mesh: TriangleMesh, hand: Hand) -> list[s
     if not request.avoid:
         return []
     palm, open_hand = np.array([0.0, 0, 0, 1, 0, 0, 0]), np.zeros(len(hand.joints))
-    ends = [end for part in hand_geometry(hand, palm, open_hand) for end in (part.p0, part.p1)]
+    ends = [end for part in hand_geometry(hand, palm, open_hand) for end in part.corners]
     # The checked approach starts about one hand length away from the grasp.
     reach = 2 * max(float(np.linalg.norm(end)) for end in ends) + float(np.linalg.norm(mesh.extents)) / 2
     words = []

@@ -157,8 +157,14 @@ def link_shape(part: LinkShape, colour: Colour = HAND, *, own_frame: bool = Fals
             the axis of a capsule; otherwise it is at the pose of ``part``.
 
     Raises:
-        InputError: The link is neither a capsule nor a sphere nor a box.
+        InputError: The link is neither a capsule nor a sphere nor a box nor a hull.
     """
+    if part.hull is not None:
+        return Shape(
+            vertices=part.hull.corners if own_frame else part.corners,
+            triangles=part.hull.faces,
+            colour=colour,
+        )
     if part.kind == "box":
         if own_frame:
             return box(np.zeros(3), part.half, None, colour)
@@ -167,13 +173,13 @@ def link_shape(part: LinkShape, colour: Colour = HAND, *, own_frame: bool = Fals
         half = np.array([0.0, 0.0, float(np.linalg.norm(part.p1 - part.p0)) / 2])
         start, end = (-half, half) if own_frame else (part.p0, part.p1)
         return capsule(start, end, part.radius, colour)
-    raise InputError(f"link {part.link!r} must be a capsule, sphere or box, got {part.kind!r}")
+    raise InputError(f"link {part.link!r} must be a capsule, sphere, box or hull, got {part.kind!r}")
 
 
 def hand_shape(parts: Sequence[LinkShape], *, alpha: float = 1) -> Shape:
     """The hand as one shape, so that a translucent hand shows no inner surfaces.
 
     Raises:
-        InputError: There are no links, or one is neither a capsule nor a sphere nor a box.
+        InputError: There are no links, or one is neither a capsule nor a sphere nor a box nor a hull.
     """
     return replace(join(link_shape(part) for part in parts), alpha=alpha, smooth=True, name="hand")

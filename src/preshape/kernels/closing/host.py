@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ...exceptions import InputError
-from ...types import Array, IntArray, freeze, frozen_array, value
+from ...types import Array, BoolArray, IntArray, freeze, frozen_array, value
 
 if TYPE_CHECKING:
     from ..field.host import DistanceField
@@ -158,7 +158,7 @@ class ClosingKernel:
         self.fingers, self.joints = len(tables.joint_start) - 1, len(tables.axis)
         self._most_joints = int(np.diff(tables.joint_start).max())  # of one finger
         hand, grid = warp_hand.HandArrays(), warp_hand.FieldArrays()
-        for name in ("joint_start", "moving", "group_start", "group_sphere", "palm_group"):
+        for name in ("joint_start", "moving", "motor", "bent", "group_start", "group_sphere", "palm_group"):
             setattr(hand, name, wp.array(getattr(tables, name), dtype=wp.int32, device=device))
         for name in ("offset", "axis"):
             setattr(hand, name, wp.array(getattr(tables, name), dtype=wp.vec3, device=device))
@@ -167,16 +167,18 @@ class ClosingKernel:
         for name in ("speed", "bound_speed"):
             setattr(hand, name, wp.array(getattr(tables, name), dtype=wp.float32, device=device))
         hand.turn = wp.array(_xyzw(tables.turn), dtype=wp.quat, device=device)
-        hand.path = wp.array(tables.path, dtype=wp.float32, device=device)
-        hand.limits = wp.array(tables.limits, dtype=wp.vec2, device=device)
+        for name in ("path", "law", "unloaded"):
+            setattr(hand, name, wp.array(getattr(tables, name), dtype=wp.float32, device=device))
+        hand.range = wp.array(tables.range, dtype=wp.vec2, device=device)
+        self._command = tables.command
         hand.fingers, hand.thumb, hand.knots = self.fingers, tables.thumb, len(tables.path)
         grid.distance = wp.array(distances.distance, dtype=wp.float32, device=device)
         grid.origin = wp.vec3(*distances.origin)
         grid.inverse_spacing = 1.0 / distances.spacing
         self.hand, self.field = hand, grid
-        self._launches(warp_closing.close_hand, warp_clearance.clearances)
+        self._launches(warp_closing.close_hand, warp_clearance)
 
-    def _launches(self, close: Any, clear: Any) -> None:
+    def _launches(self, close: Any, distances: Any) -> None:
         from ..packed_launch import FIRST_ROW, DeviceRows, PackedLaunch
 
         wp, fingers, joints, device = self._wp, self.fingers, self.joints, self.device
@@ -188,7 +190,7 @@ class ClosingKernel:
         self._in = {
             "place": rows(wp.vec3),
             "turn": rows(wp.quat),
-            "start": rows(wp.float32, joints),
+            "start": rows(wp.float32, len(self._command)),
             "mask": rows(wp.int32),
         }
         settings = {
@@ -217,7 +219,16 @@ class ClosingKernel:
         self._obstacles: Obstacles | None = None
         self._solids = self._on_device(Obstacles())
         given = {**model, **self._solids, **self._posed, "enough": _FAR, "first": FIRST_ROW, **self._apart}
-        self._clear = PackedLaunch(clear, given, device=device, threads=self.threads)
+        self._clear = PackedLaunch(distances.clearances, given, device=device, threads=self.threads)
+        self._linked = {"distance": rows(wp.float32, joints + 1), "sphere": rows(wp.int32, joints + 1)}
+        self._link_posed = {
+            "place": rows(wp.vec3),
+            "turn": rows(wp.quat),
+            "posture": rows(wp.float32, joints),
+            "asked": rows(wp.bool, joints + 1),
+        }
+        given = {**model, **self._link_posed, "enough": _FAR, "first": FIRST_ROW, **self._linked}
+        self._link = PackedLaunch(distances.link_distances, given, device=device, threads=self.threads)
 
     def close(
         self,
@@ -256,7 +267,8 @@ class ClosingKernel:
         palm_clearance: float = 0.0,
         tolerance: float = 1e-4,
     ) -> None:
-        arrays = candidates.place, _xyzw(candidates.turn), candidates.start, candidates.mask
+        commands = candidates.start @ self._command.T
+        arrays = candidates.place, _xyzw(candidates.turn), commands, candidates.mask
         for rows, values in zip(self._in.values(), arrays, strict=True):
             rows.put(values)
         settings = {"clearance": clearance, "palm_clearance": palm_clearance, "tolerance": tolerance}
@@ -296,6 +308,41 @@ class ClosingKernel:
             self._clear(n, {**self._solids, "enough": min(float(enough), _FAR)})
             to_object, to_obstacles = self._apart.values()
             return to_object.get(n), to_obstacles.get(n)
+
+    def link_distances(
+        self,
+        place: Array,
+        turn: Array,
+        posture: Array,
+        *,
+        asked: BoolArray | None = None,
+        enough: float = math.inf,
+    ) -> tuple[Array, IntArray]:
+        """Distance from the object of each link of hands in given postures.
+
+        Args:
+            place: (n, 3) origins of the palm frames in the mesh frame [m].
+            turn: (n, 4) orientations of the palm frames, quaternions wxyz.
+            posture: (n, j) joint angles [rad].
+            asked: (n, j + 1) which links, and last whether the palm, shall be computed; the distance of the
+                others is returned as 1e6. ``None`` for all. The time is almost proportional to their number.
+            enough: The distance of a link that is farther is returned as this one, without a sphere [m]; a
+                smaller value is faster.
+
+        Returns:
+            (n, j + 1) signed distances of the link after each joint and, last, of the palm [m], negative if a
+            link is inside, 1e6 if it has no spheres; and (n, j + 1) index of the link's nearest sphere in the
+            tables' ``sphere``, for the palm in ``palm``; -1 for none.
+        """
+        n = len(place)
+        which = np.ones((n, self.joints + 1), dtype=bool) if asked is None else asked
+        with self._link.lock:
+            arrays = place, _xyzw(turn), posture, which
+            for rows, values in zip(self._link_posed.values(), arrays, strict=True):
+                rows.put(values)
+            self._link(n, {"enough": min(float(enough), _FAR)})
+            distance, sphere = self._linked.values()
+            return distance.get(n), sphere.get(n)
 
     def _on_device(self, obstacles: Obstacles) -> dict[str, Any]:
         wp = self._wp

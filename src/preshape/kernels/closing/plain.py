@@ -21,12 +21,13 @@ B. Keinert et al., Enhanced sphere tracing, Smart Tools and Applications in Grap
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 
 from ...types import Array, BoolArray, IntArray
-from ..chains import about, rotations
+from ..chains import about, joint_frames, rotations
 from ..field.host import DistanceField
 from ..field.plain import field_distance, field_gradient
 from ..tables import HandTables
@@ -135,7 +136,8 @@ class PlacedFinger:
         finger: Index of the finger.
         place: (n, 3) origins of the palm frames [m].
         turns: (n, 3, 3) rotations of the palm frames.
-        start: (n, j) joint angles at the beginning of the path [rad].
+        start: (n, j) joint angles at the beginning of the path [rad]; the motors' commands are taken from
+            them.
         clearance: Distance from the surface at which the finger stops [m].
     """
 
@@ -156,21 +158,39 @@ class PlacedFinger:
     def nearest(self, rows: IntArray, c: Array) -> TouchingSphere:
         """The nearest spheres of candidates ``rows`` (m,) at the points ``c`` (m,) of the closing path."""
         tables = self.tables
-        angles = {j: self.start[rows, j] + path_offset(tables, j, c) for j in self.joints}
+        commands = self.start[rows] @ tables.command.T
         return nearest_link(
             tables,
             self.field,
-            {j: np.clip(angle, *tables.limits[j]) for j, angle in angles.items()},
+            {j: joint_angle(tables, j, commands[:, tables.motor[j]], c) for j in self.joints},
             self.place[rows],
             self.turns[rows],
             self.clearance,
         )
 
 
-def path_offset(tables: HandTables, joint: int, c: Array) -> Array:
-    """(n,) angle of a joint at the points ``c`` (n,) of the closing path, less its first angle [rad]."""
+def joint_angle(tables: HandTables, joint: int, command: Array, c: Array) -> Array:
+    """(n,) angle of a joint at the points ``c`` (n,) of the closing path [rad].
+
+    Args:
+        tables: Tables of the hand.
+        joint: Index of the joint.
+        command: (n,) the command of its motor at the beginning of the path [rad].
+        c: Points of the path, 0..1.
+    """
+    motor = int(tables.motor[joint])
     knots = np.linspace(0.0, 1.0, len(tables.path))
-    return np.interp(c, knots, tables.path[:, joint]) - tables.path[0, joint]
+    m = command + np.interp(c, knots, tables.path[:, motor]) - tables.path[0, motor]
+    m = np.clip(m, *tables.range[motor])
+    if tables.bent[joint]:
+        return np.asarray(
+            np.interp(
+                m,
+                np.linspace(tables.range[motor][0], tables.range[motor][1], len(tables.unloaded)),
+                tables.unloaded[:, joint],
+            )
+        )
+    return np.asarray(np.polynomial.polynomial.polyval(m, tables.law[joint]))
 
 
 def nearest_link(
@@ -307,6 +327,27 @@ def clearances_plain(
             R = R @ rotations(tables.turn[joint]) @ about(tables.axis[[joint]], posture[:, [joint]])[:, 0]
             include(finger, p, R, tables.sphere[tables.sphere_start[joint] : tables.sphere_start[joint + 1]])
     return to_object, to_obstacles
+
+
+def link_distances_plain(
+    tables: HandTables, field: DistanceField, place: Array, turn: Array, posture: Array
+) -> tuple[Array, IntArray]:
+    """Specification of :meth:`preshape.kernels.closing.host.ClosingKernel.link_distances`."""
+    n, joints = posture.shape
+    turns = rotations(turn)
+    distance, sphere = np.full((n, joints + 1), FAR), np.full((n, joints + 1), -1, dtype=np.int64)
+
+    def include(column: int, p: Array, R: Array, spheres: Array, first: int) -> None:
+        if len(spheres):
+            d = _distances(field, _moved(p, R, spheres), spheres)
+            distance[:, column], sphere[:, column] = d.min(axis=1), first + d.argmin(axis=1)
+
+    include(joints, place, turns, tables.palm, 0)
+    places, own = joint_frames(tables, posture)
+    for joint, (first, end) in enumerate(pairwise(tables.sphere_start)):
+        p = place + np.einsum("nij,nj->ni", turns, places[:, joint])
+        include(joint, p, turns @ own[:, joint], tables.sphere[first:end], int(first))
+    return distance, sphere
 
 
 def obstacle_distance(obstacles: Obstacles, x: Array) -> Array:

@@ -35,12 +35,27 @@ BISECTIONS = wp.constant(14)
 
 
 @wp.func
-def path_offset(hand: HandArrays, joint: int, c: float):
-    """Angle of a joint at c of the closing path, less its first angle [rad]."""
+def joint_angle(hand: HandArrays, joint: int, command: float, c: float):
+    """Angle of a joint at c of the closing path, on which its motor starts at a command [rad]."""
+    motor = hand.motor[joint]
     share = c * float(hand.knots - 1)
     low = wp.min(int(share), hand.knots - 2)
     part = share - float(low)
-    return (1.0 - part) * hand.path[low, joint] + part * hand.path[low + 1, joint] - hand.path[0, joint]
+    along = (1.0 - part) * hand.path[low, motor] + part * hand.path[low + 1, motor] - hand.path[0, motor]
+    bounds = hand.range[motor]
+    m = wp.clamp(command + along, bounds[0], bounds[1])
+    if hand.bent[joint] == 0:
+        # Horner's scheme
+        angle = float(hand.law[joint, 4])
+        angle = angle * m + hand.law[joint, 3]
+        angle = angle * m + hand.law[joint, 2]
+        angle = angle * m + hand.law[joint, 1]
+        return angle * m + hand.law[joint, 0]
+    cells = hand.unloaded.shape[0] - 1
+    place = (m - bounds[0]) / (bounds[1] - bounds[0]) * float(cells)
+    cell = wp.clamp(int(place), 0, cells - 1)
+    rest = place - float(cell)
+    return (1.0 - rest) * hand.unloaded[cell, joint] + rest * hand.unloaded[cell + 1, joint]
 
 
 @wp.struct
@@ -88,11 +103,7 @@ def place_joints(
     q = before.turn
     for joint in range(first, end):
         p = p + wp.quat_rotate(q, hand.offset[joint])
-        angle = wp.clamp(
-            start[candidate, joint] + path_offset(hand, joint, c),
-            hand.limits[joint][0],
-            hand.limits[joint][1],
-        )
+        angle = joint_angle(hand, joint, start[candidate, hand.motor[joint]], c)
         q = q * hand.turn[joint] * wp.quat_from_axis_angle(hand.axis[joint], angle)
         place[candidate, joint - first] = p
         turn[candidate, joint - first] = wp.quat_to_matrix(q)

@@ -1,12 +1,13 @@
 """Distances of hands in given postures from the object and from obstacles; one thread computes one hand.
 
-Import this module only inside a function: it loads Warp. ``clearances_plain`` of :mod:`.plain` is the
-specification.
+Import this module only inside a function: it loads Warp. ``clearances_plain`` and ``link_distances_plain`` of
+:mod:`.plain` are the specifications.
 """
 
 # Types are Warp's, not Python's; and a literal that a loop changes must be written as float(...) or int(...).
 # mypy: disable-error-code="attr-defined,call-overload,index,no-untyped-def,operator,untyped-decorator"
 # mypy: disable-error-code="valid-type"
+# ruff: noqa: RUF046, UP018
 
 import warp as wp
 
@@ -99,3 +100,114 @@ def clearances(
                             free = wp.min(free, obstacle_distance(planes, boxes, x) - s[3])
         to_object[i, finger] = least
     to_obstacles[i] = free
+
+
+@wp.func
+def nearest_sphere(
+    # Model:
+    field: FieldArrays,
+    spheres: wp.array(dtype=wp.vec4),
+    bounds: wp.array(dtype=wp.vec4),
+    group_sphere: wp.array(dtype=wp.int32),
+    # In:
+    begin: int,
+    end: int,
+    p: wp.vec3,
+    m: wp.mat33,
+    enough: float,
+):
+    """Distance and index of the nearest sphere of groups ``begin`` to ``end``; ``enough`` and -1 if farther.
+
+    The groups are in the frame with origin p and rotation m. Those that end beyond the nearest sphere so far
+    are skipped; so the group that begins nearest is searched first.
+    """
+    least = float(enough)
+    which = int(-1)
+    nearest = int(begin)
+    last = int(end)
+    if end - begin > 2:
+        low = float(enough)
+        last = begin  # no group is near enough
+        for group in range(begin, end):
+            around = bounds[group]
+            free = distance_at(field, p + m * wp.vec3(around[0], around[1], around[2])) - around[3]
+            if free < low:
+                low = free
+                nearest = group
+                last = end
+    for turn in range(begin, last):
+        # ``nearest`` first, and then the others in their order.
+        group = turn
+        if turn == begin:
+            group = nearest
+        elif turn <= nearest:
+            group = turn - 1
+        around = bounds[group]
+        if distance_at(field, p + m * wp.vec3(around[0], around[1], around[2])) - around[3] < least:
+            for k in range(group_sphere[group], group_sphere[group + 1]):
+                s = spheres[k]
+                d = distance_at(field, p + m * wp.vec3(s[0], s[1], s[2])) - s[3]
+                if d < least:
+                    least = d
+                    which = k
+    if begin == end:
+        least = float(FAR)
+    return least, which
+
+
+@wp.kernel
+def link_distances(
+    # Model:
+    hand: HandArrays,
+    field: FieldArrays,
+    # In:
+    place: wp.array(dtype=wp.vec3),
+    turn: wp.array(dtype=wp.quat),
+    posture: wp.array2d(dtype=wp.float32),
+    asked: wp.array2d(dtype=wp.bool),
+    enough: wp.float32,
+    first: wp.int32,
+    # Out:
+    distance: wp.array2d(dtype=wp.float32),
+    sphere: wp.array2d(dtype=wp.int32),
+):
+    """Distance from the object of the link after each joint and, last, of the palm; see the host's method."""
+    i = first + wp.tid()
+    joints = posture.shape[1]
+    for link in range(joints + 1):
+        distance[i, link] = FAR
+        sphere[i, link] = -1
+    if asked[i, joints]:
+        least, which = nearest_sphere(
+            field,
+            hand.palm,
+            hand.palm_bound,
+            hand.palm_group,
+            0,
+            hand.palm_bound.shape[0],
+            place[i],
+            wp.quat_to_matrix(turn[i]),
+            enough,
+        )
+        distance[i, joints] = least
+        sphere[i, joints] = which
+    for finger in range(hand.fingers):
+        p = place[i]
+        q = turn[i]
+        for joint in range(hand.joint_start[finger], hand.joint_start[finger + 1]):
+            p = p + wp.quat_rotate(q, hand.offset[joint])
+            q = q * hand.turn[joint] * wp.quat_from_axis_angle(hand.axis[joint], posture[i, joint])
+            if asked[i, joint]:
+                least, which = nearest_sphere(
+                    field,
+                    hand.sphere,
+                    hand.bound,
+                    hand.group_sphere,
+                    hand.group_start[joint],
+                    hand.group_start[joint + 1],
+                    p,
+                    wp.quat_to_matrix(q),
+                    enough,
+                )
+                distance[i, joint] = least
+                sphere[i, joint] = which

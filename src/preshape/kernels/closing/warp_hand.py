@@ -36,7 +36,11 @@ class HandArrays:
     palm_group: wp.array(dtype=wp.int32)
     palm_bound: wp.array(dtype=wp.vec4)
     path: wp.array2d(dtype=wp.float32)
-    limits: wp.array(dtype=wp.vec2)
+    motor: wp.array(dtype=wp.int32)
+    range: wp.array(dtype=wp.vec2)
+    law: wp.array2d(dtype=wp.float32)
+    bent: wp.array(dtype=wp.int32)
+    unloaded: wp.array2d(dtype=wp.float32)
     fingers: wp.int32
     thumb: wp.int32
     knots: wp.int32

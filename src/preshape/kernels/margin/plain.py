@@ -23,6 +23,10 @@ candidate:
    find the other. From index ``restart`` on, each search therefore begins at the largest k again; the least
    result counts.
 
+Contacts with bounds of their own differ in the support only: it is the sum over the contacts of how far each
+reaches with its largest normal force; a contact that does not reach along the direction gives no force. The
+search runs in units of the sum of the bounds, so its tolerances are shares of that sum.
+
 P. Wolfe, Finding the nearest point in a polytope, Mathematical Programming 11, 1976.
 """
 
@@ -41,6 +45,8 @@ GAP_FLOOR = 3e-6
 """Absolute error at which the search of a residual ends, in units of the grip."""
 K_FLOOR = 2e-5
 """A strength up to this counts as zero, in units of the grip."""
+BOUNDED_FLOOR = 4e-6
+"""The same as a share of the sum of the contacts' bounds, of which few contacts' forces are a small part."""
 ROUNDING = 2e-7
 """Distance that counts as rounding in single precision, as a share of the longest wrench."""
 TURNS = 60
@@ -55,27 +61,39 @@ class SoftContacts(NamedTuple):
         normals: (n, 3) inward unit normals.
         mu: Friction coefficient μ.
         gamma: Torsional friction divided by ℓ, γ/ℓ.
+        bounds: (n,) largest normal force of each contact [N]; ``None`` for normal forces that sum to one.
     """
 
     arms: Array
     normals: Array
     mu: float
     gamma: float
+    bounds: Array | None = None
 
     def support(self, y: Array) -> tuple[float, Array]:
-        """How far the wrenches of unit normal force reach along y (6,), and the farthest wrench (6,)."""
+        """How far the producible wrenches reach along y (6,), and the farthest wrench (6,)."""
         g = y[:3] + np.cross(y[3:], self.arms)
         along = np.einsum("ij,ij->i", self.normals, g)
         across = g - along[:, None] * self.normals
         twist = self.gamma * (self.normals @ y[3:])
         slide = np.sqrt(self.mu**2 * (across * across).sum(axis=1) + twist * twist)
-        i = int(np.argmax(along + slide))
+        if self.bounds is None:
+            i = int(np.argmax(along + slide))
+            return float(along[i] + slide[i]), self._farthest(i, across[i], float(twist[i]), float(slide[i]))
+        height, wrench = 0.0, np.zeros(6)
+        for i in np.flatnonzero(along + slide > 0.0).tolist():
+            height += float(self.bounds[i] * (along[i] + slide[i]))
+            wrench += self.bounds[i] * self._farthest(i, across[i], float(twist[i]), float(slide[i]))
+        return height, wrench
+
+    def _farthest(self, i: int, across: Array, twist: float, slide: float) -> Array:
+        """The wrench (6,) of contact i at unit normal force that reaches farthest."""
         force, moment = self.normals[i], 0.0
-        if slide[i] > 1e-12:
-            force = force + across[i] * (self.mu**2 / slide[i])
-            moment = self.gamma * float(twist[i]) / float(slide[i])
+        if slide > 1e-12:
+            force = force + across * (self.mu**2 / slide)
+            moment = self.gamma * twist / slide
         torque = np.cross(self.arms[i], force) + moment * self.normals[i]
-        return float(along[i] + slide[i]), np.concatenate([force, torque])
+        return np.concatenate([force, torque])
 
 
 class NearestPoint:
@@ -157,7 +175,7 @@ class CandidateMargin(NamedTuple):
     """Residual and strength of one candidate, as in :class:`~preshape.kernels.margin.host.Margins`.
 
     Attributes:
-        residual: In units of the grip.
+        residual: In units of the grip; of contacts with bounds in newtons, as the strength.
         strength: In units of the grip.
         residual_worst: Index of the wrench that decided the residual; -1 if no wrench did.
         strength_worst: Index of the wrench that decided the strength; -1 if no wrench did.
@@ -203,12 +221,32 @@ def margin_plain(
             demanded.
         restart: From this index on, an independent search starts from each wrench.
     """
+    if contacts.bounds is None:
+        return _margin(contacts, wrenches, base, bound, cone, restart)
+    total = float(contacts.bounds.sum())
+    if total == 0.0:  # as without contacts
+        return _margin(contacts._replace(arms=contacts.arms[:0]), wrenches, base, bound, cone, restart)
+    shares = contacts._replace(bounds=contacts.bounds / total)
+    found = _margin(shares, wrenches / total, base / total, bound / total, cone, restart)
+    return found._replace(residual=found.residual * total, strength=found.strength * total)
+
+
+def _margin(
+    contacts: SoftContacts,
+    wrenches: Array,
+    base: Array,
+    bound: float,
+    cone: tuple[Array, float] | None,
+    restart: int | None,
+) -> CandidateMargin:
+    """The search of :func:`margin_plain`; bounds of contacts sum to one."""
     sizes = np.linalg.norm(wrenches, axis=1)
     units = wrenches / np.where(sizes > 0.0, sizes, 1.0)[:, None]
     if not len(contacts.arms):
         return CandidateMargin(math.inf, 0.0, -1, -1, units[0])
     size = 1.0 + float(np.linalg.norm(contacts.arms, axis=1).max())
     eps = ROUNDING * size
+    floor = K_FLOOR if contacts.bounds is None else BOUNDED_FLOOR
     near = NearestPoint(contacts.support(base + (wrenches[0] if cone is None else 0.0))[1])
     strength = top = float(np.linalg.norm(base)) + math.sqrt(1.0 + contacts.mu**2) * size + contacts.gamma
     found: list[tuple[float, int, Array]] = []
@@ -256,7 +294,7 @@ def margin_plain(
 
     # 3. Strength
     for j in range(len(units)):
-        if strength <= K_FLOOR:
+        if strength <= floor:
             break
         # 4. Restarts
         if restart is not None and j >= restart:
@@ -285,7 +323,7 @@ def margin_plain(
                 if cone is not None:
                     asked = w
             same = strength == before
-            if d <= max(GAP * before, K_FLOOR) * slope or strength <= K_FLOOR:
+            if d <= max(GAP * before, floor) * slope or strength <= floor:
                 break
             if stalled or (same and gain <= eps):
                 break
@@ -295,7 +333,7 @@ def margin_plain(
         [*found, (strength, strength_worst, worst)], key=lambda entry: entry[0]
     )
     return CandidateMargin(
-        residual, 0.0 if strength <= K_FLOOR else strength, residual_worst, strength_worst, worst
+        residual, 0.0 if strength <= floor else strength, residual_worst, strength_worst, worst
     )
 
 

@@ -17,9 +17,11 @@ Import this module only inside a function: it loads Warp. It runs unchanged on t
 
 from __future__ import annotations
 
+from typing import Any
+
 import warp as wp
 
-from .warp_support import FAR, cone_support, dot, mat83, plane_bound, support, vec6
+from .warp_support import FAR, FewContacts, cone_support, dot, plane_bound, support, vec6
 
 wp.set_module_options({"enable_backward": False, "max_unroll": 1, "optimization_level": 3})
 
@@ -45,14 +47,11 @@ TURNS = wp.constant(60)
 
 @wp.func
 def margin(
-    arms: mat83,
-    normals: mat83,
-    count: int,
-    mu: float,
-    gamma: float,
+    contacts: Any,
     base: vec6,
     units: wp.array(dtype=vec6),
     sizes: wp.array(dtype=float),
+    scale: float,
     axis: vec6,
     cos_half: float,
     sin_half: float,
@@ -60,6 +59,7 @@ def margin(
     bound: float,
     most: float,
     floor: float,
+    k_floor: float,
 ):
     """Residual and strength of one candidate.
 
@@ -73,14 +73,12 @@ def margin(
     5. if the target is finished, records its result and goes to the next target or mode.
 
     Args:
-        arms: Contact points relative to the reference point, divided by ℓ.
-        normals: Inward unit normals.
-        count: Number of contacts, 0..8.
-        mu: Friction coefficient.
-        gamma: Torsional friction divided by ℓ.
+        contacts: ``FewContacts`` or ``ManyContacts``: contact points relative to the reference point,
+            divided by ℓ; inward unit normals; number of contacts; friction coefficient μ; γ/ℓ.
         base: Wrench that is demanded all the time.
         units: (m,) unit directions of the demanded wrenches.
         sizes: (m,) lengths of the demanded wrenches.
+        scale: Factor on these lengths.
         axis: Unit axis of a cone of wrenches, or zeros for no cone. With a cone, every unit wrench of it is
             demanded, the search starts from ``units``, and there is no residual.
         cos_half: Cosine of the cone's half-angle.
@@ -90,6 +88,7 @@ def margin(
             strength is computed.
         most: Strengths above this value are returned as this value.
         floor: The search ends as soon as the strength is known not to exceed this.
+        k_floor: Absolute error at which the search of a strength ends; one up to this counts as zero.
 
     Returns:
         Residual, strength, the indices of the wrenches that decided them, and the wrench of the cone that
@@ -99,17 +98,19 @@ def margin(
     cone = dot(axis, axis) > 0.5
     loaded = dot(base, base) > 0.0
     size = float(1.0)
-    for i in range(count):
-        size = wp.max(size, 1.0 + wp.length(arms[i]))
+    for i in range(contacts.count):
+        size = wp.max(size, 1.0 + wp.length(contacts.arms[i]))
     eps = ROUNDING * size
 
     residual = float(0.0)
     residual_worst = int(-1)
     # No producible wrench is longer than this.
-    strength = wp.min(most, wp.sqrt(dot(base, base)) + wp.sqrt(1.0 + mu * mu) * size + gamma)
+    strength = wp.min(
+        most, wp.sqrt(dot(base, base)) + wp.sqrt(1.0 + contacts.mu * contacts.mu) * size + contacts.gamma
+    )
     strength_worst = int(-1)
     top = float(strength)
-    enough = wp.max(floor, K_FLOOR)
+    enough = wp.max(floor, k_floor)
     least = float(strength)
     least_worst = int(-1)
     least_wrench = units[0]
@@ -117,7 +118,7 @@ def margin(
     target = int(0)
     asked = units[0]
     worst = asked
-    z = base + asked * sizes[0]
+    z = base + asked * (sizes[0] * scale)
     if cone or bound < 0.0:
         mode = BASE
         z = base
@@ -138,8 +139,8 @@ def margin(
     same = bool(False)  # whether the target is that of the last turn
     stalled = bool(False)
     turn = int(0)
-    if count > 0:
-        height, first = support(arms, normals, count, mu, gamma, z)
+    if contacts.count > 0:
+        height, first = support(contacts, z)
         points[0] = first
         weights[0] = 1.0
     else:
@@ -235,7 +236,7 @@ def margin(
             gain = float(0.0)
             q = vec6()
             if d > 0.0:
-                height, q = support(arms, normals, count, mu, gamma, y)
+                height, q = support(contacts, y)
                 if mode != RESIDUAL and height < 0.0:
                     height = 0.0
                     q = vec6()
@@ -268,7 +269,7 @@ def margin(
                         if k < strength:
                             strength = k
                             strength_worst = index
-                    if d <= wp.max(GAP * before, K_FLOOR) * slope or strength <= enough:
+                    if d <= wp.max(GAP * before, k_floor) * slope or strength <= enough:
                         finished = True
                     same = strength == before
                     z = base + asked * strength
@@ -308,7 +309,7 @@ def margin(
                         least_wrench = worst
                     strength = top
                 if mode == RESIDUAL:
-                    z = base + units[target] * sizes[target]
+                    z = base + units[target] * (sizes[target] * scale)
                 elif mode == BASE:
                     z = base
                 elif mode == STRENGTH:
@@ -318,7 +319,7 @@ def margin(
         strength = least
         strength_worst = least_worst
         worst = least_wrench
-    if strength <= K_FLOOR:
+    if strength <= k_floor:
         strength = 0.0
     return residual, strength, residual_worst, strength_worst, worst
 
@@ -352,27 +353,25 @@ def margins(
 ):
     """One thread computes one candidate; see :func:`margin`."""
     tid = first + wp.tid()
-    arms = mat83()
-    normals = mat83()
-    count = wp.clamp(counts[tid], 0, CONTACTS)
+    contacts = FewContacts()
+    contacts.count = wp.clamp(counts[tid], 0, CONTACTS)
     finite = bool(True)
     length = lengths[tid]
-    for i in range(count):
-        arms[i] = points[tid, i] / length
-        normals[i] = normals_in[tid, i]
-        if not (wp.isfinite(arms[i]) and wp.isfinite(normals[i])):
+    contacts.mu = friction
+    contacts.gamma = torsion / length
+    for i in range(contacts.count):
+        contacts.arms[i] = points[tid, i] / length
+        contacts.normals[i] = normals_in[tid, i]
+        if not (wp.isfinite(contacts.arms[i]) and wp.isfinite(contacts.normals[i])):
             finite = False
     if not finite:
-        count = 0
+        contacts.count = 0
     r, s, i, j, w = margin(
-        arms,
-        normals,
-        count,
-        friction,
-        torsion / length,
+        contacts,
         base,
         units,
         sizes,
+        1.0,
         axis,
         cos_half,
         sin_half,
@@ -380,6 +379,7 @@ def margins(
         bound,
         most[tid],
         floor,
+        K_FLOOR,
     )
     residual[tid] = r
     strength[tid] = s

@@ -1,0 +1,129 @@
+"""Hands that have closed on the object: their postures and exact contacts, on fingertips, links and palm."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..hiis.analyser import PALM
+from ..kernels.chains import joint_frames, rotations
+from ..kernels.closing.host import Candidates
+from ..kernels.field.host import SurfaceQuery
+from ..kernels.margin.host import MOST_CONTACTS
+from ..kernels.tables import HandTables
+from ..types import Array, BoolArray, IntArray, value
+
+SUNK, OUTSIDE = 0.003, 1e-5
+"""Largest penetration of a touching sphere, which is the error of a grid that resolves the object, and least
+distance of its centre from the surface [m] [C]."""
+WRAP = 1 << 16
+"""Bit of a candidate's mask: the hand wraps; without it, it grips with its fingertips."""
+ON_PALM = -1
+"""Link of a contact on the palm."""
+
+
+@value
+class ClosedHands:
+    """n closed hands with up to c contacts each.
+
+    Attributes:
+        candidates: (n,) the hands before they closed, at the place where they closed.
+        grasp: (n, j) joint angles [rad].
+        points: (n, c, 3) contacts [m], the thumb's first if it touches; only the first ``counts`` are filled.
+        normals_in: (n, c, 3) inward unit normals.
+        links: (n, c) index of the joint that carries the touching link; ``ON_PALM`` for the palm.
+        counts: (n,) number of contacts; 0 where a hand did not close.
+        real: (n,) whether the hand closed and every contact is real: not on a lid, and on the outside.
+    """
+
+    candidates: Candidates
+    grasp: Array
+    points: Array
+    normals_in: Array
+    links: IntArray
+    counts: IntArray
+    real: BoolArray
+
+    def take(self, rows: IntArray) -> ClosedHands:
+        """The hands with these indices, in that order."""
+        own = {name: getattr(self, name)[rows] for name in _ROWS}
+        return ClosedHands(candidates=self.candidates.take(rows), **own)
+
+
+_ROWS = ("grasp", "points", "normals_in", "links", "counts", "real")
+
+
+def closed_hands(
+    tables: HandTables,
+    query: SurfaceQuery,
+    candidates: Candidates,
+    grasp: Array,
+    spheres: IntArray,
+    links: IntArray,
+    closed: BoolArray,
+) -> ClosedHands:
+    """Exact contacts of the touching spheres of closed hands.
+
+    A contact is not real if it lies on a lid, or if the centre of the touching sphere is not outside.
+    Where a wall is too thin for the grid of distances, the sphere sinks into it; with the centre inside,
+    the normal would point out of the object.
+
+    Args:
+        tables: Tables of the hand.
+        query: The object's exact surface.
+        candidates: n hands.
+        grasp: (n, j) their joint angles [rad].
+        spheres: (n, c) touching spheres, those of the palm by ``links``; -1 after the last.
+        links: (n, c) joint that carries each sphere; ``ON_PALM`` for the palm.
+        closed: (n,) whether the hand closed.
+    """
+    n = len(grasp)
+    places, turns = joint_frames(tables, grasp)
+    R = rotations(candidates.turn)
+    points, normals = np.zeros((n, MOST_CONTACTS, 3)), np.zeros((n, MOST_CONTACTS, 3))
+    behind, real = np.full((n, MOST_CONTACTS), ON_PALM, dtype=np.int64), closed.copy()
+    rows, columns = np.nonzero(spheres >= 0)
+    if len(rows):
+        picked, joints = spheres[rows, columns], links[rows, columns]
+        on_palm = joints == ON_PALM
+        local = np.empty((len(rows), 4))
+        local[on_palm] = tables.palm[picked[on_palm]]
+        local[~on_palm] = tables.sphere[picked[~on_palm]]
+        centres = np.where(
+            on_palm[:, None],
+            local[:, :3],
+            places[rows, joints] + np.einsum("nij,nj->ni", turns[rows, joints], local[:, :3]),
+        )
+        centres = candidates.place[rows] + np.einsum("nij,nj->ni", R[rows], centres)
+        closest = query.closest(centres)
+        sunk = closest.distance < np.maximum(local[:, 3] - SUNK, OUTSIDE)
+        real[rows[sunk | query.is_lid[closest.triangle]]] = False
+        # The normal points from the sphere's centre to the surface, because an edge has no face normal.
+        inward = closest.point - centres
+        points[rows, columns] = closest.point
+        normals[rows, columns] = inward / np.maximum(np.linalg.norm(inward, axis=1, keepdims=True), 1e-9)
+        behind[rows, columns] = joints
+    counts = np.where(closed, (spheres >= 0).sum(axis=1), 0).astype(np.int64)
+    return ClosedHands(
+        candidates=candidates,
+        grasp=grasp,
+        points=points.astype(np.float32),
+        normals_in=normals.astype(np.float32),
+        links=behind,
+        counts=counts,
+        real=real,
+    )
+
+
+def link_chain(tables: HandTables, link: int) -> slice:
+    """The joints between the palm and a link; none for the palm."""
+    if link == ON_PALM:
+        return slice(0, 0)
+    finger = int(np.searchsorted(tables.joint_start, link, side="right")) - 1
+    return slice(int(tables.joint_start[finger]), int(link) + 1)
+
+
+def part_name(tables: HandTables, link: int) -> str:
+    """Name of the finger that a link belongs to, or that of the palm."""
+    if link == ON_PALM:
+        return PALM
+    return tables.fingers[int(np.searchsorted(tables.joint_start, link, side="right")) - 1]

@@ -1,0 +1,41 @@
+"""Hands with every kind of coupling, made from the example hand in ``examples/hands``."""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+
+from preshape.hands import load_hand
+from preshape.hands.compiled import read_model
+from preshape.hands.hand import Hand
+from preshape.hands.load import read_description
+from preshape.hands.rewrite import rebuilt
+
+EXAMPLE = Path(__file__).parents[1] / "examples" / "hands" / "trident.toml"
+
+CUBIC = {"law": "rigid", "motor": "thumb_knuckle", "follow": {"thumb_middle": [0.4, 0.5, 0.1, 0.05]}}
+GEAR = {"law": "rigid", "motor": "ring_knuckle", "follow": {"ring_middle": 0.9}}
+SPREAD = {"law": "rigid", "motor": "index_spread", "follow": {"ring_spread": -1.0}}
+BENT = {
+    "law": "adaptive",
+    "motor": "index_tendon",
+    "sum": {"index_knuckle": 1.0, "index_middle": 0.5},
+    "free": [[-0.5, 0.0], [0.7, 0.2], [1.3, 1.4]],
+}
+TENDON = {
+    "law": "adaptive",
+    "motor": "index_tendon",
+    "sum": {"index_knuckle": 1.0, "index_middle": 1.0},
+    "free": [[0.0, 0.0], [1.3, 1.3]],
+    "order": [["index_middle", "index_knuckle"]],
+}
+
+
+@cache
+def coupled_hand(kind: str) -> Hand:
+    """The example hand with couples: ``bent`` or ``tendon``; any other name is that of a hand to load."""
+    if kind not in ("bent", "tendon"):
+        return load_hand(kind)
+    couples = [CUBIC, GEAR, SPREAD, BENT if kind == "bent" else TENDON]
+    data = {**read_description(EXAMPLE), "name": kind, "couple": couples}
+    return rebuilt(data, read_model(EXAMPLE.with_suffix(".urdf")), kind)
