@@ -20,7 +20,7 @@ from .._version import __version__
 from ..exceptions import EnvironmentFailure, InputError, shown
 from ..files import MEGABYTE, MOST_OF_JSON, loads, read_file
 from ..hands.hand import Hand
-from ..hiis.analyser import Grasp, Grip
+from ..hiis.analyser import PALM, Grasp, Grip
 from ..hiis.critic import Thresholds
 from ..hiis.decision import Settings
 from ..hiis.fuzzy import SET_NAMES
@@ -28,6 +28,7 @@ from ..tasks import family_names
 from ..types import FIELD_MASS, FRICTION, LENGTH_UNIT, an_instance
 from ..viewer.words import answers_of
 from .answers import Answer, PlanRecord, missing_motion, scan_trust, shortfalls
+from .grasp_type import grasp_type
 from .hand_simulation import HandPose
 from .request import SCHEMA, PlanRequest, analyser_of
 
@@ -225,7 +226,7 @@ def _answer(plan: PlanRecord, answer: Answer | None) -> Document:
         "known": plan.known,
         **(_grasp(answer.grasp) if answer else dict.fromkeys(GRASP_KEYS)),
         "way_in": answer.way_in.tolist() if answer else None,
-        "fingers_touching": len(answer.hand_result.fingers) if answer else None,
+        "fingers_touching": len({*answer.hand_result.fingers} - {PALM}) if answer else None,
         "mass": plan.mass.kg,
         "mass_source": plan.mass.source,
         "heaviest_mass": answer.heaviest if answer else None,
@@ -239,7 +240,7 @@ def _answer(plan: PlanRecord, answer: Answer | None) -> Document:
             {"mode": t.mode, "outcome": t.outcome, "reason": t.reason} for t in decision.transitions
         ],
         "hand": _hand(plan, answer),
-        "grip": _grip(answer.grasp) if answer else None,
+        "grip": _grip(plan, answer.grasp) if answer else None,
         "verified": asdict(plan.verified) if plan.verified and answer is plan.answer else None,
         "cloud": _cloud(plan, answer),
         "best": None,
@@ -283,11 +284,12 @@ def _grasp(g: Grasp) -> Document:
     }
 
 
-def _grip(grip: Grasp) -> Document | None:
+def _grip(plan: PlanRecord, grip: Grasp) -> Document | None:
     """Approach, press and margins of a real hand's grip; ``None`` for a virtual grasp."""
     if not isinstance(grip, Grip):
         return None
     return {
+        "type": asdict(grasp_type(grip, plan.hand.fingers[0].name, plan.mesh.extents)),
         "approach": grip.approach.tolist(),
         "forces": grip.forces.tolist(),
         "torques": grip.torques.tolist(),

@@ -98,7 +98,7 @@ def _what(document: Document) -> Table:
 def _answer(answer: Document) -> Table:
     grip, hand = answer["grip"], answer["hand"]
     named = words.fingers_words(answer)
-    fingers = f"{len(answer['contacts'])}: {named}" if answer["contacts"] else named
+    fingers = f"{len({c['finger'] for c in answer['contacts']})}: {named}" if answer["contacts"] else named
     way = f"{words.way_in_words(answer)}; {_plane(answer)}"
     rows: list[Row]
     if grip:
@@ -108,12 +108,13 @@ def _answer(answer: Document) -> Table:
         rows = [
             ("quality", f"{quality_text(grip['quality'], 1)} of 6 ({enough})"),
             ("margins", f"{margins} from any side, {words.load_words(answer)}"),
+            *([("type", words.type_words(answer))] if words.type_words(answer) else []),
             ("fingers", fingers),
             ("clearance", f"{1000 * grip['clearance']:.0f} mm to the object on the way in"),
             ("way in", way),
         ]
         if words.refused(answer):
-            rows[3] = "refused", Text(words.refused(answer), style="red")
+            rows[-2] = "refused", Text(words.refused(answer), style="red")
     else:
         reached = hand["status"] == "reached"
         text = Text("reached: " if reached else "retracted: ", style="green" if reached else "red")

@@ -47,6 +47,8 @@ WIDTH, HEIGHT = 1400.0, 900.0
 """Size of the sheet [layout units]; the drawn picture is scaled to the requested size."""
 SPACE_WIDTH = 870.0
 """Width of the large picture."""
+MOST_LISTED = 6
+"""Largest number of fingers in the list of contacts; the palm counts as one."""
 COLUMN = (905.0, 1365.0)
 """Left and right edge of the text beside the large picture."""
 DIMENSIONS = ("Tx", "Ty", "Tz", "Rx", "Ry", "Rz"), ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
@@ -317,11 +319,13 @@ def _planes(sheet: Sheet, scene: PlanScene) -> None:
     if scene.fingers:
         sheet.text(x, y, "Contacts", 11.5, weight="bold")
         y += 23
-        for i, name in enumerate(scene.fingers[:5]):
+        for name in list(dict.fromkeys(scene.fingers))[:MOST_LISTED]:
+            own = [k for k, other in enumerate(scene.fingers) if other == name]
+            i, label = own[0], name if len(own) == 1 else f"{name}, {len(own)} places"
             sheet.base.plot(x + 8, y, "o", ms=6, color=finger_colour(name, i), mec=BLACK, mew=0.4)
-            sheet.text(x + 24, y, wrap(name, 120, 9.5, lines=1)[0], 9.5)
+            sheet.text(x + 24, y, wrap(label, 120, 9.5, lines=1)[0], 9.5)
             if scene.newtons is not None:
-                sheet.text(right, y, f"{scene.newtons[i]:.1f} N", 9.5, QUIET, ha="right")
+                sheet.text(right, y, f"{sum(scene.newtons[k] for k in own):.1f} N", 9.5, QUIET, ha="right")
             elif scene.forces is not None:
                 strength = float(np.linalg.norm(scene.forces[i]))
                 sheet.text(right, y, f"force {strength:.2f}", 9.5, QUIET, ha="right")

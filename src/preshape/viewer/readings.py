@@ -30,6 +30,7 @@ from .words import (
     score,
     score_name,
     step_words,
+    type_words,
     way_in_words,
 )
 
@@ -187,6 +188,7 @@ def fact_rows(document: Document, answer: Document) -> list[tuple[str, str]]:
             if refused(answer)
             else ("clearance", f"{1000 * grip['clearance']:.1f} mm to the object on the way in"),
             *place,
+            *([("type", type_words(answer))] if type_words(answer) else []),
             ("touching", fingers_words(answer)),
         ]
     if answer.get("verified"):

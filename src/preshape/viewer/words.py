@@ -212,14 +212,26 @@ def score(answer: Document) -> float:
 
 
 def fingers_words(answer: Document) -> str:
-    """Names of the fingers in contact; their number if the names are unknown."""
-    return ", ".join(c["finger"] for c in answer["contacts"]) or str(answer["fingers"])
+    """Names of the fingers in contact, with their numbers of links; their number without names."""
+    names = [str(c["finger"]) for c in answer["contacts"]]
+    words = {"palm": "places"}
+    counted = [
+        name if names.count(name) == 1 else f"{name} ({names.count(name)} {words.get(name, 'links')})"
+        for name in dict.fromkeys(names)
+    ]
+    return ", ".join(counted) or str(answer["fingers"])
+
+
+def type_words(answer: Document) -> str:
+    """Type of a grip in the taxonomy's words; empty for a virtual grasp or an older plan."""
+    kind = (answer.get("grip") or {}).get("type")
+    return f"{kind['name']} ({kind['power']}, {kind['opposition']} opposition)" if kind else ""
 
 
 def answer_words(answer: Document) -> str:
     """One line about an answer: plane, fingers, score, and whether the hand reaches it."""
     state = answer["hand"]["status"] or "not tried"
-    fingers = len(answer["contacts"]) if answer.get("grip") else answer["fingers"]
+    fingers = len({c["finger"] for c in answer["contacts"]}) if answer.get("grip") else answer["fingers"]
     return f"plane {answer['plane']}, {fingers} fingers, {score_name(answer)} {score(answer):.2f}, {state}"
 
 
