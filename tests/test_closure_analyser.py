@@ -206,7 +206,7 @@ def _sized(mesh: TriangleMesh, factor: float) -> Attributes:
 def test_hands_like_those_that_cannot_be_executed_are_not_refined_again(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    element = analyser(solid("sphere"), persistence=2)
+    element = analyser(solid("sphere"), persistence=2, wraps=0)
     rounds: list[Candidates] = []
 
     def refuse(found: RankedCandidates, demand: object, options: FinishOptions) -> list[object]:

@@ -346,9 +346,9 @@ def test_hands_that_cannot_open_are_no_error(mug: Case) -> None:
         start=np.zeros((3, len(mug.hand.joints))),
         mask=np.full(3, 31),
     )
-    closing = np.ones((3, len(mug.hand.fingers)))
+    grasp = np.tile(mug.hand.at(1.0), (3, 1))
     for rows in (np.arange(3), np.zeros(0, dtype=np.int64)):
-        assert len(finisher.opener.find(inside, closing, rows, np.ones(3, dtype=np.int64), range(1, 13))) == 0
+        assert len(finisher.opener.find(inside, grasp, rows, np.ones(3, dtype=np.int64), range(1, 13))) == 0
 
 
 def test_a_rod_of_a_metre_is_lifted_at_its_middle() -> None:

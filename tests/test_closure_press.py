@@ -26,7 +26,7 @@ from preshape.types import Experience
 
 pytestmark = pytest.mark.usefixtures("session_cache")
 EVERYWHERE = Aim(values=np.linspace(-0.9, 0.9, 19))
-SMALL = {"everywhere": 800, "elite": 16, "children": 4, "rounds": 1, "finished": 6, "threads": 1}
+SMALL = {"wraps": 0, "everywhere": 800, "elite": 16, "children": 4, "rounds": 1, "finished": 6, "threads": 1}
 TASK = parse_task("lift")
 MOST = 20.0
 """Strongest usual press on 0.1 kg [N]."""

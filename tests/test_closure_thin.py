@@ -20,12 +20,12 @@ from preshape.closure.finish import Finisher, FinishOptions
 from preshape.closure.hand_pinches import FACING, WIDTHS, Pinches, finger_sets, hand_pinches
 from preshape.closure.hand_tables import hand_tables
 from preshape.closure.pinching import NEAR, ROOM, AntipodalPatches, Pincher, alternating, antipodal_patches
-from preshape.closure.preshapes import posture_at, preshapes
+from preshape.closure.preshapes import preshapes
 from preshape.closure.search import ClosureSearch
 from preshape.closure.settings import ClosureSettings
 from preshape.hands.load import load_hand
 from preshape.hiis.planes import APPROACH_AXES, OPPOSITION_AXES
-from preshape.kernels.chains import joint_frames, rotations
+from preshape.kernels.chains import rotations
 from preshape.kernels.closing.host import Candidates, ClosingKernel, Fate
 from preshape.kernels.field.host import SurfaceQuery, prepare_field
 from preshape.kernels.fitting.host import PatchRows, PinchPlacements
@@ -300,14 +300,13 @@ def test_contacts_of_a_long_thin_plate_press_into_it(cells: int | None) -> None:
     )
     finisher = Finisher(search, query)
     found = search.evaluate(drawn, Demand())
-    candidates, closings = found.drawn.candidates, finisher.close(found)
-    frames_of = joint_frames(finisher.tables, posture_at(finisher.tables, candidates.start, closings.closing))
-    points, normals, real = finisher.contacts(candidates, closings, frames_of)
-    used = np.isfinite(points).all(axis=2) & ((closings.fate == Fate.CLOSED) & real)[:, None]
+    hands = finisher.closed(found.drawn)
+    used = (np.arange(hands.points.shape[1]) < hands.counts[:, None]) & hands.real[:, None]
+    points, normals = hands.points, hands.normals_in
     # A point a little back along an inward normal is outside the plate.
     assert used.any()
     assert (query.closest(points[used] - 1e-4 * normals[used]).distance > 0.0).all()
-    sunk = ~real[closings.fate == Fate.CLOSED]
+    sunk = ~hands.real[hands.counts > 0]
     assert sunk.mean() == 0.0 if cells is None else sunk.mean() > 0.2
 
 

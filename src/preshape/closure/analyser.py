@@ -300,7 +300,7 @@ class ClosureAnalyser:
                 found, pool = merged(found, fresh), more
         # 6. Wraps.
         wrapped = list[FinishedGrip]()
-        if not at_estimate and _best_margin(finished) < ENOUGH_MARGIN:
+        if settings.wraps and not at_estimate and _best_margin(finished) < ENOUGH_MARGIN:
             wrapped, closed = self._wraps(rng, aim, demand, options)
             tried += closed
         # 7. Firm press.

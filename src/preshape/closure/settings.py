@@ -13,8 +13,8 @@ from ..types import FIELD_MASS, FRICTION, GRAVITY, finite_number, freeze, value,
 
 _DEVICE = re.compile(r"cpu|cuda(:[0-9]+)?")
 _NUMBERS = ("friction", "torsion", "friction_share", "press_least", "press_most", "safety", "hold")
-_COUNTS = ("at_aim", "on_plane", "everywhere", "wraps", "elite", "children", "finished", "threads")
-_COUNTS_FROM_ZERO = ("persistence", "rounds")
+_COUNTS = ("at_aim", "on_plane", "everywhere", "elite", "children", "finished", "threads")
+_COUNTS_FROM_ZERO = ("persistence", "rounds", "wraps")
 
 
 @value

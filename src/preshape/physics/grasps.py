@@ -241,6 +241,26 @@ def joined(sets: Sequence[tuple[str, GraspSet]], hand: PhysicsHand) -> GraspSet:
     )
 
 
+def planned_set(hand: PhysicsHand, results: Sequence[Any]) -> GraspSet:
+    """The grasps that were planned for the results of a run, with each object at the origin.
+
+    Args:
+        hand: Their hand.
+        results: Results with ``object_name``, ``scale`` and ``planned``, a row for each stage.
+    """
+    rows = len(results)
+    poses = np.array([result.planned for result in results]).reshape(rows, len(STAGES), 7 + len(hand.joints))
+    stages: dict[str, Any] = {stage: poses[:, k] for k, stage in enumerate(STAGES)}
+    return GraspSet(
+        hand=hand.source,
+        joints=hand.joints,
+        objects=tuple(result.object_name for result in results),
+        scale=np.array([result.scale for result in results]),
+        object_pose=np.tile([0.0, 0, 0, 1, 0, 0, 0], (rows, 1)),
+        **stages,
+    )
+
+
 def read_grasps(path: str | Path) -> GraspSet:
     """Read grasp arrays from an npz.
 

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, fields
-from typing import Any
+from enum import Enum
+from typing import Any, TypeVar
 
 from ...exceptions import InputError
 from ...types import value
 from ..grasps import GraspSet
 from ..measures import GraspGeometry, diversity, mean, wilson
 from .six_directions import HoldResult, HoldStatus, ProbeResult
+
+R = TypeVar("R")
 
 
 @value
@@ -169,20 +173,43 @@ def result_to_json(result: Any) -> dict[str, Any]:
     return {**asdict(result), "status": result.status.name.lower()}
 
 
-def result_from_json(document: dict[str, Any]) -> HoldResult:
-    """The inverse of :func:`result_to_json`.
+def read_result(
+    document: dict[str, Any], kind: type[R], status: type[Enum], **parts: Callable[[Any], Any]
+) -> R:
+    """The inverse of :func:`result_to_json`, for any kind of result.
+
+    Args:
+        document: The JSON values.
+        kind: The result's class.
+        status: The class of its status.
+        parts: For each field that JSON holds in another form, a function that makes it; ``None`` stays.
 
     Raises:
-        KeyError, TypeError, ValueError: The document is not a result.
+        KeyError, TypeError, ValueError: The document is not such a result.
     """
-    if set(document) != {field.name for field in fields(HoldResult)}:
+    if set(document) != {field.name for field in fields(kind)}:  # type: ignore[arg-type]
         raise ValueError("the keys are not those of a result")
-    shape = document["at_grasp"]
-    return HoldResult(
-        **{
-            **document,
-            "status": HoldStatus[document["status"].upper()],
-            "probes": tuple(ProbeResult(**probe) for probe in document["probes"]),
-            "at_grasp": None if shape is None else GraspGeometry(**shape),
-        }
+    found = {name: document[name] for name in parts}
+    made = {name: None if found[name] is None else make(found[name]) for name, make in parts.items()}
+    return kind(**{**document, **made, "status": status[document["status"].upper()]})
+
+
+def result_from_json(document: dict[str, Any]) -> HoldResult:
+    """A result of the holding test; see :func:`read_result`."""
+
+    def probes(rows: Sequence[dict[str, Any]]) -> tuple[ProbeResult, ...]:
+        return tuple(ProbeResult(**row) for row in rows)
+
+    return read_result(
+        document, HoldResult, HoldStatus, probes=probes, at_grasp=lambda shape: GraspGeometry(**shape)
     )
+
+
+def numbers(row: Sequence[float]) -> tuple[float, ...]:
+    """A row of numbers."""
+    return tuple(float(x) for x in row)
+
+
+def poses(rows: Sequence[Sequence[float]]) -> tuple[tuple[float, ...], ...]:
+    """Rows of numbers: the poses of a planned grasp."""
+    return tuple(map(numbers, rows))

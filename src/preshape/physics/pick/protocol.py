@@ -6,7 +6,7 @@ import enum
 import math
 
 from ...exceptions import InputError
-from ...types import FRICTION, value
+from ...types import FRICTION, finite_number, positive_number, value, whole_number
 from ..protocol import HoldProtocol
 from ..task.motion import ACCELERATION
 
@@ -89,15 +89,13 @@ class PickProtocol:
             "gravity", "timestep", "settle", "approach", "close", "squeeze", "lift", "hold", "height",
             "table_force", "untouched_limit", "displacement_limit", "rotation_limit",
         )  # fmt: skip
-        for names, above in ((positive, True), (("way_in", "position_error", "turn_error"), False)):
-            for name in names:
-                number = getattr(self, name)
-                if not math.isfinite(number) or number < 0 or (above and number == 0):
-                    raise InputError(f"{name} must be {'above' if above else 'at least'} 0, got {number!r}")
-        if self.look_steps < 1 or self.seed < 0:
-            raise InputError(
-                f"look_steps must be 1 or more and seed 0 or more, got {self.look_steps!r} and {self.seed!r}"
-            )
+        for name in positive:
+            positive_number(getattr(self, name), name)
+        for name in ("way_in", "position_error", "turn_error"):
+            if finite_number(getattr(self, name), name) < 0:
+                raise InputError(f"{name} must be at least 0, got {getattr(self, name)!r}")
+        for name, least in (("look_steps", 1), ("seed", 0)):
+            whole_number(getattr(self, name), name, least)
         self.scene(1.0)
 
     def scene(self, mass: float) -> HoldProtocol:

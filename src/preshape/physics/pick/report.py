@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, fields
+from dataclasses import asdict
 from typing import Any
 
-import numpy as np
-
 from ...types import value
-from ..grasps import STAGES, GraspSet
+from ..grasps import GraspSet, planned_set
 from ..hand import PhysicsHand
-from ..hold.report import result_to_json
+from ..hold.report import numbers, poses, read_result, result_to_json
 from ..measures import mean, wilson
 from .protocol import FAILURES, Motion, PickResult, PickStatus
 
@@ -91,33 +89,10 @@ class PickReport:
     def planned_grasps(self) -> GraspSet:
         """The grasps of all answered objects, with each object at the origin."""
         rows = [result for result in self.results if result.answered]
-        poses = np.array([r.planned for r in rows]).reshape(len(rows), len(STAGES), 7 + len(self.hand.joints))
-        return GraspSet(
-            hand=self.hand.source,
-            joints=self.hand.joints,
-            objects=tuple(result.object_name for result in rows),
-            scale=np.array([result.scale for result in rows]),
-            object_pose=np.tile([0.0, 0, 0, 1, 0, 0, 0], (len(rows), 1)),
-            **{stage: poses[:, k] for k, stage in enumerate(STAGES)},  # type: ignore[arg-type]
-        )
+        return planned_set(self.hand, rows)
 
 
 def result_from_json(document: dict[str, Any]) -> PickResult:
-    """The inverse of :func:`~preshape.physics.hold.report.result_to_json`.
-
-    Raises:
-        KeyError, TypeError, ValueError: The document is not a result.
-    """
-    if set(document) != {field.name for field in fields(PickResult)}:
-        raise ValueError("the keys are not those of a result")
-    planned, way_in = document["planned"], document["way_in"]
-    motions = {name: document[name] for name in ("settled", "pushed", "held")}
-    return PickResult(
-        **{
-            **document,
-            **{name: None if motion is None else Motion(**motion) for name, motion in motions.items()},
-            "status": PickStatus[document["status"].upper()],
-            "planned": None if planned is None else tuple(tuple(float(x) for x in row) for row in planned),
-            "way_in": None if way_in is None else tuple(float(x) for x in way_in),
-        }
-    )
+    """A result of the pick test; see :func:`~preshape.physics.hold.report.read_result`."""
+    motions = dict.fromkeys(("settled", "pushed", "held"), lambda motion: Motion(**motion))
+    return read_result(document, PickResult, PickStatus, **motions, planned=poses, way_in=numbers)

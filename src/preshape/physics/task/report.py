@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import asdict, fields
+from dataclasses import asdict
 from typing import Any
-
-import numpy as np
 
 from ...tasks import FAMILIES
 from ...types import value
-from ..grasps import STAGES, GraspSet
+from ..grasps import GraspSet, planned_set
 from ..hand import PhysicsHand
-from ..hold.report import result_to_json
+from ..hold.report import poses, read_result, result_to_json
 from ..measures import mean, wilson
 from .instances import TaskInstance
 from .protocol import TaskResult, TaskStatus
@@ -116,34 +114,9 @@ class TaskReport:
     def planned_grasps(self) -> tuple[GraspSet, tuple[str, ...]]:
         """The grasps that this program planned, and their tasks; a test of these gives the same scores."""
         rows = [result for result in self.results if result.planned is not None]
-        poses = np.array([result.planned for result in rows]).reshape(
-            len(rows), len(STAGES), 7 + len(self.hand.joints)
-        )
-        stages: dict[str, Any] = {stage: poses[:, k] for k, stage in enumerate(STAGES)}
-        grasps = GraspSet(
-            hand=self.hand.source,
-            joints=self.hand.joints,
-            objects=tuple(result.object_name for result in rows),
-            scale=np.array([result.scale for result in rows]),
-            object_pose=np.tile([0.0, 0, 0, 1, 0, 0, 0], (len(rows), 1)),
-            **stages,
-        )
-        return grasps, tuple(result.task for result in rows)
+        return planned_set(self.hand, rows), tuple(result.task for result in rows)
 
 
 def result_from_json(document: dict[str, Any]) -> TaskResult:
-    """The inverse of :func:`~preshape.physics.hold.report.result_to_json`.
-
-    Raises:
-        KeyError, TypeError, ValueError: The document is not a result.
-    """
-    if set(document) != {field.name for field in fields(TaskResult)}:
-        raise ValueError("the keys are not those of a result")
-    planned = document["planned"]
-    return TaskResult(
-        **{
-            **document,
-            "status": TaskStatus[document["status"].upper()],
-            "planned": None if planned is None else tuple(tuple(float(x) for x in row) for row in planned),
-        }
-    )
+    """A result of the task test; see :func:`~preshape.physics.hold.report.read_result`."""
+    return read_result(document, TaskResult, TaskStatus, planned=poses)
