@@ -121,7 +121,7 @@ def test_the_pregrasp_is_clear_by_what_it_says(any_case: Case) -> None:
 
 
 def no_boxes(shapes: list[LinkShape]) -> bool:
-    return all(shape.kind != "box" for shape in shapes)
+    return all(shape.kind not in ("box", "hull") for shape in shapes)
 
 
 def test_the_way_in_is_free_at_steps_other_than_the_kernels(any_case: Case) -> None:
@@ -176,9 +176,7 @@ def test_table_and_wall_are_kept_out_of(crowded: Case) -> None:
 
 def lowest(shape: LinkShape) -> float:
     """The lowest z of a shape [m], exactly."""
-    if shape.kind == "box":
-        return float(shape.p0[2] - np.abs(shape.rotation[2]) @ shape.half)
-    return float(min(shape.p0[2], shape.p1[2]) - shape.radius)
+    return float(shape.corners[:, 2].min() - shape.radius)
 
 
 # -- what the hand does --------------------------------------------------------------------------------
@@ -202,7 +200,10 @@ def test_contacts_lie_on_the_surface_where_the_finger_is(any_case: Case) -> None
 
 
 def distance(shape: LinkShape, point: Array) -> float:
-    """From a point to a shape's surface [m]; negative inside."""
+    """From a point to a shape's surface [m], negative inside; outside a hull at least that far."""
+    if shape.hull is not None:
+        planes = shape.hull.planes
+        return float((planes[:, :3] @ (shape.rotation.T @ (point - shape.p0)) - planes[:, 3]).max())
     if shape.kind == "box":
         out = np.abs(shape.rotation.T @ (point - shape.p0)) - shape.half
         return float(np.linalg.norm(np.maximum(out, 0)) + min(out.max(), 0.0))

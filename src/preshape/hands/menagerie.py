@@ -69,7 +69,7 @@ def adapted(description: Table, model: str) -> Table:
     texts = {
         "name": PREFIX + model,
         "title": f"{description['title']}, as in MuJoCo Menagerie",
-        "source": f"MuJoCo Menagerie, {model}; its shapes as capsules, boxes and spheres",
+        "source": f"MuJoCo Menagerie, {model}; its shapes as capsules, boxes, spheres and hulls",
     }
     return {**description, **texts, "finger": fingers, **_MODELS[model][1]}
 
