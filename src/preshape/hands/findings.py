@@ -352,7 +352,10 @@ def _law_findings(data: Table, fixed: set[str], model: CompiledModel) -> list[Fi
             )
             found.append(Finding(code="mimic", text=text))
     listed = {joint for entry in fingers_of(data) for joint in joints_of(entry)}
-    if not found and listed <= set(model.hinges) and not description_findings(data):
+    limits = [bound for joint in listed & set(model.hinges) for bound in model.ranges[joint]]
+    # With limits beyond all measure the motors cannot be computed; these limits are a finding of their own.
+    plausible = all(abs(bound) <= LARGEST_LIMIT for bound in limits)
+    if not found and plausible and listed <= set(model.hinges) and not description_findings(data):
         found += _drive_findings(with_model_couples(data, couples), model, listed)
     return found
 
