@@ -200,6 +200,11 @@ def test_the_unit_of_an_mjcfs_angles_is_recognised(
     assert [note in said for said in source.notes] == ([True] if note else [])
 
 
+def test_limits_of_a_urdf_in_degrees_are_refused(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    said = refused(save(tmp_path / "hand.urdf", hand_urdf().replace('upper="1.6"', 'upper="90"')), capfd)
+    assert "are no plausible angles in rad: -0.2 to 90 (degrees?)" in said
+
+
 @pytest.mark.parametrize("root", ["mujocoinclude", "worldbody", "body"])
 def test_a_fragment_of_an_mjcf_is_a_model(root: str, tmp_path: Path) -> None:
     body = """<body name="a"><geom size="0.01"/><body name="b"><joint name="j" range="0 90"/>

@@ -64,7 +64,7 @@ class CompiledModel:
         return model_couples(self.model, self.label)
 
     def is_shape(self, geom: int) -> bool:
-        """Whether a geom is a shape of the hand: it collides. Where nothing does, visual shapes do."""
+        """Whether a geom is one of the hand's shapes: it collides, as visual ones do where no other does."""
         return bool(self.model.geom_contype[geom] or self.model.geom_conaffinity[geom])
 
     def joints_under(self, root: str | None) -> tuple[str, ...]:

@@ -27,8 +27,8 @@ from .motors import RIGID
 SMALLEST_TIP, LARGEST_TIP = 1e-3, 30e-3
 """Plausible radii of a fingertip [m] [C]."""
 
-LARGEST_ANGLE = 1000.0
-"""Largest plausible joint limit [rad] [C]."""
+LARGEST_ANGLE, LARGEST_LIMIT = 1000.0, 20.0
+"""Largest angle that a posture can have, and largest plausible joint limit [rad] [C]."""
 
 LARGEST_U = 0.2
 """Largest plausible U [m] [C]; a larger one means that the file uses another unit."""
@@ -311,8 +311,9 @@ def _joint_findings(data: Table, model: CompiledModel) -> list[Finding]:
             found.append(Finding(code="not_a_hinge", text=text))
             continue
         low, high = model.ranges[joint]
-        if not max(abs(low), abs(high)) <= LARGEST_ANGLE:
-            text = f"the limits of {joint!r} are no plausible angles in rad: {low:g} to {high:g}"
+        if not max(abs(low), abs(high)) <= LARGEST_LIMIT:
+            degrees = " (degrees?)" if max(abs(low), abs(high)) <= 720 else ""
+            text = f"the limits of {joint!r} are no plausible angles in rad: {low:g} to {high:g}{degrees}"
             found.append(Finding(code="limits_missing", text=text))
         elif low > high:
             text = f"the limits of {joint!r} are in the wrong order: {low:g} to {high:g}"
@@ -351,7 +352,10 @@ def _law_findings(data: Table, fixed: set[str], model: CompiledModel) -> list[Fi
             )
             found.append(Finding(code="mimic", text=text))
     listed = {joint for entry in fingers_of(data) for joint in joints_of(entry)}
-    if not found and listed <= set(model.hinges) and not description_findings(data):
+    limits = [bound for joint in listed & set(model.hinges) for bound in model.ranges[joint]]
+    # With limits beyond all measure the motors cannot be computed; these limits are a finding of their own.
+    plausible = all(abs(bound) <= LARGEST_LIMIT for bound in limits)
+    if not found and plausible and listed <= set(model.hinges) and not description_findings(data):
         found += _drive_findings(with_model_couples(data, couples), model, listed)
     return found
 
