@@ -11,7 +11,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from preshape.closure.hand_tables import link_shapes
+from preshape.exceptions import HandError
 from preshape.hands import menagerie
+from preshape.hands.check import check_hand
 from preshape.hands.collision import ObjectCollision
 from preshape.hands.compiled import read_model
 from preshape.hands.hulls import DEVIATION, MOST_CORNERS, ellipsoid_corners, few_corners, hull, mesh_pieces
@@ -252,8 +254,10 @@ def test_bodies_to_ignore_and_visual_shapes(tmp_path: Path) -> None:
     pair = '<exclude body1="thumb_distal" body2="index_distal"/>'
     assert (pair in one.mjcf, pair in two.mjcf) == (False, True)
     (tmp_path / "b.toml").write_text('ignore = [["thumb_distal", "nobody"]]\n' + toml, encoding="utf-8")
-    with pytest.raises(Exception, match="'nobody'"):
+    with pytest.raises(HandError, match="'nobody'"):
         load_hand(tmp_path / "b.toml")
+    (tmp_path / "b.toml").write_text('ignore = ["thumb_distal"]\n' + toml, encoding="utf-8")
+    assert [finding.code for finding in check_hand(tmp_path / "b.toml")] == ["ignore"]
     visual = text.replace("<collision>", "<visual>").replace("</collision>", "</visual>")
     assert visual != text
     (tmp_path / "trident.urdf").write_text(visual, encoding="utf-8")
