@@ -1,4 +1,4 @@
-"""Wraps of the whole hand: how they are drawn and closed, what becomes of them, and that they are recalled."""
+"""Wraps of the whole hand: drawn, closed, finished and recalled."""
 
 from __future__ import annotations
 
