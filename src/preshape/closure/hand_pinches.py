@@ -9,7 +9,10 @@ together, and stores the pairs that then face each other by the width of the obj
 from __future__ import annotations
 
 import itertools
+from collections.abc import Sequence
+from dataclasses import replace
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 
@@ -24,6 +27,9 @@ from .preshapes import SELF_DEPTH, motor_ranges, posture_at, posture_of
 
 WIDTHS = np.array([0.0, 3, 6, 10, 15, 20, 27, 35, 45, 60, 80, 100]) * 1e-3
 """Edges of the width classes [m]; each class gets up to :data:`PER_WIDTH` pinches [C]."""
+BELOW = (-0.024, -0.018, -0.012, -0.006)
+"""Edges of classes of estimated widths below zero: the spheres of flat fingertips overlap where their pads
+still stand apart [m] [C]."""
 PER_WIDTH = 64
 """Pinches in each width class [C]."""
 FACING = 0.5
@@ -35,7 +41,7 @@ PALM_SPHERES = 10
 LONG_LINK = 0.01
 """A joint's body counts as a link if the next joint is further away than this [m] [C]."""
 _POSTURES, _STATIONS = 1024, 15  # random postures, and points of the closing path
-_LEVELLED, _CHECKED = 16, 3  # pairs levelled, and pairs checked for collisions, for each pinch stored
+_LEVELLED, _CHECKED = 48, 6  # pairs levelled, and pairs checked for collisions, for each pinch stored
 _ROUNDS = 4  # rounds of levelling
 _STEP = 0.01  # step of the closing for finite differences
 _ROWS = (
@@ -115,7 +121,7 @@ def hand_pinches(hand: Hand, seed: int = 0) -> Pinches:
         hand: The hand.
         seed: Seed of the random postures; the same seed gives the same pinches.
     """
-    label = f"pinches 1 {_POSTURES} {PER_WIDTH} {seed}"
+    label = f"pinches 3 {_POSTURES} {PER_WIDTH} {seed}"
     return cached(Pinches, hand, label, lambda: _find_pinches(hand, seed))
 
 
@@ -163,30 +169,44 @@ def _find_pinches(hand: Hand, seed: int) -> Pinches:
         others = _others(tables, mask)
         apart = tips[:, :, None, t] - tips[:, None, :, others].mean(axis=-2)
         rough = (np.linalg.norm(apart, axis=-1) - radius[t] - radius[others].mean()).reshape(_POSTURES, -1)
-        for narrow, wide in itertools.pairwise(WIDTHS):
+        # The distance of the tips' spheres only estimates that of the pads, so pinches of one class are drawn
+        # for the classes beside it as well.
+        levelled, closings = [found[0]], [np.zeros((0, f))]
+        for narrow, wide in itertools.pairwise((*BELOW, *WIDTHS)):
             # 2. One random pair of stations of about this width from each posture.
             about = ((rough >= narrow) & (rough < wide)) * rng.random(rough.shape)
             rows = rng.permutation(np.flatnonzero(about.any(axis=1)))[: _LEVELLED * each]
             a, b = np.divmod(about[rows].argmax(axis=1), _STATIONS)
             closing = np.zeros((len(rows), f))
             closing[:, others], closing[:, t] = shares[b][:, None], shares[a]
-            # 3. and 4.
+            # 3.
             pinches, closing = _levelled(tables, start[rows], closing, mask)
-            inside = np.flatnonzero((pinches.width >= narrow) & (pinches.width < wide))[: _CHECKED * each]
-            closed = posture_at(tables, pinches.start[inside], closing[inside])
+            levelled.append(pinches)
+            closings.append(closing)
+        # 4.
+        every = replace(levelled[0], **_rows(levelled))
+        closing = np.concatenate(closings)
+        for narrow, wide in itertools.pairwise(WIDTHS):
+            inside = np.flatnonzero((every.width >= narrow) & (every.width < wide))[: _CHECKED * each]
+            closed = posture_at(tables, every.start[inside], closing[inside])
             clear = [
                 k
                 for k, q in zip(inside, closed, strict=True)
-                if _collision_free(kinematics, pinches.start[k], q)
+                if _collision_free(kinematics, every.start[k], q)
             ]
-            found.append(pinches.take(np.array(clear[:each], dtype=np.int64)))
-    together = {name: np.concatenate([getattr(pinches, name) for pinches in found]) for name in _ROWS}
+            found.append(every.take(np.array(clear[:each], dtype=np.int64)))
+    together = _rows(found)
     order = np.argsort(together["width"], kind="stable")
     return Pinches(
         **{name: rows[order] for name, rows in together.items()},
         palm=_spread_out(tables.palm, PALM_SPHERES),
         tip=radius.max(keepdims=True),
     )
+
+
+def _rows(parts: Sequence[Pinches]) -> dict[str, Any]:
+    """The rows of several sets of pinches, one after the other."""
+    return {name: np.concatenate([getattr(pinches, name) for pinches in parts]) for name in _ROWS}
 
 
 def _levelled(tables: HandTables, start: Array, closing: Array, mask: int) -> tuple[Pinches, Array]:
