@@ -108,7 +108,8 @@ class TestPinches:
         # The thumb on +z, the finger on -z, and next to no way between them along the plate.
         assert (closed.normals_in[good, 0, 2] < -0.9).mean() > 0.9
         aside = np.linalg.norm(closed.points[good, 0, :2] - closed.points[good, 1, :2], axis=1)
-        assert np.median(aside) < 0.0007
+        # A flat pad touches anywhere on its face; LEAP's is 8 mm wide.
+        assert np.median(aside) < (0.004 if name == "leap" else 0.0007)
 
 
 def test_sets_of_fingers() -> None:
