@@ -139,7 +139,7 @@ def changed(index: int, content: float) -> Array:
         ({"grip": changed(7, 0)}, "fingers must be a whole number from 1, got 0"),
         ({"grip": changed(7, 2.5)}, "fingers must be a whole number from 1, got 2.5"),
         ({"grip": changed(7, -1)}, "fingers"),
-        ({"grip": changed(7, 2**16)}, "fingers"),
+        ({"grip": changed(7, 2**17)}, "fingers"),
         ({"shape": SHAPE[:-1]}, "shape must be 28 numbers, got 27"),
         ({"quality": 6.1}, "quality must be a finite number"),
         ({"quality": float("nan")}, "quality"),

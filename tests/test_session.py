@@ -275,7 +275,7 @@ def grip_lesson(plan: preshape.Plan, hand: str) -> Any:
     assert isinstance(plan.grasp, Grip)
 
     class Prepared:
-        mesh, layout = plan.mesh, type("Layout", (), {"name": hand})
+        mesh, layout = plan.mesh, type("Layout", (), {"name": hand, "model": ""})
 
     sets = plan.settings.sets
     return experience_of(
@@ -378,7 +378,8 @@ def test_asking_again_never_gives_a_worse_grip(session: Session, name: str) -> N
             first, again = session.run(request), session.run(request)
             if first.grasp is not None:
                 assert again.grasp is not None, (task, again.decision.reason)
-                assert again.grasp.judged >= first.grasp.judged - 1e-6, task
+                # A wrap is closed again from a little outside, and stops within its tolerance.
+                assert again.grasp.judged >= first.grasp.judged - 1e-3, task
 
 
 def test_a_session_answers_as_if_each_request_were_its_first(tmp_path: Path) -> None:

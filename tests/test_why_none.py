@@ -73,7 +73,8 @@ def test_the_way_in() -> None:
 
 
 def test_the_load() -> None:
-    found = none_of("sphere", friction=0.001)
+    # Without friction fingers that go round a sphere hold it all the same.
+    found = none_of("sphere", friction=0.001, wraps=0)
     assert found.reason.endswith("the load with the planned share of the friction (0.35 of 0.001 = 0.00035)")
     assert "table" not in found.reason
     assert found.miss is not None

@@ -9,6 +9,7 @@ import numpy as np
 from ..exceptions import InputError
 from ..hands.hand import Hand
 from ..hands.load import load_hand, recorded_hand
+from ..hiis.analyser import PALM
 from ..physics.grasps import Fault
 from ..planning.document import Document, lacking, no_answer, planned_load, request_of, version_of
 from ..report.plain import escaped_line
@@ -90,7 +91,8 @@ class PlannedGrasp:
     def __post_init__(self) -> None:
         joints, contacts = len(self.hand.joints), len(self.fingers)
         for finger in self.fingers:
-            self.hand.finger(finger)
+            if finger != PALM:
+                self.hand.finger(finger)
         freeze(
             self,
             up=frozen_array(self.up, (3,), "up"),

@@ -71,6 +71,9 @@ def couples_of(data: Table, name: str) -> tuple[Table, ...]:
                     f"hand {name!r}: a {law} couple has no key {shown(key)}; "
                     f"it has {', '.join(COUPLE_KEYS[law])}"
                 )
+        missing = [key for key in ("motor", "follow" if law == RIGID else "sum") if key not in couple]
+        if missing:
+            raise HandError(f"hand {name!r}: a {law} couple lacks {missing[0]!r}")
         parts = couple["follow" if law == RIGID else "sum"]
         if not isinstance(parts, dict) or not parts:
             raise HandError(
@@ -205,6 +208,10 @@ def couple_motor(couple: Table, limits: dict[str, Array], name: str) -> Motor:
         )
     except HandError as error:
         raise HandError(f"hand {name!r}: {error}") from error
+    except (TypeError, ValueError, KeyError, AttributeError) as error:
+        raise HandError(
+            f"hand {name!r}: couple {couple['motor']}: its numbers cannot be read ({error})"
+        ) from error
 
 
 def _require_one_finger(motor: Motor, fingers: Sequence[Finger], name: str) -> None:

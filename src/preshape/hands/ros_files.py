@@ -14,6 +14,7 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Iterable, Iterator
+from contextlib import suppress
 from copy import deepcopy
 from itertools import chain
 from pathlib import Path
@@ -230,10 +231,15 @@ def find_mesh(name: str, path: Path, meshdir: str = "") -> Path:
             (up / rest for up in (folder, *folder.parents[:_HIGHEST])),
             (folder / meshdir / Path(rest).name,),
         )
-    for place in places:
+    tried = list(places)
+    for place in tried:
         found = _as_written(place)
         if found is not None:
             return found
+    for place in tried:
+        with suppress(OSError, ValueError):
+            if place.exists():  # no regular file: reading it says what it is
+                return place
     where = (
         f'in the package "{printable(package[2], 60)}": put its folder above the model, or name the folder '
         "that contains it in ROS_PACKAGE_PATH"

@@ -289,7 +289,10 @@ def _grip(plan: PlanRecord, grip: Grasp) -> Document | None:
     if not isinstance(grip, Grip):
         return None
     return {
-        "type": asdict(grasp_type(grip, plan.hand.fingers[0].name, plan.mesh.extents)),
+        "type": {
+            **asdict(kind := grasp_type(grip, plan.hand.fingers[0].name, plan.mesh.extents)),
+            "virtual_fingers": [list(group) for group in kind.virtual_fingers],
+        },
         "approach": grip.approach.tolist(),
         "forces": grip.forces.tolist(),
         "torques": grip.torques.tolist(),

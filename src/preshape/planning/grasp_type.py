@@ -55,6 +55,8 @@ def grasp_type(grip: Grip, thumb: str, extents: Array) -> GraspType:
         name = _PADS.get(len(fingers), "precision disk")
     elif palm and float(np.max(extents) / np.min(extents)) < ROUND and len(fingers) > 1:
         name = "power sphere"
+    elif not palm:
+        name = "finger wrap"
     else:
         width = _opposed(grip, thumb)
         name = "small diameter" if width < SMALL else "large diameter" if width > LARGE else "medium wrap"
