@@ -31,7 +31,7 @@ TASK = parse_task("lift")
 MOST = 20.0
 """Strongest usual press on 0.1 kg [N]."""
 RIGHT = 1.0 + 1e-7  # contacts are of single precision
-SLIPPERY, SMOOTH = 0.05, 0.16
+SLIPPERY, SMOOTH = 0.04, 0.16
 """Friction with which no usual press is enough, and with which it is for some grips."""
 
 
@@ -166,7 +166,7 @@ def test_a_firm_grip_is_recalled_for_the_object_that_it_was_taught_for(strong: H
     if same:
         assert grasps[0].judged >= ENOUGH
         assert press(grasps[0]) == pytest.approx(press(best), rel=0.05)
-        assert pupil.tried == 1  # nothing else was looked for
+        assert pupil.tried < 200  # the stored grip, or the few candidates at the estimate beside it
     else:
         assert max(map(press, grasps), default=0.0) <= MOST * RIGHT
 
