@@ -244,3 +244,23 @@ def test_a_model_that_is_not_there_or_no_xml_is_refused(
     assert "MuJoCo cannot read it" in refused(save(tmp_path / "a.urdf", "<robot"), capfd)
     with pytest.raises(HandError, match="cannot read it"):
         read_model(save(tmp_path / "deep.xml", "<mujoco><worldbody>" + "<body>" * 100000))
+
+
+@pytest.mark.parametrize(
+    ("followed", "said"), [("nope", "which the model does not have"), ("mount", "which is fixed")]
+)
+def test_a_joint_that_mimics_no_moving_joint_is_named(
+    followed: str, said: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """MuJoCo would drop the law, and the joint would get a motor that the hand does not have."""
+    text = hand_urdf()
+    mount = '<link name="flange"/><joint name="mount" type="fixed">'
+    mount += '<parent link="{0}"/><child link="flange"/></joint>'
+    first = re.search(r'<link name="([^"]+)"', text)
+    assert first is not None
+    text = text.replace("</robot>", f"{mount.format(first[1])}</robot>")
+    joint = re.search(r'<joint name="([^"]+)" type="revolute">', text)
+    assert joint is not None
+    text = text.replace(joint[0], f'{joint[0]}<mimic joint="{followed}" multiplier="1"/>', 1)
+    told = refused(save(tmp_path / "hand.urdf", text), capfd)
+    assert f"{joint[1]}' mimics '{followed}', {said}" in " ".join(told.split())

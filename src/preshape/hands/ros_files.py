@@ -24,7 +24,7 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from ..exceptions import HandError
+from ..exceptions import HandError, shown
 from ..files import MOST_OF_MESH, MOST_OF_MODEL, read_file
 from ..objects.read_text import printable
 from ..types import value
@@ -71,6 +71,7 @@ def model_text(path: Path) -> ModelText:
         content = _expanded(path)
     root = ElementTree.fromstring(content)
     if root.tag == "robot":
+        _require_mimicked(root, path)
         assets: dict[str, bytes] = {}
         notes: list[str] = [*_visual_shapes(root), *_resolved_meshes(root, path, assets)]
         return ModelText(text=_for_mujoco(root), urdf=True, whole=False, assets=assets, notes=tuple(notes))
@@ -105,6 +106,20 @@ def _expanded(path: Path) -> bytes:
             f"{path}: its xacro cannot be expanded: {printable(error, 400)}; expand it where its packages "
             f'are, by "xacro {path.name} > hand.urdf"'
         ) from error
+
+
+def _require_mimicked(root: Element, path: Path) -> None:
+    """Refuse a joint that follows one that is missing or fixed, because MuJoCo drops such a law silently."""
+    kinds = {str(joint.get("name")): joint.get("type") for joint in root.findall("joint")}
+    for joint in root.findall("joint"):
+        law = joint.find("mimic")
+        followed = None if law is None else str(law.get("joint"))
+        if followed is not None and kinds.get(followed, "fixed") == "fixed":
+            what = "is fixed" if followed in kinds else "the model does not have"
+            raise HandError(
+                f"{path}: the joint {shown(str(joint.get('name')))} mimics {shown(followed)}, which {what}: "
+                "correct the name, or make the joint fixed too"
+            )
 
 
 def _for_mujoco(root: Element) -> str:
