@@ -97,6 +97,11 @@ def test_an_impossible_adaptive_law_is_refused(change: dict, said: str) -> None:
 @pytest.mark.parametrize(
     ("couples", "said"),
     [
+        ([{"law": "rigid", "motor": "ring_knuckle"}], "a rigid couple lacks 'follow'"),
+        ([{"law": "adaptive", "sum": {"ring_knuckle": 1.0}}], "an? adaptive couple lacks 'motor'"),
+        ([{**TENDON, "sum": {"index_knuckle": "a", "index_middle": 1.0}}], "its numbers cannot be read"),
+        ([{**TENDON, "order": [["index_middle"]]}], "its numbers cannot be read"),
+        ([{**GEAR, "follow": {"ring_middle": [[1, 2]]}}], "its numbers cannot be read"),
         ([{**GEAR, "law": "loose"}], "rigid or adaptive, got 'loose'"),
         ([{**GEAR, "sum": {}}], "a rigid couple has no key 'sum'"),
         ([GEAR, GEAR], "ring_knuckle is in two couples"),

@@ -17,6 +17,7 @@ from preshape.closure.hand_tables import hand_tables
 from preshape.closure.preshapes import posture_of, preshapes
 from preshape.closure.settings import ClosureSettings
 from preshape.closure.wrapping import ClosedWraps, Wrapper, families
+from preshape.export.planned import planned_grasps
 from preshape.hands import load_hand
 from preshape.hiis.analyser import PALM
 from preshape.hiis.planes import APPROACH_AXES
@@ -134,6 +135,10 @@ def test_a_heavy_hammer_is_wrapped(hammer: dict[str, Any]) -> None:
     back = np.array(hand["grasp"]["palm_pose"]) - np.array(hand["pregrasp"]["palm_pose"])
     assert back[:3] == pytest.approx(0.008 * np.array(grip["approach"]), abs=1e-9)
     assert not back[3:].any()
+    # Exports take it as any grip; a force of the palm is the palm's.
+    (exported,), faults = planned_grasps(hammer, "plan.json", answer=0)
+    assert not faults
+    assert exported.fingers == tuple(names)
 
 
 def test_a_wrap_is_known_the_next_time(hammer: dict[str, Any], memory: str) -> None:
