@@ -252,9 +252,8 @@ def find_mesh(name: str, path: Path, meshdir: str = "") -> Path:
         if found is not None:
             return found
     for place in tried:
-        with suppress(OSError, ValueError):
-            if place.exists():  # no regular file: reading it says what it is
-                return place
+        with suppress(OSError):
+            read_file(place, MOST_OF_MESH, "mesh", refusal=HandError)  # says what is no regular file
     where = (
         f'in the package "{printable(package[2], 60)}": put its folder above the model, or name the folder '
         "that contains it in ROS_PACKAGE_PATH"
