@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import hashlib
-from typing import Any
+from functools import lru_cache
+from typing import Any, NamedTuple
 from xml.etree import ElementTree
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ..exceptions import HandError, shown
-from ..types import LONGEST_NAME, Array, freeze, frozen_array, value
-from .motors import DIRECT, Motor
+from ..types import LONGEST_NAME, Array, IntArray, freeze, frozen_array, value
+from .motors import Motor
 
 LONGEST_HAND_NAME = LONGEST_NAME - 55
 """Largest number of characters of a hand's name; the memory adds the analyser's to it."""
@@ -220,9 +221,8 @@ class Hand:
         return len(self.motors) < len(self.joints)
 
     def motor_columns(self) -> list[list[int]]:
-        """For every motor the columns of its joints in ``joints``."""
-        at = {joint: k for k, joint in enumerate(self.joints)}
-        return [[at[joint] for joint in motor.joints] for motor in self.motors]
+        """For every motor the columns of its joints in ``joints``; do not change them."""
+        return _drives(self).columns
 
     def posture(self, kind: str) -> Array:
         """(n,) joint angles [rad] of the whole hand in the posture ``open``, ``rest`` or ``closed``."""
@@ -237,11 +237,8 @@ class Hand:
         return self.follow(self.controls(q))
 
     def command_matrix(self) -> Array:
-        """(m, n) matrix W that gives the motors' commands of a posture, m = W q."""
-        matrix = np.zeros((len(self.motors), len(self.joints)))
-        for row, (motor, columns) in enumerate(zip(self.motors, self.motor_columns(), strict=True)):
-            matrix[row, columns] = motor.weights
-        return matrix
+        """(m, n) matrix W that gives the motors' commands of a posture, m = W q; read-only."""
+        return _drives(self).command
 
     def controls(self, q: ArrayLike) -> Array:
         """(..., m) commands [rad] of the motors in postures ``q`` (..., n) [rad]."""
@@ -251,10 +248,10 @@ class Hand:
 
     def follow(self, commands: ArrayLike) -> Array:
         """(..., n) postures [rad] taken at commands (..., m) [rad] while nothing touches the hand."""
-        m = np.asarray(commands, dtype=np.float64)
-        q = np.empty((*m.shape[:-1], len(self.joints)))
-        for k, (motor, columns) in enumerate(zip(self.motors, self.motor_columns(), strict=True)):
-            q[..., columns] = m[..., k, None] if motor.law == DIRECT else motor.angles(m[..., k])
+        m, drives = np.asarray(commands, dtype=np.float64), _drives(self)
+        q = np.asarray(m[..., drives.owner] * drives.slope + drives.offset)
+        for k in drives.curved:
+            q[..., drives.columns[k]] = self.motors[k].angles(m[..., k])
         return q
 
     def lawful(self, q: ArrayLike) -> Array:
@@ -265,16 +262,20 @@ class Hand:
     def rates(self, q: ArrayLike) -> Array:
         """(n, m) derivatives of the joint angles by the motors' commands, in the posture ``q`` (n,) [rad].
 
-        A motor's torque is the sum of the torques of its joints times their rates, by virtual work.
+        A motor's torque is the sum of the torques of its joints times their rates, by virtual work. If all
+        laws are linear, the matrix is the same in every posture, and read-only.
         """
-        matrix, commands = np.zeros((len(self.joints), len(self.motors))), self.controls(q)
-        for k, (motor, columns) in enumerate(zip(self.motors, self.motor_columns(), strict=True)):
-            matrix[columns, k] = motor.rates(float(commands[k]))
+        drives = _drives(self)
+        if not drives.curved:
+            return drives.rates
+        matrix, commands = drives.rates.copy(), self.controls(q)
+        for k in drives.curved:
+            matrix[drives.columns[k], k] = self.motors[k].rates(float(commands[k]))
         return matrix
 
     def ranges(self) -> Array:
-        """(m, 2) least and largest command of every motor [rad]."""
-        return np.array([motor.range for motor in self.motors])
+        """(m, 2) least and largest command of every motor [rad]; read-only."""
+        return _drives(self).ranges
 
     def motor_facts(self) -> list[dict[str, Any]]:
         """What a reader of a plan must know of the motors to send it to other servos; JSON values."""
@@ -303,6 +304,47 @@ class Hand:
         for name, angles in by_finger.items():
             q[self.columns(name)] = angles
         return q
+
+
+class _Drives(NamedTuple):
+    """The motors of a hand as arrays; inverse kinematics asks for them at every evaluation.
+
+    Attributes:
+        columns: For every motor the columns of its joints.
+        command: (m, n) matrix W of :meth:`Hand.command_matrix`.
+        ranges: (m, 2) least and largest command of every motor [rad].
+        owner: (n,) motor of every joint.
+        slope: (n,) derivative of every joint by its motor's command; of no meaning for a curved law.
+        offset: (n,) angle of every joint at command 0 [rad]; of no meaning for a curved law.
+        rates: (n, m) derivatives by the commands; of no meaning in the columns of curved laws.
+        curved: Motors whose joints are not linear functions of the command.
+    """
+
+    columns: list[list[int]]
+    command: Array
+    ranges: Array
+    owner: IntArray
+    slope: Array
+    offset: Array
+    rates: Array
+    curved: list[int]
+
+
+@lru_cache(maxsize=64)
+def _drives(hand: Hand) -> _Drives:
+    at, n, m = {joint: k for k, joint in enumerate(hand.joints)}, len(hand.joints), len(hand.motors)
+    columns = [[at[joint] for joint in motor.joints] for motor in hand.motors]
+    command, rates = np.zeros((m, n)), np.zeros((n, m))
+    owner, slope, offset = np.zeros(n, dtype=np.int64), np.zeros(n), np.zeros(n)
+    for k, (motor, own) in enumerate(zip(hand.motors, columns, strict=True)):
+        command[k, own], owner[own] = motor.weights, k
+        offset[own], slope[own] = motor.polynomials[:, 0], motor.polynomials[:, 1]
+        rates[own, k] = slope[own]
+    ranges = np.array([motor.range for motor in hand.motors])
+    for array in (command, ranges, rates):
+        array.flags.writeable = False
+    curved = [k for k, motor in enumerate(hand.motors) if not motor.affine]
+    return _Drives(columns, command, ranges, owner, slope, offset, rates, curved)
 
 
 def _model_content(element: ElementTree.Element) -> tuple[Any, ...]:
