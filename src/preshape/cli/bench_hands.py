@@ -12,8 +12,8 @@ import click
 from ..exceptions import EnvironmentFailure, InputError
 from ..report.terminal import print_table, report_console
 from ..types import FRICTION
-from .bench_pick import masses_of
-from .bench_planner import OWN, cases_of, mass_of
+from .bench_pick import things_of
+from .bench_planner import OWN, cases_of
 from .options import check_folder, check_least, json_option, workers_option
 from .printing import emit, name_files
 from .progress import steps
@@ -63,7 +63,6 @@ def hands(
     from ..hands import menagerie
     from ..hands.load import load_hand
     from ..physics.hand import published_hand
-    from ..physics.pick.objects import pick_objects
     from ..physics.pick.protocol import PickProtocol
     from ..physics.protocol import HoldProtocol
     from ..planning.model_bench import compare_models
@@ -73,13 +72,7 @@ def hands(
     check_least(0, seed=seed)
     folder = _models(models)
     cases = cases_of(objects, "1", None)
-    stated = {} if masses is None else masses_of(Path(masses))
-    things = pick_objects(
-        [case.source for case in cases],
-        mass=mass_of(mass),
-        masses={case.source: stated[case.object_name] for case in cases if case.object_name in stated},
-        seed=seed,
-    )
+    things = things_of(cases, mass, masses, seed)
     hold = HoldProtocol(friction=friction, stop_early=True)
     pick = PickProtocol(friction=friction, seed=seed)
     reports = []

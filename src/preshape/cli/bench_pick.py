@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from ..physics.pick.objects import PickObject
     from ..physics.pick.protocol import PickProtocol, PickResult
     from ..physics.pick.report import PickReport
+    from ..planning.planner_bench import Case
     from ..report import Figure
     from ..viewer.film import Film
 
@@ -82,7 +83,6 @@ def pick(
     """
     from ..hands.load import load_hand
     from ..physics.hand import physics_hand, published_hand
-    from ..physics.pick.objects import pick_objects
     from ..physics.pick.protocol import PickProtocol
     from ..physics.pick.runner import run_picks
     from ..planning.planned_answers import PlannedPicks
@@ -97,13 +97,7 @@ def pick(
     own = load_hand(hand)
     picks_with = physics_hand(own) if model is None else published_hand(own, model)
     cases = cases_of(objects, "1", None)
-    stated = {} if masses is None else masses_of(Path(masses))
-    things = pick_objects(
-        [case.source for case in cases],
-        mass=mass_of(mass),
-        masses={case.source: stated[case.object_name] for case in cases if case.object_name in stated},
-        seed=seed,
-    )
+    things = things_of(cases, mass, masses, seed)
     answers = PlannedPicks(hand=own, task=task, model=picks_with)
     kept = kept_results(checkpoint, out)
     with steps(GOES_ON if kept else "with --out or --checkpoint they would be kept") as shown:
@@ -129,7 +123,25 @@ def pick(
     return 0
 
 
-def masses_of(file: Path) -> dict[str, float]:
+def things_of(cases: list[Case], mass: str, masses: str | None, seed: int) -> tuple[PickObject, ...]:
+    """The objects of cases with the masses that ``--mass`` and ``--masses`` state.
+
+    Raises:
+        InputError: A mass or the file of masses cannot be used, or an object cannot.
+        EnvironmentFailure: A file cannot be read.
+    """
+    from ..physics.pick.objects import pick_objects
+
+    stated = {} if masses is None else _masses(Path(masses))
+    return pick_objects(
+        [case.source for case in cases],
+        mass=mass_of(mass),
+        masses={case.source: stated[case.object_name] for case in cases if case.object_name in stated},
+        seed=seed,
+    )
+
+
+def _masses(file: Path) -> dict[str, float]:
     """Masses by object name [kg].
 
     Raises:
