@@ -45,7 +45,6 @@ class UnitSqueeze(NamedTuple):
         forces: (n, 3) forces on the object, per newton.
         imbalance: Norm of the net wrench of the forces (force; torque divided by ℓ).
         jacobians: For each contact, (6, k) linear and angular velocity per speed of the k motors behind it.
-        chains: For each contact, the slice of the hand's joints between the palm and the touching link.
         motors: For each contact, (k,) the motors behind it.
         torques: (j,) joint torques per newton [m].
         drive: (m,) motor torques per newton [m].
@@ -57,7 +56,6 @@ class UnitSqueeze(NamedTuple):
     forces: Array
     imbalance: float
     jacobians: list[Array]
-    chains: list[slice]
     motors: list[IntArray]
     torques: Array
     drive: Array
@@ -132,7 +130,6 @@ class Squeezer:
             jacobians=[
                 J @ rates[chain][:, own] for J, chain, own in zip(by_joint, chains, motors, strict=True)
             ],
-            chains=chains,
             motors=motors,
             torques=torques,
             drive=drive,

@@ -35,7 +35,7 @@ MIN_CONTACTS = 2
 STEP, TURN, BEND = 0.006, 0.12, 0.10
 """Standard deviations of the first refinement: wrist position [m], wrist rotation [rad], joints of the
 preshape [rad] [C]."""
-WRAP_GAP, WRAP_NEAR, BACK = 5e-4, 1.5e-3, 0.012
+WRAP_GAP, WRAP_NEAR, WRAP_BACK = 5e-4, 1.5e-3, 0.012
 """Distance from the surface at which links of a wrap stop in the search, largest distance that counts as
 contact, and distance from the object at which a wrap begins to move in [m] [C]."""
 OPENED, ROOM = 0.8, 0.002
@@ -135,7 +135,7 @@ class ClosureSearch:
         """The same for wraps; their contacts are exact already."""
         if self.query is None:
             raise ValueError("wraps need the object's surface")
-        hands = closed_hands(self.tables, self.query, *self.wrapper.close(candidates, back=BACK))
+        hands = closed_hands(self.tables, self.query, *self.wrapper.close(candidates, back=WRAP_BACK))
         rows = np.flatnonzero(hands.real)
         rows = rows[[self._links_apart(q) for q in hands.grasp[rows]]] if len(rows) else rows
         hands, n = hands.take(rows), len(rows)

@@ -132,7 +132,6 @@ def compare_models(
     published: PhysicsHand,
     *,
     task: str = "lift",
-    mass: float | None = None,
     hold: HoldProtocol,
     pick: PickProtocol,
     seed: int = 0,
@@ -144,11 +143,10 @@ def compare_models(
 
     Args:
         cases: The objects for the six directions.
-        things: The same objects for the pick test.
+        things: The same objects with their masses, for both tests.
         hand: Our hand.
         published: Its published model.
         task: Name of the task to plan for.
-        mass: Mass in the six directions [kg]; ``None`` takes the masses of the pick test.
         hold: Settings of the six directions.
         pick: Settings of the pick test.
         seed: Seed of the planner.
@@ -163,9 +161,7 @@ def compare_models(
     planned = [
         one
         for case, thing in zip(cases, things, strict=True)
-        for one in plan_cases(
-            [case], hand, task=task, seed=seed, mass=thing.mass if mass is None else mass, progress=None
-        )
+        for one in plan_cases([case], hand, task=task, seed=seed, mass=thing.mass)
     ]
     reports: list[PlannerReport] = []
     picks = []
