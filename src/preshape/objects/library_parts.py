@@ -15,36 +15,36 @@ import numpy as np
 
 from .generator.shapes import curve
 from .parts import LIBRARY, ObjectPart, PartRule
-from .regions import SIDES, AllOf, AnyOf, Facing, HalfSpace, Outside, Region, beyond, box, cylinder
+from .regions import SIDES, AllOf, AnyOf, Facing, HalfSpace, Outside, SurfaceRegion, beyond, box, cylinder
 
-Parts = dict[str, Region]
+Parts = dict[str, SurfaceRegion]
 
 UP = Facing(direction=np.array([0.0, 0.0, 1.0]), least=0.7)
 DOWN = Facing(direction=np.array([0.0, 0.0, -1.0]), least=0.7)
 
 
-def _over(axis: str, limit: float) -> Region:
+def _over(axis: str, limit: float) -> SurfaceRegion:
     return beyond(axis, ">", limit)
 
 
-def _under(axis: str, limit: float) -> Region:
+def _under(axis: str, limit: float) -> SurfaceRegion:
     return beyond(axis, "<", limit)
 
 
-def _between(axis: str, low: float, high: float) -> Region:
+def _between(axis: str, low: float, high: float) -> SurfaceRegion:
     return _over(axis, low) & _under(axis, high)
 
 
-def _bar(radius: float, low: float = -500.0, high: float = 500.0) -> Region:
+def _bar(radius: float, low: float = -500.0, high: float = 500.0) -> SurfaceRegion:
     """A round bar about the z axis [mm]."""
     return cylinder([0, 0, low], [0, 0, high], radius)
 
 
-def _turned(profile: Sequence[Sequence[float]]) -> Region:
+def _turned(profile: Sequence[Sequence[float]]) -> SurfaceRegion:
     """The inside of a surface of revolution about z, whose (radius, height) rise with height [mm]."""
-    layers: list[Region] = []
+    layers: list[SurfaceRegion] = []
     for (r0, z0), (r1, z1) in pairwise(profile):
-        sides: list[Region] = [_between("z", z0, z1)]
+        sides: list[SurfaceRegion] = [_between("z", z0, z1)]
         for angle in 2 * np.pi * np.arange(SIDES) / SIDES:
             # Points (r, z) with (z1 - z0) (r - r0) < (r1 - r0) (z - z0), along one direction.
             across = -(z1 - z0) * np.array([np.cos(angle), np.sin(angle)])
@@ -63,7 +63,7 @@ def _middle_of_wall(outside: Sequence[tuple[float, float]], wall: float, per_spa
     return [[float(r), float(z)] for r, z in middle]
 
 
-def _rest(parts: Parts, *others: str) -> Region:
+def _rest(parts: Parts, *others: str) -> SurfaceRegion:
     """What none of the named parts has; of all parts without a name."""
     return Outside(region=AnyOf(regions=tuple(parts[name] for name in others or tuple(parts))))
 

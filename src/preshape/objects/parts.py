@@ -17,7 +17,7 @@ import numpy as np
 from ..exceptions import InputError, shown
 from ..types import LONGEST_NAME, Array, IntArray, freeze, frozen_array, value
 from .read_raw import merge_equal
-from .regions import Pieces, Region, beyond, box
+from .regions import Pieces, SurfaceRegion, beyond, box
 
 if TYPE_CHECKING:
     from .mesh import TriangleMesh
@@ -76,7 +76,7 @@ class ObjectPart:
     """
 
     name: str
-    region: Region
+    region: SurfaceRegion
     origin: str = ASKED
 
     def __post_init__(self) -> None:
@@ -85,7 +85,7 @@ class ObjectPart:
             raise InputError(
                 f"a part's name is printable text of at most {LONGEST_NAME} characters, got {shown(name)}"
             )
-        if not isinstance(self.region, Region):
+        if not isinstance(self.region, SurfaceRegion):
             raise InputError(f"the part {name}: expected a region, got {shown(self.region)}")
         if self.origin not in ORIGINS:
             raise InputError(f"the part {name}: its origin is one of {ORIGINS}, got {shown(self.origin)}")
@@ -112,7 +112,7 @@ def whole_surface(mesh: TriangleMesh) -> Pieces:
     return Pieces(corners=mesh.corners[real], owners=real)
 
 
-def part_pieces(mesh: TriangleMesh, region: Region) -> Pieces:
+def part_pieces(mesh: TriangleMesh, region: SurfaceRegion) -> Pieces:
     """The pieces of an object's surface, without lids, that lie in a region."""
     return region.split(whole_surface(mesh))[0]
 

@@ -68,7 +68,9 @@ def _label(tree: dict[str, Any]) -> dict[str, list[str]]:
     """
     nodes, meshes, materials = tree["nodes"], tree.get("meshes", []), tree.get("materials", [])
     above: dict[int, list[str]] = {}
-    waiting = [(index, []) for index in _item(tree["scenes"], tree["scene"]).get("nodes", [])]
+    waiting: list[tuple[int, list[str]]] = [
+        (index, []) for index in _item(tree["scenes"], tree["scene"]).get("nodes", [])
+    ]
     while waiting:
         index, names = waiting.pop()
         above[index] = [*names, *_names(nodes[index])]

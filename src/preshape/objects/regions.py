@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..exceptions import InputError, shown
-from ..types import Array, IntArray, freeze, frozen_array, positive_number, read_only, value
+from ..types import Array, BoolArray, IntArray, freeze, frozen_array, positive_number, read_only, value
 
 SIDES = 64
 """Number of sides of the prism that stands for a cylinder."""
@@ -38,7 +38,7 @@ class Pieces:
     corners: Array
     owners: IntArray
 
-    def of(self, chosen: ArrayLike) -> Pieces:
+    def of(self, chosen: BoolArray | IntArray) -> Pieces:
         """The pieces of a mask or of indices."""
         return Pieces(corners=self.corners[chosen], owners=self.owners[chosen])
 
@@ -62,7 +62,7 @@ def joined(parts: Sequence[Pieces]) -> Pieces:
     )
 
 
-class Region(ABC):
+class SurfaceRegion(ABC):
     """A set of points, or of triangles, of a surface."""
 
     __slots__ = ()
@@ -72,21 +72,21 @@ class Region(ABC):
         """The pieces inside, and those outside."""
 
     @abstractmethod
-    def moved(self, scale: float, offset: ArrayLike) -> Region:
+    def moved(self, scale: float, offset: ArrayLike) -> SurfaceRegion:
         """The region of the points ``scale`` · p + ``offset`` (3,) [m] of its own points p."""
 
-    def __and__(self, other: Region) -> Region:
+    def __and__(self, other: SurfaceRegion) -> SurfaceRegion:
         return AllOf(regions=(self, other))
 
-    def __or__(self, other: Region) -> Region:
+    def __or__(self, other: SurfaceRegion) -> SurfaceRegion:
         return AnyOf(regions=(self, other))
 
-    def __sub__(self, other: Region) -> Region:
+    def __sub__(self, other: SurfaceRegion) -> SurfaceRegion:
         return AllOf(regions=(self, Outside(region=other)))
 
 
 @value
-class HalfSpace(Region):
+class HalfSpace(SurfaceRegion):
     """The points p with normal · p ≥ offset.
 
     Attributes:
@@ -133,17 +133,17 @@ class HalfSpace(Region):
             outside += [tip.of(~single), rest.of(twice)]
         return _proper(joined(inside)), _proper(joined(outside))
 
-    def moved(self, scale: float, offset: ArrayLike) -> Region:
-        """See :meth:`Region.moved`."""
+    def moved(self, scale: float, offset: ArrayLike) -> SurfaceRegion:
+        """See :meth:`SurfaceRegion.moved`."""
         shift = float(self.normal @ np.asarray(offset, dtype=np.float64))
         return HalfSpace(normal=self.normal, offset=scale * self.offset + shift)
 
 
 @value
-class AllOf(Region):
+class AllOf(SurfaceRegion):
     """What lies in each of several regions."""
 
-    regions: tuple[Region, ...]
+    regions: tuple[SurfaceRegion, ...]
 
     def split(self, pieces: Pieces) -> tuple[Pieces, Pieces]:
         """Cut by one region after another."""
@@ -153,16 +153,16 @@ class AllOf(Region):
             outside.append(out)
         return pieces, joined(outside)
 
-    def moved(self, scale: float, offset: ArrayLike) -> Region:
-        """See :meth:`Region.moved`."""
+    def moved(self, scale: float, offset: ArrayLike) -> SurfaceRegion:
+        """See :meth:`SurfaceRegion.moved`."""
         return AllOf(regions=tuple(region.moved(scale, offset) for region in self.regions))
 
 
 @value
-class AnyOf(Region):
+class AnyOf(SurfaceRegion):
     """What lies in any of several regions."""
 
-    regions: tuple[Region, ...]
+    regions: tuple[SurfaceRegion, ...]
 
     def split(self, pieces: Pieces) -> tuple[Pieces, Pieces]:
         """Take what each region adds."""
@@ -172,29 +172,29 @@ class AnyOf(Region):
             inside.append(found)
         return joined(inside), pieces
 
-    def moved(self, scale: float, offset: ArrayLike) -> Region:
-        """See :meth:`Region.moved`."""
+    def moved(self, scale: float, offset: ArrayLike) -> SurfaceRegion:
+        """See :meth:`SurfaceRegion.moved`."""
         return AnyOf(regions=tuple(region.moved(scale, offset) for region in self.regions))
 
 
 @value
-class Outside(Region):
+class Outside(SurfaceRegion):
     """What does not lie in a region."""
 
-    region: Region
+    region: SurfaceRegion
 
     def split(self, pieces: Pieces) -> tuple[Pieces, Pieces]:
         """The two sides exchanged."""
         inside, outside = self.region.split(pieces)
         return outside, inside
 
-    def moved(self, scale: float, offset: ArrayLike) -> Region:
-        """See :meth:`Region.moved`."""
+    def moved(self, scale: float, offset: ArrayLike) -> SurfaceRegion:
+        """See :meth:`SurfaceRegion.moved`."""
         return Outside(region=self.region.moved(scale, offset))
 
 
 @value
-class TriangleSet(Region):
+class TriangleSet(SurfaceRegion):
     """Certain triangles of one mesh, such as those of a group in its file.
 
     Attributes:
@@ -211,13 +211,13 @@ class TriangleSet(Region):
         own = np.isin(pieces.owners, self.triangles)
         return pieces.of(own), pieces.of(~own)
 
-    def moved(self, scale: float, offset: ArrayLike) -> Region:
+    def moved(self, scale: float, offset: ArrayLike) -> SurfaceRegion:
         """The same triangles."""
         return self
 
 
 @value
-class Facing(Region):
+class Facing(SurfaceRegion):
     """The triangles that face a direction.
 
     Attributes:
@@ -234,12 +234,12 @@ class Facing(Region):
         facing = crosses @ np.asarray(self.direction) >= self.least * np.linalg.norm(crosses, axis=1)
         return pieces.of(facing), pieces.of(~facing)
 
-    def moved(self, scale: float, offset: ArrayLike) -> Region:
+    def moved(self, scale: float, offset: ArrayLike) -> SurfaceRegion:
         """The same directions."""
         return self
 
 
-def box(low: ArrayLike, high: ArrayLike) -> Region:
+def box(low: ArrayLike, high: ArrayLike) -> SurfaceRegion:
     """An upright box from its lower and its upper corner, (3,) each [m].
 
     Raises:
@@ -254,7 +254,7 @@ def box(low: ArrayLike, high: ArrayLike) -> Region:
     return AllOf(regions=tuple(sides))
 
 
-def cylinder(start: ArrayLike, end: ArrayLike, radius: float) -> Region:
+def cylinder(start: ArrayLike, end: ArrayLike, radius: float) -> SurfaceRegion:
     """A round bar between the middles of its ends, (3,) each [m]; a prism of 64 sides with the same volume.
 
     Raises:

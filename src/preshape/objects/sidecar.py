@@ -29,7 +29,7 @@ from ..files import MOST_OF_TOML, read_file
 from ..types import Array, finite_number, freeze, positive_number, value
 from .mesh import UP_AXES, TriangleMesh
 from .parts import SIDECAR, ObjectPart, listed
-from .regions import HalfSpace, Region, box, cylinder
+from .regions import HalfSpace, SurfaceRegion, box, cylinder
 
 SUFFIX = ".preshape.toml"
 
@@ -170,7 +170,7 @@ def _sidecar(document: dict[str, Any]) -> Sidecar:
     )
 
 
-def _part(entry: dict[str, Any], number: int) -> tuple[str, Region | str]:
+def _part(entry: dict[str, Any], number: int) -> tuple[str, SurfaceRegion | str]:
     """Name and region of one part; the region is the name of a group where it is one."""
     _refuse_unknown(entry, ("name", *_REGIONS), f"key in part {number}")
     name = entry.get("name")
@@ -193,17 +193,17 @@ def _part(entry: dict[str, Any], number: int) -> tuple[str, Region | str]:
         raise InputError(f"the part {shown(name)}: {error}") from error
 
 
-def _box(given: object) -> Region:
+def _box(given: object) -> SurfaceRegion:
     numbers = _numbers(given, 6, "box")
     return box(numbers[:3], numbers[3:])
 
 
-def _half_space(given: object) -> Region:
+def _half_space(given: object) -> SurfaceRegion:
     numbers = _numbers(given, 4, "halfspace")
     return HalfSpace(normal=np.array(numbers[:3]), offset=numbers[3])
 
 
-def _cylinder(given: object) -> Region:
+def _cylinder(given: object) -> SurfaceRegion:
     wanted = "cylinder is [[x, y, z], [x, y, z], radius], the middles of its ends and its radius"
     if not isinstance(given, list) or len(given) != 3:
         raise InputError(f"{wanted}, got {shown(given)}")
@@ -211,7 +211,7 @@ def _cylinder(given: object) -> Region:
     return cylinder(p, q, positive_number(given[2], "the radius of a cylinder"))
 
 
-_MAKERS: dict[str, Callable[[object], Region]] = {
+_MAKERS: dict[str, Callable[[object], SurfaceRegion]] = {
     "box": _box,
     "halfspace": _half_space,
     "cylinder": _cylinder,
