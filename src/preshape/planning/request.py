@@ -323,7 +323,8 @@ class PlanRequest:
         if len(text) <= SCENE_LENGTH:
             return text
         digest = hashlib.sha256("; ".join([*boxes, *rules]).encode()).hexdigest()[:32]
-        return "; ".join([*table, f"{len(boxes)} boxes and {len(rules)} rules {digest}", *load])
+        many = f"{len(boxes)} boxes{f' and {len(rules)} rules' if rules else ''} {digest}"
+        return "; ".join([*table, many, *load])
 
     def wanted(self, mesh: TriangleMesh) -> int:
         """Number of answers to compute; physics, or the seen part of a cloud, selects among them."""

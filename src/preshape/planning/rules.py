@@ -21,7 +21,7 @@ from ..objects.parts import ASKED, PartSurface, find_part, part_pieces, part_sur
 from ..objects.regions import Facing, HalfSpace, SurfaceRegion
 from ..tasks import Task
 from ..tasks.families import FAMILIES, directions
-from ..types import Array, value
+from ..types import LONGEST_NAME, Array, value
 from .vessel import vessel
 
 HOLD_ON, KEEP_OFF = "hold_on", "keep_off"
@@ -160,7 +160,7 @@ def part_texts(given: object, name: str) -> tuple[str, ...]:
         raise InputError(f"{wanted}, got {shown(given)}")
     texts = [given] if isinstance(given, str) else given
     for text in texts:
-        if not isinstance(text, str) or not text.strip():
+        if not isinstance(text, str) or not text.strip() or len(text) > LONGEST_NAME:
             raise InputError(f"{wanted}, got {shown(text)}")
     return tuple(dict.fromkeys(text.strip() for text in texts))
 
