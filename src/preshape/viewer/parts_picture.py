@@ -80,8 +80,11 @@ def _view(
     labels = []
     for shape in shapes:
         if shape.name:
-            middles = shape.vertices[shape.triangles].mean(axis=1)
-            middles = middles[:: max(1, len(middles) // LOOKED_AT)]
+            corners = shape.vertices[shape.triangles][:: max(1, len(shape.triangles) // LOOKED_AT)]
+            middles = corners.mean(axis=1)
+            normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+            # The inside of a thin wall may pass for visible, but faces away.
+            middles = middles[np.einsum("ij,ij->i", normals, camera.eye - middles) > 0]
             seen = middles[visible(shapes, camera, middles)]
             if len(seen):
                 flat = project(camera, seen, size) / sheet.scale
