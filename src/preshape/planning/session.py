@@ -37,6 +37,7 @@ from .answers import Answer, seen_first
 from .hand_simulation import execute
 from .plan import Plan
 from .request import PlanRequest
+from .rules import TASK
 from .sizes import out_of_reach, refuse_absurd_size
 
 if TYPE_CHECKING:
@@ -326,7 +327,11 @@ class Session:
                 return controller
         if request.analyser == "rays":
             controller = Controller(
-                self.memory, layout_of(hand), settings=request.settings, may_store=request.learn
+                self.memory,
+                layout_of(hand),
+                settings=request.settings,
+                scene=scene,
+                may_store=request.learn,
             )
         else:
             controller = closure_controller(
@@ -472,6 +477,10 @@ def _element_key(request: PlanRequest, hand: Hand, mesh: TriangleMesh, mass: Obj
         "finger_rule",
         "coefficients",
     )
+    rules = request.rules_for(mesh).applied
+    said = [(rule.words, rule.origin, rule.table) for rule in rules]
+    # What a family keeps free depends on the direction of the task.
+    said += [(request.asked.name, request.asked.axis, True)] if any(r.origin == TASK for r in rules) else []
     wanted = request.wanted(mesh) if request.analyser == "closure" else 0
     parts = [repr(document[name]) for name in (*names, "search")]
-    return (hand, mass.kg, wanted, *parts)
+    return (hand, mass.kg, wanted, *said, *parts)
