@@ -315,7 +315,8 @@ class TestRuns:
 
     def test_a_recording_is_the_same_test(self) -> None:
         [result] = go(things=THINGS[:1]).results
-        made = pick_scene(PLATES, BOX, THINGS[0], OFF)
+        assert result.turn == (1, 0, 0, 0)
+        made = pick_scene(PLATES, BOX, THINGS[0], result.turn, OFF)
         recording = record_pick(made, result, OFF)
         assert result_to_json(recording.result) == result_to_json(result)
         assert recording.stages == STAGES

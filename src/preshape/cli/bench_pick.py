@@ -231,7 +231,8 @@ def _film(
     from ..physics.pieces import load_pieces
     from .simulate_film import part_names, pick_film_of
 
-    scene = pick_scene(report.hand, load_pieces(thing.name), thing, protocol)
+    assert result.turn is not None
+    scene = pick_scene(report.hand, load_pieces(thing.name), thing, result.turn, protocol)
     recording = record_pick(scene, result, protocol, parts=part_names(scene, hand))
     return pick_film_of(recording, scene, protocol, mesh=load_object(thing.name, scale=thing.scale))
 

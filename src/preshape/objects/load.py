@@ -48,10 +48,7 @@ CLOUD_SUFFIXES = tuple(_CLOUD_READERS)
 IN_MEMORY = " (in memory)"
 """End of the source of an object that was a mesh in Python; nothing can be found under such a name."""
 
-_Y_UP = (
-    "in a glTF file y is up by its standard, and here z is up: the object is planned for as it lies in the "
-    "file's frame; turn it there if it should stand"
-)
+_Y_UP = "in a glTF file y is up by its standard: task, table and gravity follow it (--up z if z is up here)"
 
 _ALL_READERS = {**_READERS, **_CLOUD_READERS}
 
@@ -130,7 +127,9 @@ def load_object(
                 return _from_cloud(name, _name_of(path), raw, unit, float(scale), view, cut_table)
             _check_mesh_options(name, view, cut_table)
             mesh = _finish(name, _name_of(path), raw, unit, float(scale), part)
-            return replace(mesh, notes=(*mesh.notes, _Y_UP)) if suffix in (".glb", ".gltf") else mesh
+            if suffix in (".glb", ".gltf"):
+                return replace(mesh, notes=(*mesh.notes, _Y_UP), up="y")
+            return mesh
     except (PreshapeError, KeyboardInterrupt):
         raise
     except MemoryError as error:

@@ -9,6 +9,7 @@ space.
 from __future__ import annotations
 
 import json
+import math
 import re
 import sys
 from dataclasses import asdict
@@ -258,11 +259,24 @@ def _answer(plan: PlanRecord, answer: Answer | None) -> Document:
             "faces": attributes.faces,
             "triangles": attributes.triangles,
         },
+        "scene": _scene(plan),
         "task": {"name": task.label, "q": task.q.tolist(), "means": task.means},
         "thresholds": asdict(plan.settings.thresholds),
         "request": plan.request.to_json(),
         "seconds": {key: round(second, 6) for key, second in plan.seconds.items()},
         "version": __version__,
+    }
+
+
+def _scene(plan: PlanRecord) -> Document:
+    """The object in a world with z up, table and up in the mesh frame, and the gravity of the task."""
+    stands = plan.standing
+    return {
+        "T_world_object": stands.pose.tolist(),
+        "up": (stands.up + 0.0).tolist(),
+        "table": None if stands.table is None else (stands.table + 0.0).tolist(),
+        "gravity": (plan.request.task_gravity(plan.mesh) + 0.0).tolist(),
+        "turned": round(math.degrees(stands.turned), 3),
     }
 
 

@@ -28,7 +28,8 @@ from ..memory.records import SCENE_LENGTH
 from ..objects.checks import metres
 from ..objects.load import IN_MEMORY, load_object, stored_source
 from ..objects.mass import object_mass
-from ..objects.mesh import TriangleMesh
+from ..objects.mesh import LEAST_LENGTH, UP_AXES, TriangleMesh
+from ..objects.resting import upright
 from ..objects.scans.complete import ALL_ROUND
 from ..tasks import Task, parse_task, task_from_numbers
 from ..tasks.task import axis_vector
@@ -46,6 +47,7 @@ from ..types import (
     value,
     whole_number,
 )
+from .standing import AUTO, Standing, lowest_point, standing
 
 SCHEMA = 2
 """Version of plan.json. Version 1 is a plan without the key ``schema``; it does not contain its request."""
@@ -56,8 +58,6 @@ VERIFIED = 6
 """Number of answers that are tested in physics; ``count`` if that is larger."""
 ON_CLOUDS = 8
 """Number of answers computed on a point cloud; those with contacts on seen surface are preferred."""
-AUTO = "auto"
-"""Value of ``table`` that means a table at the object's lowest point."""
 FARTHEST = 1e6
 """Largest coordinate of a table or a box to avoid [m]; the kernels count nothing beyond it as solid."""
 _SEARCH = (
@@ -81,9 +81,12 @@ _KINDS: tuple[tuple[str, Any, str], ...] = (
     ("settings", Settings, "a value of Settings"),
     ("search", ClosureSettings, "a value of ClosureSettings"),
     ("memory", str | None, "the path of a file, :memory:, or None for the user's"),
+    ("up", str | None, f"one of {', '.join(UP_AXES)}, or None for the file's own"),
 )
 """Types of fields, and what the message asks for; :class:`PlanRequest` says what they mean."""
 _REAL_HAND = "a real hand (--hand shadow, leap or allegro) or the closure analyser (--analyser closure)"
+_ALIGNED = 0.9998
+"""Cosine of the angle up to which two directions are the same, 1° [C]."""
 _SIX = "six numbers (lower, then upper corner, in metres)"
 
 
@@ -104,11 +107,12 @@ class PlanRequest:
             ``None`` refuses a cloud with a table.
         mass: Mass of the object [kg]; ``None`` takes the object's own, or an estimate from its volume.
         friction: Friction coefficient between hand and object; ``None`` is the field's 0.6.
-        table: Height of a table along the mesh frame's z [m], ``auto`` for the object's lowest point, or
-            ``None`` for free space. Closure only.
+        table: ``auto`` for a table that the object rests on, the height of a table along ``up`` above which
+            the object is as it is modelled [m], or ``None`` for free space. Closure only.
         avoid: Boxes that the hand stays out of, six numbers each: lower and upper corner in the mesh frame
             [m]. Closure only.
-        gravity: (3,) unit direction of gravity in the mesh frame; zeros mean none; ``None`` takes the task's.
+        gravity: (3,) unit direction of gravity along the axes of the task; zeros mean none; ``None`` takes
+            the task's. On a table, the task's gravity acts after the lift.
         approaches: Allowed approach axes, such as ``+z,-x``; ``None`` allows all.
         count: Number of different answers.
         learn: Whether a new object is taught to the memory.
@@ -118,6 +122,10 @@ class PlanRequest:
         search: Size and safety of the closure search. Its friction, mass and obstacles are those of the
             request, unless the request leaves friction or mass open and ``search`` states them.
         memory: The memory's file, ``":memory:"``, or ``None`` for the user's.
+        up: Axis of the mesh that is up, one of x, y, z, -x, -y, -z. The axes of the task are those of the
+            mesh turned upright, so that z is up. ``None`` takes the file's own (y in glTF, else z).
+        rest: (4,) quaternion wxyz that turns the mesh frame, as the object lies at rest on a table, to a
+            world with z up; ``None`` takes the object's own, or else settles the object.
 
     Raises:
         InputError: An argument that cannot be used; the message says what to change.
@@ -143,6 +151,8 @@ class PlanRequest:
     settings: Settings = field(default_factory=Settings)
     search: ClosureSettings = field(default_factory=ClosureSettings)
     memory: str | None = None
+    up: str | None = None
+    rest: Sequence[float] | Array | None = None
 
     def __post_init__(self) -> None:
         for name in ("source", "hand", "memory"):
@@ -158,6 +168,9 @@ class PlanRequest:
         freeze(self, gravity=task.gravity if self.gravity is None else _gravity(self.gravity))
         freeze(self, table=_table(self.table), avoid=_boxes(self.avoid), view=_view(self.view))
         freeze(self, learn=bool(self.learn), verify=bool(self.verify))
+        freeze(self, rest=_rest(self.rest))
+        if self.up is not None:
+            upright(self.up)
         if self.cut_table is not None:
             freeze(self, cut_table=bool(self.cut_table))
         allowed_planes(self.approaches)
@@ -232,31 +245,37 @@ class PlanRequest:
         # The float32 of 0.6 counts as the float64.
         return abs(self.stated_friction - FRICTION) < 1e-6
 
-    def table_height(self, mesh: TriangleMesh) -> float | None:
-        """Height of the table along z [m]; ``None`` without one.
+    def standing(self, mesh: TriangleMesh) -> Standing:
+        """Where the object stands, and the table below it.
 
         Raises:
-            InputError: The table is above the object's lowest point.
+            InputError: The table is above the object's lowest point, or gravity was stated and does not point
+                into the table.
         """
-        if self.table is None:
-            return None
-        lowest = float(mesh.bounds[0, 2])
-        if self.table == AUTO:
-            return lowest
-        height = float(self.table)
-        if height > lowest + 1e-6:
-            raise InputError(
-                f"the table at z = {height:g} m is above the lowest point of {mesh.name}, {lowest:.4g} m: "
-                "the object would stand in it; give a lower height, or --table alone for the lowest point"
-            )
-        return height
+        stands = standing(mesh, up=self.up, rest=self.rest, table=self.table)
+        gravity = np.asarray(self.gravity)
+        own = np.array_equal(gravity, np.asarray(self.asked.gravity))
+        if stands.table is not None and gravity.any() and not own:
+            down = stands.direction(gravity)
+            if -down @ stands.up < _ALIGNED:
+                raise InputError(
+                    f"the gravity {gravity.tolist()} does not point into the table, whose up along the axes "
+                    f"of the task is {np.round(stands.upright @ stands.up, 3).tolist()}; leave one out"
+                )
+        return stands
+
+    def task_gravity(self, mesh: TriangleMesh) -> Array:
+        """(3,) direction of the task's gravity in the mesh frame; zeros for none."""
+        stands, own = self.standing(mesh), np.asarray(self.asked.gravity)
+        if np.array_equal(np.asarray(self.gravity), own):
+            return np.asarray(stands.task(self.asked).gravity)
+        return stands.direction(np.asarray(self.gravity))
 
     def obstacles(self, mesh: TriangleMesh) -> Obstacles:
         """Table and boxes as the kernels take them."""
-        height = self.table_height(mesh)
-        planes = [] if height is None else [[0.0, 0.0, 1.0, height]]
+        table = self.standing(mesh).table
         boxes = np.array(self.avoid, dtype=np.float64).reshape(-1, 2, 3)
-        return Obstacles(planes=np.array(planes).reshape(-1, 4), boxes=boxes)
+        return Obstacles(planes=np.zeros((0, 4)) if table is None else table[None], boxes=boxes)
 
     def scene(self, mesh: TriangleMesh) -> str:
         """The scene as text, for comparing lessons; empty for free space and the usual load.
@@ -271,9 +290,12 @@ class PlanRequest:
         it is the same on every platform.
         """
         table, load = [], []
-        height = self.table_height(mesh)
-        if height is not None:
-            table = [f"table {round(1000 * (float(mesh.bounds[0, 2]) - height))} mm under the object"]
+        stands = self.standing(mesh)
+        if stands.table is not None:
+            under = round(1000 * (lowest_point(mesh, stands.up) - float(stands.table[3])))
+            table = [f"table {under} mm under the object"]
+            if stands.up[2] < _ALIGNED:
+                table = [f"{table[0]}, up {' '.join(f'{100 * x:.0f}' for x in stands.up + 0.0)} %"]
         stated, own = self.stated_mass, object_mass(mesh).kg
         if stated is not None and abs(stated - own) > 0.01 * own:
             load = [f"load {stated:.3g} kg"]
@@ -342,6 +364,8 @@ class PlanRequest:
             "coefficients": {f.name: getattr(s.coefficients, f.name) for f in fields(s.coefficients)},
             "search": {name: getattr(self.search, name) for name in _SEARCH},
             "memory": self.memory,
+            "up": self.up,
+            "rest": None if self.rest is None else np.asarray(self.rest).tolist(),
         }
 
     @classmethod
@@ -375,6 +399,7 @@ class PlanRequest:
                 "search": ClosureSettings(**{name: data["search"][name] for name in _SEARCH}),
             }
             read |= {name: data[name] for name in _PLAIN}
+            read |= {name: data.get(name) for name in ("up", "rest")}
         except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
             raise InputError(
                 f"this is no request of preshape ({type(error).__name__}: {error!s:.80}); "
@@ -472,6 +497,23 @@ def _view(view: object) -> tuple[float, ...] | str | None:
     if view is None or (isinstance(view, str) and view == ALL_ROUND):
         return view
     return _numbers(view, 3, f"a view must be a camera's position, three numbers, or {ALL_ROUND}")
+
+
+def _rest(rest: object) -> Array | None:
+    """(4,) unit quaternion wxyz of the pose at rest.
+
+    Raises:
+        InputError: There are not four numbers, or all are zero.
+    """
+    if rest is None:
+        return None
+    wanted = "rest must be a quaternion of four numbers, w x y z"
+    quaternion = np.array(_numbers(rest, 4, wanted))
+    length = float(np.linalg.norm(quaternion))
+    if length < LEAST_LENGTH:
+        raise InputError(f"{wanted}, got {quaternion.tolist()}")
+    # A unit quaternion stays bit for bit, so that files round-trip.
+    return frozen_array(quaternion if abs(length - 1.0) < 1e-15 else quaternion / length, (4,), "rest")
 
 
 def _table(table: float | str | None) -> float | str | None:

@@ -7,6 +7,7 @@ The answer depends on the request and the memory alone, never on earlier request
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 from collections.abc import Callable, Sequence
@@ -14,8 +15,6 @@ from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
-
-import numpy as np
 
 from ..closure.settings import ClosureSettings
 from ..exceptions import Cancelled, EnvironmentFailure, InputError, shown
@@ -31,6 +30,7 @@ from ..objects.library import load_library_object
 from ..objects.load import split_part
 from ..objects.mass import ObjectMass, object_mass
 from ..objects.mesh import TriangleMesh
+from ..tasks import Task
 from ..types import Array, Experience, an_instance, value
 from .answers import Answer, seen_first
 from .hand_simulation import execute
@@ -56,6 +56,7 @@ class Prepared:
 
     Attributes:
         request: The request.
+        task: Its task in the mesh frame.
         hand: The hand.
         mesh: The object [m].
         mass: The object's mass.
@@ -68,6 +69,7 @@ class Prepared:
     """
 
     request: PlanRequest
+    task: Task
     hand: Hand
     mesh: TriangleMesh
     mass: ObjectMass
@@ -154,6 +156,13 @@ class Session:
         mass = object_mass(mesh, request.stated_mass)
         warnings = [*mesh.notes, *([mass.warning] if mass.warning else [])]
         warnings += out_of_reach(request, mesh, hand)
+        stands = request.standing(mesh)
+        if stands.settled:
+            warnings.append(
+                f"{mesh.name} does not stand as it is modelled: it settles on the table, turned by "
+                f"{math.degrees(stands.turned):.0f}°, and is planned for as it then lies; --up, or the "
+                "table's height with --table HEIGHT, says how it stands"
+            )
         loaded = time.perf_counter()
         self._tell("opening the memory; a hand's first time includes the lesson with the cube", 12)
         key = _element_key(request, hand, mesh, mass)
@@ -164,6 +173,7 @@ class Session:
             self._element = (*key, mesh, controller), controller.prepare(mesh)
         return Prepared(
             request=request,
+            task=stands.task(request.asked),
             hand=hand,
             mesh=mesh,
             mass=mass,
@@ -194,7 +204,7 @@ class Session:
         ready.element.forget()
         decision = ready.controller.run(
             ready.element,
-            request.asked,
+            ready.task,
             approaches=request.approaches,
             count=wanted,
             may_learn=request.learn,
@@ -213,7 +223,7 @@ class Session:
             )
             # A lesson that was restricted to some approaches would mislead plans without the restriction.
             if request.learn and request.approaches is None and not self.memory.read_only:
-                ready.controller.knowledge.learn_outcomes(ready.element, request.asked, tried)
+                ready.controller.knowledge.learn_outcomes(ready.element, ready.task, tried)
         if partial is not None and chosen_later:
             partial(plan)
         return plan
@@ -241,7 +251,7 @@ class Session:
         started = time.perf_counter()
         self._tell("mode 3: exploring all planes and learning", 35)
         ready.element.forget()
-        decision = ready.controller.teach(ready.element, request.asked, approaches=request.approaches)
+        decision = ready.controller.teach(ready.element, ready.task, approaches=request.approaches)
         ready.controller.reset()
         return self._executed(ready, decision, started, None)
 
@@ -310,7 +320,7 @@ class Session:
         return Answer(
             grasp=grasp,
             hand_result=execute(ready.hand, ready.mesh, grasp, seed=ready.request.settings.seed),
-            heaviest=ready.element.heaviest(ready.request.asked.q, grasp),
+            heaviest=ready.element.heaviest(ready.task.q, grasp),
         )
 
     def _controller_of(
@@ -333,7 +343,7 @@ class Session:
                 hand,
                 settings=request.settings,
                 closure=request.closure(mesh, mass.kg),
-                gravity=np.asarray(request.gravity),
+                gravity=request.task_gravity(mesh),
                 scene=scene,
                 may_store=request.learn,
             )
@@ -372,7 +382,7 @@ def closure_analyser(request: PlanRequest, hand: Hand, mesh: TriangleMesh) -> Cl
         settings=request.closure(mesh, object_mass(mesh, request.stated_mass).kg),
         coefficients=settings.coefficients,
         sets=settings.sets,
-        gravity=np.asarray(request.gravity, dtype=np.float64),
+        gravity=request.task_gravity(mesh),
         seed=settings.seed,
     )
 
@@ -469,6 +479,8 @@ def _element_key(request: PlanRequest, hand: Hand, mesh: TriangleMesh, mass: Obj
         "sets",
         "finger_rule",
         "coefficients",
+        "up",
+        "rest",
     )
     wanted = request.wanted(mesh) if request.analyser == "closure" else 0
     parts = [repr(document[name]) for name in (*names, "search")]

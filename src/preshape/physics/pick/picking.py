@@ -82,8 +82,8 @@ def pick_test(
 
     Args:
         scene: Scene of hand, object and table, built with ``protocol.scene``.
-        poses: The grasp, and the pose in which the object stands on the table.
-        way_in: (3,) unit vector along which the hand approaches, in the frame of ``poses``.
+        poses: The grasp and the pose in which the object rests on the table, both in the world.
+        way_in: (3,) unit vector along which the hand approaches, in the world.
         protocol: Settings of the test.
         row: Row for the result; it also decides the errors.
         object_name: Name of the object for the result.
@@ -108,9 +108,24 @@ def pick_test(
         held=pick.held,
         table_force=pick.table_force,
         touching=pick.touching,
-        planned=poses.rows(),
-        way_in=tuple(np.asarray(way_in).tolist()),
+        **planned_fields(poses, way_in),
     )
+
+
+def planned_fields(poses: HandPoses, way_in: Array) -> dict[str, Any]:
+    """The fields of a result that say what was planned, in the frame of the object.
+
+    Args:
+        poses: The grasp and the pose in which the object rests, both in the world.
+        way_in: (3,) unit vector along which the hand approaches, in the world.
+    """
+    T = spatial.pose_from_seven(poses.object_pose)
+    own = poses.moved(spatial.inverse(T))
+    return {
+        "planned": own.rows(),
+        "way_in": tuple((np.asarray(way_in) @ T[:3, :3]).tolist()),
+        "turn": tuple(poses.object_pose[3:].tolist()),
+    }
 
 
 def pick_up(

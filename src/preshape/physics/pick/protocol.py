@@ -143,6 +143,7 @@ class PickResult:
             (7 + joints); ``None`` without an answer.
         way_in: Unit vector along which the hand approaches, in the object's frame; ``None`` without an
             answer.
+        turn: How the object rested: quaternion wxyz from its frame to the world; ``None`` without an answer.
     """
 
     row: int
@@ -158,6 +159,7 @@ class PickResult:
     touching: int = 0
     planned: tuple[tuple[float, ...], ...] | None = None
     way_in: tuple[float, ...] | None = None
+    turn: tuple[float, ...] | None = None
 
     @property
     def picked(self) -> bool:

@@ -10,11 +10,9 @@ from ...types import value
 from ..grasps import HandPoses
 from ..hold.recording import Recorder, Recording
 from ..scene import Scene
+from .objects import PickAnswer
 from .picking import STAGES, pick_test
 from .protocol import PickProtocol, PickResult
-
-ORIGIN = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
-"""Pose of the object in a bench, whose world is the object's frame."""
 
 
 @value
@@ -48,12 +46,15 @@ def record_pick(
     """
     assert result.planned is not None
     assert result.way_in is not None
+    assert result.turn is not None
     recorder = Recorder(scene, set(STAGES), parts, one_run=STAGES)
     pregrasp, grasp, squeeze = (np.array(row) for row in result.planned)
+    origin = np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
+    poses = HandPoses(pregrasp=pregrasp, grasp=grasp, squeeze=squeeze, object_pose=origin)
+    answer = PickAnswer(poses=poses, way_in=result.way_in, turn=result.turn)
     again = pick_test(
         scene,
-        HandPoses(pregrasp=pregrasp, grasp=grasp, squeeze=squeeze, object_pose=np.array(ORIGIN)),
-        np.array(result.way_in),
+        *answer.in_world(),
         protocol,
         row=result.row,
         object_name=result.object_name,

@@ -95,4 +95,6 @@ class PickReport:
 def result_from_json(document: dict[str, Any]) -> PickResult:
     """A result of the pick test; see :func:`~preshape.physics.hold.report.read_result`."""
     motions = dict.fromkeys(("settled", "pushed", "held"), lambda motion: Motion(**motion))
-    return read_result(document, PickResult, PickStatus, **motions, planned=poses, way_in=numbers)
+    return read_result(
+        document, PickResult, PickStatus, **motions, planned=poses, way_in=numbers, turn=numbers
+    )
