@@ -41,7 +41,17 @@ def light_mesh(mesh: TriangleMesh) -> TriangleMesh:
     vertices, triangles = reduced(mesh.vertices, mesh.triangles)
     if vertices is mesh.vertices:
         return mesh
-    return replace(mesh, vertices=vertices, triangles=triangles, counts=None, scan=None, notes=(), lids=0)
+    return replace(
+        mesh,
+        vertices=vertices,
+        triangles=triangles,
+        counts=None,
+        scan=None,
+        notes=(),
+        lids=0,
+        parts=(),
+        rules=(),
+    )
 
 
 def plan_scene(

@@ -46,7 +46,7 @@ def objects(as_json: bool) -> None:
 @json_option
 def tasks(as_json: bool) -> None:
     """List the named tasks. A colon and an axis select another direction: push:-y, turn:+x."""
-    from ..tasks import FAMILIES, named_task
+    from ..tasks import FAMILIES, OTHER_NAMES, named_task
 
     rows: list[dict[str, Any]] = []
     for name, family in FAMILIES.items():
@@ -58,6 +58,7 @@ def tasks(as_json: bool) -> None:
                 "q": task.q.tolist(),
                 "motion": task.describe(),
                 "means": task.means,
+                "other_names": [word for word, meant in OTHER_NAMES.items() if meant == name],
             }
         )
     if as_json:
@@ -65,8 +66,14 @@ def tasks(as_json: bool) -> None:
         return
     print_rows(
         ("task", ">Tx   Ty   Tz    Rx   Ry   Rz", "~meaning"),
-        [(f"{row['name']}:{row['axis']}", _six(row["q"]), row["means"]) for row in rows],
+        [(f"{row['name']}:{row['axis']}", _six(row["q"]), _meaning(row)) for row in rows],
     )
+
+
+def _meaning(row: dict[str, Any]) -> str:
+    """What a task means, and the other words for it."""
+    others = ", ".join(word.replace("_", " ") for word in row["other_names"])
+    return row["means"] + (f" Also: {others}." if others else "")
 
 
 def _six(q: list[float]) -> str:

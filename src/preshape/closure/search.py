@@ -24,8 +24,10 @@ from ..kernels.tables import HandTables
 from ..types import Array, BoolArray, IntArray
 from .candidates import DrawnCandidates, RankedCandidates, distinct, merged
 from .closed import WRAP, ClosedHands, closed_hands
+from .contact_places import ContactPlaces
 from .demand import HOLD, LEVER, Demand
 from .hand_tables import hand_tables
+from .keeping_off import KeptOff
 from .preshapes import Preshapes, motor_ranges, posture_at, posture_of, preshapes
 from .settings import ClosureSettings
 from .wrapping import Wrapper
@@ -39,8 +41,10 @@ WRAP_GAP, WRAP_NEAR, WRAP_BACK = 5e-4, 1.5e-3, 0.012
 """Distance from the surface at which links of a wrap stop in the search, largest distance that counts as
 contact, and distance from the object at which a wrap begins to move in [m] [C]."""
 OPENED, ROOM = 0.8, 0.002
-"""The hand must be clear of table and boxes when closed, and when closed by only the first share. The second
-number is the least distance from them [m] [C]."""
+"""The hand must be clear of table, boxes and kept-off parts when closed, and when closed by only the first
+share. The second number is the least distance from table and boxes [m] [C]."""
+GRID_ERROR = 0.25
+"""Largest error of a contact of the search, which is read from the grid of distances, in cells."""
 
 
 class ClosureSearch:
@@ -55,6 +59,11 @@ class ClosureSearch:
         turns: Torques of plain holding with their levers (:func:`~preshape.closure.demand.turn_levers`),
             instead of torques about the axes of the frame.
         query: The object's surface; without it, contacts on lids are found in the finished grips only.
+
+    Attributes:
+        blockers: What may refuse a hand that closed: obstacles, then contact rules, in words.
+        places: The rules about contacts.
+        kept_off: The rules about links.
     """
 
     def __init__(
@@ -68,6 +77,9 @@ class ClosureSearch:
         query: SurfaceQuery | None = None,
     ) -> None:
         self.query = query
+        self.blockers = (*settings.obstacles.names, *settings.rules.names)
+        self.places = ContactPlaces(settings.rules, settings.device)
+        self.kept_off = KeptOff(settings.rules, hand, settings)
         self.hand, self.field, self.settings = hand, field, settings
         self.cog, self.length = np.asarray(cog, dtype=np.float64), float(length)
         self.tables: HandTables = hand_tables(hand, COARSE)
@@ -87,18 +99,19 @@ class ClosureSearch:
         """Close candidates and rank those that close on the object.
 
         1. Close every candidate, and drop those that do not close on the object, or close on a lid.
-        2. Drop those that collide with table or boxes.
+        2. Drop those that collide with table or boxes, or break a contact rule.
         3. Compute the strengths of their contacts and sort by score.
 
         Args:
             drawn: Candidates.
             demand: What the grip must produce.
             least: A score up to this need not be exact; it is then reported as this or less.
-            blocked: Index of an obstacle: the candidates that collide with it are ranked, and not those that
-                are clear of all obstacles.
+            blocked: Index of a blocker: the candidates that it refuses are ranked, and not those that are
+                clear of all blockers.
         """
         rows, closings, hands, grasp = self._closed(drawn.candidates)
-        closed, hits = len(rows), self._hits(hands, grasp)
+        closed = len(rows)
+        hits = np.concatenate([self._hits(hands, grasp), self._broken(closings, hands, grasp)], axis=1)
         keep = np.flatnonzero(~hits.any(axis=1) if blocked is None else hits[:, blocked])
         rows, closings, hands = rows[keep], closings.take(keep), hands.take(keep)
         task, hold = self.strengths(closings, demand, ranking=True, least=least)
@@ -173,6 +186,19 @@ class ClosureSearch:
             for k, one in enumerate(obstacles.each):
                 hits[near, k] |= self.kernel.clearances(*wrist, one)[1] <= ROOM
         return hits
+
+    def _broken(self, closings: Closings, hands: Candidates, grasp: Array) -> BoolArray:
+        """(k, m) which contact rules these hands break, closed or, with their links, a little opened."""
+        broken = self.places.broken_by(
+            closings.points, closings.counts, slack=GRID_ERROR * self.field.spacing
+        )
+        if len(self.kept_off) and len(hands):
+            parts = broken[:, -len(self.kept_off) :]
+            begin, end = (q @ self.tables.command.T for q in (hands.start, grasp))
+            for share in (1.0, OPENED):
+                posture = posture_of(self.tables, begin + share * (end - begin))
+                parts |= self.kept_off.near(hands.place, hands.turn, posture)
+        return broken
 
     def strengths(
         self, closings: Closings | ClosedHands, demand: Demand, *, ranking: bool = False, least: float = 0.0
@@ -369,6 +395,9 @@ class ClosureSearch:
         moved = self.perturbed(rng, found, samples, 0.0, shift=shift, turn=turn)
         rows, closings, _, _ = self._closed(moved.candidates)
         score = np.zeros(len(moved))
+        slack = GRID_ERROR * self.field.spacing
+        lawful = ~self.places.broken_by(closings.points, closings.counts, slack=slack).any(axis=1)
+        rows, closings = rows[lawful], closings.take(np.flatnonzero(lawful))
         score[rows] = self.score(*self.strengths(closings, demand, ranking=True), demand)
         sorted_scores = np.sort(score.reshape(len(found), samples), axis=1)
         expected = 0.5 * (found.score + sorted_scores[:, : max(1, samples // 2)].mean(axis=1))

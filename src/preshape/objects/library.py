@@ -13,7 +13,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from functools import cache
+from dataclasses import replace
+from functools import cache, lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -22,7 +23,9 @@ from ..exceptions import ObjectError, UnknownObject, shown
 from ..types import Array, IntArray, value
 from .generator import dolphin, fruit, hardware, primitives, tools, vessels
 from .generator.shapes import finish
+from .library_parts import part_rules, parts_in_millimetres
 from .mesh import TriangleMesh
+from .parts import ObjectPart
 
 if TYPE_CHECKING:
     from manifold3d import Manifold as Solid
@@ -46,7 +49,8 @@ class LibraryObject:
         description: One line for display.
         mass: Mass of a real object of this kind and size [kg].
         tasks: Task families that suit it, the most natural one first.
-        build: Function that returns the (n, 3) vertices [m] and (m, 3) outward triangles; deterministic.
+        build: Function that returns the (n, 3) vertices [m], the (m, 3) outward triangles, and (3,) their
+            origin in the generator's frame [m]; deterministic.
         rest: Quaternion wxyz that turns the object from the frame it is modelled in to how it lies on a table
             (:mod:`preshape.objects.resting` found it).
     """
@@ -55,7 +59,7 @@ class LibraryObject:
     description: str
     mass: float
     tasks: tuple[str, ...]
-    build: Callable[[], tuple[Array, IntArray]]
+    build: Callable[[], tuple[Array, IntArray, Array]]
     rest: tuple[float, float, float, float] = AS_MODELLED
 
 
@@ -221,8 +225,17 @@ def entry(name: str) -> LibraryObject:
 
 
 @cache
-def _arrays(name: str) -> tuple[Array, IntArray]:
+def _arrays(name: str) -> tuple[Array, IntArray, Array]:
     return entry(name).build()
+
+
+@lru_cache(maxsize=256)
+def _parts(name: str, scale: float) -> tuple[ObjectPart, ...]:
+    """The parts of an object in its mesh frame [m]."""
+    offset = -scale * _arrays(name)[2]
+    return tuple(
+        replace(part, region=part.region.moved(scale / 1000.0, offset)) for part in parts_in_millimetres(name)
+    )
 
 
 def load_library_object(name: str, *, scale: float = 1.0) -> TriangleMesh:
@@ -233,7 +246,7 @@ def load_library_object(name: str, *, scale: float = 1.0) -> TriangleMesh:
         scale: Factor on all lengths; the mass grows with its cube.
 
     Returns:
-        The mesh [m] with its mass [kg] and its rest.
+        The mesh [m] with its mass [kg], rest, tasks and parts.
 
     Raises:
         UnknownObject: There is no object of that name.
@@ -242,7 +255,7 @@ def load_library_object(name: str, *, scale: float = 1.0) -> TriangleMesh:
     found = entry(name)
     if not (math.isfinite(scale) and scale > 0):
         raise ObjectError(f"scale must be a positive number, got {shown(scale)}")
-    vertices, triangles = _arrays(name)
+    vertices, triangles, _ = _arrays(name)
     return TriangleMesh(
         name=name,
         vertices=vertices * scale,
@@ -250,4 +263,7 @@ def load_library_object(name: str, *, scale: float = 1.0) -> TriangleMesh:
         mass=found.mass * scale**3,
         scale=scale,
         rest=np.array(found.rest),
+        tasks=found.tasks,
+        parts=_parts(name, float(scale)),
+        rules=part_rules(name),
     )

@@ -23,6 +23,7 @@ from ..types import (
     rebuilt,
     whole_number,
 )
+from .parts import ObjectPart, PartRule
 from .scans.scan import Scan
 
 UP_AXES = ("x", "y", "z", "-x", "-y", "-z")
@@ -55,6 +56,10 @@ class TriangleMesh:
         up: Axis of the mesh that is up, one of x, y, z, -x, -y, -z.
         rest: (4,) quaternion wxyz that turns the mesh frame as it lies at rest to a world with z up; ``None``
             if unknown.
+        tasks: Tasks that suit the object, the most natural one first; empty if unknown.
+        parts: Named parts of the surface, the library's or the sidecar's before the groups of a file.
+        rules: Which parts some tasks hold or leave free, in place of what :mod:`preshape.planning.rules` says
+            of any mesh.
 
     Raises:
         ObjectError: The name is empty or no text; an array has the wrong shape, no triangle, a position that
@@ -75,6 +80,9 @@ class TriangleMesh:
     com: Array | None = None
     up: str = "z"
     rest: Array | None = None
+    tasks: tuple[str, ...] = ()
+    parts: tuple[ObjectPart, ...] = ()
+    rules: tuple[PartRule, ...] = ()
 
     def __post_init__(self) -> None:
         _check_name(self.name)
@@ -137,6 +145,7 @@ class TriangleMesh:
             self.scan is None
             and other.scan is None
             and all(getattr(self, name) == getattr(other, name) for name in plain)
+            and [part.name for part in self.parts] == [part.name for part in other.parts]
             and all(_same(getattr(self, name), getattr(other, name)) for name in ("com", "rest"))
             and np.array_equal(self.vertices, other.vertices)
             and np.array_equal(self.triangles, other.triangles)

@@ -30,6 +30,7 @@ from ..objects.library import load_library_object
 from ..objects.load import split_part
 from ..objects.mass import ObjectMass, object_mass
 from ..objects.mesh import TriangleMesh
+from ..objects.sidecar import sidecar_path
 from ..tasks import Task
 from ..types import Array, Experience, an_instance, value
 from .answers import Answer, seen_first
@@ -459,9 +460,10 @@ def closure_controller(
 
 
 def _file_key(request: PlanRequest) -> tuple[Any, ...]:
-    """Key of a loaded object in the cache; a file that was written again is another object."""
+    """Key of a loaded object in the cache; with a new file or a new sidecar it is another object."""
     source = str(request.source)
-    state = file_state(split_part(source)[0])
+    path = split_part(source)[0]
+    state = file_state(path), file_state(sidecar_path(path))
     return source, request.unit, request.scale, request.view, request.cut_table, state
 
 

@@ -13,6 +13,7 @@ from ...objects.load import load_object
 from ...objects.mass import object_mass
 from ...types import Array, value
 from ..grasps import HandPoses
+from ..task.motion import TaskMotion
 
 
 @value
@@ -40,11 +41,13 @@ class PickAnswer:
         poses: Poses of the hand's root in the frame of the object.
         way_in: Unit vector along which the hand approaches, in the object's frame.
         turn: How the object rests: quaternion wxyz from its frame to the world, whose z is up.
+        work: Motion and load of the task, in the object's frame; ``None`` for a task without motion.
     """
 
     poses: HandPoses
     way_in: tuple[float, ...]
     turn: tuple[float, ...] = AS_MODELLED
+    work: TaskMotion | None = None
 
     def in_world(self) -> tuple[HandPoses, Array]:
         """The poses and the way in (3,), both in the world; the object's frame has the world's origin."""

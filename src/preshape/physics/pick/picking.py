@@ -29,7 +29,8 @@ from ..grasps import HandPoses
 from ..hold.six_directions import Observer, slerp, unstable
 from ..measures import place, touching
 from ..scene import PALM, TABLE, Scene
-from ..task.motion import ease
+from ..task.motion import TaskMotion, ease
+from .doing import do_job
 from .protocol import Motion, PickProtocol, PickResult, PickStatus
 
 STAGES = ("settle", "approach", "close", "squeeze", "lift", "hold")
@@ -76,6 +77,7 @@ def pick_test(
     row: int = 0,
     object_name: str = "",
     scale: float = 1.0,
+    work: TaskMotion | None = None,
     observer: Observer | None = None,
 ) -> PickResult:
     """Test one grasp.
@@ -88,14 +90,20 @@ def pick_test(
         row: Row for the result; it also decides the errors.
         object_name: Name of the object for the result.
         scale: Scale for the result.
+        work: Motion and load of the task, in the object's frame; it is done if the protocol asks for it.
         observer: Called at every check with the stage and the ``mujoco.MjData``.
     """
     import mujoco
 
-    pick = pick_up(scene, mujoco.MjData(scene.model), poses, way_in, protocol, row=row, observer=observer)
+    data = mujoco.MjData(scene.model)
+    pick = pick_up(scene, data, poses, way_in, protocol, row=row, observer=observer)
+    job = None
+    if protocol.do and work is not None and pick.failure is None:
+        job = do_job(scene, data, work, protocol, observer=observer)
     reason = pick.reason
     if pick.failure is None and pick.held is not None:
         reason = f"{PickStatus.PICKED.value}; in the hand it {_moved(pick.held)}"
+        reason += f"; then it {job.reason}" if job else ""
     return PickResult(
         row=row,
         object_name=object_name,
@@ -108,6 +116,7 @@ def pick_test(
         held=pick.held,
         table_force=pick.table_force,
         touching=pick.touching,
+        job=job,
         **planned_fields(poses, way_in),
     )
 

@@ -10,6 +10,8 @@ from ...types import value
 from ..grasps import HandPoses
 from ..hold.recording import Recorder, Recording
 from ..scene import Scene
+from ..task.motion import TaskMotion
+from .doing import JOB_STAGES
 from .objects import PickAnswer
 from .picking import STAGES, pick_test
 from .protocol import PickProtocol, PickResult
@@ -32,6 +34,7 @@ def record_pick(
     protocol: PickProtocol,
     *,
     parts: Sequence[str] = (),
+    work: TaskMotion | None = None,
 ) -> PickRecording:
     """Run the test of an object again and record it; recording does not change its result.
 
@@ -40,6 +43,7 @@ def record_pick(
         result: Result of the test, with the planned poses.
         protocol: Settings of the test.
         parts: Names of palm and fingers in the order of ``scene.part_of_body``.
+        work: Motion and load of the task, if it was done.
 
     Raises:
         InputError: The number of names is wrong.
@@ -47,7 +51,8 @@ def record_pick(
     assert result.planned is not None
     assert result.way_in is not None
     assert result.turn is not None
-    recorder = Recorder(scene, set(STAGES), parts, one_run=STAGES)
+    stages = (*STAGES, *JOB_STAGES)
+    recorder = Recorder(scene, set(stages), parts, one_run=stages)
     pregrasp, grasp, squeeze = (np.array(row) for row in result.planned)
     origin = np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
     poses = HandPoses(pregrasp=pregrasp, grasp=grasp, squeeze=squeeze, object_pose=origin)
@@ -59,6 +64,7 @@ def record_pick(
         row=result.row,
         object_name=result.object_name,
         scale=result.scale,
+        work=work,
         observer=recorder,
     )
     return PickRecording(result=again, **recorder.fields())

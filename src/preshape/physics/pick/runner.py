@@ -40,7 +40,7 @@ _Job = tuple[int, PickObject]
 class PickCheckpoint(ResultFile[PickResult]):
     """Results of the pick test."""
 
-    format = "preshape picks 2"
+    format = "preshape picks 3"
     kind = "pick tests"
     subject = "objects, planner, hand or settings"
     to_json = staticmethod(result_to_json)
@@ -80,7 +80,7 @@ class _PickTester:
             return PickResult(status=PickStatus.NO_ANSWER, reason=answer, mass=thing.mass, **label)
         try:
             scene = pick_scene(self.hand, self.cut(thing.name), thing, answer.turn, self.protocol)
-            return pick_test(scene, *answer.in_world(), self.protocol, **label)
+            return pick_test(scene, *answer.in_world(), self.protocol, work=answer.work, **label)
         except (InputError, EnvironmentFailure) as error:
             reason = str(error)
         except mujoco.FatalError as error:  # one object must not end the whole run
