@@ -25,7 +25,7 @@ from ..hiis.analyser import PALM, Grasp, Grip
 from ..hiis.critic import Thresholds
 from ..hiis.decision import Settings
 from ..hiis.fuzzy import SET_NAMES
-from ..tasks import family_names
+from ..tasks import family_names, full_motion
 from ..types import FIELD_MASS, FRICTION, LENGTH_UNIT, an_instance
 from ..viewer.words import answers_of
 from .answers import Answer, PlanRecord, missing_motion, scan_trust, shortfalls
@@ -269,13 +269,14 @@ def _answer(plan: PlanRecord, answer: Answer | None) -> Document:
 
 
 def _scene(plan: PlanRecord) -> Document:
-    """The object in a world with z up, table and up in the mesh frame, and the gravity of the task."""
+    """The object in a world with z up; up, table, and gravity and motion of the task in the mesh frame."""
     stands = plan.standing
     return {
         "T_world_object": stands.pose.tolist(),
         "up": (stands.up + 0.0).tolist(),
         "table": None if stands.table is None else (stands.table + 0.0).tolist(),
         "gravity": (plan.request.task_gravity(plan.mesh) + 0.0).tolist(),
+        "motion": full_motion(plan.decision.task).tolist(),
         "turned": round(math.degrees(stands.turned), 3),
     }
 

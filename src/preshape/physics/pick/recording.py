@@ -51,20 +51,48 @@ def record_pick(
     assert result.planned is not None
     assert result.way_in is not None
     assert result.turn is not None
-    stages = (*STAGES, *JOB_STAGES)
-    recorder = Recorder(scene, set(stages), parts, one_run=stages)
     pregrasp, grasp, squeeze = (np.array(row) for row in result.planned)
     origin = np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
     poses = HandPoses(pregrasp=pregrasp, grasp=grasp, squeeze=squeeze, object_pose=origin)
-    answer = PickAnswer(poses=poses, way_in=result.way_in, turn=result.turn)
-    again = pick_test(
+    return record_answer(
         scene,
-        *answer.in_world(),
+        PickAnswer(poses=poses, way_in=result.way_in, turn=result.turn, work=work),
         protocol,
+        parts=parts,
         row=result.row,
         object_name=result.object_name,
         scale=result.scale,
-        work=work,
-        observer=recorder,
     )
-    return PickRecording(result=again, **recorder.fields())
+
+
+def record_answer(
+    scene: Scene,
+    answer: PickAnswer,
+    protocol: PickProtocol,
+    *,
+    parts: Sequence[str] = (),
+    row: int = 0,
+    object_name: str = "",
+    scale: float = 1.0,
+) -> PickRecording:
+    """Test a grasp and record the test.
+
+    Args:
+        scene: Scene of the test.
+        answer: The grasp, how the object rests, and the task.
+        protocol: Settings of the test.
+        parts: Names of palm and fingers in the order of ``scene.part_of_body``.
+        row: Row for the result; it also decides the errors.
+        object_name: Name of the object for the result.
+        scale: Scale for the result.
+
+    Raises:
+        InputError: The number of names is wrong.
+    """
+    stages = (*STAGES, *JOB_STAGES)
+    recorder = Recorder(scene, set(stages), parts, one_run=stages)
+    result = pick_test(
+        scene, *answer.in_world(), protocol,
+        row=row, object_name=object_name, scale=scale, work=answer.work, observer=recorder,
+    )  # fmt: skip
+    return PickRecording(result=result, **recorder.fields())

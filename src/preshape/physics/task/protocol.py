@@ -223,10 +223,8 @@ class TaskRun:
         R = T_world_start[:3, :3]
         load = motion.load(self.path, scene.mass, protocol.acceleration) * protocol.strength
         self.load = np.concatenate([load[:, :3] @ R.T, load[:, 3:] @ R.T], axis=1) * self.share[:, None]
-        self.weight = np.outer(
-            np.ones_like(self.share) if carried else self.share,
-            R @ motion.weight(scene.mass, protocol.acceleration),
-        )
+        bears = np.ones_like(self.share) if carried else self.share
+        self.weight = np.outer(bears, R @ motion.weight(scene.mass, protocol.acceleration))
         self.cog = motion.cog
         self.centre_of_mass = np.array(scene.model.body_ipos[scene.object_body])
         self.displacement = self.rotation = 0.0
