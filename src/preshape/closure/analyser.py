@@ -416,9 +416,7 @@ class ClosureAnalyser:
         """The best wraps of the whole hand in an aim, and the number of hands that were closed for them."""
         region, settings = self._region(aim), self.settings
         share = 1.0 if len(aim.planes) > 1 else 0.5
-        drawn = self.search.wrapper.draw(
-            rng, self.search.pool, self.mesh, round(share * settings.wraps), region
-        )
+        drawn = self.search.draw_wraps(rng, self.mesh, round(share * settings.wraps), region)
         if not len(drawn):
             return [], 0
         found = self.search.evaluate(drawn, demand)
