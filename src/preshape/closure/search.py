@@ -21,17 +21,18 @@ from ..kernels.field.host import DistanceField, SurfaceQuery
 from ..kernels.hand_spheres import COARSE
 from ..kernels.margin.host import CONTACTS, MarginKernel
 from ..kernels.tables import HandTables
+from ..objects.mesh import TriangleMesh
 from ..types import Array, BoolArray, IntArray
-from .candidates import DrawnCandidates, RankedCandidates, distinct, merged
+from .candidates import DrawnCandidates, RankedCandidates, Region, concatenated, distinct, merged
 from .closed import WRAP, ClosedHands, closed_hands, touching_spheres
-from .contact_places import ContactPlaces
+from .contact_places import AllowedSurface, ContactPlaces
 from .demand import HOLD, LEVER, Demand
 from .hand_tables import hand_tables
 from .keeping_off import KeptOff
 from .preshapes import Preshapes, motor_ranges, posture_at, posture_of, preshapes
 from .settings import ClosureSettings
 from .torque_limits import normal_bounds
-from .wrapping import Wrapper
+from .wrapping import Wrapper, wraps
 
 MIN_CONTACTS = 2
 """Least number of contacts of a candidate, thumb included; its margin decides whether they are enough."""
@@ -41,6 +42,10 @@ preshape [rad] [C]."""
 WRAP_GAP, WRAP_NEAR, WRAP_BACK = 5e-4, 1.5e-3, 0.012
 """Distance from the surface at which links of a wrap stop in the search, largest distance that counts as
 contact, and distance from the object at which a wrap begins to move in [m] [C]."""
+LIGHT_PUSH = 0.5
+"""Pushes and turns under which unbalanced wraps are compared, in weights of the object [C]."""
+WRAP_DRAWS = 6
+"""Largest number of wraps drawn for each one wanted, where table or boxes are in the way of some [C]."""
 OPENED, ROOM = 0.8, 0.002
 """The hand must be clear of table, boxes and kept-off parts when closed, and when closed by only the first
 share. The second number is the least distance from table and boxes [m] [C]."""
@@ -115,7 +120,52 @@ class ClosureSearch:
         lever = min(LEVER, 1.5 * self.length)
         holding = [(lever, HOLD if not turns else HOLD[[0, 1, 2, 6, 7, 8]]), *turns]
         self._hold_kernels = [(lever, self._margin_kernel(wrenches)) for lever, wrenches in holding]
+        self._carrying: tuple[Demand, MarginKernel] | None = None
         self._task_kernels: dict[bool, tuple[Demand, MarginKernel]] = {}
+
+    def draw_wraps(
+        self,
+        rng: np.random.Generator,
+        mesh: TriangleMesh,
+        count: int,
+        region: Region,
+        surface: AllowedSurface | None = None,
+    ) -> DrawnCandidates:
+        """Draw wraps whose open hand, with the palm at its place, is clear of obstacles and kept-off parts.
+
+        A hand that only reaches its place through the table would be closed for nothing. Where few are clear,
+        at most ``WRAP_DRAWS`` times as many are drawn.
+
+        Args:
+            rng: Random generator.
+            mesh: The object.
+            count: Number of wraps wanted.
+            region: Allowed planes and sides.
+            surface: The surface that may be touched; ``None`` for all of it.
+        """
+        obstacles = self.settings.obstacles
+        if not len(obstacles) and not len(self.kept_off):
+            return self.wrapper.draw(rng, self.pool, mesh, count, region, surface)
+        found: DrawnCandidates | None = None
+        for _ in range(WRAP_DRAWS):
+            drawn = self.wrapper.draw(rng, self.pool, mesh, count, region, surface)
+            hands = self.wrapper.arrived(drawn.candidates)
+            clear = np.ones(len(drawn), dtype=bool)
+            if len(obstacles):
+                clear = (
+                    self.kernel.clearances(hands.place, hands.turn, hands.start, obstacles, enough=2 * ROOM)[
+                        1
+                    ]
+                    > ROOM
+                )
+            if len(self.kept_off):
+                clear &= ~self.kept_off.near(hands.place, hands.turn, hands.start).any(axis=1)
+            drawn = drawn.take(np.flatnonzero(clear))
+            found = drawn if found is None else concatenated(found, drawn)
+            if len(found) >= count:
+                break
+        assert found is not None
+        return found.take(np.arange(min(count, len(found))))
 
     def evaluate(
         self, drawn: DrawnCandidates, demand: Demand, *, least: float = 0.0, blocked: int | None = None
@@ -141,8 +191,11 @@ class ClosureSearch:
         )
         hits = np.concatenate(blocked_by, axis=1)
         hands = hands.take(np.flatnonzero(~hits.any(axis=1) if blocked is None else hits[:, blocked]))
-        task, hold = self.strengths(hands.closings, demand, ranking=True, least=least)
-        score = self._within_torques(hands, self.score(task, hold, demand), demand, least=least)
+        task, hold = self.strengths(hands.closings, demand, ranking=True, least=max(least, 0.0))
+        score = self._within_torques(hands, self.score(task, hold, demand), demand, least=max(least, 0.0))
+        if wraps(drawn):
+            unbalanced = np.flatnonzero(score <= 0.0)
+            score[unbalanced] = -self._imbalance(hands.take(unbalanced), demand)
         found = RankedCandidates(
             drawn=replace(drawn.take(hands.rows), candidates=hands.candidates),
             closings=hands.closings,
@@ -203,26 +256,14 @@ class ClosureSearch:
         rows = np.flatnonzero(score > least)
         if not len(rows):
             return score
-        closings = hands.closings.take(rows)
-        points, normals, counts = closings.points, closings.normals_in, closings.counts
-        width = min(points.shape[1], hands.links.shape[1])
-        points, normals = points[:, :width], normals[:, :width]
-        bounds = normal_bounds(
-            self.tables,
-            self.hand,
-            hands.candidates.take(rows),
-            hands.grasp[rows],
-            points,
-            normals,
-            hands.links[rows, :width],
-        )
-        used = np.arange(width) < counts[:, None]
+        points, normals, counts, bounds = self._contacts(hands.take(rows))
+        used = np.arange(points.shape[1]) < counts[:, None]
         weak = np.flatnonzero((used & (bounds < press)).any(axis=1))
         rows = rows[weak]
         if not len(rows):
             return score
         given = points[weak], normals[weak], counts[weak]
-        bounds = np.minimum(bounds[weak], press)
+        bounds = bounds[weak]
         most = score[rows] * press
         kernel = self._task_kernel(demand)
         if kernel is not None:
@@ -245,6 +286,32 @@ class ClosureSearch:
             most = np.minimum(most, found / share)
         score[rows] = most / press
         return score
+
+    def _contacts(self, hands: _Closed) -> tuple[Array, Array, IntArray, Array]:
+        """Contacts of hands, their inward normals, their numbers, and the bounds on their forces [N]."""
+        closings = hands.closings
+        width = min(closings.points.shape[1], hands.links.shape[1])
+        points, normals, links = closings.points[:, :width], closings.normals_in[:, :width], hands.links
+        bounds = normal_bounds(
+            self.tables, self.hand, hands.candidates, hands.grasp, points, normals, links[:, :width]
+        )
+        return points, normals, closings.counts, np.minimum(bounds, self.settings.strongest)
+
+    def _imbalance(self, hands: _Closed, demand: Demand) -> Array:
+        """(k,) how far hands are from carrying the weight under light pushes, as a share of the press.
+
+        Few drawn wraps balance anything. Those that nearly do are the ones to refine.
+        """
+        if not len(hands.rows):
+            return np.zeros(0)
+        if self._carrying is None or self._carrying[0] is not demand:
+            wrenches = np.concatenate([np.zeros((1, 6)), LIGHT_PUSH * self.settings.weight * HOLD])
+            base = np.asarray(demand.base) * self.settings.middling
+            self._carrying = demand, self._margin_kernel(wrenches, base=base)
+        points, normals, counts, bounds = self._contacts(hands)
+        unit = min(LEVER, 1.5 * self.length)
+        out = self._carrying[1](points, normals, counts, unit, bounds=bounds, reference=self.cog)
+        return np.asarray(out["residual"], dtype=np.float64) / self.settings.strongest
 
     def _links_apart(self, q: Array) -> bool:
         """Whether no two links of the hand overlap; fingers that go round an object may meet each other."""

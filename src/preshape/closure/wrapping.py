@@ -7,6 +7,7 @@ palm, may be contacts.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -165,6 +166,11 @@ class Wrapper:
             value=np.clip(value[keep], -1.0, 1.0),
             preshape=pick[keep],
         )
+
+    def arrived(self, candidates: Candidates) -> Candidates:
+        """Drawn wraps with the palm at its place on the surface, where nothing else stops it before."""
+        facing = -rotations(candidates.turn)[:, :, 1]
+        return replace(candidates, place=candidates.place + STANDOFF * facing)
 
     def close(self, candidates: Candidates, *, back: float = 0.0) -> ClosedWraps:
         """Close wraps.

@@ -435,11 +435,13 @@ def closure_controller(
         )
 
     def prepare_seed(mesh: TriangleMesh) -> ClosureAnalyser:
-        # The 48 tasks of the cube only teach the planes, not the best grips: a small search is enough.
+        # The 48 tasks of the cube only teach the planes, not the best grips: a small search is enough, of
+        # wraps as well.
         quick = ClosureSettings(
             threads=closure.threads,
             device=closure.device,
             everywhere=400,
+            wraps=480,
             elite=8,
             rounds=1,
             finished=1,
