@@ -1,5 +1,5 @@
 # preshape: two commands are enough.
-#   make demo   sets everything up and plans a preshape for a real object
+#   make demo   sets up what running needs and plans grasps of real objects
 #   make test   sets everything up and runs all tests
 
 SHELL := /bin/bash
@@ -8,6 +8,7 @@ PYTHON ?= $(shell for p in python3.13 python3.12 python3.11 python3; do \
 VENV ?= .venv
 BIN := $(VENV)/bin
 JOBS ?= 2
+RUNTIME := $(VENV)/.runtime
 STAMP := $(VENV)/.installed
 OLD_MUJOCO := $(VENV)/mujoco-4.0.0
 OUT ?= out
@@ -23,17 +24,25 @@ help:
 setup: $(STAMP)
 
 # HASHES=1, as in CI: what is installed must have the hashes of constraints-hashed.txt.
-$(STAMP): pyproject.toml constraints.txt constraints-hashed.txt
-	@test -n "$(PYTHON)" || { echo "preshape needs Python 3.11 or newer: install it, or say make PYTHON=/path/to/python"; exit 3; }
-	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV) || { \
-	  echo "no virtual environment could be made: on Debian, apt-get install python3-venv"; rm -rf $(VENV); exit 3; }
-	@echo "installing preshape and its Python packages into $(VENV) (1.7 GB, some minutes; nothing outside it) ..."
+$(STAMP): pyproject.toml constraints.txt constraints-hashed.txt | $(BIN)/python
+	@echo "installing preshape, its packages and those of its tests into $(VENV) (1.7 GB, some minutes; nothing outside it) ..."
 	@test -z "$(HASHES)" || $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps \
 	  --require-hashes -r constraints-hashed.txt
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev]'
+	@touch $@ $(RUNTIME)
+
+# What running needs, without the packages of the tests.
+$(RUNTIME): pyproject.toml constraints.txt | $(BIN)/python
+	@echo "installing preshape and the packages that running needs into $(VENV) (1 GB, a minute or two; nothing outside it) ..."
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e .
 	@touch $@
 
-demo: setup
+$(BIN)/python:
+	@test -n "$(PYTHON)" || { echo "preshape needs Python 3.11 or newer: install it, or say make PYTHON=/path/to/python"; exit 3; }
+	@$(PYTHON) -m venv $(VENV) || { \
+	  echo "no virtual environment could be made: on Debian, apt-get install python3-venv"; rm -rf $(VENV); exit 3; }
+
+demo: $(RUNTIME)
 	@echo; echo '$$ preshape plan mug --task pour --count 3 --memory $(OUT)/demo/memory.sqlite --out $(OUT)/demo'
 	@$(BIN)/preshape plan mug --task pour --count 3 --memory $(OUT)/demo/memory.sqlite --out $(OUT)/demo
 	@echo; echo '$$ preshape plan mug --task pour --hand shadow --memory $(OUT)/demo/memory.sqlite --out $(OUT)/demo/shadow'

@@ -256,6 +256,30 @@ def test_the_laws_of_the_file_are_kept_and_those_of_a_file_of_motors_are_used(
         load_hand("shadow#motors=x.toml")
 
 
+def test_a_continuous_joint_that_follows_another_gets_the_limits_of_its_law(tmp_path: Path) -> None:
+    fingers = [replace(f, follows={len(f.joints) - 1: (len(f.joints) - 2, 0.8)}) for f in (THUMB, *ROW)]
+    text = hand_urdf(fingers)
+    follower = f"{ROW[0].name}{len(ROW[0].joints) - 1}"
+    limited = f'<joint name="{follower}" type="revolute">'
+    assert limited in text
+    free = load_hand(save(tmp_path, text.replace(limited, limited.replace("revolute", "continuous"))))
+    k = free.joints.index(follower)
+    leader = free.limits[free.joints.index(f"{ROW[0].name}{len(ROW[0].joints) - 2}")]
+    assert free.limits[k] == pytest.approx(0.8 * leader, abs=1e-6)
+    assert len(free.motors) == 11
+
+
+def test_a_long_thumb_does_not_hide_a_wrong_u(tmp_path: Path) -> None:
+    axis, low, high, _ = THUMB.joints[0]
+    thumb = replace(THUMB, joints=[(axis, low, high, 0.075), *THUMB.joints[1:]])
+    path = save(tmp_path, hand_urdf([thumb, *ROW]))
+    data = describe(read_model(path), path).data
+    wrong = save(tmp_path, toml_text({**data, "u": 3 * data["u"]}), "wrong.toml")
+    assert "u" in {finding.code for finding in check_hand(wrong)}
+    right = save(tmp_path, toml_text(data), "right.toml")
+    assert "u" not in {finding.code for finding in check_hand(right)}
+
+
 # -- what is refused --------------------------------------------------------------------------------
 
 

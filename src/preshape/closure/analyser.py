@@ -403,9 +403,7 @@ class ClosureAnalyser:
         """The best wraps of the whole hand in an aim, and the tally of the hands closed for them."""
         region, settings = self._region(aim), self.settings
         share = 1.0 if len(aim.planes) > 1 else 0.5
-        drawn = self.search.wrapper.draw(
-            rng, self.search.pool, self.mesh, round(share * settings.wraps), region, self.allowed
-        )
+        drawn = self.search.draw_wraps(rng, self.mesh, round(share * settings.wraps), region, self.allowed)
         if not len(drawn):
             return [], np.zeros(4 + len(self.search.blockers), dtype=np.int64)
         found = self.search.evaluate(drawn, demand)

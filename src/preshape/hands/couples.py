@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
 
-from ..exceptions import HandError, shown
-from ..types import Array
+from ..exceptions import HandError, InputError, shown
+from ..types import Array, finite_number
 from .hand import Finger
 from .motors import ADAPTIVE, RIGID, Motor, adaptive_motor, direct_motor, rigid_motor
 
@@ -79,13 +80,10 @@ def couples_of(data: Table, name: str) -> tuple[Table, ...]:
             raise HandError(
                 f"hand {name!r}: couple {couple['motor']}: name the joints and their numbers in a table"
             )
-        joints = couple_joints(couple)
-        twice = [joint for joint in joints if joint in seen]
-        if twice or len(set(joints)) != len(joints):
-            raise HandError(
-                f"hand {name!r}: the joint {(twice or joints)[0]} is in two couples, or twice in one"
-            )
-        seen.update(joints)
+        for joint in couple_joints(couple):
+            if joint in seen:
+                raise HandError(f"hand {name!r}: the joint {joint} is in two couples, or twice in one")
+            seen.add(joint)
     return tuple(found)
 
 
@@ -140,7 +138,10 @@ def motors_of(
     names = [motor.name for motor in found]
     if len(set(names)) != len(names):
         twice = next(one for one in names if names.count(one) > 1)
-        raise HandError(f"hand {name!r}: two motors are called {twice}")
+        raise HandError(
+            f"hand {name!r}: two motors are called {twice}: give the motor of a couple a name that no other "
+            "couple and no joint outside of it has"
+        )
     return found
 
 
@@ -163,22 +164,64 @@ def motors_within(
     Raises:
         HandError: See :func:`motors_of`.
     """
-    limits = {joint: np.array(sorted(ranges[joint])) for joint in joints}
-    for couple in couples_of(data, "it"):
+    limits = lawful_limits({joint: ranges[joint] for joint in joints}, couples_of(data, "it"), "it")
+    return limits, motors_of(data, limits, fingers, "it")
+
+
+def lawful_limits(
+    ranges: Mapping[str, Sequence[float]], couples: Iterable[Table], name: str
+) -> dict[str, Array]:
+    """(2,) limits of every joint [rad]; a joint without limits that follows another gets those of its law.
+
+    Args:
+        ranges: Lower and upper limit of every joint [rad]; equal if there are none.
+        couples: ``[[couple]]`` tables as :func:`couples_of` returns them.
+        name: Name of the hand.
+
+    Raises:
+        HandError: A law of such a joint has no numbers.
+    """
+    limits = {joint: np.array(sorted(pair)) for joint, pair in ranges.items()}
+    for couple in couples:
         motor = limits.get(str(couple["motor"]))
         if couple["law"] != RIGID or motor is None:
             continue
         for joint, law in couple["follow"].items():
             if joint in limits and not np.ptp(limits[joint]):
-                m = np.linspace(motor[0], motor[1], 101)
-                q = np.polynomial.polynomial.polyval(m, _coefficients(law))
+                with _read_numbers_of(couple, name):
+                    m = np.linspace(motor[0], motor[1], 101)
+                    q = np.polynomial.polynomial.polyval(m, _coefficients(law))
                 limits[joint] = np.array([q.min(), q.max()])
-    return limits, motors_of(data, limits, fingers, "it")
+    return limits
 
 
 def _coefficients(law: Any) -> Array:
-    """The coefficients of a rigid law that is a multiplier or a list of them."""
-    return np.atleast_1d(np.array([0.0, law] if np.isscalar(law) else law, dtype=np.float64))
+    """The coefficients of a rigid law that is a multiplier or a list of them.
+
+    Raises:
+        HandError: It is neither.
+    """
+    given = [0.0, law] if np.isscalar(law) else law
+    if not isinstance(given, Sequence) or isinstance(given, str):
+        raise HandError(f"a law is a multiplier or a list of coefficients, got {shown(law)}")
+    return np.array([finite_number(c, "each coefficient of a law") for c in given])
+
+
+@contextmanager
+def _read_numbers_of(couple: Table, name: str) -> Iterator[None]:
+    """Say whose couple it is when its numbers cannot be used.
+
+    Raises:
+        HandError: A law is impossible, or a number is none.
+    """
+    try:
+        yield
+    except HandError as error:
+        raise HandError(f"hand {name!r}: {error}") from error
+    except (InputError, TypeError, ValueError, KeyError, AttributeError) as error:
+        raise HandError(
+            f"hand {name!r}: couple {couple['motor']}: its numbers cannot be read ({error})"
+        ) from error
 
 
 def couple_motor(couple: Table, limits: dict[str, Array], name: str) -> Motor:
@@ -188,7 +231,7 @@ def couple_motor(couple: Table, limits: dict[str, Array], name: str) -> Motor:
         HandError: Its law is impossible.
     """
     own = {joint: limits[joint] for joint in limits if joint in couple_joints(couple)}
-    try:
+    with _read_numbers_of(couple, name):
         if couple["law"] == RIGID:
             laws = {str(joint): _coefficients(law) for joint, law in couple["follow"].items()}
             return rigid_motor(str(couple["motor"]), laws, own)
@@ -200,18 +243,12 @@ def couple_motor(couple: Table, limits: dict[str, Array], name: str) -> Motor:
         free = couple.get("free")
         return adaptive_motor(
             str(couple["motor"]),
-            {str(joint): float(c) for joint, c in couple["sum"].items()},
+            {str(joint): finite_number(c, f"the factor of {joint}") for joint, c in couple["sum"].items()},
             own,
             free=None if free is None else np.array(free, dtype=np.float64),
             order=order,
             locks=locks,
         )
-    except HandError as error:
-        raise HandError(f"hand {name!r}: {error}") from error
-    except (TypeError, ValueError, KeyError, AttributeError) as error:
-        raise HandError(
-            f"hand {name!r}: couple {couple['motor']}: its numbers cannot be read ({error})"
-        ) from error
 
 
 def _require_one_finger(motor: Motor, fingers: Sequence[Finger], name: str) -> None:

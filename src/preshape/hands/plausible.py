@@ -139,10 +139,12 @@ def _size_findings(skeleton: Skeleton, data: Table) -> list[Finding]:
     """U or pitch that no part of the model has."""
     skeleton.place({})
     found, bases, phalanges = [], [], []
-    for entry in fingers_of(data):
+    entries = fingers_of(data)
+    for entry in entries:
         joints = joints_of(entry)
         anchors = np.array([*(skeleton.anchor(joint) for joint in joints), _tip(skeleton, entry)[0]])
-        phalanges += [float(x) for x in np.linalg.norm(np.diff(anchors, axis=0), axis=1) if x > 5e-3]
+        if entry is not entries[0] or len(entries) == 1:  # a thumb's metacarpal is longer than any phalanx
+            phalanges += [float(x) for x in np.linalg.norm(np.diff(anchors, axis=0), axis=1) if x > 5e-3]
         bases.append([skeleton.anchor(joint) for joint in joints])
     u, pitch = float(data["u"]), float(data["finger_pitch"])
     if phalanges and not min(phalanges) / _TIMES <= u <= _TIMES * max(phalanges):

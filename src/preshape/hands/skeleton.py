@@ -15,7 +15,7 @@ from ..exceptions import HandError
 from ..spatial import inverse, pose, rotation_from_quaternion
 from ..types import Array, value
 from .compiled import CompiledModel
-from .couples import Table, couple_joints, couple_motor
+from .couples import Table, couple_joints, couple_motor, lawful_limits
 from .motors import RIGID, Motor, direct_motor
 
 KNOTS = 9
@@ -57,7 +57,10 @@ class Skeleton:
             for joint in source.joints
             if int(self.m.jnt_type[self.m.joint(joint).id]) in turning
         }
-        limits = {joint: np.array(sorted(source.ranges[joint])) for joint in source.hinges}
+        couples = tuple(couples)
+        limits = lawful_limits(
+            {joint: source.ranges[joint] for joint in source.hinges}, couples, source.label
+        )
         motors = {joint: direct_motor(joint, limits[joint]) for joint in source.hinges}
         for couple in couples:
             for joint in couple_joints(couple):

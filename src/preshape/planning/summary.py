@@ -92,13 +92,17 @@ def _what(document: Document) -> Table:
     rows.append(("task", f"{task['name']}: {motion}. {task['means']}"))
     rows.append(("hand", f"{document['hand']['name']}, U = {1000 * document['U']:.0f} mm"))
     scene = words.scene_words(document)
-    return fact_grid(*rows, *([("scene", scene)] if scene else []))
+    rules = words.rules_words(document)
+    rows += [("scene", scene)] if scene else []
+    return fact_grid(*rows, *([("rules", rules)] if rules else []))
 
 
 def _answer(answer: Document) -> Table:
     grip, hand = answer["grip"], answer["hand"]
     named = words.fingers_words(answer)
-    fingers = f"{len({c['finger'] for c in answer['contacts']})}: {named}" if answer["contacts"] else named
+    touching = {c["finger"] for c in answer["contacts"]}
+    counted = f"{len(touching - {'palm'})}{' and the palm' if 'palm' in touching else ''}"
+    fingers = f"{counted}: {named}" if touching else named
     way = f"{words.way_in_words(answer)}; {_plane(answer)}"
     rows: list[Row]
     if grip:

@@ -71,6 +71,8 @@ FINGERS: Final[dict[str, Colour]] = {
 def finger_colour(name: str, order: int) -> Colour:
     """The colour of a finger: by its name if ``FINGERS`` has it, otherwise by its place in the hand.
 
+    The palm, which touches as fingers do, has the colour of text.
+
     Args:
         name: Name of the finger.
         order: Place of the finger in the hand, from 0.
@@ -78,5 +80,7 @@ def finger_colour(name: str, order: int) -> Colour:
     >>> finger_colour("Thumb", 3) == ORANGE
     True
     """
+    if name == "palm":
+        return INK
     known = [colour for finger, colour in FINGERS.items() if finger in name.lower()]
     return known[0] if known else list(FINGERS.values())[order % len(FINGERS)]

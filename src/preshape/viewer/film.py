@@ -9,7 +9,7 @@ import numpy as np
 from ..exceptions import InputError
 from ..types import Array, IntArray, freeze, frozen_array, value
 from .camera import Camera, project
-from .colours import INK, Colour, finger_colour
+from .colours import Colour, finger_colour
 from .raycast import Image, Shape, render, visible
 from .shapes import arrow
 
@@ -114,7 +114,7 @@ class Film:
     def colours(self) -> tuple[Colour, ...]:
         """One colour for each part; the palm has the colour of text."""
         fingers = [name for name in self.parts if name != "palm"]
-        return tuple(INK if n == "palm" else finger_colour(n, fingers.index(n)) for n in self.parts)
+        return tuple(finger_colour(n, fingers.index(n) if n in fingers else 0) for n in self.parts)
 
     def shapes(self, frame: int) -> list[Shape]:
         """The shapes of a frame: the solids at their poses, and the arrow of the load."""
