@@ -45,8 +45,8 @@ PROMISED = {
     "seconds", "version",
 }  # fmt: skip
 LATER = {
-    (): ("known", "length_unit", "rules"),
-    ("request",): ("finger_rule", "hold_on", "keep_off", "rules"),
+    (): ("known", "length_unit", "scene", "rules"),
+    ("request",): ("finger_rule", "up", "rest", "hold_on", "keep_off", "rules"),
 }
 """Keys that were added after version 2 first came out, and where they stand."""
 SCHEMA = plan_schema()

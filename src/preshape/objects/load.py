@@ -51,10 +51,7 @@ CLOUD_SUFFIXES = tuple(_CLOUD_READERS)
 IN_MEMORY = " (in memory)"
 """End of the source of an object that was a mesh in Python; nothing can be found under such a name."""
 
-_Y_UP = (
-    "in a glTF file y is up by its standard, and here z is up: the object is planned for as it lies in the "
-    "file's frame; turn it there if it should stand"
-)
+_Y_UP = "in a glTF file y is up by its standard: task, table and gravity follow it (--up z if z is up here)"
 
 _ALL_READERS = {**_READERS, **_CLOUD_READERS}
 
@@ -136,8 +133,11 @@ def load_object(
                 cloud = _from_cloud(name, _name_of(path), raw, unit, float(scale), view, cut_table)
                 return with_sidecar(cloud, path)
             _check_mesh_options(name, view, cut_table)
-            mesh = with_sidecar(_finish(name, _name_of(path), raw, unit, float(scale), part), path)
-            return replace(mesh, notes=(*mesh.notes, _Y_UP)) if suffix in (".glb", ".gltf") else mesh
+            mesh = _finish(name, _name_of(path), raw, unit, float(scale), part)
+            if suffix not in (".glb", ".gltf"):
+                return with_sidecar(mesh, path)
+            mesh = with_sidecar(replace(mesh, up="y"), path)
+            return replace(mesh, notes=(*mesh.notes, _Y_UP)) if mesh.up == "y" else mesh
     except (PreshapeError, KeyboardInterrupt):
         raise
     except MemoryError as error:

@@ -9,6 +9,7 @@ space.
 from __future__ import annotations
 
 import json
+import math
 import re
 import sys
 from dataclasses import asdict
@@ -24,7 +25,7 @@ from ..hiis.analyser import PALM, Grasp, Grip
 from ..hiis.critic import Thresholds
 from ..hiis.decision import Settings
 from ..hiis.fuzzy import SET_NAMES
-from ..tasks import family_names
+from ..tasks import family_names, full_motion
 from ..types import FIELD_MASS, FRICTION, LENGTH_UNIT, an_instance
 from ..viewer.words import answers_of
 from .answers import Answer, PlanRecord, missing_motion, scan_trust, shortfalls
@@ -258,6 +259,7 @@ def _answer(plan: PlanRecord, answer: Answer | None) -> Document:
             "faces": attributes.faces,
             "triangles": attributes.triangles,
         },
+        "scene": _scene(plan),
         "task": {"name": task.label, "q": task.q.tolist(), "means": task.means},
         "thresholds": asdict(plan.settings.thresholds),
         "request": plan.request.to_json(),
@@ -273,6 +275,19 @@ def _rules(plan: PlanRecord) -> list[Document]:
     return [
         {"kind": rule.kind, "part": rule.part, "origin": rule.origin, "table": rule.table} for rule in applied
     ]
+
+
+def _scene(plan: PlanRecord) -> Document:
+    """The object in a world with z up; up, table, and gravity and motion of the task in the mesh frame."""
+    stands = plan.standing
+    return {
+        "T_world_object": stands.pose.tolist(),
+        "up": (stands.up + 0.0).tolist(),
+        "table": None if stands.table is None else (stands.table + 0.0).tolist(),
+        "gravity": (plan.request.task_gravity(plan.mesh) + 0.0).tolist(),
+        "motion": full_motion(plan.decision.task).tolist(),
+        "turned": round(math.degrees(stands.turned), 3),
+    }
 
 
 def _grasp(g: Grasp) -> Document:

@@ -7,6 +7,7 @@ The answer depends on the request and the memory alone, never on earlier request
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 from collections.abc import Callable, Sequence
@@ -14,8 +15,6 @@ from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
-
-import numpy as np
 
 from ..closure.settings import ClosureSettings
 from ..exceptions import Cancelled, EnvironmentFailure, InputError, shown
@@ -32,12 +31,12 @@ from ..objects.load import split_part
 from ..objects.mass import ObjectMass, object_mass
 from ..objects.mesh import TriangleMesh
 from ..objects.sidecar import sidecar_path
+from ..tasks import Task
 from ..types import Array, Experience, an_instance, value
 from .answers import Answer, seen_first
 from .hand_simulation import execute
 from .plan import Plan
 from .request import PlanRequest
-from .rules import TASK
 from .sizes import out_of_reach, refuse_absurd_size
 
 if TYPE_CHECKING:
@@ -58,6 +57,7 @@ class Prepared:
 
     Attributes:
         request: The request.
+        task: Its task in the mesh frame.
         hand: The hand.
         mesh: The object [m].
         mass: The object's mass.
@@ -70,6 +70,7 @@ class Prepared:
     """
 
     request: PlanRequest
+    task: Task
     hand: Hand
     mesh: TriangleMesh
     mass: ObjectMass
@@ -156,6 +157,13 @@ class Session:
         mass = object_mass(mesh, request.stated_mass)
         warnings = [*mesh.notes, *([mass.warning] if mass.warning else [])]
         warnings += out_of_reach(request, mesh, hand)
+        stands = request.standing(mesh)
+        if stands.settled:
+            warnings.append(
+                f"{mesh.name} does not stand as it is modelled: it settles on the table, turned by "
+                f"{math.degrees(stands.turned):.0f}°, and is planned for as it then lies; --up, or the "
+                "table's height with --table HEIGHT, says how it stands"
+            )
         loaded = time.perf_counter()
         self._tell("opening the memory; a hand's first time includes the lesson with the cube", 12)
         key = _element_key(request, hand, mesh, mass)
@@ -166,6 +174,7 @@ class Session:
             self._element = (*key, mesh, controller), controller.prepare(mesh)
         return Prepared(
             request=request,
+            task=stands.task(request.asked),
             hand=hand,
             mesh=mesh,
             mass=mass,
@@ -196,7 +205,7 @@ class Session:
         ready.element.forget()
         decision = ready.controller.run(
             ready.element,
-            request.asked,
+            ready.task,
             approaches=request.approaches,
             count=wanted,
             may_learn=request.learn,
@@ -215,7 +224,7 @@ class Session:
             )
             # A lesson that was restricted to some approaches would mislead plans without the restriction.
             if request.learn and request.approaches is None and not self.memory.read_only:
-                ready.controller.knowledge.learn_outcomes(ready.element, request.asked, tried)
+                ready.controller.knowledge.learn_outcomes(ready.element, ready.task, tried)
         if partial is not None and chosen_later:
             partial(plan)
         return plan
@@ -243,7 +252,7 @@ class Session:
         started = time.perf_counter()
         self._tell("mode 3: exploring all planes and learning", 35)
         ready.element.forget()
-        decision = ready.controller.teach(ready.element, request.asked, approaches=request.approaches)
+        decision = ready.controller.teach(ready.element, ready.task, approaches=request.approaches)
         ready.controller.reset()
         return self._executed(ready, decision, started, None)
 
@@ -312,7 +321,7 @@ class Session:
         return Answer(
             grasp=grasp,
             hand_result=execute(ready.hand, ready.mesh, grasp, seed=ready.request.settings.seed),
-            heaviest=ready.element.heaviest(ready.request.asked.q, grasp),
+            heaviest=ready.element.heaviest(ready.task.q, grasp),
         )
 
     def _controller_of(
@@ -339,7 +348,7 @@ class Session:
                 hand,
                 settings=request.settings,
                 closure=request.closure(mesh, mass.kg),
-                gravity=np.asarray(request.gravity),
+                gravity=request.task_gravity(mesh),
                 scene=scene,
                 may_store=request.learn,
             )
@@ -378,7 +387,7 @@ def closure_analyser(request: PlanRequest, hand: Hand, mesh: TriangleMesh) -> Cl
         settings=request.closure(mesh, object_mass(mesh, request.stated_mass).kg),
         coefficients=settings.coefficients,
         sets=settings.sets,
-        gravity=np.asarray(request.gravity, dtype=np.float64),
+        gravity=request.task_gravity(mesh),
         seed=settings.seed,
     )
 
@@ -464,25 +473,15 @@ def _file_key(request: PlanRequest) -> tuple[Any, ...]:
     return source, request.unit, request.scale, request.view, request.cut_table, state
 
 
+_ELEMENT_KEYS = (
+    "analyser", "friction", "table", "avoid", "gravity", "seed", "thresholds", "sets", "finger_rule",
+    "coefficients", "up", "rest", "search",
+)  # fmt: skip
+"""Keys of a request's JSON that analyser and controller depend on."""
+
+
 def _element_key(request: PlanRequest, hand: Hand, mesh: TriangleMesh, mass: ObjectMass) -> tuple[Any, ...]:
     """Key of controller and analyser in the cache: everything they depend on besides the object."""
-    document = request.to_json()
-    names = (
-        "analyser",
-        "friction",
-        "table",
-        "avoid",
-        "gravity",
-        "seed",
-        "thresholds",
-        "sets",
-        "finger_rule",
-        "coefficients",
-    )
-    rules = request.rules_for(mesh).applied
-    said = [(rule.words, rule.origin, rule.table) for rule in rules]
-    # What a family keeps free depends on the direction of the task.
-    said += [(request.asked.name, request.asked.axis, True)] if any(r.origin == TASK for r in rules) else []
+    document, rules = request.to_json(), request.rules_for(mesh).key
     wanted = request.wanted(mesh) if request.analyser == "closure" else 0
-    parts = [repr(document[name]) for name in (*names, "search")]
-    return (hand, mass.kg, wanted, *said, *parts)
+    return (hand, mass.kg, wanted, rules, *(repr(document[name]) for name in _ELEMENT_KEYS))

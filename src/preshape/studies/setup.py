@@ -181,7 +181,7 @@ def run_case(ready: Prepared, task: Task | None = None, *, may_learn: bool = Tru
         may_learn: Whether mode 3 may learn.
     """
     controller, element = ready.controller, ready.element
-    task = task or ready.request.asked
+    task = task or ready.task
     known = controller.experiences
     decision = controller.run(element, task, may_learn=may_learn)
     controller.reset()
@@ -211,6 +211,6 @@ def run_case(ready: Prepared, task: Task | None = None, *, may_learn: bool = Tru
 
 def teach(ready: Prepared, task: Task | None = None) -> str:
     """Teach the object with a task (mode 3); returns the controller's status."""
-    decision = ready.controller.teach(ready.element, task or ready.request.asked)
+    decision = ready.controller.teach(ready.element, task or ready.task)
     ready.controller.reset()
     return decision.status.value
