@@ -54,6 +54,9 @@ def plan(
     cut_table: bool | None = None,
     up: str | None = None,
     rest: Sequence[float] | None = None,
+    hold_on: str | Sequence[str] = (),
+    keep_off: str | Sequence[str] = (),
+    rules: str = "task",
 ) -> Plan:
     """Plan a preshape.
 
@@ -87,6 +90,10 @@ def plan(
             default z, and y for a glTF file.
         rest: (4,) quaternion wxyz that turns the mesh, as it lies at rest on a table, to a world with z up;
             by default the object's own, or else it is settled.
+        hold_on: Parts of the object to hold, any of them: names (``preshape objects NAME`` lists them),
+            half-spaces such as ``z>0.05``, or boxes of six numbers [m].
+        keep_off: Parts that contacts and links stay away from.
+        rules: ``task`` for the rules of object and task too, or ``none``.
 
     Raises:
         InputError: An argument that cannot be used; the message says what to change.
@@ -119,6 +126,9 @@ def plan(
         verify=verify,
         settings=chosen,
         search=ClosureSettings() if closure is None else closure,
+        hold_on=hold_on,
+        keep_off=keep_off,
+        rules=rules,
         memory=_file_of(memory),
     )
     with Session(memory, learn=learn) as session:

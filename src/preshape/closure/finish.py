@@ -19,12 +19,12 @@ from ..kernels.field.host import SurfaceQuery
 from ..kernels.hand_spheres import FINE
 from ..types import Array, BoolArray, IntArray, value
 from .candidates import DrawnCandidates, RankedCandidates
-from .closed import ON_PALM, WRAP, ClosedHands, closed_hands, part_name
+from .closed import ON_PALM, WRAP, ClosedHands, closed_hands, part_name, touching_spheres
 from .demand import LONGEST, Demand
 from .hand_tables import hand_tables
 from .opening import ALONG, BACK, NEAREST, OPENING, Opener
 from .preshapes import posture_at
-from .pressing import Squeezer, UnitSqueeze, finger_order, turn_from_contact_error
+from .pressing import MAX_IMBALANCE, Squeezer, UnitSqueeze, turn_from_contact_error
 from .rules import breaks
 from .search import MIN_CONTACTS, ClosureSearch
 from .wrapping import Wrapper, wraps
@@ -36,8 +36,6 @@ DEEPEST = 0.0007
 CONTACT, RETREAT = 0.0008, 0.006
 """Largest distance between a link of a finished wrap and the surface that it touches, and distance from the
 object at which the closing of a finished wrap begins [m] [C]."""
-MAX_IMBALANCE = 0.03
-"""Largest net wrench of a squeeze's forces, divided by the press; torques are divided by ℓ."""
 INSIDE, OVERLAP = "a link of the closed hand is inside the object", "links of the closed hand overlap"
 """What refuses a candidate because of the closed hand itself."""
 SPARE = 2
@@ -150,7 +148,12 @@ class Finisher:
             search.kept_off,
         )
         self.squeezer = Squeezer(
-            search.hand, self.tables, search.cog, min(search.length, LONGEST), self.settings.mu
+            search.hand,
+            self.tables,
+            search.cog,
+            min(search.length, LONGEST),
+            self.settings.mu,
+            self.settings.strongest,
         )
         self.wrapper = Wrapper(self.tables, self.kernel, search.field, gap=GAP, near=CONTACT)
         self._links = joint_links(search.hand)
@@ -162,14 +165,7 @@ class Finisher:
             candidates, wanted=MIN_CONTACTS, clearance=GAP, palm_clearance=NEAREST, tolerance=5e-5
         )
         grasp = posture_at(self.tables, candidates.start, closings.closing)
-        order = finger_order(self.tables)
-        spheres = closings.sphere[:, order]
-        used = (spheres >= 0) & (closings.fate == Fate.CLOSED)[:, None]
-        place = np.argsort(~used, axis=1, kind="stable")  # the thumb's first, then the others in use
-        spheres = np.where(
-            np.take_along_axis(used, place, axis=1), np.take_along_axis(spheres, place, axis=1), -1
-        )
-        links = np.searchsorted(self.tables.sphere_start, spheres, side="right") - 1
+        spheres, links = touching_spheres(self.tables, closings)
         closed = closings.fate == Fate.CLOSED
         return closed_hands(self.tables, self.query, candidates, grasp, spheres, links, closed)
 

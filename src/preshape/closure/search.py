@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -23,13 +23,14 @@ from ..kernels.margin.host import CONTACTS, MarginKernel
 from ..kernels.tables import HandTables
 from ..types import Array, BoolArray, IntArray
 from .candidates import DrawnCandidates, RankedCandidates, distinct, merged
-from .closed import WRAP, ClosedHands, closed_hands
+from .closed import WRAP, ClosedHands, closed_hands, touching_spheres
 from .contact_places import ContactPlaces
 from .demand import HOLD, LEVER, Demand
 from .hand_tables import hand_tables
 from .keeping_off import KeptOff
 from .preshapes import Preshapes, motor_ranges, posture_at, posture_of, preshapes
 from .settings import ClosureSettings
+from .torque_limits import normal_bounds
 from .wrapping import Wrapper
 
 MIN_CONTACTS = 2
@@ -45,6 +46,29 @@ OPENED, ROOM = 0.8, 0.002
 share. The second number is the least distance from table and boxes [m] [C]."""
 GRID_ERROR = 0.25
 """Largest error of a contact of the search, which is read from the grid of distances, in cells."""
+
+
+class _Closed(NamedTuple):
+    """k of the candidates, which closed on the object.
+
+    Attributes:
+        rows: (k,) their indices.
+        closings: (k,) how they closed.
+        candidates: (k,) the hands where they closed, which for a wrap is where its palm stopped.
+        grasp: (k, j) joint angles [rad].
+        links: (k, c) joint that carries each contact; ``ON_PALM`` for the palm.
+    """
+
+    rows: IntArray
+    closings: Closings
+    candidates: Candidates
+    grasp: Array
+    links: IntArray
+
+    def take(self, rows: IntArray) -> _Closed:
+        """The hands with these indices, in that order."""
+        closings, candidates = self.closings.take(rows), self.candidates.take(rows)
+        return _Closed(self.rows[rows], closings, candidates, self.grasp[rows], self.links[rows])
 
 
 class ClosureSearch:
@@ -100,7 +124,7 @@ class ClosureSearch:
 
         1. Close every candidate, and drop those that do not close on the object, or close on a lid.
         2. Drop those that collide with table or boxes, or break a contact rule.
-        3. Compute the strengths of their contacts and sort by score.
+        3. Compute the strengths of their contacts, as far as the motors' torques allow, and sort by score.
 
         Args:
             drawn: Candidates.
@@ -109,30 +133,28 @@ class ClosureSearch:
             blocked: Index of a blocker: the candidates that it refuses are ranked, and not those that are
                 clear of all blockers.
         """
-        rows, closings, hands, grasp = self._closed(drawn.candidates)
-        closed = len(rows)
-        hits = np.concatenate([self._hits(hands, grasp), self._broken(closings, hands, grasp)], axis=1)
-        keep = np.flatnonzero(~hits.any(axis=1) if blocked is None else hits[:, blocked])
-        rows, closings, hands = rows[keep], closings.take(keep), hands.take(keep)
-        task, hold = self.strengths(closings, demand, ranking=True, least=least)
-        score = self.score(task, hold, demand)
+        hands = self._closed(drawn.candidates)
+        closed = len(hands.rows)
+        blocked_by = (
+            self._hits(hands.candidates, hands.grasp),
+            self._broken(hands.closings, hands.candidates, hands.grasp),
+        )
+        hits = np.concatenate(blocked_by, axis=1)
+        hands = hands.take(np.flatnonzero(~hits.any(axis=1) if blocked is None else hits[:, blocked]))
+        task, hold = self.strengths(hands.closings, demand, ranking=True, least=least)
+        score = self._within_torques(hands, self.score(task, hold, demand), demand, least=least)
         found = RankedCandidates(
-            drawn=replace(drawn.take(rows), candidates=hands),
-            closings=closings,
+            drawn=replace(drawn.take(hands.rows), candidates=hands.candidates),
+            closings=hands.closings,
             score=score,
             task=task,
             hold=hold,
-            tally=np.array([len(drawn), closed, len(rows), (score > 0).sum(), *hits.sum(axis=0)]),
+            tally=np.array([len(drawn), closed, len(hands.rows), (score > 0).sum(), *hits.sum(axis=0)]),
         )
         return found.take(np.argsort(-score, kind="stable"))
 
-    def _closed(self, candidates: Candidates) -> tuple[IntArray, Closings, Candidates, Array]:
-        """The candidates that close on the object, none of whose contacts is on a lid.
-
-        Returns:
-            (k,) their indices; their closings; the hands where they closed, which for a wrap is where its
-            palm stopped; and (k, j) their joint angles [rad].
-        """
+    def _closed(self, candidates: Candidates) -> _Closed:
+        """The candidates that close on the object, none of whose contacts is on a lid."""
         if len(candidates) and candidates.mask[0] & WRAP:
             return self._wrapped(candidates)
         rows, closings = self.kernel.closed(candidates, wanted=MIN_CONTACTS)
@@ -142,9 +164,11 @@ class ClosureSearch:
             keep = np.flatnonzero(~on_lid.any(axis=1))
             rows, closings = rows[keep], closings.take(keep)
         hands = candidates.take(rows)
-        return rows, closings, hands, posture_at(self.tables, hands.start, closings.closing)
+        _, links = touching_spheres(self.tables, closings)
+        grasp = posture_at(self.tables, hands.start, closings.closing)
+        return _Closed(rows, closings, hands, grasp, links)
 
-    def _wrapped(self, candidates: Candidates) -> tuple[IntArray, Closings, Candidates, Array]:
+    def _wrapped(self, candidates: Candidates) -> _Closed:
         """The same for wraps; their contacts are exact already."""
         if self.query is None:
             raise ValueError("wraps need the object's surface")
@@ -160,7 +184,67 @@ class ClosureSearch:
             normals_in=hands.normals_in,
             counts=hands.counts,
         )
-        return rows, closings, hands.candidates, hands.grasp
+        return _Closed(rows, closings, hands.candidates, hands.grasp, hands.links)
+
+    def _within_torques(self, hands: _Closed, score: Array, demand: Demand, *, least: float = 0.0) -> Array:
+        """(k,) scores lowered to what the hands' motors can press.
+
+        A score is per unit of normal force, so it stands for the strongest press of the settings. Where a
+        contact cannot be pressed so hard, the load that forces under the bounds of all contacts balance
+        counts instead, divided by that press.
+
+        Args:
+            hands: The hands.
+            score: (k,) their scores, as if every contact could be pressed as hard as the settings allow.
+            demand: What the grip must produce.
+            least: Scores up to this need not be exact.
+        """
+        press, score = self.settings.strongest, score.copy()
+        rows = np.flatnonzero(score > least)
+        if not len(rows):
+            return score
+        closings = hands.closings.take(rows)
+        points, normals, counts = closings.points, closings.normals_in, closings.counts
+        width = min(points.shape[1], hands.links.shape[1])
+        points, normals = points[:, :width], normals[:, :width]
+        bounds = normal_bounds(
+            self.tables,
+            self.hand,
+            hands.candidates.take(rows),
+            hands.grasp[rows],
+            points,
+            normals,
+            hands.links[rows, :width],
+        )
+        used = np.arange(width) < counts[:, None]
+        weak = np.flatnonzero((used & (bounds < press)).any(axis=1))
+        rows = rows[weak]
+        if not len(rows):
+            return score
+        given = points[weak], normals[weak], counts[weak]
+        bounds = np.minimum(bounds[weak], press)
+        most = score[rows] * press
+        kernel = self._task_kernel(demand)
+        if kernel is not None:
+            base, unit = np.asarray(demand.base) * self.settings.middling, demand.unit(self.length)
+            found = kernel.strengths(
+                *given,
+                unit,
+                self.cog,
+                most=most * demand.load,
+                least=least * press * demand.load,
+                base=base,
+                bounds=bounds,
+            )
+            most = np.minimum(most, found / demand.load)
+        share = self.settings.hold
+        for lever, kernel in self._hold_kernels:
+            found = kernel.strengths(
+                *given, lever, self.cog, most=most * share, least=least * press * share, bounds=bounds
+            )
+            most = np.minimum(most, found / share)
+        score[rows] = most / press
+        return score
 
     def _links_apart(self, q: Array) -> bool:
         """Whether no two links of the hand overlap; fingers that go round an object may meet each other."""
@@ -393,12 +477,12 @@ class ClosureSearch:
         if not len(found):
             return found
         moved = self.perturbed(rng, found, samples, 0.0, shift=shift, turn=turn)
-        rows, closings, _, _ = self._closed(moved.candidates)
-        score = np.zeros(len(moved))
+        hands, score = self._closed(moved.candidates), np.zeros(len(moved))
         slack = GRID_ERROR * self.field.spacing
-        lawful = ~self.places.broken_by(closings.points, closings.counts, slack=slack).any(axis=1)
-        rows, closings = rows[lawful], closings.take(np.flatnonzero(lawful))
-        score[rows] = self.score(*self.strengths(closings, demand, ranking=True), demand)
+        broken = self.places.broken_by(hands.closings.points, hands.closings.counts, slack=slack)
+        hands = hands.take(np.flatnonzero(~broken.any(axis=1)))
+        nominal = self.score(*self.strengths(hands.closings, demand, ranking=True), demand)
+        score[hands.rows] = self._within_torques(hands, nominal, demand)
         sorted_scores = np.sort(score.reshape(len(found), samples), axis=1)
         expected = 0.5 * (found.score + sorted_scores[:, : max(1, samples // 2)].mean(axis=1))
         return replace(found, score=expected).take(np.argsort(-expected, kind="stable"))

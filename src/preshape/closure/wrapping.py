@@ -95,6 +95,7 @@ class Wrapper:
         # (j, m) whether a motor moves a joint, and whether it moves a joint at or before it in its finger.
         joints = np.arange(len(tables.axis))
         self._moves = tables.motor[:, None] == np.arange(len(tables.range))
+        self._finger_of_motor = self._finger[self._moves.argmax(axis=0)]
         same = self._finger[:, None] == self._finger
         self._carries = ((same & (joints[None] <= joints[:, None])) @ self._moves) > 0
 
@@ -172,7 +173,9 @@ class Wrapper:
         2. Close all motors that the closing path moves, each at its own rate. A link that touches stops the
            motors of its own joint and of those before it. The others go on until their links touch or their
            paths end.
-        3. Every link within ``near`` of the object is a contact, and up to four places of the palm.
+        3. A motor none of whose links touches goes back to where it began: closed round nothing, a finger
+           would only be in the way of the others.
+        4. Every link within ``near`` of the object is a contact, and up to four places of the palm.
 
         Args:
             candidates: n hands.
@@ -199,13 +202,14 @@ class Wrapper:
             travelled[going] += step
             going = going[(least > 0.5 * self.gap) & (travelled[going] < 2 * STANDOFF)]
         free &= travelled < 2 * STANDOFF
-        # 2. The closing.
-        commands = self._round(place, candidates.turn, commands, np.flatnonzero(free))
-        # 3. Contacts.
+        # 2. and 3. The closing.
+        opened, rows = commands, np.flatnonzero(free)
+        commands = self._round(place, candidates.turn, commands, rows)
+        commands[rows] = self._back_open(place[rows], candidates.turn[rows], opened[rows], commands[rows])
+        # 4. Contacts.
         grasp = posture_of(tables, commands)
         spheres = np.full((n, MOST_CONTACTS), -1, dtype=np.int64)
         links = np.full((n, MOST_CONTACTS), ON_PALM, dtype=np.int64)
-        rows = np.flatnonzero(free)
         moved = Candidates(place=place, turn=candidates.turn, start=candidates.start, mask=candidates.mask)
         if len(rows):
             spheres[rows], links[rows] = self.contacts(moved.take(rows), grasp[rows])
@@ -218,7 +222,6 @@ class Wrapper:
         low, high = tables.range.T
         last = commands + self._rate
         active = np.broadcast_to(self._rate != 0.0, commands.shape).copy()
-        owner = np.array([self._finger[self._moves[:, m].argmax()] for m in range(len(low))])
         for _ in range(STEPS):
             rows = rows[active[rows].any(axis=1)]
             if not len(rows):
@@ -244,7 +247,7 @@ class Wrapper:
                 own = slice(tables.joint_start[f], tables.joint_start[f + 1])
                 step[:, f] = room[:, own].min(axis=1)
             step = np.clip(step, 2e-3, 0.25)
-            forward = np.where(on, step[:, owner] * self._rate, 0.0)
+            forward = np.where(on, step[:, self._finger_of_motor] * self._rate, 0.0)
             told = np.clip(
                 commands[rows] + forward,
                 np.maximum(low, np.minimum(commands[rows], last[rows])),
@@ -253,6 +256,20 @@ class Wrapper:
             on &= np.abs(told - commands[rows]) > 1e-9
             commands[rows], active[rows] = told, on
         return commands
+
+    def _back_open(self, place: Array, turn: Array, opened: Array, closed: Array) -> Array:
+        """(n, m) commands [rad] where the motors that touch nothing are open again, if that is clear."""
+        if not len(place):
+            return closed
+        distance = self.kernel.link_distances(place, turn, posture_of(self.tables, closed))[0][:, :-1]
+        # (n, m) whether a link that the motor carries touches, and whether one is in its way when it is open.
+        idle = (distance <= self.near) @ self._carries == 0
+        back = np.where(idle, opened, closed)
+        distance = self.kernel.link_distances(place, turn, posture_of(self.tables, back))[0][:, :-1]
+        blocked = (distance < self.gap) @ self._carries > 0
+        finger = self._finger_of_motor
+        stays = (idle & blocked) @ (finger[:, None] == finger) > 0
+        return np.where(stays, closed, back)
 
     def contacts(self, hands: Candidates, grasp: Array) -> tuple[IntArray, IntArray]:
         """(n, c) touching spheres, the thumb's first and the palm's last, and the joints that carry them."""

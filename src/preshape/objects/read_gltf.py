@@ -215,7 +215,7 @@ def _arrange(name: str, tree: dict[str, Any]) -> None:
     level = _item(tree["scenes"], tree.setdefault("scene", 0)).get("nodes", [])
     for index, parents in (children + Counter(level)).items():
         if parents > 1:
-            raise ObjectError(f"{name}: scene node {index} has two parents; the file is damaged")
+            raise ObjectError(f"{name}: scene node {shown(index)} has two parents; the file is damaged")
     levels = 0
     while level:
         level = [child for index in level for child in _item(nodes, index).get("children", ())]

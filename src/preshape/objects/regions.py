@@ -112,8 +112,8 @@ class HalfSpace(SurfaceRegion):
         """Cut at the plane; triangles in the plane are inside."""
         height = pieces.corners @ self.normal - self.offset
         height[np.abs(height) < NEAR] = 0.0
-        above = (height >= 0).all(axis=1)
-        below = ~above & (height <= 0).all(axis=1)
+        above: BoolArray = np.asarray((height >= 0).all(axis=1))
+        below: BoolArray = ~above & np.asarray((height <= 0).all(axis=1))
         crossing = ~above & ~below
         inside, outside = [pieces.of(above)], [pieces.of(below)]
         if crossing.any():

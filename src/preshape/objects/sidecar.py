@@ -16,6 +16,7 @@ unit and scale, so the same file suits a mesh in millimetres::
 
 from __future__ import annotations
 
+import os
 import tomllib
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -73,8 +74,7 @@ def sidecar_path(path: str | Path) -> Path:
     >>> sidecar_path("tools/hammer.obj").name
     'hammer.preshape.toml'
     """
-    given = Path(path)
-    return given.with_name(given.stem + SUFFIX)
+    return Path(os.path.splitext(path)[0] + SUFFIX)
 
 
 def read_sidecar(path: str | Path) -> Sidecar | None:

@@ -8,7 +8,7 @@ simulated, exported and repeated without any further input.
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterable, Mapping, Sequence, Set
+from collections.abc import Mapping, Sequence
 from dataclasses import field, fields, replace
 from pathlib import Path
 from typing import Any
@@ -28,18 +28,15 @@ from ..memory.records import SCENE_LENGTH
 from ..objects.checks import metres
 from ..objects.load import IN_MEMORY, load_object, stored_source
 from ..objects.mass import object_mass
-from ..objects.mesh import LEAST_LENGTH, UP_AXES, TriangleMesh
+from ..objects.mesh import UP_AXES, TriangleMesh
 from ..objects.resting import upright
-from ..objects.scans.complete import ALL_ROUND
 from ..tasks import Task, parse_task, task_from_numbers
-from ..tasks.task import axis_vector
 from ..tasks.task import from_json as task_from_json
 from ..tasks.task import to_json as task_to_json
 from ..types import (
     FRICTION,
     Array,
     ContactCoefficients,
-    finite_number,
     freeze,
     frozen_array,
     one_of,
@@ -47,7 +44,9 @@ from ..types import (
     value,
     whole_number,
 )
-from .standing import AUTO, Standing, lowest_point, standing
+from .request_values import boxes_of, gravity_of, rest_of, table_of, view_of
+from .rules import FOLLOW, MODES, NONE, TaskRules, part_texts, task_rules
+from .standing import Standing, lowest_point, standing
 
 SCHEMA = 2
 """Version of plan.json. Version 1 is a plan without the key ``schema``; it does not contain its request."""
@@ -58,8 +57,6 @@ VERIFIED = 6
 """Number of answers that are tested in physics; ``count`` if that is larger."""
 ON_CLOUDS = 8
 """Number of answers computed on a point cloud; those with contacts on seen surface are preferred."""
-FARTHEST = 1e6
-"""Largest coordinate of a table or a box to avoid [m]; the kernels count nothing beyond it as solid."""
 _SEARCH = (
     "torsion", "friction_share", "press_least", "press_most", "safety", "hold", "at_aim", "on_plane",
     "everywhere", "persistence", "elite", "children", "rounds", "finished", "device", "threads",
@@ -87,7 +84,6 @@ _KINDS: tuple[tuple[str, Any, str], ...] = (
 _REAL_HAND = "a real hand (--hand shadow, leap or allegro) or the closure analyser (--analyser closure)"
 _ALIGNED = 0.9998
 """Cosine of the angle up to which two directions are the same, 1° [C]."""
-_SIX = "six numbers (lower, then upper corner, in metres)"
 
 
 @value
@@ -126,6 +122,11 @@ class PlanRequest:
             mesh turned upright, so that z is up. ``None`` takes the file's own (y in glTF, else z).
         rest: (4,) quaternion wxyz that turns the mesh frame, as the object lies at rest on a table, to a
             world with z up; ``None`` takes the object's own, or else settles the object.
+        hold_on: Parts that contacts must lie on, any of them: names, half-spaces such as ``z>0.05``, or the
+            six numbers of a box (:func:`~preshape.objects.parts.find_part`).
+        keep_off: Parts without contacts, and with no link within 3 mm of them.
+        rules: ``task`` for the rules of the object and the task too (:mod:`preshape.planning.rules`), or
+            ``none`` for what ``hold_on`` and ``keep_off`` say alone.
 
     Raises:
         InputError: An argument that cannot be used; the message says what to change.
@@ -153,6 +154,9 @@ class PlanRequest:
     memory: str | None = None
     up: str | None = None
     rest: Sequence[float] | Array | None = None
+    hold_on: str | Sequence[str] = ()
+    keep_off: str | Sequence[str] = ()
+    rules: str = FOLLOW
 
     def __post_init__(self) -> None:
         for name in ("source", "hand", "memory"):
@@ -165,12 +169,16 @@ class PlanRequest:
         if not isinstance(task, Task):
             task = parse_task(task) if isinstance(task, str) else task_from_numbers(task)
         freeze(self, task=task, analyser=analyser_of(self.analyser, self.hand))
-        freeze(self, gravity=task.gravity if self.gravity is None else _gravity(self.gravity))
-        freeze(self, table=_table(self.table), avoid=_boxes(self.avoid), view=_view(self.view))
+        freeze(self, gravity=task.gravity if self.gravity is None else gravity_of(self.gravity))
+        freeze(self, table=table_of(self.table), avoid=boxes_of(self.avoid), view=view_of(self.view))
         freeze(self, learn=bool(self.learn), verify=bool(self.verify))
-        freeze(self, rest=_rest(self.rest))
+        freeze(self, rest=rest_of(self.rest))
         if self.up is not None:
             upright(self.up)
+        freeze(
+            self, hold_on=part_texts(self.hold_on, "hold_on"), keep_off=part_texts(self.keep_off, "keep_off")
+        )
+        one_of(self.rules, "rules", MODES)
         if self.cut_table is not None:
             freeze(self, cut_table=bool(self.cut_table))
         allowed_planes(self.approaches)
@@ -277,17 +285,37 @@ class PlanRequest:
         boxes = np.array(self.avoid, dtype=np.float64).reshape(-1, 2, 3)
         return Obstacles(planes=np.zeros((0, 4)) if table is None else table[None], boxes=boxes)
 
+    def rules_for(self, mesh: TriangleMesh) -> TaskRules:
+        """Which parts of the object are held and which stay free.
+
+        Raises:
+            InputError: The object has no such part, or a part is to be held and kept off at once.
+        """
+        stands = self.standing(mesh)
+        return task_rules(
+            mesh,
+            self.asked,
+            hold_on=self.hold_on,
+            keep_off=self.keep_off,
+            follow=self.rules == FOLLOW,
+            turn=stands.upright.T,
+            table=stands.table,
+        )
+
     def scene(self, mesh: TriangleMesh) -> str:
-        """The scene as text, for comparing lessons; empty for free space and the usual load.
+        """The scene as text, for comparing lessons; empty for free space, the usual load and no rules.
 
         A mass other than the object's own and a friction other than the default are part of the scene,
         because lessons for another load say nothing certain about this one.
         Heights are relative to the object's lowest point and boxes relative to its COG, rounded to 1 mm. So
         the same object in another file has the same scene, and similar objects on a table share one.
 
-        A text of more boxes than the memory can store names their number and, in place of the boxes, the
-        first 32 digits of the SHA-256 of their text. The text consists of whole numbers in sorted order, so
-        it is the same on every platform.
+        Rules are part of the scene, because a grip on another part is no answer. The ray analyser has no
+        scene besides them.
+
+        A text of more boxes and rules than the memory can store names their number and, in place of them, the
+        first 32 digits of the SHA-256 of their text. The boxes consist of whole numbers in sorted order, so
+        the text is the same on every platform.
         """
         table, load = [], []
         stands = self.standing(mesh)
@@ -306,11 +334,15 @@ class PlanRequest:
             [round(1000 * (x - c)) for x, c in zip(box, centre, strict=True)] for box in self.avoid
         )
         boxes = ["box " + " ".join(map(str, row)) for row in corners]
-        text = "; ".join([*table, *boxes, *load])
+        rules = sorted(rule.words for rule in self.rules_for(mesh).applied)
+        if self.analyser == "rays":
+            table, boxes, load = [], [], []
+        text = "; ".join([*table, *boxes, *load, *rules])
         if len(text) <= SCENE_LENGTH:
             return text
-        digest = hashlib.sha256("; ".join(boxes).encode()).hexdigest()[:32]
-        return "; ".join([*table, f"{len(boxes)} boxes {digest}", *load])
+        digest = hashlib.sha256("; ".join([*boxes, *rules]).encode()).hexdigest()[:32]
+        many = f"{len(boxes)} boxes{f' and {len(rules)} rules' if rules else ''} {digest}"
+        return "; ".join([*table, many, *load])
 
     def wanted(self, mesh: TriangleMesh) -> int:
         """Number of answers to compute; physics, or the seen part of a cloud, selects among them."""
@@ -330,6 +362,7 @@ class PlanRequest:
             friction=self.stated_friction,
             mass=mass,
             obstacles=self.obstacles(mesh),
+            rules=self.rules_for(mesh).contact,
             finished=max(self.search.finished, wanted + wanted // 2 + 2),
         )
 
@@ -366,6 +399,9 @@ class PlanRequest:
             "memory": self.memory,
             "up": self.up,
             "rest": None if self.rest is None else np.asarray(self.rest).tolist(),
+            "hold_on": list(self.hold_on),
+            "keep_off": list(self.keep_off),
+            "rules": self.rules,
         }
 
     @classmethod
@@ -400,6 +436,9 @@ class PlanRequest:
             }
             read |= {name: data[name] for name in _PLAIN}
             read |= {name: data.get(name) for name in ("up", "rest")}
+            # Plans from before there were rules were made without any.
+            read |= {name: data.get(name, ()) for name in ("hold_on", "keep_off")}
+            read["rules"] = data.get("rules", NONE)
         except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
             raise InputError(
                 f"this is no request of preshape ({type(error).__name__}: {error!s:.80}); "
@@ -427,112 +466,3 @@ def analyser_of(analyser: str | None, hand: str | Hand) -> str:
     name = hand.removesuffix(":right") if isinstance(hand, str) else hand.name
     chosen = analyser or ("rays" if name == RAY_HAND else "closure")
     return one_of(chosen, "analyser", ANALYSERS)
-
-
-def _items(given: object, wanted: str) -> tuple[Any, ...]:
-    """The items of a sequence or an array.
-
-    Raises:
-        InputError: It is neither; the message says what is wanted.
-    """
-    if not isinstance(given, Iterable) or isinstance(given, str | bytes | Mapping | Set):
-        raise InputError(f"{wanted}, got {shown(given)}")
-    try:
-        return tuple(given)
-    except TypeError as error:  # an array without a dimension
-        raise InputError(f"{wanted}, got {shown(given)}") from error
-
-
-def _numbers(given: object, count: int, wanted: str) -> tuple[float, ...]:
-    """So many finite numbers.
-
-    Raises:
-        InputError: There are more or fewer, or one is not a finite number.
-    """
-    items = _items(given, wanted)
-    if len(items) != count:
-        raise InputError(f"{wanted}, got {len(items)} items")
-    return tuple(finite_number(item, f"{wanted}; each") for item in items)
-
-
-def _boxes(avoid: object) -> tuple[tuple[float, ...], ...]:
-    """The boxes to avoid, six numbers each [m].
-
-    Raises:
-        InputError: A box is not six numbers within ``FARTHEST``, or its lower corner is not below its upper.
-    """
-    boxes = []
-    for item in _items(avoid, f"avoid must be a list of boxes, {_SIX} each"):
-        box = _numbers(item, 6, f"a box to avoid must be {_SIX}")
-        if not all(low < high for low, high in zip(box[:3], box[3:], strict=True)):
-            raise InputError(f"a box to avoid is its lower corner, then its upper, got {list(box)}")
-        if max(map(abs, box)) > FARTHEST:
-            raise InputError(f"a box to avoid is in metres, at most {FARTHEST:g}, got {list(box)}")
-        boxes.append(box)
-    return tuple(boxes)
-
-
-def _gravity(gravity: object) -> Array:
-    """(3,) direction of gravity; zeros mean none.
-
-    Raises:
-        InputError: There are not three numbers, or their length is neither one nor zero.
-    """
-    wanted = "gravity must be a unit vector of three numbers, or 0 0 0 for none"
-    vector = frozen_array(_numbers(gravity, 3, wanted), (3,), "gravity")
-    if not vector.any():
-        return vector
-    length = float(np.linalg.norm(vector))
-    if not abs(length - 1.0) < 1e-3:
-        raise InputError(f"{wanted}, got the length {length:g}; divide the vector by its length")
-    return axis_vector(vector)
-
-
-def _view(view: object) -> tuple[float, ...] | str | None:
-    """The camera's position, ``all`` or ``None``.
-
-    Raises:
-        InputError: It is anything else.
-    """
-    if view is None or (isinstance(view, str) and view == ALL_ROUND):
-        return view
-    return _numbers(view, 3, f"a view must be a camera's position, three numbers, or {ALL_ROUND}")
-
-
-def _rest(rest: object) -> Array | None:
-    """(4,) unit quaternion wxyz of the pose at rest.
-
-    Raises:
-        InputError: There are not four numbers, or all are zero.
-    """
-    if rest is None:
-        return None
-    wanted = "rest must be a quaternion of four numbers, w x y z"
-    quaternion = np.array(_numbers(rest, 4, wanted))
-    length = float(np.linalg.norm(quaternion))
-    if length < LEAST_LENGTH:
-        raise InputError(f"{wanted}, got {quaternion.tolist()}")
-    # A unit quaternion stays bit for bit, so that files round-trip.
-    return frozen_array(quaternion if abs(length - 1.0) < 1e-15 else quaternion / length, (4,), "rest")
-
-
-def _table(table: float | str | None) -> float | str | None:
-    """The table as a height [m] or ``auto``; ``None`` and ``none`` are free space.
-
-    Raises:
-        InputError: The value is anything else.
-    """
-    wanted = "its height in metres, auto or none"
-    if table is None or (isinstance(table, str) and table.strip().lower() == "none"):
-        return None
-    if isinstance(table, str) and table.strip().lower() == AUTO:
-        return AUTO
-    if isinstance(table, str):
-        try:
-            table = float(table)
-        except ValueError as error:
-            raise InputError(f"a table must be {wanted}, got {shown(table)}") from error
-    height = finite_number(table, "a table", wanted)
-    if abs(height) > FARTHEST:
-        raise InputError(f"a table must be {wanted}, at most {FARTHEST:g}, got {height:g}")
-    return height

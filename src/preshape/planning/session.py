@@ -7,7 +7,6 @@ The answer depends on the request and the memory alone, never on earlier request
 
 from __future__ import annotations
 
-import math
 import threading
 import time
 from collections.abc import Callable, Sequence
@@ -37,6 +36,7 @@ from .answers import Answer, seen_first
 from .hand_simulation import execute
 from .plan import Plan
 from .request import PlanRequest
+from .rules import TASK
 from .sizes import out_of_reach, refuse_absurd_size
 
 if TYPE_CHECKING:
@@ -158,12 +158,7 @@ class Session:
         warnings = [*mesh.notes, *([mass.warning] if mass.warning else [])]
         warnings += out_of_reach(request, mesh, hand)
         stands = request.standing(mesh)
-        if stands.settled:
-            warnings.append(
-                f"{mesh.name} does not stand as it is modelled: it settles on the table, turned by "
-                f"{math.degrees(stands.turned):.0f}°, and is planned for as it then lies; --up, or the "
-                "table's height with --table HEIGHT, says how it stands"
-            )
+        warnings += [f"{mesh.name} {stands.warning}"] if stands.warning else []
         loaded = time.perf_counter()
         self._tell("opening the memory; a hand's first time includes the lesson with the cube", 12)
         key = _element_key(request, hand, mesh, mass)
@@ -336,7 +331,11 @@ class Session:
                 return controller
         if request.analyser == "rays":
             controller = Controller(
-                self.memory, layout_of(hand), settings=request.settings, may_store=request.learn
+                self.memory,
+                layout_of(hand),
+                settings=request.settings,
+                scene=scene,
+                may_store=request.learn,
             )
         else:
             controller = closure_controller(
@@ -484,6 +483,10 @@ def _element_key(request: PlanRequest, hand: Hand, mesh: TriangleMesh, mass: Obj
         "up",
         "rest",
     )
+    rules = request.rules_for(mesh).applied
+    said = [(rule.words, rule.origin, rule.table) for rule in rules]
+    # What a family keeps free depends on the direction of the task.
+    said += [(request.asked.name, request.asked.axis, True)] if any(r.origin == TASK for r in rules) else []
     wanted = request.wanted(mesh) if request.analyser == "closure" else 0
     parts = [repr(document[name]) for name in (*names, "search")]
-    return (hand, mass.kg, wanted, *parts)
+    return (hand, mass.kg, wanted, *said, *parts)
