@@ -363,9 +363,11 @@ def test_what_the_memory_recalls_obeys_too(lesson: Callable[[str], Path]) -> Non
         "lift",
         hand="shadow",
         memory=where,
-        closure=ClosureSettings(**small, rules=case.rules),
+        closure=ClosureSettings(**small),
         mass=0.1,
         count=2,
+        hold_on="z<0.048",
+        keep_off="z>0.048",
     )
     answers = [a for a in (ruled.answer, *ruled.alternatives, ruled.best) if a is not None]
     assert answers
