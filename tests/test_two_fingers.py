@@ -30,7 +30,7 @@ def promised(torsion: float, friction: float = FAST.friction) -> float:
 
 
 def held(radius: float, torque: float) -> bool:
-    """Whether two round fingertips of this radius [m] hold the box against a torque about their line [N m]."""
+    """Whether two round fingertips of this radius [m] hold the box against a torque about their line."""
     text = CLAMP
     for side, sign in (("left", -1), ("right", 1)):
         flat = f'<geom name="{side}" type="box" size="0.005 0.04 0.04" mass="0.05"/>'

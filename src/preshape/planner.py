@@ -52,6 +52,9 @@ def plan(
     verify: bool = False,
     view: Sequence[float] | str | None = None,
     cut_table: bool | None = None,
+    hold_on: str | Sequence[str] = (),
+    keep_off: str | Sequence[str] = (),
+    rules: str = "task",
 ) -> Plan:
     """Plan a preshape.
 
@@ -80,6 +83,10 @@ def plan(
             round; by default what the file says, else its origin where that can be.
         cut_table: Whether a table in a point cloud is cut off; ``False`` keeps it as part of the object. By
             default a cloud with a table is refused.
+        hold_on: Parts of the object to hold, any of them: names (``preshape objects NAME`` lists them),
+            half-spaces such as ``z>0.05``, or boxes of six numbers [m].
+        keep_off: Parts that contacts and links stay away from.
+        rules: ``task`` for the rules of object and task too, or ``none``.
 
     Raises:
         InputError: An argument that cannot be used; the message says what to change.
@@ -110,6 +117,9 @@ def plan(
         verify=verify,
         settings=chosen,
         search=ClosureSettings() if closure is None else closure,
+        hold_on=hold_on,
+        keep_off=keep_off,
+        rules=rules,
         memory=_file_of(memory),
     )
     with Session(memory, learn=learn) as session:

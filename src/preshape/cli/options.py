@@ -179,8 +179,31 @@ def hand_from(options: dict[str, Any]) -> str:
     return joined(options["hand"], options["motors"])
 
 
+_rule_options = (
+    click.option(
+        "--hold-on",
+        metavar="PART",
+        multiple=True,
+        help='Contacts only on this part: a name (preshape objects OBJECT), "z>0.05", or six numbers of a '
+        "box [m]; repeatable, any of them.",
+    ),
+    click.option(
+        "--keep-off",
+        metavar="PART",
+        multiple=True,
+        help="No contact on this part, and no link within 3 mm of it; repeatable.",
+    ),
+    click.option(
+        "--rules",
+        default="task",
+        metavar="task|none",
+        help="task: rules of object and task too, as hold a hammer's handle to strike.  [default: task]",
+    ),
+)
+
+
 def closure_options(command: Command) -> Command:
-    """``--friction --mass --table --avoid``, for the closure analyser."""
+    """``--friction --mass --table --avoid``, for the closure analyser; ``--hold-on --keep-off --rules``."""
     options = (
         click.option(
             "--friction",
@@ -206,6 +229,7 @@ def closure_options(command: Command) -> Command:
             multiple=True,
             help='A box that the hand stays out of, "x0 y0 z0 x1 y1 z1" in the mesh frame [m]; repeatable.',
         ),
+        *_rule_options,
     )
     for option in reversed(options):
         command = option(command)
@@ -269,7 +293,7 @@ def request_from(thing: str, task: str, *, hand: Any, options: dict[str, Any], *
     thresholds = Thresholds(
         estimation=options["estimation_threshold"], recognition=options["recognition_threshold"]
     )
-    same = ("scale", "unit", "mass", "friction", "table", "memory")
+    same = ("scale", "unit", "mass", "friction", "table", "memory", "hold_on", "keep_off", "rules")
     return PlanRequest(
         source=source_from(thing, options),
         task=task,

@@ -20,7 +20,7 @@ from ..hiis.analyser import MAX_FINGERS, Aim, Grasp, Grip, HandLayout
 from ..hiis.fuzzy import FuzzySets
 from ..kernels.field.host import SurfaceQuery, prepare_field
 from ..objects.mesh import TriangleMesh
-from ..types import ANSWER_KIND, Array, ContactCoefficients, Experience, frozen_array
+from ..types import ANSWER_KIND, Array, ContactCoefficients, Experience, IntArray, frozen_array
 from .candidates import (
     DrawnCandidates,
     RankedCandidates,
@@ -31,13 +31,15 @@ from .candidates import (
     merged,
     without_failed,
 )
+from .contact_places import allowed_surface
 from .demand import Demand, inner_centre, task_demand, turn_levers
 from .finish import ENOUGH, INSIDE, OVERLAP, FinishedGrip, Finisher, FinishOptions
 from .grips import GripExploration, described, grip_exploration
 from .hand_pinches import hand_pinches
-from .limits import LOAD, WAY_IN, heaviest_mass, remedy, shortfall
+from .limits import LOAD, costliest, heaviest_mass, nothing_left, remedy, rules_cost, shortfall, why_none
 from .pinching import PINCHED, THINNEST, Pincher, antipodal_patches
 from .recall import FEW_VALUES, on_object, recalled
+from .rules import breaks
 from .search import ClosureSearch
 from .settings import ClosureSettings
 from .wrapping import families
@@ -125,11 +127,16 @@ class ClosureAnalyser:
             query=self.query,
         )
         pinches = hand_pinches(hand)
-        patches = antipodal_patches(mesh, self.field, float(pinches.tip[0]), pinches.widest)
+        places = self.search.places
+        self.allowed = allowed_surface(mesh, places) if places else None
+        patches = antipodal_patches(
+            mesh, self.field, float(pinches.tip[0]), pinches.widest, allowed=self.allowed, places=places
+        )
         self.pincher = Pincher(pinches, patches, mesh.cog, mesh.extents / 2, self.search.kernel)
         self.finisher = Finisher(self.search, self.query)
         self._cache: dict[bytes, GripExploration] = {}
         self._explored: set[bytes] = set()  # tasks for which all allowed planes have been searched
+        self._tallies: dict[bytes, IntArray] = {}  # of the searches of all planes, by task
         self._last_demand: tuple[bytes, Demand] | None = None
 
     measure = "the grip's quality (3 is just enough)"
@@ -139,6 +146,7 @@ class ClosureAnalyser:
         """Clear the cache of aims, so that the next one is searched again."""
         self._cache.clear()
         self._explored.clear()
+        self._tallies.clear()
 
     @property
     def tried(self) -> int:
@@ -210,7 +218,9 @@ class ClosureAnalyser:
         """What a grip lacks and what would help; an empty text for a virtual grasp."""
         if not isinstance(grasp, Grip):
             return ""
-        return shortfall(self.search, grasp, self.demand(frozen_array(q, (6,), "task Q")))
+        task = frozen_array(q, (6,), "task Q")
+        lacking = shortfall(self.search, grasp, self.demand(task))
+        return lacking + rules_cost(self._tallies.get(task.tobytes()), self.settings)
 
     def grips(self, q: Array, finished: Sequence[FinishedGrip]) -> list[Grip]:
         """Finished grips with the paper's figures: net wrench, TFVADI and screw measures.
@@ -254,6 +264,8 @@ class ClosureAnalyser:
                 f"the object is {1e3 * size:.2g} mm long, and fingers can be placed on "
                 f"{1e3 * THINNEST:.0f} mm or more; check its unit",
             )
+        if self.allowed is not None and not len(self.allowed):
+            return grip_exploration([], 0, nothing_left(self.settings.rules))
         demand, settings, effort = self.demand(q), self.settings, self._effort(aim)
         one_plane = len(aim.planes) == 1
         at_estimate = one_plane and len(aim.values) <= FEW_VALUES
@@ -299,10 +311,10 @@ class ClosureAnalyser:
                 fresh = replace(more, tally=more.tally - pool.tally)
                 found, pool = merged(found, fresh), more
         # 6. Wraps.
-        wrapped = list[FinishedGrip]()
+        wrapped, wrapped_tally = list[FinishedGrip](), np.zeros_like(found.tally)
         if settings.wraps and not at_estimate and _best_margin(finished) < ENOUGH_MARGIN:
-            wrapped, closed = self._wraps(rng, aim, demand, options)
-            tried += closed
+            wrapped, wrapped_tally = self._wraps(rng, aim, demand, options)
+            tried += int(wrapped_tally[0])
         # 7. Firm press.
         if not unexplored and max(_best_margin(finished), _best_margin(wrapped)) < 1.0:
             finished = self.finisher.finish(source, demand, replace(options, by_joints=True, firm=True))
@@ -316,9 +328,11 @@ class ClosureAnalyser:
         every = sorted([*remembered, *finished, *wrapped], key=lambda grip: -grip.margin)
         answers = self.grips(q, every)
         answers.sort(key=lambda grip: -grip.judged)
-        reason, miss = "" if answers else self._why_none(found), None
+        reason, miss = "" if answers else why_none(found, settings), None
+        if not one_plane:
+            self._tallies[q.tobytes()] = found.tally + wrapped_tally
         if not answers and not one_plane:
-            rules = self._costliest(found)
+            rules = costliest(found, self.search.blockers)
             miss = self._nearest_miss(q, source, self._draw(rng, aim, effort.candidates), demand, aim, rules)
             reason += remedy(rules, miss)
         return grip_exploration(answers[: effort.grips], tried + found.tried, reason, miss)
@@ -335,7 +349,8 @@ class ClosureAnalyser:
         """The best grip that was refused, as an example of what is lacking.
 
         The rule that refused most candidates selects it: if it is the load, a grip that the hand can execute
-        comes first; if it is an obstacle, the grip is one that collides with the obstacles.
+        comes first; if it is an obstacle or a contact rule, the grip is one that collides with it or breaks
+        it.
 
         Args:
             q: (6,) task Q.
@@ -346,7 +361,7 @@ class ClosureAnalyser:
             rules: What refused candidates, the costliest first.
         """
         options = FinishOptions(count=REFUSED_EXAMINED, planes=aim.planes, anyway=True)
-        names = self.settings.obstacles.names
+        names = self.search.blockers
         for rule in rules:
             likely = found
             if rule in names:
@@ -355,41 +370,13 @@ class ClosureAnalyser:
                 likely = found.take(np.argsort(-found.hold, kind="stable"))
             grips = self.finisher.finish(likely.take(distinct(likely, REFUSED_EXAMINED)), demand, options)
             if rule in names:
-                clause = f"{rule} is in the closed hand's way"
+                lawless = rule in self.settings.rules.names
+                clause = breaks(rule) if lawless else f"{rule} is in the closed hand's way"
                 grips = [replace(g, refused=clause) for g in grips if g.refused not in (INSIDE, OVERLAP)]
             if grips:
                 best = max(grips, key=lambda g: (not g.refused, g.refused not in (INSIDE, OVERLAP), g.margin))
                 return self.grips(q, [best])[0]
         return None
-
-    def _costliest(self, found: RankedCandidates) -> list[str]:
-        """What refused candidates that closed: obstacles by name, load or way in, the costliest first."""
-        _, _, clear, balanced, *hits = found.tally.tolist()
-        balanced = max(balanced, int(len(found) > 0 and found.score[0] > 0))
-        refused = dict(zip(self.settings.obstacles.names, hits, strict=True))
-        refused |= {LOAD: clear - balanced, WAY_IN: balanced}
-        return sorted((rule for rule in refused if refused[rule]), key=lambda rule: -refused[rule])
-
-    def _why_none(self, found: RankedCandidates) -> str:
-        """Why none of the candidates became a grip, in one sentence."""
-        (tried, closed, clear, _, *hits), s = found.tally.tolist(), self.settings
-        words = f"{tried} candidates were tried"
-        if not closed:
-            return f"{words}; none of them closed on the object with the thumb and a finger"
-        words += f"; {closed} of them closed on the object"
-        if clear < closed:
-            names = zip(s.obstacles.names, hits, strict=True)
-            counted = " or ".join(name if len(hits) == 1 else f"{name} ({hit})" for name, hit in names if hit)
-            words += f", {closed - clear if clear else 'all'} of these in collision with {counted}"
-        if not clear:
-            return words
-        if not len(found) or found.score[0] <= 0:
-            none = "none of the others balances" if clear < closed else "none balances"
-            return (
-                f"{words}; {none} the load with the planned share of the friction "
-                f"({s.friction_share:g} of {s.friction:g} = {s.mu:.2g})"
-            )
-        return f"{words}; to those that balance the load the hand has no free way in"
 
     def _finish_recalled(
         self, known: DrawnCandidates, demand: Demand, aim: Aim, unexplored: bool
@@ -412,22 +399,20 @@ class ClosureAnalyser:
 
     def _wraps(
         self, rng: np.random.Generator, aim: Aim, demand: Demand, options: FinishOptions
-    ) -> tuple[list[FinishedGrip], int]:
-        """The best wraps of the whole hand in an aim, and the number of hands that were closed for them."""
+    ) -> tuple[list[FinishedGrip], IntArray]:
+        """The best wraps of the whole hand in an aim, and the tally of the hands closed for them."""
         region, settings = self._region(aim), self.settings
         share = 1.0 if len(aim.planes) > 1 else 0.5
-        drawn = self.search.wrapper.draw(
-            rng, self.search.pool, self.mesh, round(share * settings.wraps), region
-        )
+        drawn = self.search.draw_wraps(rng, self.mesh, round(share * settings.wraps), region, self.allowed)
         if not len(drawn):
-            return [], 0
+            return [], np.zeros(4 + len(self.search.blockers), dtype=np.int64)
         found = self.search.evaluate(drawn, demand)
         found = self.search.refine(
             rng, found, demand, elite=WRAP_ELITE, children=WRAP_CHILDREN, rounds=settings.rounds
         )
         examined = found.take(distinct(found, max(16, 4 * options.count)))
         examined = self.search.steady(rng, examined, demand, samples=WRAP_SAMPLES)
-        return self.finisher.finish(examined, demand, options), found.tried
+        return self.finisher.finish(examined, demand, options), found.tally
 
     def _is_explored(self, q: Array) -> bool:
         """Whether all planes have been searched for a task, by this analyser or at teaching."""
@@ -478,6 +463,7 @@ class ClosureAnalyser:
             flips=aim.flips,
             values=list(aim.values) if len(aim.values) <= FEW_VALUES else None,
             fingers=fingers or None,
+            box=self.allowed.box if self.allowed else None,
         )
 
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from ..hiis.analyser import PALM
 from ..kernels.chains import joint_frames, rotations
-from ..kernels.closing.host import Candidates
+from ..kernels.closing.host import Candidates, Closings, Fate
 from ..kernels.field.host import SurfaceQuery
 from ..kernels.margin.host import MOST_CONTACTS
 from ..kernels.tables import HandTables
@@ -112,6 +112,24 @@ def closed_hands(
         counts=counts,
         real=real,
     )
+
+
+def finger_order(tables: HandTables) -> list[int]:
+    """Indices of the fingers in the order of contacts: the thumb, then the others."""
+    t = tables.thumb
+    return [t, *(f for f in range(len(tables.fingers)) if f != t)]
+
+
+def touching_spheres(tables: HandTables, closings: Closings) -> tuple[IntArray, IntArray]:
+    """(n, f) touching spheres of fingertip grips, the thumb's first, else -1; and (n, f) their joints."""
+    order = finger_order(tables)
+    spheres = closings.sphere[:, order]
+    used = (spheres >= 0) & (closings.fate == Fate.CLOSED)[:, None]
+    place = np.argsort(~used, axis=1, kind="stable")  # the thumb's first, then the others in use
+    spheres = np.where(
+        np.take_along_axis(used, place, axis=1), np.take_along_axis(spheres, place, axis=1), -1
+    )
+    return spheres, np.searchsorted(tables.sphere_start, spheres, side="right") - 1
 
 
 def link_chain(tables: HandTables, link: int) -> slice:

@@ -29,6 +29,8 @@ STRAIN, LESS_EVEN, BALANCE = 20.0, 0.3, 5.0
 distribution and of the balance there [C]."""
 EDGES = 8
 """Number of edges of the pyramid that stands for a friction cone when forces are chosen."""
+MAX_IMBALANCE = 0.03
+"""Largest net wrench of a squeeze's forces, divided by the press; torques are divided by ℓ."""
 CONTACT_ERROR = 0.002
 """Assumed distance between a force and its planned contact [m] [C]: spheres only approximate the links, and a
 scan only approximates the object."""
@@ -71,10 +73,14 @@ class Squeezer:
         cog: (3,) point that torques are about [m].
         length: Length by which torques are divided [m].
         mu: Friction that the forces may use.
+        enough: Sum of normal forces that is hard enough in any case [N].
     """
 
-    def __init__(self, hand: Hand, tables: HandTables, cog: Array, length: float, mu: float) -> None:
+    def __init__(
+        self, hand: Hand, tables: HandTables, cog: Array, length: float, mu: float, enough: float
+    ) -> None:
         self.hand, self.tables, self.cog, self.length, self.mu = hand, tables, cog, length, mu
+        self.enough = enough
         at = {joint: k for k, joint in enumerate(hand.joints)}
         # For each inequality of a couple: its joints, their weights, and which of them must not be below.
         self._orders = [
@@ -106,34 +112,36 @@ class Squeezer:
         ]
         rates = self.hand.rates(hands.grasp[row])
         pressing = self._pressing(by_joint, chains, rates) if self._orders else None
-        strain = None
-        if candidates.mask[row] & WRAP:
-            # A wrap has many ways to press; the one that strains the motors least can press hardest.
-            strain = [
-                (rates[chain] / self.hand.torque_limits).T @ J[:3].T
-                for J, chain in zip(by_joint, chains, strict=True)
-            ]
-        forces = grip_forces(arms, normals, self.mu, pressing, strain)
-        wrench = np.concatenate([forces.sum(axis=0), cross(arms, forces).sum(axis=0)])
+        strain = [
+            (rates[chain] / self.hand.torque_limits).T @ J[:3].T
+            for J, chain in zip(by_joint, chains, strict=True)
+        ]
+        wrapping = bool(candidates.mask[row] & WRAP)
+        # A wrap has many ways to press; the one that strains the motors least can press hardest. Fingertips
+        # press evenly, unless their motors cannot press hard enough in that way.
+        forces = grip_forces(arms, normals, self.mu, pressing, strain if wrapping else None)
+        if not wrapping and (hardest := _hardest_press(strain, forces)) < self.enough:
+            gentler = grip_forces(arms, normals, self.mu, pressing, strain)
+            if _imbalance(arms, gentler) <= MAX_IMBALANCE and _hardest_press(strain, gentler) > hardest:
+                forces = gentler
         torques = np.zeros(len(self.hand.joints))
         for J, chain, force in zip(by_joint, chains, forces, strict=True):
             torques[chain] = force @ J[:3]
         # By virtual work; reactions of stops and of inequalities do none.
         drive = torques @ rates
         motors = [np.unique(self.tables.motor[chain]) for chain in chains]
-        most = float((np.abs(drive) / self.hand.torque_limits).max())
         return UnitSqueeze(
             points=points,
             normals_in=normals,
             forces=forces,
-            imbalance=float(np.linalg.norm(wrench)),
+            imbalance=_imbalance(arms, forces),
             jacobians=[
                 J @ rates[chain][:, own] for J, chain, own in zip(by_joint, chains, motors, strict=True)
             ],
             motors=motors,
             torques=torques,
             drive=drive,
-            max_press=1.0 / max(most, 1e-9),
+            max_press=_hardest_press(strain, forces),
         )
 
     def _pressing(self, jacobians: list[Array], chains: list[slice], rates: Array) -> list[Array]:
@@ -158,10 +166,15 @@ class Squeezer:
         return found
 
 
-def finger_order(tables: HandTables) -> list[int]:
-    """Indices of the fingers in the order of contacts: the thumb, then the others."""
-    t = tables.thumb
-    return [t, *(f for f in range(len(tables.fingers)) if f != t)]
+def _imbalance(arms: Array, forces: Array) -> float:
+    """Norm of the net wrench of forces (n, 3) at arms (n, 3) divided by ℓ."""
+    return float(np.linalg.norm(np.concatenate([forces.sum(axis=0), cross(arms, forces).sum(axis=0)])))
+
+
+def _hardest_press(strain: Sequence[Array], forces: Array) -> float:
+    """Largest sum of normal forces that the motors allow [N]; see :func:`grip_forces` for ``strain``."""
+    shares = sum(share @ force for share, force in zip(strain, forces, strict=True))
+    return 1.0 / max(float(np.abs(shares).max()), 1e-9)
 
 
 def grip_forces(

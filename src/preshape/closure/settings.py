@@ -10,6 +10,7 @@ import numpy as np
 from ..exceptions import InputError, shown
 from ..kernels.closing.host import Obstacles
 from ..types import FIELD_MASS, FRICTION, GRAVITY, finite_number, freeze, value, whole_number
+from .rules import ContactRules
 
 _DEVICE = re.compile(r"cpu|cuda(:[0-9]+)?")
 _NUMBERS = ("friction", "torsion", "friction_share", "press_least", "press_most", "safety", "hold")
@@ -44,6 +45,7 @@ class ClosureSettings:
         rounds: Rounds of refinement.
         finished: Largest number of finished grips.
         obstacles: Table and boxes that the hand must avoid.
+        rules: Where contacts may be, and what the hand must stay away from.
         device: ``cpu`` or a CUDA device.
         threads: CPU threads; by default one for each core.
 
@@ -69,6 +71,7 @@ class ClosureSettings:
     rounds: int = 3
     finished: int = 6
     obstacles: Obstacles = field(default_factory=Obstacles)
+    rules: ContactRules = field(default_factory=ContactRules)
     device: str = "cpu"
     threads: int | None = None
 
@@ -82,6 +85,8 @@ class ClosureSettings:
                 freeze(self, **{name: whole_number(getattr(self, name), name, int(name in _COUNTS))})
         if not isinstance(self.obstacles, Obstacles):
             raise InputError(f"obstacles must be a value of Obstacles, got {shown(self.obstacles)}")
+        if not isinstance(self.rules, ContactRules):
+            raise InputError(f"rules must be a value of ContactRules, got {shown(self.rules)}")
         if not isinstance(self.device, str) or not _DEVICE.fullmatch(self.device):
             raise InputError(f"device must be cpu, cuda or cuda:N, got {shown(self.device)}")
         if self.press_least > self.press_most:

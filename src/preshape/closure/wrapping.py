@@ -7,6 +7,7 @@ palm, may be contacts.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -23,6 +24,7 @@ from ..spatial import rotation_from_vector
 from ..types import Array, BoolArray, IntArray
 from .candidates import DrawnCandidates, Region, quaternions
 from .closed import ON_PALM, WRAP
+from .contact_places import AllowedSurface
 from .opening import ALONG
 from .preshapes import Preshapes, posture_of
 
@@ -94,11 +96,18 @@ class Wrapper:
         # (j, m) whether a motor moves a joint, and whether it moves a joint at or before it in its finger.
         joints = np.arange(len(tables.axis))
         self._moves = tables.motor[:, None] == np.arange(len(tables.range))
+        self._finger_of_motor = self._finger[self._moves.argmax(axis=0)]
         same = self._finger[:, None] == self._finger
         self._carries = ((same & (joints[None] <= joints[:, None])) @ self._moves) > 0
 
     def draw(
-        self, rng: np.random.Generator, pool: Preshapes, mesh: TriangleMesh, count: int, region: Region
+        self,
+        rng: np.random.Generator,
+        pool: Preshapes,
+        mesh: TriangleMesh,
+        count: int,
+        region: Region,
+        surface: AllowedSurface | None = None,
     ) -> DrawnCandidates:
         """Draw wraps: the palm faces a random place of the surface, turned at random about its normal.
 
@@ -111,14 +120,14 @@ class Wrapper:
             mesh: The object.
             count: Number of draws.
             region: Allowed planes and sides.
+            surface: The surface that may be touched; ``None`` for all of it.
         """
         # 1. Places of the surface, by area, and inward normals with a tilt.
-        triangle = rng.choice(len(mesh.areas), size=count, p=mesh.areas / mesh.areas.sum())
-        u, v = rng.random((2, count))
-        u, v = np.where(u + v > 1, 1 - u, u), np.where(u + v > 1, 1 - v, v)
-        corners = mesh.corners[triangle]
-        spot = corners[:, 0] + u[:, None] * (corners[:, 1] - corners[:, 0])
-        spot += v[:, None] * (corners[:, 2] - corners[:, 0])
+        if surface is None:
+            spot, triangle = _spots(rng, mesh, count)
+        else:
+            pick = rng.integers(len(surface), size=count)
+            spot, triangle = surface.points[pick], surface.triangle[pick]
         tilt = rotation_from_vector(rng.normal(0.0, JITTER, (count, 3)))
         approach = np.einsum("nij,nj->ni", tilt, -mesh.normals[triangle])
         # 2. Any turn about it: +z of the palm is where the fingers point, -y where the palm faces.
@@ -158,6 +167,11 @@ class Wrapper:
             preshape=pick[keep],
         )
 
+    def arrived(self, candidates: Candidates) -> Candidates:
+        """Drawn wraps with the palm at its place on the surface, where nothing else stops it before."""
+        facing = -rotations(candidates.turn)[:, :, 1]
+        return replace(candidates, place=candidates.place + STANDOFF * facing)
+
     def close(self, candidates: Candidates, *, back: float = 0.0) -> ClosedWraps:
         """Close wraps.
 
@@ -165,7 +179,9 @@ class Wrapper:
         2. Close all motors that the closing path moves, each at its own rate. A link that touches stops the
            motors of its own joint and of those before it. The others go on until their links touch or their
            paths end.
-        3. Every link within ``near`` of the object is a contact, and up to four places of the palm.
+        3. A motor none of whose links touches goes back to where it began: closed round nothing, a finger
+           would only be in the way of the others.
+        4. Every link within ``near`` of the object is a contact, and up to four places of the palm.
 
         Args:
             candidates: n hands.
@@ -192,16 +208,17 @@ class Wrapper:
             travelled[going] += step
             going = going[(least > 0.5 * self.gap) & (travelled[going] < 2 * STANDOFF)]
         free &= travelled < 2 * STANDOFF
-        # 2. The closing.
-        commands = self._round(place, candidates.turn, commands, np.flatnonzero(free))
-        # 3. Contacts.
+        # 2. and 3. The closing.
+        opened, rows = commands, np.flatnonzero(free)
+        commands = self._round(place, candidates.turn, commands, rows)
+        commands[rows] = self._back_open(place[rows], candidates.turn[rows], opened[rows], commands[rows])
+        # 4. Contacts.
         grasp = posture_of(tables, commands)
         spheres = np.full((n, MOST_CONTACTS), -1, dtype=np.int64)
         links = np.full((n, MOST_CONTACTS), ON_PALM, dtype=np.int64)
-        rows = np.flatnonzero(free)
         moved = Candidates(place=place, turn=candidates.turn, start=candidates.start, mask=candidates.mask)
         if len(rows):
-            spheres[rows], links[rows] = self._contacts(moved.take(rows), grasp[rows])
+            spheres[rows], links[rows] = self.contacts(moved.take(rows), grasp[rows])
         touching = (spheres >= 0).sum(axis=1)
         return ClosedWraps(moved, grasp, spheres, links, free & (touching >= FEWEST))
 
@@ -211,7 +228,6 @@ class Wrapper:
         low, high = tables.range.T
         last = commands + self._rate
         active = np.broadcast_to(self._rate != 0.0, commands.shape).copy()
-        owner = np.array([self._finger[self._moves[:, m].argmax()] for m in range(len(low))])
         for _ in range(STEPS):
             rows = rows[active[rows].any(axis=1)]
             if not len(rows):
@@ -237,7 +253,7 @@ class Wrapper:
                 own = slice(tables.joint_start[f], tables.joint_start[f + 1])
                 step[:, f] = room[:, own].min(axis=1)
             step = np.clip(step, 2e-3, 0.25)
-            forward = np.where(on, step[:, owner] * self._rate, 0.0)
+            forward = np.where(on, step[:, self._finger_of_motor] * self._rate, 0.0)
             told = np.clip(
                 commands[rows] + forward,
                 np.maximum(low, np.minimum(commands[rows], last[rows])),
@@ -247,7 +263,21 @@ class Wrapper:
             commands[rows], active[rows] = told, on
         return commands
 
-    def _contacts(self, hands: Candidates, grasp: Array) -> tuple[IntArray, IntArray]:
+    def _back_open(self, place: Array, turn: Array, opened: Array, closed: Array) -> Array:
+        """(n, m) commands [rad] where the motors that touch nothing are open again, if that is clear."""
+        if not len(place):
+            return closed
+        distance = self.kernel.link_distances(place, turn, posture_of(self.tables, closed))[0][:, :-1]
+        # (n, m) whether a link that the motor carries touches, and whether one is in its way when it is open.
+        idle = (distance <= self.near) @ self._carries == 0
+        back = np.where(idle, opened, closed)
+        distance = self.kernel.link_distances(place, turn, posture_of(self.tables, back))[0][:, :-1]
+        blocked = (distance < self.gap) @ self._carries > 0
+        finger = self._finger_of_motor
+        stays = (idle & blocked) @ (finger[:, None] == finger) > 0
+        return np.where(stays, closed, back)
+
+    def contacts(self, hands: Candidates, grasp: Array) -> tuple[IntArray, IntArray]:
         """(n, c) touching spheres, the thumb's first and the palm's last, and the joints that carry them."""
         n, tables = len(hands), self.tables
         distance, sphere = self.kernel.link_distances(hands.place, hands.turn, grasp)
@@ -294,3 +324,13 @@ class Wrapper:
         ahead = (palm[:, 1] - palm[:, 3])[:, None] - (palm[:, 1] - palm[:, 3])[None] > 0.002
         covered = (ahead & (aside < palm[None, :, 3])).any(axis=1)
         return np.asarray(front[~covered])
+
+
+def _spots(rng: np.random.Generator, mesh: TriangleMesh, count: int) -> tuple[Array, IntArray]:
+    """(count, 3) random points of the surface [m], by area, and (count,) their triangles."""
+    triangle = rng.choice(len(mesh.areas), size=count, p=mesh.areas / mesh.areas.sum())
+    u, v = rng.random((2, count))
+    u, v = np.where(u + v > 1, 1 - u, u), np.where(u + v > 1, 1 - v, v)
+    corners = mesh.corners[triangle]
+    spot = corners[:, 0] + u[:, None] * (corners[:, 1] - corners[:, 0])
+    return spot + v[:, None] * (corners[:, 2] - corners[:, 0]), triangle

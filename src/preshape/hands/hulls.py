@@ -177,8 +177,9 @@ def _pieces(vertices: Array, triangles: IntArray) -> tuple[Array, ...]:
         return (whole,)
     hollow = _Hollow(tree, vertices, cell)
     ends = np.sort(triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
-    ends = np.divmod(np.unique(ends @ [len(vertices), 1]), len(vertices))
-    part = _Part(points=samples, edges=vertices[np.stack(ends, axis=1)])
+    pairs = np.unique(ends @ [len(vertices), 1])  # numbers are sorted faster than rows
+    edges = vertices[np.stack(np.divmod(pairs, len(vertices)), axis=1)]
+    part = _Part(points=samples, edges=edges)
     parts = [(hollow.within(part.points), part)]
     ways = _directions(vertices, triangles)
     while len(parts) < MOST_PIECES:

@@ -261,9 +261,18 @@ def _answer(plan: PlanRecord, answer: Answer | None) -> Document:
         "task": {"name": task.label, "q": task.q.tolist(), "means": task.means},
         "thresholds": asdict(plan.settings.thresholds),
         "request": plan.request.to_json(),
+        "rules": _rules(plan),
         "seconds": {key: round(second, 6) for key, second in plan.seconds.items()},
         "version": __version__,
     }
+
+
+def _rules(plan: PlanRecord) -> list[Document]:
+    """The rules that were applied, and where each comes from."""
+    applied = plan.request.rules_for(plan.mesh).applied
+    return [
+        {"kind": rule.kind, "part": rule.part, "origin": rule.origin, "table": rule.table} for rule in applied
+    ]
 
 
 def _grasp(g: Grasp) -> Document:

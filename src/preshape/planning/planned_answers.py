@@ -17,6 +17,7 @@ from ..types import FIELD_MASS, value
 from .answers import Answer
 from .grasp_sets import palm_grasps, poses_with_gains
 from .request import AUTO, PlanRequest
+from .rules import NONE
 from .session import Session
 
 
@@ -58,6 +59,7 @@ class PlannedAnswers:
             scale=instance.scale,
             mass=self.mass if self.analyser == "closure" else None,
             settings=Settings(seed=instance.seed),
+            rules=NONE,
         )
         return found if isinstance(found, str) else found[1]
 

@@ -46,6 +46,7 @@ from ..types import (
     value,
     whole_number,
 )
+from .rules import FOLLOW, MODES, NONE, TaskRules, part_texts, task_rules
 
 SCHEMA = 2
 """Version of plan.json. Version 1 is a plan without the key ``schema``; it does not contain its request."""
@@ -118,6 +119,11 @@ class PlanRequest:
         search: Size and safety of the closure search. Its friction, mass and obstacles are those of the
             request, unless the request leaves friction or mass open and ``search`` states them.
         memory: The memory's file, ``":memory:"``, or ``None`` for the user's.
+        hold_on: Parts that contacts must lie on, any of them: names, half-spaces such as ``z>0.05``, or the
+            six numbers of a box (:func:`~preshape.objects.parts.find_part`).
+        keep_off: Parts without contacts, and with no link within 3 mm of them.
+        rules: ``task`` for the rules of the object and the task too (:mod:`preshape.planning.rules`), or
+            ``none`` for what ``hold_on`` and ``keep_off`` say alone.
 
     Raises:
         InputError: An argument that cannot be used; the message says what to change.
@@ -143,6 +149,9 @@ class PlanRequest:
     settings: Settings = field(default_factory=Settings)
     search: ClosureSettings = field(default_factory=ClosureSettings)
     memory: str | None = None
+    hold_on: str | Sequence[str] = ()
+    keep_off: str | Sequence[str] = ()
+    rules: str = FOLLOW
 
     def __post_init__(self) -> None:
         for name in ("source", "hand", "memory"):
@@ -158,6 +167,10 @@ class PlanRequest:
         freeze(self, gravity=task.gravity if self.gravity is None else _gravity(self.gravity))
         freeze(self, table=_table(self.table), avoid=_boxes(self.avoid), view=_view(self.view))
         freeze(self, learn=bool(self.learn), verify=bool(self.verify))
+        freeze(
+            self, hold_on=part_texts(self.hold_on, "hold_on"), keep_off=part_texts(self.keep_off, "keep_off")
+        )
+        one_of(self.rules, "rules", MODES)
         if self.cut_table is not None:
             freeze(self, cut_table=bool(self.cut_table))
         allowed_planes(self.approaches)
@@ -258,17 +271,36 @@ class PlanRequest:
         boxes = np.array(self.avoid, dtype=np.float64).reshape(-1, 2, 3)
         return Obstacles(planes=np.array(planes).reshape(-1, 4), boxes=boxes)
 
+    def rules_for(self, mesh: TriangleMesh) -> TaskRules:
+        """Which parts of the object are held and which stay free.
+
+        Raises:
+            InputError: The object has no such part, or a part is to be held and kept off at once.
+        """
+        height = self.table_height(mesh)
+        return task_rules(
+            mesh,
+            self.asked,
+            hold_on=self.hold_on,
+            keep_off=self.keep_off,
+            follow=self.rules == FOLLOW,
+            table=None if height is None else np.array([0.0, 0.0, 1.0, height]),
+        )
+
     def scene(self, mesh: TriangleMesh) -> str:
-        """The scene as text, for comparing lessons; empty for free space and the usual load.
+        """The scene as text, for comparing lessons; empty for free space, the usual load and no rules.
 
         A mass other than the object's own and a friction other than the default are part of the scene,
         because lessons for another load say nothing certain about this one.
         Heights are relative to the object's lowest point and boxes relative to its COG, rounded to 1 mm. So
         the same object in another file has the same scene, and similar objects on a table share one.
 
-        A text of more boxes than the memory can store names their number and, in place of the boxes, the
-        first 32 digits of the SHA-256 of their text. The text consists of whole numbers in sorted order, so
-        it is the same on every platform.
+        Rules are part of the scene, because a grip on another part is no answer. The ray analyser has no
+        scene besides them.
+
+        A text of more boxes and rules than the memory can store names their number and, in place of them, the
+        first 32 digits of the SHA-256 of their text. The boxes consist of whole numbers in sorted order, so
+        the text is the same on every platform.
         """
         table, load = [], []
         height = self.table_height(mesh)
@@ -284,11 +316,15 @@ class PlanRequest:
             [round(1000 * (x - c)) for x, c in zip(box, centre, strict=True)] for box in self.avoid
         )
         boxes = ["box " + " ".join(map(str, row)) for row in corners]
-        text = "; ".join([*table, *boxes, *load])
+        rules = sorted(rule.words for rule in self.rules_for(mesh).applied)
+        if self.analyser == "rays":
+            table, boxes, load = [], [], []
+        text = "; ".join([*table, *boxes, *load, *rules])
         if len(text) <= SCENE_LENGTH:
             return text
-        digest = hashlib.sha256("; ".join(boxes).encode()).hexdigest()[:32]
-        return "; ".join([*table, f"{len(boxes)} boxes {digest}", *load])
+        digest = hashlib.sha256("; ".join([*boxes, *rules]).encode()).hexdigest()[:32]
+        many = f"{len(boxes)} boxes{f' and {len(rules)} rules' if rules else ''} {digest}"
+        return "; ".join([*table, many, *load])
 
     def wanted(self, mesh: TriangleMesh) -> int:
         """Number of answers to compute; physics, or the seen part of a cloud, selects among them."""
@@ -308,6 +344,7 @@ class PlanRequest:
             friction=self.stated_friction,
             mass=mass,
             obstacles=self.obstacles(mesh),
+            rules=self.rules_for(mesh).contact,
             finished=max(self.search.finished, wanted + wanted // 2 + 2),
         )
 
@@ -342,6 +379,9 @@ class PlanRequest:
             "coefficients": {f.name: getattr(s.coefficients, f.name) for f in fields(s.coefficients)},
             "search": {name: getattr(self.search, name) for name in _SEARCH},
             "memory": self.memory,
+            "hold_on": list(self.hold_on),
+            "keep_off": list(self.keep_off),
+            "rules": self.rules,
         }
 
     @classmethod
@@ -375,6 +415,9 @@ class PlanRequest:
                 "search": ClosureSettings(**{name: data["search"][name] for name in _SEARCH}),
             }
             read |= {name: data[name] for name in _PLAIN}
+            # Plans from before there were rules were made without any.
+            read |= {name: data.get(name, ()) for name in ("hold_on", "keep_off")}
+            read["rules"] = data.get("rules", NONE)
         except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
             raise InputError(
                 f"this is no request of preshape ({type(error).__name__}: {error!s:.80}); "

@@ -31,11 +31,13 @@ from ..objects.library import load_library_object
 from ..objects.load import split_part
 from ..objects.mass import ObjectMass, object_mass
 from ..objects.mesh import TriangleMesh
+from ..objects.sidecar import sidecar_path
 from ..types import Array, Experience, an_instance, value
 from .answers import Answer, seen_first
 from .hand_simulation import execute
 from .plan import Plan
 from .request import PlanRequest
+from .rules import TASK
 from .sizes import out_of_reach, refuse_absurd_size
 
 if TYPE_CHECKING:
@@ -325,7 +327,11 @@ class Session:
                 return controller
         if request.analyser == "rays":
             controller = Controller(
-                self.memory, layout_of(hand), settings=request.settings, may_store=request.learn
+                self.memory,
+                layout_of(hand),
+                settings=request.settings,
+                scene=scene,
+                may_store=request.learn,
             )
         else:
             controller = closure_controller(
@@ -451,9 +457,10 @@ def closure_controller(
 
 
 def _file_key(request: PlanRequest) -> tuple[Any, ...]:
-    """Key of a loaded object in the cache; a file that was written again is another object."""
+    """Key of a loaded object in the cache; with a new file or a new sidecar it is another object."""
     source = str(request.source)
-    state = file_state(split_part(source)[0])
+    path = split_part(source)[0]
+    state = file_state(path), file_state(sidecar_path(path))
     return source, request.unit, request.scale, request.view, request.cut_table, state
 
 
@@ -472,6 +479,10 @@ def _element_key(request: PlanRequest, hand: Hand, mesh: TriangleMesh, mass: Obj
         "finger_rule",
         "coefficients",
     )
+    rules = request.rules_for(mesh).applied
+    said = [(rule.words, rule.origin, rule.table) for rule in rules]
+    # What a family keeps free depends on the direction of the task.
+    said += [(request.asked.name, request.asked.axis, True)] if any(r.origin == TASK for r in rules) else []
     wanted = request.wanted(mesh) if request.analyser == "closure" else 0
     parts = [repr(document[name]) for name in (*names, "search")]
-    return (hand, mass.kg, wanted, *parts)
+    return (hand, mass.kg, wanted, *said, *parts)

@@ -18,6 +18,7 @@ from ..hiis.virtual_grasp import RayAnalyser
 from ..memory import Memory
 from ..objects.mesh import TriangleMesh
 from ..planning.request import RAY_HAND, PlanRequest
+from ..planning.rules import NONE
 from ..planning.session import Prepared, Session, layout_of
 from ..tasks import Task, task_from_numbers
 from ..types import Experience, NetworkWeights
@@ -134,7 +135,7 @@ class Setup:
         """
         settings = settings or Settings(seed=self.seed)
         mesh = self.cube if source == CUBE else source
-        return PlanRequest(source=mesh, task=task, hand=self.hand, scale=scale, settings=settings)
+        return PlanRequest(source=mesh, task=task, hand=self.hand, scale=scale, settings=settings, rules=NONE)
 
     def prepare(
         self, system: Session, source: str | TriangleMesh, task: Task = Q1, **options: Any

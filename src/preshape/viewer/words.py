@@ -275,6 +275,20 @@ def scene_words(document: Document) -> str:
     return ", ".join(words)
 
 
+def rules_words(document: Document) -> str:
+    """Which parts are held and which stay free, and where this comes from; empty without rules.
+
+    >>> rules_words({"rules": [{"kind": "hold_on", "part": "handle", "origin": "object", "table": False}]})
+    'hold on handle (for this object and task)'
+    """
+    origins = {"asked": "as asked", "object": "for this object and task", "task": "for this task"}
+    said: dict[str, list[str]] = {}
+    for rule in document.get("rules") or ():
+        kind = str(rule["kind"]).replace("_", " ")
+        said.setdefault(str(rule["origin"]), []).append(f"{kind} {rule['part']}")
+    return "; ".join(f"{', '.join(rules)} ({origins.get(origin, origin)})" for origin, rules in said.items())
+
+
 def _angle(a: Sequence[float], b: Sequence[float]) -> float:
     """Angle between two vectors [degrees]."""
     cosine = _dot(a, b) / math.sqrt(_dot(a, a) * _dot(b, b))
