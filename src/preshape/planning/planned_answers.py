@@ -6,15 +6,14 @@ import hashlib
 from typing import Any
 
 from .._version import __version__
-from ..exceptions import PreshapeError, TaskError
+from ..exceptions import PreshapeError
 from ..hands.hand import Hand
 from ..hiis.decision import Settings
-from ..objects.mesh import TriangleMesh
 from ..physics.grasps import HandPoses
 from ..physics.hand import PhysicsHand
 from ..physics.pick.objects import PickAnswer, PickObject
 from ..physics.task.instances import TaskInstance
-from ..physics.task.motion import TaskMotion, task_motion
+from ..physics.task.motion import TaskMotion
 from ..types import FIELD_MASS, value
 from .grasp_sets import palm_grasps, poses_with_gains
 from .plan import Plan
@@ -22,6 +21,7 @@ from .request import PlanRequest
 from .rules import NONE
 from .session import Session
 from .standing import AUTO
+from .verify import work_of
 
 
 @value
@@ -114,15 +114,6 @@ class PlannedPicks:
         """Motion and load of the task for an object, as in its answer."""
         asked = PlanRequest(source=thing.name, task=self.task, hand=self.hand, scale=thing.scale, table=AUTO)
         return work_of(asked, asked.load())
-
-
-def work_of(request: PlanRequest, mesh: TriangleMesh) -> TaskMotion | None:
-    """Motion, load and gravity of a request's task, in the mesh frame; ``None`` if it asks for no motion."""
-    task = request.standing(mesh).task(request.asked)
-    try:
-        return task_motion(task, mesh.cog, float(mesh.extents.max()) / 2, gravity=request.task_gravity(mesh))
-    except TaskError:
-        return None
 
 
 def _planned(model: PhysicsHand, **request: Any) -> tuple[Plan, HandPoses] | str:

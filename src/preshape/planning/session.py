@@ -7,7 +7,6 @@ The answer depends on the request and the memory alone, never on earlier request
 
 from __future__ import annotations
 
-import math
 import threading
 import time
 from collections.abc import Callable
@@ -155,12 +154,7 @@ class Session:
         warnings = [*mesh.notes, *([mass.warning] if mass.warning else [])]
         warnings += out_of_reach(request, mesh, hand)
         stands = request.standing(mesh)
-        if stands.settled:
-            warnings.append(
-                f"{mesh.name} does not stand as it is modelled: it settles on the table, turned by "
-                f"{math.degrees(stands.turned):.0f}°, and is planned for as it then lies; --up, or the "
-                "table's height with --table HEIGHT, says how it stands"
-            )
+        warnings += [f"{mesh.name} {stands.warning}"] if stands.warning else []
         loaded = time.perf_counter()
         self._tell("opening the memory; a hand's first time includes the lesson with the cube", 12)
         key = _element_key(request, hand, mesh, mass)

@@ -65,6 +65,17 @@ class Standing:
         """Angle between up as the object is modelled and up as it stands [rad]."""
         return math.acos(float(np.clip(self.up @ self.upright[2], -1.0, 1.0)))
 
+    @property
+    def warning(self) -> str:
+        """What a person should know of an object that was settled here, as a clause; empty otherwise."""
+        if not self.settled:
+            return ""
+        return (
+            "does not stand as it is modelled: it settles on the table, turned by "
+            f"{math.degrees(self.turned):.0f}°, and is planned for as it then lies; --up, or the table's "
+            "height with --table HEIGHT, says how it stands"
+        )
+
     def task(self, task: Task) -> Task:
         """The task in the mesh frame; ``lift`` raises the object as it lies."""
         if task.label != _LIFT or self.turned < _SAME:

@@ -9,6 +9,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
+from ..exceptions import TaskError
 from ..hands.hand import Hand
 from ..hiis.analyser import Grasp
 from ..objects.mass import object_mass
@@ -19,13 +20,13 @@ from ..physics.pick.protocol import PickStatus
 from ..physics.pieces import decompose
 from ..physics.protocol import HoldProtocol
 from ..physics.scene import build_scene
+from ..physics.task.motion import TaskMotion, task_motion
 from ..types import FRICTION, value
 from .answers import Answer, Verified, answers_of, chosen
 from .grasp_sets import palm_grasps, poses_of
 from .hand_simulation import HandResult
 from .plan import Plan
-from .planned_answers import work_of
-from .request import VERIFIED
+from .request import VERIFIED, PlanRequest
 
 Progress = Callable[[str, float], None]
 """Called with what is done and the share of the test that is finished, 0..1."""
@@ -97,6 +98,15 @@ def verified_plan(
     rest = tuple(answers[first + 1 : first + keep])
     plan = replace(plan, alternatives=rest, verified=said)
     return chosen(plan, answers[first], f"the first answer that {passes} in physics"), tried
+
+
+def work_of(request: PlanRequest, mesh: TriangleMesh) -> TaskMotion | None:
+    """Motion, load and gravity of a request's task, in the mesh frame; ``None`` if it asks for no motion."""
+    task = request.standing(mesh).task(request.asked)
+    try:
+        return task_motion(task, mesh.cog, float(mesh.extents.max()) / 2, gravity=request.task_gravity(mesh))
+    except TaskError:
+        return None
 
 
 def pick_until_done(plan: Plan, answers: Sequence[Answer], *, progress: Progress = _untold) -> list[Tested]:
