@@ -10,10 +10,14 @@ import pytest
 import trimesh
 
 from preshape.closure.contact_places import PartQuery
+from preshape.closure.settings import ClosureSettings
 from preshape.exceptions import InputError
+from preshape.hands.load import load_hand
+from preshape.hiis.analyser import Aim
 from preshape.objects import library
 from preshape.objects.mesh import TriangleMesh, box_mesh
-from preshape.objects.parts import PartSurface
+from preshape.objects.parts import PartSurface, find_part, part_surface
+from preshape.planning.controllers import closure_analyser
 from preshape.planning.request import PlanRequest
 from preshape.planning.rules import FAMILY_RULES, SUPPORT, task_rules
 from preshape.planning.vessel import OVER, vessel
@@ -260,3 +264,30 @@ def test_equal_rules_have_equal_keys() -> None:
     bare = replace(hammer, rules=())
     one, other = (task_rules(bare, named_task(task)).key for task in ("strike", "strike:-x"))
     assert one != other
+
+
+# --- end to end ------------------------------------------------------------------------------------------
+
+EVERYWHERE = Aim(planes=range(1, 13), values=np.linspace(-0.8, 0.8, 9))
+
+
+@pytest.mark.parametrize(
+    ("name", "task"),
+    [("hammer", "strike"), ("mug", "pour"), ("bottle", "unscrew"), ("bolt", "screw")],
+)
+def test_a_request_for_an_object_and_a_task_gives_grips_that_obey_its_rules(name, task) -> None:
+    """From the names alone: parts of the library, rules, and what the search makes of them."""
+    hand, mesh = load_hand("shadow"), library.load_library_object(name)
+    small = ClosureSettings(everywhere=1200, wraps=300, persistence=0, rounds=1, elite=8)
+    request = PlanRequest(source=mesh, task=task, hand=hand, table="none", search=small)
+    found = closure_analyser(request, hand, mesh).explore(request.asked.q, EVERYWHERE)
+    assert len(found.grips)
+    part = {"hammer": "handle", "bottle": "cap", "bolt": "head"}.get(name)
+    for grasp in found.grips:
+        for point in grasp.contacts.points:
+            if part is not None:
+                on = part_surface(mesh, find_part(mesh, part))
+                assert PartQuery(on).distance(point[None])[0] < 0.001
+            if name == "mug":  # neither inside nor on the rim
+                assert point[2] < 0.04
+                assert np.hypot(point[0] + 0.0154, point[1]) > 0.038 or point[2] < -0.04
