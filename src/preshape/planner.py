@@ -57,6 +57,7 @@ def plan(
     hold_on: str | Sequence[str] = (),
     keep_off: str | Sequence[str] = (),
     rules: str = "task",
+    obstacle: str | Sequence[str] = (),
 ) -> Plan:
     """Plan a preshape.
 
@@ -94,6 +95,8 @@ def plan(
             half-spaces such as ``z>0.05``, or boxes of six numbers [m].
         keep_off: Parts that contacts and links stay away from.
         rules: ``task`` for the rules of object and task too, or ``none``.
+        obstacle: Meshes or point clouds that hand and fingers stay away from by 3 mm, each ``FILE`` or
+            ``FILE@x,y,z,qw,qx,qy,qz``, its pose in the mesh frame [m]; closure only.
 
     Raises:
         InputError: An argument that cannot be used; the message says what to change.
@@ -115,6 +118,7 @@ def plan(
         view=view,
         cut_table=cut_table,
         up=up,
+        obstacle=obstacle,
         rest=rest,
         mass=mass,
         friction=friction,

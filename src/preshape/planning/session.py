@@ -29,6 +29,7 @@ from ..objects.library import load_library_object
 from ..objects.load import split_part
 from ..objects.mass import ObjectMass, object_mass
 from ..objects.mesh import TriangleMesh
+from ..objects.obstacle import placed_file
 from ..objects.sidecar import sidecar_path
 from ..tasks import Task
 from ..types import Array, Experience, an_instance, value
@@ -470,23 +471,15 @@ def _element_key(request: PlanRequest, hand: Hand, mesh: TriangleMesh, mass: Obj
     """Key of controller and analyser in the cache: everything they depend on besides the object."""
     document = request.to_json()
     names = (
-        "analyser",
-        "friction",
-        "table",
-        "avoid",
-        "gravity",
-        "seed",
-        "thresholds",
-        "sets",
-        "finger_rule",
-        "coefficients",
-        "up",
-        "rest",
-    )
+        "analyser", "friction", "table", "avoid", "gravity", "seed", "thresholds", "sets",
+        "finger_rule", "coefficients", "up", "rest", "obstacle",
+    )  # fmt: skip
     rules = request.rules_for(mesh).applied
     said = [(rule.words, rule.origin, rule.table) for rule in rules]
     # What a family keeps free depends on the direction of the task.
     said += [(request.asked.name, request.asked.axis, True)] if any(r.origin == TASK for r in rules) else []
     wanted = request.wanted(mesh) if request.analyser == "closure" else 0
     parts = [repr(document[name]) for name in (*names, "search")]
+    # The file of an obstacle may have changed under its name.
+    parts += [repr(file_state(split_part(placed_file(text).file)[0])) for text in request.obstacle]
     return (hand, mass.kg, wanted, *said, *parts)
