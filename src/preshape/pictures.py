@@ -18,6 +18,7 @@ from .hands.hand import Hand
 from .hands.kinematics import hand_geometry
 from .hiis.planes import PLANES, ApproachPlane, plane
 from .objects.mesh import TriangleMesh
+from .objects.parts import part_pieces, surface_of, whole_surface
 from .tasks import task_from_numbers
 from .types import FRICTION, Array, frozen_array
 from .viewer import words
@@ -162,6 +163,34 @@ def plan_picture_of(
         document, mesh, hand, answers[0] if answers else None, rays=rays[0] if len(rays) else None
     )
     plan_picture(scene, path)
+
+
+def parts_picture_of(mesh: TriangleMesh, path: Path) -> None:
+    """Write a picture of an object's parts as PNG, each in its colour and with its name.
+
+    Where parts overlap, the smaller one is drawn.
+
+    Args:
+        mesh: The object [m].
+        path: The file to write.
+
+    Raises:
+        InputError: The name does not end in ``.png``.
+        EnvironmentFailure: The file cannot be written.
+    """
+    from .viewer.parts_picture import PartPiece, parts_picture
+
+    rest, pieces = whole_surface(mesh), []
+    for part in sorted(mesh.parts, key=lambda part: part_pieces(mesh, part.region).area):
+        inside, rest = part.region.split(rest)
+        if len(inside.corners):
+            pieces.append((part.name, inside))
+    shown = [
+        PartPiece(name=name, vertices=surface.vertices, triangles=surface.triangles)
+        for name, surface in [(name, surface_of(name or "rest", p)) for name, p in [*pieces, ("", rest)]]
+    ]
+    size = " × ".join(f"{1000 * x:.3g}" for x in mesh.extents)
+    parts_picture(shown, path, title=mesh.name, facts=f"{size} mm")
 
 
 def document_html(

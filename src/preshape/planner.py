@@ -52,11 +52,11 @@ def plan(
     verify: bool = False,
     view: Sequence[float] | str | None = None,
     cut_table: bool | None = None,
-    up: str | None = None,
-    rest: Sequence[float] | None = None,
     hold_on: str | Sequence[str] = (),
     keep_off: str | Sequence[str] = (),
     rules: str = "task",
+    up: str | None = None,
+    rest: Sequence[float] | None = None,
     obstacle: str | Sequence[str] = (),
 ) -> Plan:
     """Plan a preshape.
@@ -87,14 +87,14 @@ def plan(
             round; by default what the file says, else its origin where that can be.
         cut_table: Whether a table in a point cloud is cut off; ``False`` keeps it as part of the object. By
             default a cloud with a table is refused.
-        up: Axis of the mesh that is up, such as ``y`` or ``-x``; task, table and gravity follow it. By
-            default z, and y for a glTF file.
-        rest: (4,) quaternion wxyz that turns the mesh, as it lies at rest on a table, to a world with z up;
-            by default the object's own, or else it is settled.
         hold_on: Parts of the object to hold, any of them: names (``preshape objects NAME`` lists them),
             half-spaces such as ``z>0.05``, or boxes of six numbers [m].
         keep_off: Parts that contacts and links stay away from.
         rules: ``task`` for the rules of object and task too, or ``none``.
+        up: Axis of the mesh that is up, such as ``y`` or ``-x``; task, table and gravity follow it. By
+            default z, and y for a glTF file.
+        rest: (4,) quaternion wxyz that turns the mesh, as it lies at rest on a table, to a world with z up;
+            by default the object's own, or else it is settled.
         obstacle: Meshes or point clouds that hand and fingers stay away from by 3 mm, each ``FILE`` or
             ``FILE@x,y,z,qw,qx,qy,qz``, its pose in the mesh frame [m]; closure only.
 

@@ -202,7 +202,7 @@ _rule_options = (
         "--rules",
         default="task",
         metavar="task|none",
-        help="task: rules of object and task too, as hold a hammer's handle to strike.  [default: task]",
+        help="task: rules of object and task too, as hold a hammer's handle to strike.",
     ),
 )
 

@@ -9,7 +9,7 @@ from ..objects.parts import PartSurface
 from ..types import freeze, value
 
 KEEP_OFF = 0.003
-"""Least distance of contacts and links from a part that is kept off [m] (JOB §1)."""
+"""Least distance of contacts and links from a part that is kept off [m] [C]."""
 
 _HOLD, _OFF = "hold on ", "keep off "
 

@@ -21,17 +21,18 @@ from ..kernels.field.host import DistanceField, SurfaceQuery
 from ..kernels.hand_spheres import COARSE
 from ..kernels.margin.host import CONTACTS, MarginKernel
 from ..kernels.tables import HandTables
-from ..types import Array, BoolArray, IntArray
-from .candidates import DrawnCandidates, RankedCandidates, distinct, merged
+from ..objects.mesh import TriangleMesh
+from ..types import Array, IntArray
+from .blockers import Blockers
+from .candidates import DrawnCandidates, RankedCandidates, Region, concatenated, distinct, merged
 from .closed import WRAP, ClosedHands, closed_hands, touching_spheres
-from .contact_places import ContactPlaces
+from .contact_places import AllowedSurface
 from .demand import HOLD, LEVER, Demand
 from .hand_tables import hand_tables
-from .keeping_off import KeptOff
 from .preshapes import Preshapes, motor_ranges, posture_at, posture_of, preshapes
 from .settings import ClosureSettings
 from .torque_limits import normal_bounds
-from .wrapping import Wrapper
+from .wrapping import Wrapper, wraps
 
 MIN_CONTACTS = 2
 """Least number of contacts of a candidate, thumb included; its margin decides whether they are enough."""
@@ -41,11 +42,10 @@ preshape [rad] [C]."""
 WRAP_GAP, WRAP_NEAR, WRAP_BACK = 5e-4, 1.5e-3, 0.012
 """Distance from the surface at which links of a wrap stop in the search, largest distance that counts as
 contact, and distance from the object at which a wrap begins to move in [m] [C]."""
-OPENED, ROOM = 0.8, 0.002
-"""The hand must be clear of table, boxes and kept-off parts when closed, and when closed by only the first
-share. The second number is the least distance from table and boxes [m] [C]."""
-GRID_ERROR = 0.25
-"""Largest error of a contact of the search, which is read from the grid of distances, in cells."""
+LIGHT_PUSH = 0.5
+"""Pushes and turns under which unbalanced wraps are compared, in weights of the object [C]."""
+WRAP_DRAWS = 6
+"""Largest number of wraps drawn for each one wanted, where table or boxes are in the way of some [C]."""
 
 
 class _Closed(NamedTuple):
@@ -85,9 +85,7 @@ class ClosureSearch:
         query: The object's surface; without it, contacts on lids are found in the finished grips only.
 
     Attributes:
-        blockers: What may refuse a hand that closed: obstacles, then contact rules, in words.
-        places: The rules about contacts.
-        kept_off: The rules about links.
+        blockers: What may refuse a hand that closed: obstacles and contact rules.
     """
 
     def __init__(
@@ -101,21 +99,53 @@ class ClosureSearch:
         query: SurfaceQuery | None = None,
     ) -> None:
         self.query = query
-        self.blockers = (*settings.obstacles.names, *settings.rules.names)
-        self.places = ContactPlaces(settings.rules, settings.device)
-        self.kept_off = KeptOff(settings.rules, hand, settings)
         self.hand, self.field, self.settings = hand, field, settings
         self.cog, self.length = np.asarray(cog, dtype=np.float64), float(length)
         self.tables: HandTables = hand_tables(hand, COARSE)
         self.pool: Preshapes = preshapes(hand)
         self.ranges = motor_ranges(hand, self.tables)
         self.kernel = ClosingKernel(self.tables, field, device=settings.device, threads=settings.threads)
+        self.blockers = Blockers(hand, self.tables, self.kernel, settings, field.spacing)
         self._kinematics = HandKinematics(hand)
         self.wrapper = Wrapper(self.tables, self.kernel, field, gap=WRAP_GAP, near=WRAP_NEAR)
         lever = min(LEVER, 1.5 * self.length)
         holding = [(lever, HOLD if not turns else HOLD[[0, 1, 2, 6, 7, 8]]), *turns]
         self._hold_kernels = [(lever, self._margin_kernel(wrenches)) for lever, wrenches in holding]
+        self._carrying: tuple[Demand, MarginKernel] | None = None
         self._task_kernels: dict[bool, tuple[Demand, MarginKernel]] = {}
+
+    def draw_wraps(
+        self,
+        rng: np.random.Generator,
+        mesh: TriangleMesh,
+        count: int,
+        region: Region,
+        surface: AllowedSurface | None = None,
+    ) -> DrawnCandidates:
+        """Draw wraps whose open hand, with the palm at its place, is clear of obstacles and kept-off parts.
+
+        A hand that only reaches its place through the table would be closed for nothing. Where few are clear,
+        at most ``WRAP_DRAWS`` times as many are drawn.
+
+        Args:
+            rng: Random generator.
+            mesh: The object.
+            count: Number of wraps wanted.
+            region: Allowed planes and sides.
+            surface: The surface that may be touched; ``None`` for all of it.
+        """
+        if not len(self.blockers.obstacles) and not len(self.blockers.kept_off):
+            return self.wrapper.draw(rng, self.pool, mesh, count, region, surface)
+        found: DrawnCandidates | None = None
+        for _ in range(WRAP_DRAWS):
+            drawn = self.wrapper.draw(rng, self.pool, mesh, count, region, surface)
+            clear = self.blockers.clear(self.wrapper.arrived(drawn.candidates))
+            drawn = drawn.take(np.flatnonzero(clear))
+            found = drawn if found is None else concatenated(found, drawn)
+            if len(found) >= count:
+                break
+        assert found is not None
+        return found.take(np.arange(min(count, len(found))))
 
     def evaluate(
         self, drawn: DrawnCandidates, demand: Demand, *, least: float = 0.0, blocked: int | None = None
@@ -135,14 +165,13 @@ class ClosureSearch:
         """
         hands = self._closed(drawn.candidates)
         closed = len(hands.rows)
-        blocked_by = (
-            self._hits(hands.candidates, hands.grasp),
-            self._broken(hands.closings, hands.candidates, hands.grasp),
-        )
-        hits = np.concatenate(blocked_by, axis=1)
+        hits = self.blockers.refuse(hands.closings, hands.candidates, hands.grasp)
         hands = hands.take(np.flatnonzero(~hits.any(axis=1) if blocked is None else hits[:, blocked]))
-        task, hold = self.strengths(hands.closings, demand, ranking=True, least=least)
-        score = self._within_torques(hands, self.score(task, hold, demand), demand, least=least)
+        task, hold = self.strengths(hands.closings, demand, ranking=True, least=max(least, 0.0))
+        score = self._within_torques(hands, self.score(task, hold, demand), demand, least=max(least, 0.0))
+        if wraps(drawn):
+            unbalanced = np.flatnonzero(score <= 0.0)
+            score[unbalanced] = -self._imbalance(hands.take(unbalanced), demand)
         found = RankedCandidates(
             drawn=replace(drawn.take(hands.rows), candidates=hands.candidates),
             closings=hands.closings,
@@ -203,26 +232,14 @@ class ClosureSearch:
         rows = np.flatnonzero(score > least)
         if not len(rows):
             return score
-        closings = hands.closings.take(rows)
-        points, normals, counts = closings.points, closings.normals_in, closings.counts
-        width = min(points.shape[1], hands.links.shape[1])
-        points, normals = points[:, :width], normals[:, :width]
-        bounds = normal_bounds(
-            self.tables,
-            self.hand,
-            hands.candidates.take(rows),
-            hands.grasp[rows],
-            points,
-            normals,
-            hands.links[rows, :width],
-        )
-        used = np.arange(width) < counts[:, None]
+        points, normals, counts, bounds = self._contacts(hands.take(rows))
+        used = np.arange(points.shape[1]) < counts[:, None]
         weak = np.flatnonzero((used & (bounds < press)).any(axis=1))
         rows = rows[weak]
         if not len(rows):
             return score
         given = points[weak], normals[weak], counts[weak]
-        bounds = np.minimum(bounds[weak], press)
+        bounds = bounds[weak]
         most = score[rows] * press
         kernel = self._task_kernel(demand)
         if kernel is not None:
@@ -246,43 +263,36 @@ class ClosureSearch:
         score[rows] = most / press
         return score
 
+    def _contacts(self, hands: _Closed) -> tuple[Array, Array, IntArray, Array]:
+        """Contacts of hands, their inward normals, their numbers, and the bounds on their forces [N]."""
+        closings = hands.closings
+        width = min(closings.points.shape[1], hands.links.shape[1])
+        points, normals, links = closings.points[:, :width], closings.normals_in[:, :width], hands.links
+        bounds = normal_bounds(
+            self.tables, self.hand, hands.candidates, hands.grasp, points, normals, links[:, :width]
+        )
+        return points, normals, closings.counts, np.minimum(bounds, self.settings.strongest)
+
+    def _imbalance(self, hands: _Closed, demand: Demand) -> Array:
+        """(k,) how far hands are from carrying the weight under light pushes, as a share of the press.
+
+        Few drawn wraps balance anything. Those that nearly do are the ones to refine.
+        """
+        if not len(hands.rows):
+            return np.zeros(0)
+        if self._carrying is None or self._carrying[0] is not demand:
+            wrenches = np.concatenate([np.zeros((1, 6)), LIGHT_PUSH * self.settings.weight * HOLD])
+            base = np.asarray(demand.base) * self.settings.middling
+            self._carrying = demand, self._margin_kernel(wrenches, base=base)
+        points, normals, counts, bounds = self._contacts(hands)
+        unit = min(LEVER, 1.5 * self.length)
+        out = self._carrying[1](points, normals, counts, unit, bounds=bounds, reference=self.cog)
+        return np.asarray(out["residual"], dtype=np.float64) / self.settings.strongest
+
     def _links_apart(self, q: Array) -> bool:
         """Whether no two links of the hand overlap; fingers that go round an object may meet each other."""
         self._kinematics.set_posture(q)
         return not self._kinematics.collides(WRAP_GAP)
-
-    def _hits(self, hands: Candidates, grasp: Array) -> BoolArray:
-        """(k, m) whether these hands collide with each obstacle, closed or a little opened."""
-        obstacles = self.settings.obstacles
-        hits = np.zeros((len(hands), len(obstacles)), dtype=bool)
-        if not len(obstacles):
-            return hits
-        begin, end = (q @ self.tables.command.T for q in (hands.start, grasp))
-        for share in (1.0, OPENED):
-            posture = posture_of(self.tables, begin + share * (end - begin))
-            near = np.flatnonzero(
-                self.kernel.clearances(hands.place, hands.turn, posture, obstacles)[1] <= ROOM
-            )
-            if len(obstacles) == 1:
-                hits[near] = True
-                continue
-            wrist = hands.place[near], hands.turn[near], posture[near]
-            for k, one in enumerate(obstacles.each):
-                hits[near, k] |= self.kernel.clearances(*wrist, one)[1] <= ROOM
-        return hits
-
-    def _broken(self, closings: Closings, hands: Candidates, grasp: Array) -> BoolArray:
-        """(k, m) which contact rules these hands break, closed or, with their links, a little opened."""
-        broken = self.places.broken_by(
-            closings.points, closings.counts, slack=GRID_ERROR * self.field.spacing
-        )
-        if len(self.kept_off) and len(hands):
-            parts = broken[:, -len(self.kept_off) :]
-            begin, end = (q @ self.tables.command.T for q in (hands.start, grasp))
-            for share in (1.0, OPENED):
-                posture = posture_of(self.tables, begin + share * (end - begin))
-                parts |= self.kept_off.near(hands.place, hands.turn, posture)
-        return broken
 
     def strengths(
         self, closings: Closings | ClosedHands, demand: Demand, *, ranking: bool = False, least: float = 0.0
@@ -478,8 +488,7 @@ class ClosureSearch:
             return found
         moved = self.perturbed(rng, found, samples, 0.0, shift=shift, turn=turn)
         hands, score = self._closed(moved.candidates), np.zeros(len(moved))
-        slack = GRID_ERROR * self.field.spacing
-        broken = self.places.broken_by(hands.closings.points, hands.closings.counts, slack=slack)
+        broken = self.blockers.misplaced(hands.closings)
         hands = hands.take(np.flatnonzero(~broken.any(axis=1)))
         nominal = self.score(*self.strengths(hands.closings, demand, ranking=True), demand)
         score[hands.rows] = self._within_torques(hands, nominal, demand)

@@ -21,6 +21,7 @@ from .couples import Table, motors_within, per_motor, with_model_couples
 from .description import direction, finger_from, hand_from, rounded_to_limits
 from .findings import LARGEST_ANGLE, description_findings, model_findings, refuse
 from .hand import Hand
+from .hulls import ellipsoid_corners
 from .link_pieces import Piece, frame_text, geom_pieces, geom_text, mesh_text, numbers_text, outside
 from .motors import ADAPTIVE, DIRECT, Motor
 
@@ -355,9 +356,14 @@ def _parts(joints: Sequence[str], weights: Iterable[float]) -> list[str]:
 
 
 def _has_tip(pieces: list[Piece], centre: Array, radius: float) -> bool:
-    """Whether a tip's centre is half a radius deep in a hull or a box, of which a sphere might stand out."""
-    depths = [-outside(piece, centre[None])[0] for piece in pieces if piece.kind in ("hull", "box")]
-    return max(depths, default=-np.inf) >= 0.5 * radius
+    """Whether a tip's centre is half a radius deep in hulls and boxes, of which a sphere might stand out.
+
+    Together, not one by one: a cut between two pieces of a link may go through the tip.
+    """
+    solid = [piece for piece in pieces if piece.kind in ("hull", "box")]
+    around = centre + ellipsoid_corners(np.full(3, 0.5 * radius))
+    depths = [-outside(piece, around) for piece in solid]
+    return bool(depths) and bool((np.max(depths, axis=0) >= 0.0).all())
 
 
 def _overlapping_pairs(

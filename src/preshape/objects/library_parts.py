@@ -118,7 +118,8 @@ def _bowl() -> Parts:
 def _plate() -> Parts:
     wide = Outside(region=_bar(58))
     parts = {"rim": wide, "foot": _under("z", 1.5)}
-    return parts | {"inside": UP - wide, "underside": _rest({**parts, "top": UP})}
+    above = Facing(direction=np.array([0.0, 0.0, 1.0]), least=0.1)  # the slope towards the rim too
+    return parts | {"inside": above - wide, "underside": _rest({**parts, "inside": above})}
 
 
 def _wine_glass() -> Parts:

@@ -271,6 +271,14 @@ def _answer(plan: PlanRecord, answer: Answer | None) -> Document:
     }
 
 
+def _rules(plan: PlanRecord) -> list[Document]:
+    """The rules that were applied, and where each comes from."""
+    applied = plan.request.rules_for(plan.mesh).applied
+    return [
+        {"kind": rule.kind, "part": rule.part, "origin": rule.origin, "table": rule.table} for rule in applied
+    ]
+
+
 def _scene(plan: PlanRecord) -> Document:
     """The object in a world with z up; up, table, and gravity and motion of the task in the mesh frame."""
     stands = plan.standing
@@ -282,14 +290,6 @@ def _scene(plan: PlanRecord) -> Document:
         "motion": full_motion(plan.decision.task).tolist(),
         "turned": round(math.degrees(stands.turned), 3),
     }
-
-
-def _rules(plan: PlanRecord) -> list[Document]:
-    """The rules that were applied, and where each comes from."""
-    applied = plan.request.rules_for(plan.mesh).applied
-    return [
-        {"kind": rule.kind, "part": rule.part, "origin": rule.origin, "table": rule.table} for rule in applied
-    ]
 
 
 def _grasp(g: Grasp) -> Document:

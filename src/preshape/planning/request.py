@@ -46,8 +46,16 @@ from ..types import (
     value,
     whole_number,
 )
-from .request_values import boxes_of, files_of, gravity_of, rest_of, table_of, view_of
-from .rules import FOLLOW, MODES, NONE, TaskRules, part_texts, task_rules
+from .request_values import (
+    checked_boxes,
+    checked_files,
+    checked_gravity,
+    checked_parts,
+    checked_rest,
+    checked_table,
+    checked_view,
+)
+from .rules import FOLLOW, MODES, NONE, TaskRules, task_rules
 from .standing import Standing, lowest_point, standing
 
 SCHEMA = 2
@@ -120,15 +128,15 @@ class PlanRequest:
         search: Size and safety of the closure search. Its friction, mass and obstacles are those of the
             request, unless the request leaves friction or mass open and ``search`` states them.
         memory: The memory's file, ``":memory:"``, or ``None`` for the user's.
-        up: Axis of the mesh that is up, one of x, y, z, -x, -y, -z. The axes of the task are those of the
-            mesh turned upright, so that z is up. ``None`` takes the file's own (y in glTF, else z).
-        rest: (4,) quaternion wxyz that turns the mesh frame, as the object lies at rest on a table, to a
-            world with z up; ``None`` takes the object's own, or else settles the object.
         hold_on: Parts that contacts must lie on, any of them: names, half-spaces such as ``z>0.05``, or the
             six numbers of a box (:func:`~preshape.objects.parts.find_part`).
         keep_off: Parts without contacts, and with no link within 3 mm of them.
         rules: ``task`` for the rules of the object and the task too (:mod:`preshape.planning.rules`), or
             ``none`` for what ``hold_on`` and ``keep_off`` say alone.
+        up: Axis of the mesh that is up, one of x, y, z, -x, -y, -z. The axes of the task are those of the
+            mesh turned upright, so that z is up. ``None`` takes the file's own (y in glTF, else z).
+        rest: (4,) quaternion wxyz that turns the mesh frame, as the object lies at rest on a table, to a
+            world with z up; ``None`` takes the object's own, or else settles the object.
         obstacle: Meshes or point clouds that the hand stays away from by 3 mm, on its way in too: each
             ``FILE`` or ``FILE@x,y,z,qw,qx,qy,qz``, its pose in the mesh frame [m]. Closure only.
 
@@ -156,11 +164,11 @@ class PlanRequest:
     settings: Settings = field(default_factory=Settings)
     search: ClosureSettings = field(default_factory=ClosureSettings)
     memory: str | None = None
-    up: str | None = None
-    rest: Sequence[float] | Array | None = None
     hold_on: str | Sequence[str] = ()
     keep_off: str | Sequence[str] = ()
     rules: str = FOLLOW
+    up: str | None = None
+    rest: Sequence[float] | Array | None = None
     obstacle: str | Sequence[str] = ()
 
     def __post_init__(self) -> None:
@@ -174,17 +182,24 @@ class PlanRequest:
         if not isinstance(task, Task):
             task = parse_task(task) if isinstance(task, str) else task_from_numbers(task)
         freeze(self, task=task, analyser=analyser_of(self.analyser, self.hand))
-        freeze(self, gravity=task.gravity if self.gravity is None else gravity_of(self.gravity))
-        freeze(self, table=table_of(self.table), avoid=boxes_of(self.avoid), view=view_of(self.view))
-        freeze(self, learn=bool(self.learn), verify=bool(self.verify))
-        freeze(self, rest=rest_of(self.rest))
-        if self.up is not None:
-            upright(self.up)
+        freeze(self, gravity=task.gravity if self.gravity is None else checked_gravity(self.gravity))
         freeze(
-            self, hold_on=part_texts(self.hold_on, "hold_on"), keep_off=part_texts(self.keep_off, "keep_off")
+            self,
+            table=checked_table(self.table),
+            avoid=checked_boxes(self.avoid),
+            view=checked_view(self.view),
+        )
+        freeze(self, learn=bool(self.learn), verify=bool(self.verify))
+        freeze(
+            self,
+            hold_on=checked_parts(self.hold_on, "hold_on"),
+            keep_off=checked_parts(self.keep_off, "keep_off"),
         )
         one_of(self.rules, "rules", MODES)
-        freeze(self, obstacle=files_of(self.obstacle))
+        freeze(self, rest=checked_rest(self.rest))
+        if self.up is not None:
+            upright(self.up)
+        freeze(self, obstacle=checked_files(self.obstacle))
         if self.cut_table is not None:
             freeze(self, cut_table=bool(self.cut_table))
         allowed_planes(self.approaches)
@@ -416,11 +431,11 @@ class PlanRequest:
             "coefficients": {f.name: getattr(s.coefficients, f.name) for f in fields(s.coefficients)},
             "search": {name: getattr(self.search, name) for name in _SEARCH},
             "memory": self.memory,
-            "up": self.up,
-            "rest": None if self.rest is None else np.asarray(self.rest).tolist(),
             "hold_on": list(self.hold_on),
             "keep_off": list(self.keep_off),
             "rules": self.rules,
+            "up": self.up,
+            "rest": None if self.rest is None else np.asarray(self.rest).tolist(),
             "obstacle": list(self.obstacle),
         }
 
@@ -455,10 +470,10 @@ class PlanRequest:
                 "search": ClosureSettings(**{name: data["search"][name] for name in _SEARCH}),
             }
             read |= {name: data[name] for name in _PLAIN}
-            read |= {name: data.get(name) for name in ("up", "rest")}
             # Plans from before there were rules were made without any.
             read |= {name: data.get(name, ()) for name in ("hold_on", "keep_off", "obstacle")}
             read["rules"] = data.get("rules", NONE)
+            read |= {name: data.get(name) for name in ("up", "rest")}
         except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
             raise InputError(
                 f"this is no request of preshape ({type(error).__name__}: {error!s:.80}); "

@@ -1,4 +1,4 @@
-"""The values of a request's fields as they are used, or why one cannot be used."""
+"""Checks of the values of a request; each returns the value as the request keeps it."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from ..objects.mesh import LEAST_LENGTH
 from ..objects.obstacle import placed_file
 from ..objects.scans.complete import ALL_ROUND
 from ..tasks.task import axis_vector
-from ..types import Array, finite_number, frozen_array
+from ..types import LONGEST_NAME, Array, finite_number, frozen_array
 from .standing import AUTO
 
 FARTHEST = 1e6
@@ -47,7 +47,7 @@ def _numbers(given: object, count: int, wanted: str) -> tuple[float, ...]:
     return tuple(finite_number(item, f"{wanted}; each") for item in items)
 
 
-def boxes_of(avoid: object) -> tuple[tuple[float, ...], ...]:
+def checked_boxes(avoid: object) -> tuple[tuple[float, ...], ...]:
     """The boxes to avoid, six numbers each [m].
 
     Raises:
@@ -64,7 +64,7 @@ def boxes_of(avoid: object) -> tuple[tuple[float, ...], ...]:
     return tuple(boxes)
 
 
-def files_of(given: object) -> tuple[str, ...]:
+def checked_files(given: object) -> tuple[str, ...]:
     """Files of obstacles with their poses; a file gets its absolute path, so that it means the same anywhere.
 
     Raises:
@@ -79,7 +79,7 @@ def files_of(given: object) -> tuple[str, ...]:
     return tuple(found)
 
 
-def gravity_of(gravity: object) -> Array:
+def checked_gravity(gravity: object) -> Array:
     """(3,) direction of gravity; zeros mean none.
 
     Raises:
@@ -95,7 +95,7 @@ def gravity_of(gravity: object) -> Array:
     return axis_vector(vector)
 
 
-def view_of(view: object) -> tuple[float, ...] | str | None:
+def checked_view(view: object) -> tuple[float, ...] | str | None:
     """The camera's position, ``all`` or ``None``.
 
     Raises:
@@ -106,7 +106,7 @@ def view_of(view: object) -> tuple[float, ...] | str | None:
     return _numbers(view, 3, f"a view must be a camera's position, three numbers, or {ALL_ROUND}")
 
 
-def rest_of(rest: object) -> Array | None:
+def checked_rest(rest: object) -> Array | None:
     """(4,) unit quaternion wxyz of the pose at rest.
 
     Raises:
@@ -123,7 +123,7 @@ def rest_of(rest: object) -> Array | None:
     return frozen_array(quaternion if abs(length - 1.0) < 1e-15 else quaternion / length, (4,), "rest")
 
 
-def table_of(table: float | str | None) -> float | str | None:
+def checked_table(table: float | str | None) -> float | str | None:
     """The table as a height [m] or ``auto``; ``None`` and ``none`` are free space.
 
     Raises:
@@ -143,3 +143,19 @@ def table_of(table: float | str | None) -> float | str | None:
     if abs(height) > FARTHEST:
         raise InputError(f"a table must be {wanted}, at most {FARTHEST:g}, got {height:g}")
     return height
+
+
+def checked_parts(given: object, name: str) -> tuple[str, ...]:
+    """Names or descriptions of parts, each once.
+
+    Raises:
+        InputError: It is neither a text nor a list of texts, or one is empty.
+    """
+    wanted = f"{name} must be texts, each a part's name, a half-space such as z>0.05, or a box of six numbers"
+    if not isinstance(given, str | list | tuple):
+        raise InputError(f"{wanted}, got {shown(given)}")
+    texts = [given] if isinstance(given, str) else given
+    for text in texts:
+        if not isinstance(text, str) or not text.strip() or len(text) > LONGEST_NAME:
+            raise InputError(f"{wanted}, got {shown(text)}")
+    return tuple(dict.fromkeys(text.strip() for text in texts))

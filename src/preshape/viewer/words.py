@@ -279,14 +279,6 @@ def scene_words(document: Document) -> str:
     return ", ".join(words)
 
 
-def _turned(scene: Document) -> str:
-    """How the object lies at rest, if it is turned from how it is modelled."""
-    if float(scene.get("turned", 0.0)) < TURNED:
-        return ""
-    x, y, z = scene["up"]
-    return f", on which it lies turned by {scene['turned']:.0f}°: up is {x:.2g}, {y:.2g}, {z:.2g}"
-
-
 def rules_words(document: Document) -> str:
     """Which parts are held and which stay free, and where this comes from; empty without rules.
 
@@ -299,6 +291,14 @@ def rules_words(document: Document) -> str:
         kind = str(rule["kind"]).replace("_", " ")
         said.setdefault(str(rule["origin"]), []).append(f"{kind} {rule['part']}")
     return "; ".join(f"{', '.join(rules)} ({origins.get(origin, origin)})" for origin, rules in said.items())
+
+
+def _turned(scene: Document) -> str:
+    """How the object lies at rest, if it is turned from how it is modelled."""
+    if float(scene.get("turned", 0.0)) < TURNED:
+        return ""
+    x, y, z = scene["up"]
+    return f", on which it lies turned by {scene['turned']:.0f}°: up is {x:.2g}, {y:.2g}, {z:.2g}"
 
 
 def _angle(a: Sequence[float], b: Sequence[float]) -> float:
