@@ -45,6 +45,7 @@ def plan(
     seed: int = 0,
     count: int = 1,
     approaches: str | None = None,
+    grasp_type: str = "any",
     settings: Settings | None = None,
     closure: ClosureSettings | None = None,
     table: float | str | None = None,
@@ -69,6 +70,8 @@ def plan(
         seed: Seed of every random draw; the same seed gives the same plan.
         count: Number of different answers.
         approaches: Allowed approach axes, such as ``+z,-x``.
+        grasp_type: ``power`` for wraps of the whole hand only, ``precision`` for fingertips only, or ``any``;
+            closure only.
         settings: Thresholds, membership functions and contact coefficients.
         closure: Size and safety of the closure search.
         table: Height of a table along the object's z [m], or ``auto`` for its lowest point; closure only.
@@ -105,6 +108,7 @@ def plan(
         table=table,
         avoid=avoid,
         approaches=approaches,
+        grasp_type=grasp_type,
         count=count,
         learn=learn,
         verify=verify,

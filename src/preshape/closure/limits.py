@@ -9,6 +9,7 @@ import numpy as np
 from ..hands.hand import Hand
 from ..hiis.analyser import Grip
 from ..types import FIELD_MASS, GRAVITY, told_apart, two_digits
+from .candidates import RankedCandidates
 from .demand import Demand
 from .search import ClosureSearch
 from .settings import ClosureSettings
@@ -44,6 +45,37 @@ def remedy(rules: Sequence[str], best: Grip | None = None) -> str:
         if best is not None and ("the table" in best.refused or "a box" in best.refused):
             helps = f"more room around the object (--table, --avoid), {helps}"
     return f"; most are refused because of {rules[0]}: {helps} would help"
+
+
+def costliest(settings: ClosureSettings, found: RankedCandidates) -> list[str]:
+    """What refused candidates that closed: obstacles by name, load or way in, the costliest first."""
+    _, _, clear, balanced, *hits = found.tally.tolist()
+    balanced = max(balanced, int(len(found) > 0 and found.score[0] > 0))
+    refused = dict(zip(settings.obstacles.names, hits, strict=True))
+    refused |= {LOAD: clear - balanced, WAY_IN: balanced}
+    return sorted((rule for rule in refused if refused[rule]), key=lambda rule: -refused[rule])
+
+
+def why_none(settings: ClosureSettings, found: RankedCandidates) -> str:
+    """Why none of the candidates became a grip, in one sentence."""
+    (tried, closed, clear, _, *hits), s = found.tally.tolist(), settings
+    words = f"{tried} candidates were tried"
+    if not closed:
+        return f"{words}; none of them closed on the object with the thumb and a finger"
+    words += f"; {closed} of them closed on the object"
+    if clear < closed:
+        names = zip(s.obstacles.names, hits, strict=True)
+        counted = " or ".join(name if len(hits) == 1 else f"{name} ({hit})" for name, hit in names if hit)
+        words += f", {closed - clear if clear else 'all'} of these in collision with {counted}"
+    if not clear:
+        return words
+    if not len(found) or found.score[0] <= 0:
+        none = "none of the others balances" if clear < closed else "none balances"
+        return (
+            f"{words}; {none} the load with the planned share of the friction "
+            f"({s.friction_share:g} of {s.friction:g} = {s.mu:.2g})"
+        )
+    return f"{words}; to those that balance the load the hand has no free way in"
 
 
 def strongest_press(grip: Grip, hand: Hand) -> float:

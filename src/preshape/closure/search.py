@@ -37,9 +37,13 @@ MIN_CONTACTS = 2
 STEP, TURN, BEND = 0.006, 0.12, 0.10
 """Standard deviations of the first refinement: wrist position [m], wrist rotation [rad], joints of the
 preshape [rad] [C]."""
+DECAY = 0.6
+"""Factor by which these shrink from round to round [C]."""
 WRAP_GAP, WRAP_NEAR, WRAP_BACK = 5e-4, 1.5e-3, 0.012
 """Distance from the surface at which links of a wrap stop in the search, largest distance that counts as
 contact, and distance from the object at which a wrap begins to move in [m] [C]."""
+ONE_CONTACT = 0.5
+"""Largest share of the press that one contact takes where forces balance."""
 LIGHT_PUSH = 0.5
 """Pushes and turns under which unbalanced wraps are compared, in weights of the object [C]."""
 WRAP_DRAWS = 6
@@ -134,9 +138,7 @@ class ClosureSearch:
             if k > 0:
                 drawn = self.wrapper.draw(rng, self.pool, mesh, count, region)
             hands = self.wrapper.arrived(drawn.candidates)
-            _, free = self.kernel.clearances(
-                hands.place, hands.turn, hands.start, obstacles, enough=2 * ROOM
-            )
+            _, free = self.kernel.clearances(hands.place, hands.turn, hands.start, obstacles, enough=2 * ROOM)
             clear = drawn.take(np.flatnonzero(free > ROOM))
             found = clear if found is None else concatenated(found, clear)
             if len(found) >= count:
@@ -230,7 +232,7 @@ class ClosureSearch:
             return score
         points, normals, counts, bounds = self._contacts(hands.take(rows))
         used = np.arange(points.shape[1]) < counts[:, None]
-        weak = np.flatnonzero((used & (bounds < press)).any(axis=1))
+        weak = np.flatnonzero((used & (bounds < ONE_CONTACT * press)).any(axis=1))
         rows = rows[weak]
         if not len(rows):
             return score
@@ -452,6 +454,7 @@ class ClosureSearch:
         elite: int,
         children: int,
         rounds: int,
+        decay: float = DECAY,
     ) -> RankedCandidates:
         """Search near the best candidates.
 
@@ -466,6 +469,7 @@ class ClosureSearch:
             elite: Size of the elite set; four times as many candidates enter the next round.
             children: Number of children of each candidate in the elite set.
             rounds: Number of rounds.
+            decay: Factor by which the spread of the children shrinks from round to round.
         """
         best, most = found, 4 * elite
         for k in range(rounds):
@@ -474,7 +478,7 @@ class ClosureSearch:
             parents = best.take(distinct(best, elite, 1.0 / (k + 1)))
             # A child that cannot enter the next round needs no exact score.
             least = float(best.score[most - 1]) if len(best) >= most else 0.0
-            nearby = self.perturbed(rng, parents, children, 0.6**k)
+            nearby = self.perturbed(rng, parents, children, decay**k)
             best = merged(best, self.evaluate(nearby, demand, least=least), most=most)
         return best
 

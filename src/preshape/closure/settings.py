@@ -9,11 +9,13 @@ import numpy as np
 
 from ..exceptions import InputError, shown
 from ..kernels.closing.host import Obstacles
-from ..types import FIELD_MASS, FRICTION, GRAVITY, finite_number, freeze, value, whole_number
+from ..types import FIELD_MASS, FRICTION, GRAVITY, finite_number, freeze, one_of, value, whole_number
 
 _DEVICE = re.compile(r"cpu|cuda(:[0-9]+)?")
 _NUMBERS = ("friction", "torsion", "friction_share", "press_least", "press_most", "safety", "hold")
 _COUNTS = ("at_aim", "on_plane", "everywhere", "elite", "children", "finished", "threads")
+GRASP_TYPES = ("any", "power", "precision")
+"""The families of grips: wraps of the whole hand are power grips, fingertip grips precision grips."""
 _COUNTS_FROM_ZERO = ("persistence", "rounds", "wraps")
 
 
@@ -37,6 +39,8 @@ class ClosureSettings:
         on_plane: Number of candidates for one plane (mode 1).
         everywhere: Number of candidates for all planes (mode 3).
         wraps: Number of wraps of the whole hand, for all planes; half as many for one plane.
+        grasp_type: ``power`` for wraps only, ``precision`` for fingertips only, ``any`` for both.
+        both: Whether wraps are looked for even where fingertips are strong, for answers of both kinds.
         persistence: Number of times that more candidates are drawn, and that the best are refined again, if
             the margin is too small.
         elite: Size of the elite set of a round of refinement.
@@ -63,6 +67,8 @@ class ClosureSettings:
     on_plane: int = 500
     everywhere: int = 2000
     wraps: int = 2400
+    grasp_type: str = "any"
+    both: bool = False
     persistence: int = 3
     elite: int = 32
     children: int = 6
@@ -80,6 +86,7 @@ class ClosureSettings:
         for name in (*_COUNTS, *_COUNTS_FROM_ZERO):
             if name != "threads" or self.threads is not None:
                 freeze(self, **{name: whole_number(getattr(self, name), name, int(name in _COUNTS))})
+        one_of(self.grasp_type, "grasp type", GRASP_TYPES)
         if not isinstance(self.obstacles, Obstacles):
             raise InputError(f"obstacles must be a value of Obstacles, got {shown(self.obstacles)}")
         if not isinstance(self.device, str) or not _DEVICE.fullmatch(self.device):

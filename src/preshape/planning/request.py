@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from ..closure.settings import ClosureSettings
+from ..closure.settings import GRASP_TYPES, ClosureSettings
 from ..exceptions import InputError, shown
 from ..hands.hand import Hand
 from ..hands.load import source_of
@@ -75,6 +75,7 @@ _KINDS: tuple[tuple[str, Any, str], ...] = (
     ("hand", str | Hand, "the name of a hand, its description file, or a loaded hand"),
     ("analyser", str | None, f"{' or '.join(ANALYSERS)}, or empty for the hand's default"),
     ("approaches", str | None, "text of approach axes such as +z,-x, or None for all"),
+    ("grasp_type", str, f"{', '.join(GRASP_TYPES[:-1])} or {GRASP_TYPES[-1]}"),
     ("cut_table", bool | np.bool_ | None, "True, False or None"),
     ("learn", bool | np.bool_, "True or False"),
     ("verify", bool | np.bool_, "True or False"),
@@ -110,7 +111,9 @@ class PlanRequest:
             [m]. Closure only.
         gravity: (3,) unit direction of gravity in the mesh frame; zeros mean none; ``None`` takes the task's.
         approaches: Allowed approach axes, such as ``+z,-x``; ``None`` allows all.
-        count: Number of different answers.
+        grasp_type: ``power`` for wraps of the whole hand only, ``precision`` for fingertips only, or ``any``.
+            Closure only.
+        count: Number of different answers; where both kinds of grips exist, both are among them.
         learn: Whether a new object is taught to the memory.
         verify: Whether the best answers go through the holding test in physics; the first that holds is
             the answer.
@@ -137,6 +140,7 @@ class PlanRequest:
     avoid: Sequence[Sequence[float]] = ()
     gravity: Sequence[float] | Array | None = None
     approaches: str | None = None
+    grasp_type: str = "any"
     count: int = 1
     learn: bool = True
     verify: bool = False
@@ -167,6 +171,7 @@ class PlanRequest:
             raise InputError("a TriangleMesh is in metres at its final size: unit and scale are for files")
         if isinstance(self.source, TriangleMesh) and self.cut_table is not None:
             raise InputError("a TriangleMesh has no points to cut off: cut_table is for files of points")
+        one_of(self.grasp_type, "grasp type", GRASP_TYPES)
         freeze(self, count=whole_number(self.count, "count, the number of answers,", 1))
         for name in ("mass", "friction"):
             if (given := getattr(self, name)) is not None:
@@ -179,6 +184,10 @@ class PlanRequest:
         if self.table is not None or self.avoid:
             raise InputError(
                 f"a table and boxes to avoid need {_REAL_HAND}; the analyser of {self.hand_name} here is rays"
+            )
+        if self.grasp_type != "any":
+            raise InputError(
+                f"a grasp type needs {_REAL_HAND}; the analyser of {self.hand_name} here is rays"
             )
         if not self.verify and (self.stated_mass is not None or not self._usual_friction):
             raise InputError(
@@ -262,7 +271,8 @@ class PlanRequest:
         """The scene as text, for comparing lessons; empty for free space and the usual load.
 
         A mass other than the object's own and a friction other than the default are part of the scene,
-        because lessons for another load say nothing certain about this one.
+        because lessons for another load say nothing certain about this one; so is a grasp type, because a
+        lesson of one kind of grips does not say that the other would be worse.
         Heights are relative to the object's lowest point and boxes relative to its COG, rounded to 1 mm. So
         the same object in another file has the same scene, and similar objects on a table share one.
 
@@ -271,6 +281,7 @@ class PlanRequest:
         it is the same on every platform.
         """
         table, load = [], []
+        kind = [] if self.grasp_type == "any" else [f"{self.grasp_type} grips"]
         height = self.table_height(mesh)
         if height is not None:
             table = [f"table {round(1000 * (float(mesh.bounds[0, 2]) - height))} mm under the object"]
@@ -284,11 +295,11 @@ class PlanRequest:
             [round(1000 * (x - c)) for x, c in zip(box, centre, strict=True)] for box in self.avoid
         )
         boxes = ["box " + " ".join(map(str, row)) for row in corners]
-        text = "; ".join([*table, *boxes, *load])
+        text = "; ".join([*table, *boxes, *load, *kind])
         if len(text) <= SCENE_LENGTH:
             return text
         digest = hashlib.sha256("; ".join(boxes).encode()).hexdigest()[:32]
-        return "; ".join([*table, f"{len(boxes)} boxes {digest}", *load])
+        return "; ".join([*table, f"{len(boxes)} boxes {digest}", *load, *kind])
 
     def wanted(self, mesh: TriangleMesh) -> int:
         """Number of answers to compute; physics, or the seen part of a cloud, selects among them."""
@@ -308,6 +319,8 @@ class PlanRequest:
             friction=self.stated_friction,
             mass=mass,
             obstacles=self.obstacles(mesh),
+            grasp_type=self.grasp_type,
+            both=self.count > 1 and self.grasp_type == "any",
             finished=max(self.search.finished, wanted + wanted // 2 + 2),
         )
 
@@ -332,6 +345,7 @@ class PlanRequest:
             "avoid": [list(box) for box in self.avoid],
             "gravity": np.asarray(self.gravity).tolist(),
             "approaches": self.approaches,
+            "grasp_type": self.grasp_type,
             "count": self.count,
             "learn": self.learn,
             "verify": self.verify,
@@ -375,6 +389,7 @@ class PlanRequest:
                 "search": ClosureSettings(**{name: data["search"][name] for name in _SEARCH}),
             }
             read |= {name: data[name] for name in _PLAIN}
+            read["grasp_type"] = data.get("grasp_type", "any")
         except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
             raise InputError(
                 f"this is no request of preshape ({type(error).__name__}: {error!s:.80}); "

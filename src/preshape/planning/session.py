@@ -469,7 +469,8 @@ def _element_key(request: PlanRequest, hand: Hand, mesh: TriangleMesh, mass: Obj
         "sets",
         "finger_rule",
         "coefficients",
+        "grasp_type",
     )
-    wanted = request.wanted(mesh) if request.analyser == "closure" else 0
+    wanted = (request.wanted(mesh), request.count > 1) if request.analyser == "closure" else 0
     parts = [repr(document[name]) for name in (*names, "search")]
     return (hand, mass.kg, wanted, *parts)
