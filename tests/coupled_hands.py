@@ -29,13 +29,21 @@ TENDON = {
     "free": [[0.0, 0.0], [1.3, 1.3]],
     "order": [["index_middle", "index_knuckle"]],
 }
+LOCKING = {
+    "law": "adaptive",
+    "motor": "index_tendon",
+    "sum": {"index_knuckle": 1.0, "index_middle": 1.0},
+    "free": [[0.0, 0.0], [1.3, 0.52]],
+    "locks": "index_knuckle",
+}
 
 
 @cache
 def coupled_hand(kind: str) -> Hand:
-    """The example hand with couples: ``bent`` or ``tendon``; any other name is that of a hand to load."""
-    if kind not in ("bent", "tendon"):
+    """The example hand with couples: ``bent``, ``tendon`` or ``locking``; else the hand of that name."""
+    index = {"bent": BENT, "tendon": TENDON, "locking": LOCKING}
+    if kind not in index:
         return load_hand(kind)
-    couples = [CUBIC, GEAR, SPREAD, BENT if kind == "bent" else TENDON]
+    couples = [CUBIC, GEAR, SPREAD, index[kind]]
     data = {**read_description(EXAMPLE), "name": kind, "couple": couples}
     return rebuilt(data, read_model(EXAMPLE.with_suffix(".urdf")), kind)

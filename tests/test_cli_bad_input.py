@@ -261,6 +261,8 @@ def test_an_unknown_command(command, refused):
     reason = refused(*command)
     assert "no such command" in reason
     assert "--help" in reason
+    assert "known: " in reason.lower()
+    assert ("did you mean plan" in reason) == (command[0] == "plann")
 
 
 HUGE = int("9" * 400)

@@ -128,7 +128,7 @@ def test_every_task_family_has_an_object() -> None:
 @every_object
 def test_built_twice_is_the_same(name: str) -> None:
     mesh = library.load_library_object(name)
-    vertices, triangles = library.entry(name).build()
+    vertices, triangles, _ = library.entry(name).build()
     assert vertices.dtype == np.float64
     assert triangles.dtype == np.int64
     assert np.array_equal(vertices, mesh.vertices)

@@ -303,7 +303,7 @@ def test_triangulate_keeps_area_and_turn_of_random_stars() -> None:
         flat = np.c_[np.cos(angles), np.sin(angles)] * rng.uniform(0.1, 1, (n, 1))
         turn = trimesh.transformations.random_rotation_matrix(rng.random(3))[:3, :3]
         points = np.c_[flat, np.zeros(n)] @ turn.T
-        cut = triangulate(points, np.arange(n), np.array([n]))
+        cut, _ = triangulate(points, np.arange(n), np.array([n]))
         a, b, c = (points[cut[:, k]] for k in range(3))
         crosses = np.cross(b - a, c - a) / 2
         assert len(cut) == n - 2

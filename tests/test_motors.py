@@ -238,7 +238,7 @@ def test_the_closing_kernel_and_its_plain_version_follow_the_laws_alike(kind: st
 # -- physics ----------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("kind", ["shadow", "allegro", "leap", "tendon"])
+@pytest.mark.parametrize("kind", ["shadow", "allegro", "leap", "tendon", "locking"])
 def test_motors_alone_bring_the_hand_to_every_posture(kind: str) -> None:
     hand = coupled_hand(kind)
     model = mujoco.MjModel.from_xml_string(hand.mjcf)
@@ -283,10 +283,53 @@ def test_a_pressed_finger_of_the_shadow_never_bends_its_last_joint_most(model: s
     assert bent[1] > 0.05
 
 
+def settled(model: mujoco.MjModel, command: float, pushed: dict[str, float]) -> dict[str, float]:
+    """Angles of the index finger's knuckle and middle joint after a second at a command of their motor.
+
+    Args:
+        model: The hand ``locking``.
+        command: The command [rad]; all others are zero.
+        pushed: Torques on joints from outside [N m].
+    """
+    model.opt.timestep, model.opt.integrator = 0.004, mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    model.opt.gravity[:] = 0.0
+    model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
+    data = mujoco.MjData(model)
+    for joint, torque in pushed.items():
+        data.qfrc_applied[int(model.joint(joint).dofadr[0])] = torque
+    for step in range(500):
+        data.ctrl[model.actuator("index_tendon").id] = command * min(1.0, step / 250)
+        mujoco.mj_step(model, data)
+    return {name: float(data.joint(f"index_{name}").qpos[0]) for name in ("knuckle", "middle")}
+
+
+def test_a_couple_that_locks_is_one_gear_train_until_its_joint_is_blocked() -> None:
+    hand = coupled_hand("locking")
+    motor = next(one for one in hand.motors if one.name == "index_tendon")
+    model = mujoco.MjModel.from_xml_string(hand.mjcf)
+    # A fingertip that is pushed back turns the knuckle most. A tendon alone would yield: the finger opens at
+    # the knuckle and curls at the middle joint.
+    pushed = settled(model, 1.2, {"index_knuckle": -0.8, "index_middle": -0.3})
+    assert pushed["middle"] == pytest.approx(0.4 * pushed["knuckle"], abs=0.01)
+    free = motor.angles(1.2)
+    assert pushed["knuckle"] > free[0] - 0.2
+    # The knuckle meets a stop; the middle joint goes on to what is left of the command.
+    model = mujoco.MjModel.from_xml_string(hand.mjcf)
+    model.jnt_range[model.joint("index_knuckle").id, 1] = 0.4
+    blocked = settled(model, motor.range[1], {})
+    assert blocked["knuckle"] < 0.5  # stops are soft
+    assert blocked["middle"] > 0.4 * blocked["knuckle"] + 0.5
+    # It waits until the motor presses the stop in earnest.
+    light = settled(model, 0.4 * 1.4 + 0.15, {})
+    assert 0.3 < light["knuckle"] < 0.5
+    assert sum(light.values()) < 0.4 * 1.4 + 0.1
+    assert light["middle"] == pytest.approx(0.4 * light["knuckle"], abs=0.01)
+
+
 # -- answers ----------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("kind", ["shadow", "bent", "tendon"])
+@pytest.mark.parametrize("kind", ["shadow", "bent", "tendon", "locking"])
 def test_an_answer_moves_and_presses_as_the_motors_can(kind: str) -> None:
     hand = coupled_hand(kind)
     plan = preshape.plan("cube", "lift", hand=hand, count=2, seed=1, mass=0.1)

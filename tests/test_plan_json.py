@@ -44,7 +44,10 @@ PROMISED = {
     "stability", "manipulability", "cog", "U", "contacts", "transitions", "hand", "alternatives",
     "seconds", "version",
 }  # fmt: skip
-LATER = {(): ("known", "length_unit"), ("request",): ("finger_rule",)}
+LATER = {
+    (): ("known", "length_unit", "scene", "rules"),
+    ("request",): ("finger_rule", "up", "rest", "hold_on", "keep_off", "rules"),
+}
 """Keys that were added after version 2 first came out, and where they stand."""
 SCHEMA = plan_schema()
 OUTPUT = {"$schema": SCHEMA["$schema"], "$ref": f"{SCHEMA['$id']}#/$defs/output"}

@@ -483,6 +483,19 @@ def test_spellings_of_a_name(text):
     assert tasks.parse_task(text).label == "hand_over:+x"
 
 
+@pytest.mark.parametrize(
+    ("said", "label"), [("pick", "lift:+z"), ("Pick-up:+x", "lift:+x"), ("hammer", "strike:+x")]
+)
+def test_other_words_for_a_task(said, label):
+    assert tasks.parse_task(said).label == label
+
+
+def test_another_word_is_no_name_and_means_a_family():
+    names = set(tasks.family_names())
+    assert not names & set(tasks.OTHER_NAMES)
+    assert set(tasks.OTHER_NAMES.values()) <= names
+
+
 def test_unknown_name_lists_the_nearest():
     with pytest.raises(UnknownTask) as caught:
         tasks.parse_task("scrw:+z")

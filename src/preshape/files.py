@@ -324,11 +324,11 @@ def arrays_in(content: bytes) -> dict[str, Any]:
         raise ValueError(str(error) or type(error).__name__) from error
 
 
-def keep_arrays(path: Path, /, **arrays: Any) -> bool:
-    """Write arrays to a cache as npz, whole or not at all.
+def write_arrays(path: Path, /, **arrays: Any) -> None:
+    """Write arrays as npz, whole or not at all.
 
-    Returns:
-        Whether they were written; without a usable cache they are not.
+    Raises:
+        EnvironmentFailure: The file cannot be written.
     """
     import numpy as np
 
@@ -336,8 +336,17 @@ def keep_arrays(path: Path, /, **arrays: Any) -> bool:
         with target.open("wb") as stream:
             np.savez(stream, **arrays)
 
+    write_whole(path, write)
+
+
+def keep_arrays(path: Path, /, **arrays: Any) -> bool:
+    """Write arrays to a cache as npz, whole or not at all.
+
+    Returns:
+        Whether they were written; without a usable cache they are not.
+    """
     try:
-        write_whole(path, write)
+        write_arrays(path, **arrays)
     except EnvironmentFailure:
         return False
     return True

@@ -7,6 +7,7 @@ take documents, meshes and hands, so a plan read from a file is drawn like one t
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,7 @@ from .hands.hand import Hand
 from .hands.kinematics import hand_geometry
 from .hiis.planes import PLANES, ApproachPlane, plane
 from .objects.mesh import TriangleMesh
+from .objects.parts import part_pieces, surface_of, whole_surface
 from .tasks import task_from_numbers
 from .types import FRICTION, Array, frozen_array
 from .viewer import words
@@ -40,7 +42,17 @@ def light_mesh(mesh: TriangleMesh) -> TriangleMesh:
     vertices, triangles = reduced(mesh.vertices, mesh.triangles)
     if vertices is mesh.vertices:
         return mesh
-    return TriangleMesh(name=mesh.name, vertices=vertices, triangles=triangles, scale=mesh.scale)
+    return replace(
+        mesh,
+        vertices=vertices,
+        triangles=triangles,
+        counts=None,
+        scan=None,
+        notes=(),
+        lids=0,
+        parts=(),
+        rules=(),
+    )
 
 
 def plan_scene(
@@ -85,7 +97,7 @@ def plan_scene(
                 *([] if document["plane"] else [str(document["reason"])]),
                 *(f"{words.step_words(t)}: {t['reason']}" for t in document["transitions"]),
             ],
-            "table": float(mesh.bounds[0, 2]) if table == "auto" else table,
+            **_table(document, mesh, table),
             "boxes": np.array(request.get("avoid") or [], dtype=np.float64).reshape(-1, 2, 3),
         }
         if answer is not None:
@@ -153,6 +165,34 @@ def plan_picture_of(
     plan_picture(scene, path)
 
 
+def parts_picture_of(mesh: TriangleMesh, path: Path) -> None:
+    """Write a picture of an object's parts as PNG, each in its colour and with its name.
+
+    Where parts overlap, the smaller one is drawn.
+
+    Args:
+        mesh: The object [m].
+        path: The file to write.
+
+    Raises:
+        InputError: The name does not end in ``.png``.
+        EnvironmentFailure: The file cannot be written.
+    """
+    from .viewer.parts_picture import PartPiece, parts_picture
+
+    rest, pieces = whole_surface(mesh), []
+    for part in sorted(mesh.parts, key=lambda part: part_pieces(mesh, part.region).area):
+        inside, rest = part.region.split(rest)
+        if len(inside.corners):
+            pieces.append((part.name, inside))
+    shown = [
+        PartPiece(name=name, vertices=surface.vertices, triangles=surface.triangles)
+        for name, surface in [(name, surface_of(name or "rest", p)) for name, p in [*pieces, ("", rest)]]
+    ]
+    size = " × ".join(f"{1000 * x:.3g}" for x in mesh.extents)
+    parts_picture(shown, path, title=mesh.name, facts=f"{size} mm")
+
+
 def document_html(
     mesh: TriangleMesh, hand: Hand, document: Document, rays: Sequence[Sequence[Sequence[float]]] = ()
 ) -> str:
@@ -214,6 +254,14 @@ def _answer(
     newtons = np.array(grip["forces"], dtype=np.float64).reshape(-1, 3)
     strengths = np.linalg.norm(newtons, axis=1)
     return drawn | {"forces": newtons / max(float(strengths.max(initial=0.0)), 1e-9), "newtons": strengths}
+
+
+def _table(document: Document, mesh: TriangleMesh, table: float | str | None) -> Document:
+    """Height of the table along up, and up; older plans know z only."""
+    scene = document.get("scene")
+    if scene is None:
+        return {"table": float(mesh.bounds[0, 2]) if table == "auto" else table}
+    return {"table": None if scene["table"] is None else float(scene["table"][3]), "up": scene["up"]}
 
 
 def _pose(posed: Document) -> tuple[Array, Array]:

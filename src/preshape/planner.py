@@ -53,6 +53,11 @@ def plan(
     verify: bool = False,
     view: Sequence[float] | str | None = None,
     cut_table: bool | None = None,
+    hold_on: str | Sequence[str] = (),
+    keep_off: str | Sequence[str] = (),
+    rules: str = "task",
+    up: str | None = None,
+    rest: Sequence[float] | None = None,
 ) -> Plan:
     """Plan a preshape.
 
@@ -74,7 +79,8 @@ def plan(
             closure only.
         settings: Thresholds, membership functions and contact coefficients.
         closure: Size and safety of the closure search.
-        table: Height of a table along the object's z [m], or ``auto`` for its lowest point; closure only.
+        table: ``auto`` for a table that the object rests on, or the height of one along ``up`` [m]; closure
+            only.
         avoid: Boxes that hand and fingers stay out of, six numbers each: lower and upper corner in the mesh
             frame [m]; closure only.
         verify: Whether the best answers go through the holding test in physics; the first that holds is
@@ -83,6 +89,14 @@ def plan(
             round; by default what the file says, else its origin where that can be.
         cut_table: Whether a table in a point cloud is cut off; ``False`` keeps it as part of the object. By
             default a cloud with a table is refused.
+        hold_on: Parts of the object to hold, any of them: names (``preshape objects NAME`` lists them),
+            half-spaces such as ``z>0.05``, or boxes of six numbers [m].
+        keep_off: Parts that contacts and links stay away from.
+        rules: ``task`` for the rules of object and task too, or ``none``.
+        up: Axis of the mesh that is up, such as ``y`` or ``-x``; task, table and gravity follow it. By
+            default z, and y for a glTF file.
+        rest: (4,) quaternion wxyz that turns the mesh, as it lies at rest on a table, to a world with z up;
+            by default the object's own, or else it is settled.
 
     Raises:
         InputError: An argument that cannot be used; the message says what to change.
@@ -103,6 +117,8 @@ def plan(
         unit=unit,
         view=view,
         cut_table=cut_table,
+        up=up,
+        rest=rest,
         mass=mass,
         friction=friction,
         table=table,
@@ -114,6 +130,9 @@ def plan(
         verify=verify,
         settings=chosen,
         search=ClosureSettings() if closure is None else closure,
+        hold_on=hold_on,
+        keep_off=keep_off,
+        rules=rules,
         memory=_file_of(memory),
     )
     with Session(memory, learn=learn) as session:

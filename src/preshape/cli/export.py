@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from ..export.moveit import MoveItOptions
     from ..export.planned import PlannedGrasp
 
-FORMATS = ("moveit", "mjcf", "npz")
+FORMATS = ("moveit", "trajectory", "mjcf", "npz")
 
 
 @click.command(
@@ -29,13 +29,14 @@ FORMATS = ("moveit", "mjcf", "npz")
     "--out",
     multiple=True,
     metavar="FILE",
-    help="File to write; repeatable. moveit: .yaml, .mcap, or no ending for a ROS 2 bag; default: text here.",
+    help="File to write; repeatable. moveit: .yaml, .mcap, or no ending for a ROS 2 bag; trajectory: .yaml, "
+    ".csv or .npz; default: text here.",
 )
 @click.option(
     "--answer",
     type=int,
     metavar="N",
-    help="0 for the answer, 1 … for the alternatives; default: all (mjcf: the answer).",
+    help="0 for the answer, 1 … for the alternatives; default: all (mjcf, trajectory: the answer).",
 )
 @best_option
 @click.option("--hand", metavar="HAND", help="Name or TOML file; default: the plan's hand.")
@@ -74,6 +75,18 @@ FORMATS = ("moveit", "mjcf", "npz")
     metavar="FRAME",
     help="moveit: frame whose +z is up; default: against the task's gravity, in --frame.",
 )
+@click.option(
+    "--driver",
+    metavar="NAME",
+    help="trajectory: names, order and numbers of the hand's own driver: leap, allegro, shadow, inspire, or "
+    "a TOML file.",
+)
+@click.option(
+    "--duration",
+    type=float,
+    metavar="SECONDS",
+    help="trajectory: time from the pregrasp to the end of the lift; default 3.5.",
+)
 @click.option("--objects", metavar="DIR", help="mjcf, npz: folder of the objects that are not built in.")
 @json_option
 def export(
@@ -92,13 +105,16 @@ def export(
     approach_distance: float,
     retreat_distance: float,
     up_frame: str | None,
+    driver: str | None,
+    duration: float | None,
     objects: str | None,
     as_json: bool,
 ) -> int:
     """Write PLAN for other programs. PLAN is a plan.json, or - for standard input.
 
-    moveit: moveit_msgs/msg/Grasp, one for each answer, the plan's own first (docs/ros.md). mjcf: a MuJoCo
-    scene with hand and object at the grasp. npz: grasp arrays (docs/grasp-file.md).
+    moveit: moveit_msgs/msg/Grasp, one for each answer, the plan's own first (docs/ros.md). trajectory:
+    commands of the motors from the open hand to the lift. mjcf: a MuJoCo scene with hand and object at the
+    grasp. npz: grasp arrays (docs/grasp-file.md).
 
     Exit code 0: written. 2: bad input, such as a plan whose hand has no posture. 3: a file or a package is
     missing.
@@ -107,6 +123,9 @@ def export(
         raise InputError(f"--format must be one of {', '.join(FORMATS)}, got {shown(kind)}")
     if not all(name.strip() for name in out):
         raise InputError("--out needs a file, got an empty name")
+    for option, given in (("--driver", driver), ("--duration", duration)):
+        if given is not None and kind != "trajectory":
+            raise InputError(f"{option} belongs to --format trajectory")
     from ..export.moveit import MoveItOptions
     from ..export.planned import planned_grasps
     from ..planning.document import obstacles_of, read_plan
@@ -149,6 +168,10 @@ def export(
     }
     if kind == "moveit":
         text, more = _moveit(grasps, options, paths, file)
+    elif kind == "trajectory":
+        grasps = (first,)
+        report["answers"] = [first.number]
+        text, more = _trajectory(first, driver, duration, paths, file)
     else:
         text, more = _other(kind, document, grasps, objects, paths, file)
     report |= {**more, "files": [str(path) for path in paths]}
@@ -166,7 +189,12 @@ def _paths(kind: str, out: tuple[str, ...]) -> list[Path]:
     Raises:
         InputError: A file's ending is not one of the format's, or the format needs a file and none is given.
     """
-    endings = {"moveit": (".yaml", ".yml", ".mcap", ""), "mjcf": (".xml", ".mjcf"), "npz": (".npz",)}[kind]
+    endings = {
+        "moveit": (".yaml", ".yml", ".mcap", ""),
+        "trajectory": (".yaml", ".yml", ".csv", ".npz"),
+        "mjcf": (".xml", ".mjcf"),
+        "npz": (".npz",),
+    }[kind]
     paths = [Path(name) for name in out]
     for path in paths:
         if path.suffix.lower() not in endings:
@@ -206,6 +234,50 @@ def _moveit(
     return text, {"frame": options.frame, "parent_link": link, "grasps": messages}
 
 
+def _trajectory(
+    grasp: PlannedGrasp, driver: str | None, duration: float | None, paths: list[Path], file: str
+) -> tuple[str, dict[str, Any]]:
+    from .._version import __version__
+    from ..export.drivers import load_driver
+    from ..export.moveit import messages_yaml
+    from ..export.trajectory import (
+        DURATION,
+        motor_trajectory,
+        trajectory_arrays,
+        trajectory_csv,
+        trajectory_message,
+    )
+    from ..files import write_arrays, write_text
+
+    chosen = None if driver is None else load_driver(driver)
+    found = motor_trajectory(grasp, chosen, DURATION if duration is None else duration)
+    message = trajectory_message(found)
+    stages = ", ".join(f"{stage} {time:g} s" for stage, time in zip(found.stages, found.times, strict=True))
+    text = messages_yaml(
+        [message],
+        f"trajectory_msgs/msg/JointTrajectory of the hand {grasp.hand.name}\n"
+        f"from {escaped_line(Path(file).name)} by preshape {__version__}\n"
+        f"planned for {grasp.mass:g} kg, friction {grasp.friction:g}\n"
+        f"positions in {found.unit}; {stages}\n"
+        f"{grasp.warning}",
+    )
+    for path in paths:
+        if path.suffix.lower() == ".csv":
+            write_text(path, trajectory_csv(found))
+        elif path.suffix.lower() == ".npz":
+            write_arrays(path, **trajectory_arrays(found))
+        else:
+            write_text(path, text)
+    return text, {
+        "driver": None if chosen is None else chosen.name,
+        "unit": found.unit,
+        "stages": dict(zip(found.stages, found.times.tolist(), strict=True)),
+        "efforts": found.efforts.tolist(),
+        "cut": list(found.cut),
+        "trajectory": message,
+    }
+
+
 def _other(
     kind: str,
     document: dict[str, Any],
@@ -239,6 +311,12 @@ def _tell(report: dict[str, Any], paths: list[Path], as_json: bool) -> None:
         say(f"answer {each['answer']} is left out, its hand has no posture: {each['reason']}", err=True)
     if report["obstacles_left_out"]:
         say(f"left out, though planned with: {report['obstacles_left_out']}", err=True)
+    if cut := report.get("cut"):
+        say(
+            f"the driver's limits cut the command of {', '.join(cut)}: the hand presses less there than "
+            "planned",
+            err=True,
+        )
     if report["best"]:
         say(f"this is the best grasp found, not an answer; executable: false; {report['lacking']}", err=True)
     if as_json or not paths:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from .lazy import HelpfulGroup
 from .options import json_option, motors_option
 from .printing import emit, say
 
@@ -19,6 +20,7 @@ SIDE = 420
 
 
 @click.group(
+    cls=HelpfulGroup,
     invoke_without_command=True,
     epilog="Example: preshape hands init my_hand.urdf",
 )

@@ -2,13 +2,35 @@
 
 from __future__ import annotations
 
+import difflib
 import importlib
 from typing import Any
 
 import click
 
+from ..exceptions import shown
 
-class LazyGroup(click.Group):
+
+class HelpfulGroup(click.Group):
+    """A group that answers an unknown command with the nearest ones."""
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        """The command of the first argument.
+
+        Raises:
+            UsageError: There is no such command.
+        """
+        name, known = str(args[0]), self.list_commands(ctx)
+        if name not in known and not name.startswith("-") and not ctx.resilient_parsing:
+            near = difflib.get_close_matches(name.lower(), known, n=2)
+            hint = f"did you mean {' or '.join(near)}? Known" if near else "known"
+            ctx.fail(f"no such command {shown(name)}; {hint}: {', '.join(known)}")
+        return super().resolve_command(ctx, args)
+
+
+class LazyGroup(HelpfulGroup):
     """A group that stores only the names of its commands and imports them on use.
 
     Args:

@@ -2,18 +2,32 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import click
 
-from .options import json_option
-from .printing import emit, print_rows
+from ..exceptions import InputError
+from .options import check_folder, json_option
+from .printing import emit, name_files, print_rows, say
 
 
-@click.command(epilog="Example: preshape objects")
+@click.command(epilog="Example: preshape objects, or preshape objects hammer --out out/hammer")
+@click.argument("thing", metavar="[OBJECT]", required=False)
+@click.option("--scale", type=float, default=1.0, help="Factor on the object's size.")
+@click.option("--unit", default="m", metavar="m|cm|mm|in", help="Unit of the file.")
+@click.option("--out", metavar="DIR", help="Folder for a picture of the object's parts, with their names.")
 @json_option
-def objects(as_json: bool) -> None:
-    """List the built-in objects with size, mass and tasks."""
+def objects(thing: str | None, scale: float, unit: str, out: str | None, as_json: bool) -> None:
+    """List the built-in objects with size, mass and tasks, or show one object or mesh file with its parts.
+
+    Parts are what --hold-on and --keep-off of preshape plan take.
+    """
+    if thing is not None:
+        _one_object(thing, scale=scale, unit=unit, out=out, as_json=as_json)
+        return
+    if out is not None or scale != 1.0 or unit != "m":
+        raise InputError("--out, --scale and --unit are for one object: preshape objects OBJECT --out DIR")
     from ..objects.library import entry, load_library_object, names
 
     rows: list[dict[str, Any]] = []
@@ -42,11 +56,92 @@ def objects(as_json: bool) -> None:
     )
 
 
+def _one_object(thing: str, *, scale: float, unit: str, out: str | None, as_json: bool) -> None:
+    """Show one object with its parts.
+
+    Raises:
+        InputError: The object, its sidecar or an option cannot be used.
+        EnvironmentFailure: A file cannot be read or written.
+    """
+    from ..files import file_stem, make_folder
+    from ..objects.load import load_object
+    from ..objects.mass import object_mass
+    from ..objects.parts import part_pieces
+    from ..tasks import parse_task
+
+    check_folder(out)
+    mesh = load_object(thing, scale=scale, unit=unit)
+    mass = object_mass(mesh)
+    for task in mesh.tasks:
+        parse_task(task)  # a sidecar may name anything
+    parts: list[dict[str, Any]] = [
+        {"name": part.name, "origin": part.origin, "area": part_pieces(mesh, part.region).area}
+        for part in mesh.parts
+    ]
+    written = []
+    if out is not None:
+        from ..pictures import parts_picture_of
+
+        make_folder(Path(out))
+        written.append(Path(out) / f"{file_stem(mesh.name)}-parts.png")
+        parts_picture_of(mesh, written[0])
+    rules = [
+        {"tasks": list(rule.tasks), "hold_on": list(rule.hold_on), "keep_off": list(rule.keep_off)}
+        for rule in mesh.rules
+    ]
+    if as_json:
+        document = {
+            "name": mesh.name,
+            "extents": mesh.extents.tolist(),
+            "mass": mass.kg,
+            "mass_source": mass.source,
+            "com": None if mesh.com is None else mesh.com.tolist(),
+            "up": mesh.up,
+            "rest": None if mesh.rest is None else mesh.rest.tolist(),
+            "tasks": list(mesh.tasks),
+            "area": mesh.area,
+            "parts": parts,
+            "rules": rules,
+            "notes": list(mesh.notes),
+            "files": [str(path) for path in written],
+        }
+        emit({"status": "answer", "object": document})
+        return
+    size = " × ".join(f"{1000 * x:.3g}" for x in mesh.extents)
+    say(f"{mesh.name}: {size} mm, {mass.words}, {mesh.up} is up")
+    for name, numbers in (("centre of mass [m]", mesh.com), ("rest [quaternion w x y z]", mesh.rest)):
+        if numbers is not None:
+            say(f"{name}: {' '.join(f'{x:.4g}' for x in numbers + 0.0)}")
+    if mesh.tasks:
+        say(f"tasks: {' '.join(mesh.tasks)}")
+    for note in mesh.notes:
+        say(f"! {note}")
+    for rule in mesh.rules:
+        held = [f"hold on {' or '.join(rule.hold_on)}"] if rule.hold_on else []
+        said = ", ".join([*held, *(f"keep off {name}" for name in rule.keep_off)])
+        say(f"to {', '.join(rule.tasks)}: {said}")
+    if parts:
+        say("")
+        print_rows(
+            ("part", ">area [cm²]", ">share", "from"),
+            [
+                (p["name"], f"{1e4 * p['area']:.1f}", f"{p['area'] / mesh.area:.0%}", _FROM[p["origin"]])
+                for p in parts
+            ],
+        )
+    else:
+        say("no named parts: name them in NAME.preshape.toml beside the mesh, or describe them, as z>0.05")
+    name_files(written)
+
+
+_FROM = {"library": "the library", "file": "a group of the file", "sidecar": "NAME.preshape.toml"}
+
+
 @click.command(epilog="Example: preshape tasks")
 @json_option
 def tasks(as_json: bool) -> None:
     """List the named tasks. A colon and an axis select another direction: push:-y, turn:+x."""
-    from ..tasks import FAMILIES, named_task
+    from ..tasks import FAMILIES, OTHER_NAMES, named_task
 
     rows: list[dict[str, Any]] = []
     for name, family in FAMILIES.items():
@@ -58,6 +153,7 @@ def tasks(as_json: bool) -> None:
                 "q": task.q.tolist(),
                 "motion": task.describe(),
                 "means": task.means,
+                "other_names": [word for word, meant in OTHER_NAMES.items() if meant == name],
             }
         )
     if as_json:
@@ -65,8 +161,14 @@ def tasks(as_json: bool) -> None:
         return
     print_rows(
         ("task", ">Tx   Ty   Tz    Rx   Ry   Rz", "~meaning"),
-        [(f"{row['name']}:{row['axis']}", _six(row["q"]), row["means"]) for row in rows],
+        [(f"{row['name']}:{row['axis']}", _six(row["q"]), _meaning(row)) for row in rows],
     )
+
+
+def _meaning(row: dict[str, Any]) -> str:
+    """What a task means, and the other words for it."""
+    others = ", ".join(word.replace("_", " ") for word in row["other_names"])
+    return row["means"] + (f" Also: {others}." if others else "")
 
 
 def _six(q: list[float]) -> str:

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import click
 
+from .lazy import HelpfulGroup
 from .options import json_option, memory_option
 from .printing import emit, print_rows, say
 
@@ -14,7 +15,7 @@ MOST_LISTED = 200
 """Largest number of objects in a list for reading."""
 
 
-@click.group(epilog="Example: preshape memory show")
+@click.group(cls=HelpfulGroup, epilog="Example: preshape memory show")
 def memory() -> None:
     """Show, export, import or reset what was learnt."""
 

@@ -129,7 +129,7 @@ def json_option(command: Command) -> Command:
 
 
 def object_options(command: Command) -> Command:
-    """``--hand --motors --analyser --scale --unit --approach --type --seed`` and the critic's thresholds."""
+    """``--hand --motors --analyser --scale --unit --up --approach --type --seed`` and thresholds."""
     options = (
         click.option(
             "--hand",
@@ -145,6 +145,11 @@ def object_options(command: Command) -> Command:
         ),
         click.option("--scale", type=float, default=1.0, help="Factor on the object's size."),
         click.option("--unit", default="m", metavar="m|cm|mm|in", help="Unit of the file."),
+        click.option(
+            "--up",
+            metavar="x|y|z|-x|-y|-z",
+            help="Axis of the file that is up; task, table and gravity follow it.  [default: z; glTF: y]",
+        ),
         click.option(
             "--part-of-file",
             metavar="N|all",
@@ -186,8 +191,31 @@ def hand_from(options: dict[str, Any]) -> str:
     return joined(options["hand"], options["motors"])
 
 
+_rule_options = (
+    click.option(
+        "--hold-on",
+        metavar="PART",
+        multiple=True,
+        help='Contacts only on this part: a name (preshape objects OBJECT), "z>0.05", or six numbers of a '
+        "box [m]; repeatable, any of them.",
+    ),
+    click.option(
+        "--keep-off",
+        metavar="PART",
+        multiple=True,
+        help="No contact on this part, and no link within 3 mm of it; repeatable.",
+    ),
+    click.option(
+        "--rules",
+        default="task",
+        metavar="task|none",
+        help="task: rules of object and task too, as hold a hammer's handle to strike.  [default: task]",
+    ),
+)
+
+
 def closure_options(command: Command) -> Command:
-    """``--friction --mass --table --avoid``, for the closure analyser."""
+    """``--friction --mass --table --avoid``, for the closure analyser; ``--hold-on --keep-off --rules``."""
     options = (
         click.option(
             "--friction",
@@ -205,7 +233,8 @@ def closure_options(command: Command) -> Command:
             metavar="[HEIGHT|none]",
             is_flag=False,
             flag_value="auto",
-            help="A table under the object, at this z [m]; without a number, at its lowest point.",
+            help="A table that the object rests on; with a number, a table at this height along up [m], and "
+            "the object as it is modelled.",
         ),
         click.option(
             "--avoid",
@@ -213,6 +242,7 @@ def closure_options(command: Command) -> Command:
             multiple=True,
             help='A box that the hand stays out of, "x0 y0 z0 x1 y1 z1" in the mesh frame [m]; repeatable.',
         ),
+        *_rule_options,
     )
     for option in reversed(options):
         command = option(command)
@@ -276,7 +306,7 @@ def request_from(thing: str, task: str, *, hand: Any, options: dict[str, Any], *
     thresholds = Thresholds(
         estimation=options["estimation_threshold"], recognition=options["recognition_threshold"]
     )
-    same = ("scale", "unit", "mass", "friction", "table", "memory")
+    same = ("scale", "unit", "mass", "friction", "table", "memory", "up", "hold_on", "keep_off", "rules")
     return PlanRequest(
         source=source_from(thing, options),
         task=task,

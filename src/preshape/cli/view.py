@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from ..app.browser_session import Start
     from ..planning.request import PlanRequest
 
-FOR_PLANS = ("mass", "friction", "table", "avoid", "memory")
+FOR_PLANS = ("mass", "friction", "table", "avoid", "hold_on", "keep_off", "rules", "memory")
 """Options that may be given with a plan; they change its request."""
 
 

@@ -10,7 +10,6 @@ from __future__ import annotations
 import zlib
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 
@@ -20,7 +19,7 @@ from ..hiis.analyser import MAX_FINGERS, Aim, Grasp, Grip, HandLayout
 from ..hiis.fuzzy import FuzzySets
 from ..kernels.field.host import SurfaceQuery, prepare_field
 from ..objects.mesh import TriangleMesh
-from ..types import ANSWER_KIND, Array, ContactCoefficients, Experience, frozen_array
+from ..types import ANSWER_KIND, Array, ContactCoefficients, Experience, IntArray, frozen_array
 from .candidates import (
     DrawnCandidates,
     RankedCandidates,
@@ -31,13 +30,15 @@ from .candidates import (
     merged,
     without_failed,
 )
+from .contact_places import allowed_surface
 from .demand import Demand, inner_centre, task_demand, turn_levers
 from .finish import ENOUGH, INSIDE, OVERLAP, FinishedGrip, Finisher, FinishOptions
-from .grips import GripExploration, described, grip_exploration
+from .grips import GripExploration, described, grip_exploration, of_both_kinds
 from .hand_pinches import hand_pinches
-from .limits import LOAD, costliest, heaviest_mass, remedy, shortfall, why_none
+from .limits import LOAD, costliest, heaviest_mass, nothing_left, remedy, rules_cost, shortfall, why_none
 from .pinching import PINCHED, THINNEST, Pincher, antipodal_patches
 from .recall import FEW_VALUES, on_object, recalled
+from .rules import breaks
 from .search import ClosureSearch
 from .settings import ClosureSettings
 from .wrapping import families, wraps
@@ -58,24 +59,6 @@ WRAP_ROUNDS, WRAP_DECAY = 2, 0.8
 shrinks [C]: few draws balance anything, so they are refined for longer. Measured on wood block and cracker
 box with two hands, the best margin doubled."""
 _CACHED_AIMS = 24
-
-
-class Effort(NamedTuple):
-    """Size of the search for one aim.
-
-    Attributes:
-        candidates: Number of candidates in the first draw.
-        elite: Size of the elite set.
-        rounds: Number of rounds of refinement.
-        grips: Number of grips wanted.
-        samples: Number of disturbed poses tested for each grip.
-    """
-
-    candidates: int
-    elite: int
-    rounds: int
-    grips: int
-    samples: int
 
 
 class ClosureAnalyser:
@@ -129,11 +112,16 @@ class ClosureAnalyser:
             query=self.query,
         )
         pinches = hand_pinches(hand)
-        patches = antipodal_patches(mesh, self.field, float(pinches.tip[0]), pinches.widest)
+        places = self.search.places
+        self.allowed = allowed_surface(mesh, places) if places else None
+        patches = antipodal_patches(
+            mesh, self.field, float(pinches.tip[0]), pinches.widest, allowed=self.allowed, places=places
+        )
         self.pincher = Pincher(pinches, patches, mesh.cog, mesh.extents / 2, self.search.kernel)
         self.finisher = Finisher(self.search, self.query)
         self._cache: dict[bytes, GripExploration] = {}
         self._explored: set[bytes] = set()  # tasks for which all allowed planes have been searched
+        self._tallies: dict[bytes, IntArray] = {}  # of the searches of all planes, by task
         self._last_demand: tuple[bytes, Demand] | None = None
 
     measure = "the grip's quality (3 is just enough)"
@@ -143,6 +131,7 @@ class ClosureAnalyser:
         """Clear the cache of aims, so that the next one is searched again."""
         self._cache.clear()
         self._explored.clear()
+        self._tallies.clear()
 
     @property
     def tried(self) -> int:
@@ -219,7 +208,9 @@ class ClosureAnalyser:
         """What a grip lacks and what would help; an empty text for a virtual grasp."""
         if not isinstance(grasp, Grip):
             return ""
-        return shortfall(self.search, grasp, self.demand(frozen_array(q, (6,), "task Q")))
+        task = frozen_array(q, (6,), "task Q")
+        lacking = shortfall(self.search, grasp, self.demand(task))
+        return lacking + rules_cost(self._tallies.get(task.tobytes()), self.settings)
 
     def grips(self, q: Array, finished: Sequence[FinishedGrip]) -> list[Grip]:
         """Finished grips with the paper's figures: net wrench, TFVADI and screw measures.
@@ -264,9 +255,11 @@ class ClosureAnalyser:
                 f"the object is {1e3 * size:.2g} mm long, and fingers can be placed on "
                 f"{1e3 * THINNEST:.0f} mm or more; check its unit",
             )
-        demand, settings, effort = self.demand(q), self.settings, self._effort(aim)
-        one_plane = len(aim.planes) == 1
+        if self.allowed is not None and not len(self.allowed):
+            return grip_exploration([], 0, nothing_left(self.settings.rules))
+        demand, settings, one_plane = self.demand(q), self.settings, len(aim.planes) == 1
         at_estimate = one_plane and len(aim.values) <= FEW_VALUES
+        effort = settings.effort(one_plane, at_estimate)
         lessons = [e for e in self._known() if e.scene == self.scene] if at_estimate else self._known()
         known = recalled(lessons, self.mesh, q, aim, hand=self.hand, sets=self.sets)
         # 1. Stored grips.
@@ -310,14 +303,14 @@ class ClosureAnalyser:
                 fresh = replace(more, tally=more.tally - pool.tally)
                 found, pool = merged(found, fresh), more
         # 6. Wraps.
-        wrapped = list[FinishedGrip]()
+        wrapped, tally = list[FinishedGrip](), found.tally
         strong = _best_margin(finished) >= ENOUGH_MARGIN and not (settings.both and not one_plane)
         if power or (settings.wraps and not precision and not at_estimate and not strong):
             wrapped, closed = self._wraps(rng, aim, demand, options)
+            tried, tally = tried + closed.tried, tally + closed.tally
             if power:
                 found = source = closed
-            else:
-                tried += closed.tried
+                tried -= closed.tried
         # 7. Firm press.
         if not power and not unexplored and max(_best_margin(finished), _best_margin(wrapped)) < 1.0:
             finished = self.finisher.finish(source, demand, replace(options, by_joints=True, firm=True))
@@ -333,16 +326,17 @@ class ClosureAnalyser:
         answers.sort(key=lambda grip: -grip.judged)
         if power:
             answers = [grip for grip in answers if grip.whole_hand]
-        best = answers[: effort.grips]
-        others = [grip for grip in answers[effort.grips :] if grip.whole_hand != best[0].whole_hand]
-        if others and all(grip.whole_hand == best[0].whole_hand for grip in best):
-            best[len(best) // 2 + 1 :] = others[: len(best) - len(best) // 2 - 1]
-        reason, miss = "" if answers else why_none(self.settings, found), None
+        best = of_both_kinds(answers, effort.grips)
+        reason, miss = "" if answers else why_none(found, settings), None
+        if not one_plane:
+            self._tallies[q.tobytes()] = tally
         if not answers and not one_plane:
-            rules = costliest(self.settings, found)
+            rules = costliest(found, self.search.blockers)
             again = effort.candidates
             drawn = (
-                self.search.wrapper.draw(rng, self.search.pool, self.mesh, again, self._region(aim))
+                self.search.wrapper.draw(
+                    rng, self.search.pool, self.mesh, again, self._region(aim), self.allowed
+                )
                 if power
                 else self._draw(rng, aim, again)
             )
@@ -362,7 +356,8 @@ class ClosureAnalyser:
         """The best grip that was refused, as an example of what is lacking.
 
         The rule that refused most candidates selects it: if it is the load, a grip that the hand can execute
-        comes first; if it is an obstacle, the grip is one that collides with the obstacles.
+        comes first; if it is an obstacle or a contact rule, the grip is one that collides with it or breaks
+        it.
 
         Args:
             q: (6,) task Q.
@@ -373,7 +368,7 @@ class ClosureAnalyser:
             rules: What refused candidates, the costliest first.
         """
         options = FinishOptions(count=REFUSED_EXAMINED, planes=aim.planes, anyway=True)
-        names = self.settings.obstacles.names
+        names = self.search.blockers
         for rule in rules:
             likely = found
             if rule in names:
@@ -382,7 +377,8 @@ class ClosureAnalyser:
                 likely = found.take(np.argsort(-found.hold, kind="stable"))
             grips = self.finisher.finish(likely.take(distinct(likely, REFUSED_EXAMINED)), demand, options)
             if rule in names:
-                clause = f"{rule} is in the closed hand's way"
+                lawless = rule in self.settings.rules.names
+                clause = breaks(rule) if lawless else f"{rule} is in the closed hand's way"
                 grips = [replace(g, refused=clause) for g in grips if g.refused not in (INSIDE, OVERLAP)]
             if grips:
                 best = max(grips, key=lambda g: (not g.refused, g.refused not in (INSIDE, OVERLAP), g.margin))
@@ -416,7 +412,7 @@ class ClosureAnalyser:
         count, grips = round((1.0 if whole else 0.5) * settings.wraps), list[FinishedGrip]()
         every: RankedCandidates | None = None
         for _ in range(1 + settings.persistence if whole else 1):
-            drawn = self.search.draw_wraps(rng, self.mesh, count, self._region(aim))
+            drawn = self.search.draw_wraps(rng, self.mesh, count, self._region(aim), self.allowed)
             found = self.search.refine(
                 rng,
                 self.search.evaluate(drawn, demand),
@@ -462,15 +458,6 @@ class ClosureAnalyser:
             found = merged(found, more)
         return found
 
-    def _effort(self, aim: Aim) -> Effort:
-        """Size of the search: small at the estimate, larger on one plane, largest over all planes."""
-        s = self.settings
-        if len(aim.planes) > 1:
-            return Effort(s.everywhere, s.elite, s.rounds, s.finished, samples=8)
-        if len(aim.values) > FEW_VALUES:
-            return Effort(s.on_plane, max(1, s.elite // 2), s.rounds, min(s.finished, 4), samples=8)
-        return Effort(s.at_aim, max(1, s.elite // 4), min(1, s.rounds), 1, samples=4)
-
     def _draw(self, rng: np.random.Generator, aim: Aim, count: int) -> DrawnCandidates:
         """Draw candidates in an aim: pinches where the object fits between fingers, else preshaped hands."""
         region = self._region(aim)
@@ -487,6 +474,7 @@ class ClosureAnalyser:
             flips=aim.flips,
             values=list(aim.values) if len(aim.values) <= FEW_VALUES else None,
             fingers=fingers or None,
+            box=self.allowed.box if self.allowed else None,
         )
 
 

@@ -36,12 +36,14 @@ class Region:
         flips: Allowed thumb sides: True for the -o side, False for the +o side.
         values: Approach values around which aim points are drawn; ``None`` allows any.
         fingers: Numbers of fingers that close; ``None`` allows any.
+        box: (2, 3) bounding box of the surface that may be touched [m]; ``None`` for the whole object.
     """
 
     planes: Sequence[int] = tuple(range(1, 13))
     flips: Sequence[bool] = (False, True)
     values: Sequence[float] | None = None
     fingers: Sequence[int] | None = None
+    box: Array | None = None
 
 
 @value
@@ -82,8 +84,9 @@ class RankedCandidates:
         task: (n,) strength along the task's wrench cone, or of plain holding if there is no task.
         hold: (n,) strength of plain holding, exact only where it can lower the score.
         tally: (4 + m,) number of candidates that were tried; that closed on the object; that were clear of
-            the table and the boxes too; that balance some of the load too; and for each of m obstacles, that
-            closed on the object and were refused because of it. A tally is not reduced by ``take``.
+            all obstacles and contact rules too; that balance some of the load too; and for each of these m
+            blockers, that closed on the object and were refused because of it. A tally is not reduced by
+            ``take``.
     """
 
     drawn: DrawnCandidates
@@ -113,7 +116,8 @@ def draw_candidates(
     """Draw candidates that pinch at random aim points.
 
     1. Draw a preshape, an approach plane and a thumb side.
-    2. Draw an aim point in the object's bounding box, near the middle along the opposition axis.
+    2. Draw an aim point in the bounding box of the object, or of its surface that may be touched, near the
+       middle along the opposition axis.
     3. Choose the station of the closing path whose aperture suits the object's width.
     4. Orient the hand for the plane, add a random tilt and rotation, and move the station's pinch point onto
        the aim point.
@@ -124,7 +128,8 @@ def draw_candidates(
         centre: (3,) middle of the object's bounding box [m].
         half: (3,) half the extents of that box [m].
         count: Number of candidates.
-        region: Where to draw; without approach values, aim points lie anywhere in ±``REACH``.
+        region: Where to draw; without approach values, aim points lie anywhere in ±``REACH`` of the box. An
+            approach value outside the surface that may be touched means its nearest end.
     """
     rows = np.arange(len(pool.start))
     if region.fingers is not None:
@@ -135,15 +140,24 @@ def draw_candidates(
     flip = np.asarray(region.flips)[rng.integers(len(region.flips), size=count)]
     a, o = APPROACH_AXES[plane - 1], OPPOSITION_AXES[plane - 1]
     t = cross(a, o)
-    along, across, aside = (np.abs(x) @ half for x in (a, o, t))
+    along = np.abs(a) @ half
+    if region.box is None:
+        middle, shift, share, size = centre, np.zeros(count), np.ones(count), half
+    else:
+        middle, size = region.box.mean(axis=0), 0.5 * (region.box[1] - region.box[0])
+        reach = np.maximum(along, 1e-9)
+        shift, share = np.einsum("ni,i->n", a, middle - centre) / reach, (np.abs(a) @ size) / reach
+    across, aside = (np.abs(x) @ size for x in (o, t))
     # 2. Aim point.
     if region.values is None:
-        v = rng.uniform(-REACH, REACH, count)
+        v = shift + share * rng.uniform(-REACH, REACH, count)
     else:
         values = np.asarray(region.values)
         v = values[rng.integers(len(values), size=count)] + rng.normal(0.0, 0.1, count)
+        if region.box is not None:
+            v = np.clip(v, shift - REACH * share, shift + REACH * share)
     u, w = rng.uniform(-REACH, REACH, count), rng.normal(0.0, 0.15, count)
-    aim = centre + (v * along)[:, None] * a + (u * aside)[:, None] * t + (w * across)[:, None] * o
+    aim = middle + ((v - shift) * along)[:, None] * a + (u * aside)[:, None] * t + (w * across)[:, None] * o
     # 3. Station.
     station = _station(rng, pool.aperture[pick], 2 * across)
     # 4. Palm pose.

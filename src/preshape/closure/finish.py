@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from functools import cache, partial
+from itertools import compress
 from typing import NamedTuple
 
 import numpy as np
@@ -16,7 +17,7 @@ from ..kernels.chains import joint_frames
 from ..kernels.closing.host import ClosingKernel, Fate
 from ..kernels.field.host import SurfaceQuery
 from ..kernels.hand_spheres import FINE
-from ..types import Array, IntArray, value
+from ..types import Array, BoolArray, IntArray, value
 from .candidates import DrawnCandidates, RankedCandidates
 from .closed import ON_PALM, WRAP, ClosedHands, closed_hands, part_name, touching_spheres
 from .demand import LONGEST, Demand
@@ -24,6 +25,7 @@ from .hand_tables import hand_tables
 from .opening import ALONG, BACK, NEAREST, OPENING, Opener
 from .preshapes import posture_at
 from .pressing import MAX_IMBALANCE, Squeezer, UnitSqueeze, turn_from_contact_error
+from .rules import breaks
 from .search import MIN_CONTACTS, ClosureSearch
 from .wrapping import Wrapper, wraps
 
@@ -138,7 +140,13 @@ class Finisher:
         self.kernel = ClosingKernel(
             self.tables, search.field, device=self.settings.device, threads=self.settings.threads
         )
-        self.opener = Opener(self.tables, self.kernel, HandKinematics(search.hand), self.settings.obstacles)
+        self.opener = Opener(
+            self.tables,
+            self.kernel,
+            HandKinematics(search.hand),
+            self.settings.obstacles,
+            search.kept_off,
+        )
         self.squeezer = Squeezer(
             search.hand,
             self.tables,
@@ -173,8 +181,9 @@ class Finisher:
 
         1. Close the candidates again with fine spheres, and find their exact contacts.
         2. Drop those that do not close or whose contacts are not real; those that penetrate the object, hit
-           an obstacle, or balance none of the load.
-        3. In batches: drop hands whose links overlap, then find a pregrasp and a collision-free approach.
+           an obstacle, break a contact rule, or balance none of the load.
+        3. In batches: drop hands whose links overlap, or whose exact shapes are near a part that is kept off;
+           then find a pregrasp and a collision-free approach.
         4. For each with both, compute the thorough strength and the squeeze, until there are enough grips.
         5. If a firm press is allowed and no grip is good enough, press harder.
 
@@ -198,7 +207,9 @@ class Finisher:
             candidates.place, candidates.turn, grasp, self.settings.obstacles, enough=OPENING
         )
         closed, outside = hands.real, to_object.min(axis=1) > -DEEPEST
+        broken = self._broken(hands)
         sound = outside & (to_obstacles > 0) & (self.search.score(task, hold, demand) > 0)
+        sound &= ~broken.any(axis=1)
         rows, apart = np.flatnonzero(closed & (sound | options.anyway)), np.ones(len(closed), dtype=bool)
         squeeze = cache(partial(self.squeezer.squeeze, hands, frames))
         if options.by_joints:
@@ -211,10 +222,15 @@ class Finisher:
                 break
             # 3. Pregrasps and approaches of a batch.
             apart[part] = [self.opener.links_apart(grasp[row]) for row in part]
+            if len(self.search.kept_off):
+                poses = np.concatenate([candidates.place, candidates.turn], axis=1)
+                for row in part[apart[part]]:
+                    near = self.search.kept_off.exactly_near(poses[row], grasp[row])
+                    broken[row, -len(near) :] |= near
             ways = self.opener.find(
                 candidates,
                 grasp,
-                part[apart[part] | options.anyway],
+                part[(apart[part] & ~broken[part].any(axis=1)) | options.anyway],
                 found.drawn.plane,
                 options.planes,
                 wrapping=candidates.mask & WRAP != 0,
@@ -241,7 +257,7 @@ class Finisher:
                     approach=ways.approach[k],
                     clearance=float(ways.clearance[k]),
                     strengths=(float(strengths[k]) / demand.load, float(hold[row]) / self.settings.hold),
-                    refused=INSIDE if not outside[row] else ways.refused[k] if apart[row] else OVERLAP,
+                    refused=self._refused(outside[row], apart[row], broken[row]) or ways.refused[k],
                 )
                 grip = self._grip(found, candidate, options, firm=False)
                 if grip is not None:
@@ -252,6 +268,31 @@ class Finisher:
             firm = [self._grip(found, candidate, options, firm=True) for candidate in executable]
             return [grip for grip in firm if grip is not None]
         return grips
+
+    def _broken(self, hands: ClosedHands) -> BoolArray:
+        """(n, m) which contact rules closed hands break.
+
+        Every link and place of the palm within ``CONTACT`` of the object counts as a contact, whether or not
+        the grip presses with it.
+        """
+        places, kept_off = self.search.places, self.search.kept_off
+        broken = places.broken_by(hands.points, hands.counts)
+        if len(places):
+            touching = self.wrapper.contacts(hands.candidates, hands.grasp)
+            every = closed_hands(
+                self.tables, self.query, hands.candidates, hands.grasp, *touching, closed=hands.real
+            )
+            broken |= places.broken_by(every.points, every.counts)
+        if len(kept_off):
+            candidates = hands.candidates
+            broken[:, -len(kept_off) :] |= kept_off.near(candidates.place, candidates.turn, hands.grasp)
+        return broken
+
+    def _refused(self, outside: bool, apart: bool, broken: BoolArray) -> str:
+        """What refuses a closed hand, as a clause; empty if nothing does."""
+        if not outside or not apart:
+            return OVERLAP if outside else INSIDE
+        return next((breaks(rule) for rule in compress(self.settings.rules.names, broken)), "")
 
     def _grip(
         self, found: RankedCandidates, candidate: _Executable, options: FinishOptions, *, firm: bool

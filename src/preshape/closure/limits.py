@@ -3,21 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import compress
 
 import numpy as np
 
 from ..hands.hand import Hand
 from ..hiis.analyser import Grip
-from ..types import FIELD_MASS, GRAVITY, told_apart, two_digits
+from ..types import FIELD_MASS, GRAVITY, IntArray, told_apart, two_digits
 from .candidates import RankedCandidates
 from .demand import Demand
+from .opening import KEPT_OFF
+from .rules import ContactRules, is_rule
 from .search import ClosureSearch
 from .settings import ClosureSettings
 
 NOTHING = 0.02
 """A grip that holds less than this share of the mass lacks contacts, not strength."""
 LOAD, WAY_IN = "the load", "the way in"
-"""Rules that refuse candidates, beside the obstacles by name."""
+"""What refuses candidates, beside obstacles and contact rules by name."""
+NO_RULES = "another part or no rules (--rules none)"
+"""What helps against a contact rule."""
 HALVINGS = 7
 """Steps of the bisection for the heaviest mass; the result is within 1 % or better."""
 
@@ -26,56 +31,107 @@ def remedy(rules: Sequence[str], best: Grip | None = None) -> str:
     """What would help against the rule that refused most candidates, as the end of a sentence.
 
     Args:
-        rules: The table, boxes, load and way in as far as they refused candidates, the costliest first.
+        rules: The table, boxes, contact rules, load and way in as far as they refused candidates, the
+            costliest first.
         best: The best of what was refused; if the hand can execute it, its :func:`shortfall` says what would
             help with the load.
 
     >>> remedy(["box 2", "the load"])
     '; most are refused because of box 2: moving it or making it smaller (--avoid) would help'
+    >>> remedy(["keep off head"])[:60]
+    '; most are refused because of the rule to keep off head: ano'
     """
     if not rules or (rules[0] == LOAD and best is not None and not best.refused):
         return ""
-    helps = "moving it or making it smaller (--avoid)"
+    helps, cause = "moving it or making it smaller (--avoid)", rules[0]
+    if is_rule(cause):
+        helps, cause = NO_RULES, f"the rule to {cause}"
     if rules[0] == LOAD:
         helps = "a lighter object (--mass), more friction (--friction), another task or another hand"
     elif rules[0] == "the table":
         helps = "a lower table (--table HEIGHT) or another pose of the object on it"
     elif rules[0] == WAY_IN:
         helps = "more approach axes (--approach), if they are restricted, or a smaller hand"
+        if best is not None and KEPT_OFF in best.refused:
+            helps = f"{NO_RULES}, {helps}"
         if best is not None and ("the table" in best.refused or "a box" in best.refused):
             helps = f"more room around the object (--table, --avoid), {helps}"
-    return f"; most are refused because of {rules[0]}: {helps} would help"
+    return f"; most are refused because of {cause}: {helps} would help"
 
 
-def costliest(settings: ClosureSettings, found: RankedCandidates) -> list[str]:
-    """What refused candidates that closed: obstacles by name, load or way in, the costliest first."""
+def costliest(found: RankedCandidates, blockers: Sequence[str]) -> list[str]:
+    """What refused candidates that closed, the costliest first: blockers by name, load or way in.
+
+    Args:
+        found: The candidates.
+        blockers: Names of the obstacles and contact rules of their tally.
+    """
     _, _, clear, balanced, *hits = found.tally.tolist()
     balanced = max(balanced, int(len(found) > 0 and found.score[0] > 0))
-    refused = dict(zip(settings.obstacles.names, hits, strict=True))
+    refused = dict(zip(blockers, hits, strict=True))
     refused |= {LOAD: clear - balanced, WAY_IN: balanced}
     return sorted((rule for rule in refused if refused[rule]), key=lambda rule: -refused[rule])
 
 
-def why_none(settings: ClosureSettings, found: RankedCandidates) -> str:
-    """Why none of the candidates became a grip, in one sentence."""
-    (tried, closed, clear, _, *hits), s = found.tally.tolist(), settings
+def why_none(found: RankedCandidates, settings: ClosureSettings) -> str:
+    """Why none of the candidates became a grip, in one sentence.
+
+    Args:
+        found: The candidates.
+        settings: Friction, obstacles and rules.
+    """
+    tried, closed, clear = found.tally[:3].tolist()
     words = f"{tried} candidates were tried"
     if not closed:
         return f"{words}; none of them closed on the object with the thumb and a finger"
     words += f"; {closed} of them closed on the object"
     if clear < closed:
-        names = zip(s.obstacles.names, hits, strict=True)
-        counted = " or ".join(name if len(hits) == 1 else f"{name} ({hit})" for name, hit in names if hit)
-        words += f", {closed - clear if clear else 'all'} of these in collision with {counted}"
+        collide, broken = _refusals(found.tally, settings)
+        share = f"{closed - clear if clear else 'all'} of these"
+        if collide:
+            words += f", {share} in collision with {collide}"
+            words += f", or against the rule to {broken}" if broken else ""
+        else:
+            words += f", {share} against the rule to {broken}"
     if not clear:
         return words
     if not len(found) or found.score[0] <= 0:
         none = "none of the others balances" if clear < closed else "none balances"
         return (
             f"{words}; {none} the load with the planned share of the friction "
-            f"({s.friction_share:g} of {s.friction:g} = {s.mu:.2g})"
+            f"({settings.friction_share:g} of {settings.friction:g} = {settings.mu:.2g})"
         )
     return f"{words}; to those that balance the load the hand has no free way in"
+
+
+def _refusals(tally: IntArray, settings: ClosureSettings) -> tuple[str, str]:
+    """The obstacles, and the contact rules, that refused candidates; with numbers if there are several."""
+    obstacles = settings.obstacles.names
+    names, hits = (*obstacles, *settings.rules.names), tally[4:].tolist()
+    said = [f"{name} ({hit})" if len(hits) > 1 else name for name, hit in zip(names, hits, strict=True)]
+    first, last = slice(len(obstacles)), slice(len(obstacles), None)
+    collide, broken = (compress(said[part], hits[part]) for part in (first, last))
+    return " or ".join(collide), " or to ".join(broken)
+
+
+def rules_cost(tally: IntArray | None, settings: ClosureSettings) -> str:
+    """How many hands each contact rule refused, as the end of a sentence; empty if none did.
+
+    Args:
+        tally: The tally of the search of all planes, if there was one.
+        settings: The rules.
+    """
+    names = settings.rules.names
+    if tally is None or not names or not tally[-len(names) :].any():
+        return ""
+    counts = zip(names, tally[-len(names) :].tolist(), strict=True)
+    costs = [f"{n} break the rule to {name}" for name, n in counts if n]
+    return f"; of {tally[1]} hands that closed, {' and '.join(costs)}: {NO_RULES} may help"
+
+
+def nothing_left(rules: ContactRules) -> str:
+    """Why there is no candidate: the rules leave no surface to touch."""
+    return f"the rules to {' and to '.join(rules.names)} leave no surface to touch; {NO_RULES} would help"
 
 
 def strongest_press(grip: Grip, hand: Hand) -> float:

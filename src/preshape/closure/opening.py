@@ -14,6 +14,7 @@ from ..kernels.closing.host import Candidates, ClosingKernel, Obstacles
 from ..kernels.tables import HandTables
 from ..types import Array, BoolArray, IntArray, value
 from .hand_pinches import unit
+from .keeping_off import KeptOff
 from .preshapes import posture_of
 
 SELF_DEPTH = 0.001
@@ -30,6 +31,9 @@ BACK = 0.008
 """Distance by which the opened hand of a wrap stands back [m] [C]."""
 WAY_IN, STRIDE = 0.12, 0.006
 """Length of the straight approach that is checked, and the step of that check [m] [C]."""
+
+KEPT_OFF = "a part to keep off"
+"""What a part that is kept off is called beside the table and the boxes."""
 
 
 @value
@@ -62,12 +66,19 @@ class Opener:
         kernel: Closing kernel of the hand and the object.
         kinematics: Kinematics of the hand.
         obstacles: Table and boxes to avoid.
+        kept_off: Parts of the object to keep off.
     """
 
     def __init__(
-        self, tables: HandTables, kernel: ClosingKernel, kinematics: HandKinematics, obstacles: Obstacles
+        self,
+        tables: HandTables,
+        kernel: ClosingKernel,
+        kinematics: HandKinematics,
+        obstacles: Obstacles,
+        kept_off: KeptOff,
     ) -> None:
-        self.tables, self.kernel, self.kinematics, self.obstacles = tables, kernel, kinematics, obstacles
+        self.tables, self.kernel, self.kinematics = tables, kernel, kinematics
+        self.obstacles, self.kept_off = obstacles, kept_off
         # The finger of a motor is that of its first joint.
         first = [int(np.flatnonzero(tables.motor == k)[0]) for k in range(len(tables.range))]
         self._finger_of_motor = np.searchsorted(tables.joint_start, first, side="right") - 1
@@ -90,7 +101,8 @@ class Opener:
     ) -> Openings:
         """Pregrasps and approach directions of the candidates that have both.
 
-        1. Move each finger's motors back towards the preshape until the finger clears the object.
+        1. Move each finger's motors back towards the preshape until the finger clears the object. On the way,
+           and in step 2, the links' spheres keep off what the rules name; the opened hand does so exactly.
         2. Test the straight approach along the candidate's approach axis.
         3. If that is blocked, test the directions of fingers and palm that follow an allowed plane.
 
@@ -124,7 +136,8 @@ class Opener:
                 blocked, found = blocked[clear], found[clear]
                 approach[blocked], clearance[blocked], free[blocked] = other[blocked], found, True
         table = "the table, " if len(self.obstacles.planes) else ""
-        names = f"{table}{'a box to avoid, ' if len(self.obstacles.boxes) else ''}the object"
+        box = "a box to avoid, " if len(self.obstacles.boxes) else ""
+        names = f"{table}{box}{KEPT_OFF + ', ' if len(self.kept_off) else ''}the object"
         names = " or ".join(names.rsplit(", ", 1))
         clauses = np.select(
             [~opens, free],
@@ -161,9 +174,18 @@ class Opener:
         opened = posture_of(self.tables, begin + shares[station][:, self._finger_of_motor] * (end - begin))
         reached = np.take_along_axis(fingers, station[:, None], axis=1)[:, 0]
         least = np.minimum(reached.min(axis=1), to_object[:, -1].reshape(k, n)[:, 0])
-        blocked = (to_obstacles.reshape(k, n) <= 0) & (np.arange(n) <= station.max(axis=1)[:, None])
+        touched = to_obstacles <= 0
+        if len(self.kept_off):
+            touched |= self.kept_off.near(candidates.place[of], candidates.turn[of], postures).any(axis=1)
+        blocked = touched.reshape(k, n) & (np.arange(n) <= station.max(axis=1)[:, None])
         sound = (least >= NEAREST) & ~blocked.any(axis=1)
         sound[sound] = [self.links_apart(q) for q in opened[sound]]
+        if len(self.kept_off):
+            poses = np.concatenate([candidates.place[rows], candidates.turn[rows]], axis=1)
+            sound[sound] = [
+                not self.kept_off.exactly_near(pose, q).any()
+                for pose, q in zip(poses[sound], opened[sound], strict=True)
+            ]
         return opened, least, sound
 
     def _way_in(
@@ -173,12 +195,14 @@ class Opener:
         steps = np.arange(1, int(WAY_IN / STRIDE) + 1) * STRIDE
         k, n = len(rows), len(steps)
         place = candidates.place[rows, None] - steps[:, None] * approach[:, None]
-        to_object, to_obstacles = self.kernel.clearances(
+        hands = (
             place.reshape(k * n, 3),
             np.repeat(candidates.turn[rows], n, axis=0),
             np.repeat(opened, n, axis=0),
-            self.obstacles,
-            enough=OPENING,
         )
+        to_object, to_obstacles = self.kernel.clearances(*hands, self.obstacles, enough=OPENING)
         least = to_object.min(axis=1).reshape(k, n).min(axis=1, initial=np.inf)
-        return least, (least > 0.3 * NEAREST) & (to_obstacles.reshape(k, n) > 0).all(axis=1)
+        free = to_obstacles > 0
+        if len(self.kept_off):
+            free &= ~self.kept_off.near(*hands).any(axis=1)
+        return least, (least > 0.3 * NEAREST) & free.reshape(k, n).all(axis=1)

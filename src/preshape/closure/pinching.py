@@ -21,10 +21,9 @@ from ..objects.mesh import TriangleMesh
 from ..objects.winding import oriented_triangles
 from ..types import Array, IntArray, value
 from .candidates import TILT, DrawnCandidates, Region
+from .contact_places import SAMPLES, AllowedSurface, ContactPlaces, surface_draws
 from .hand_pinches import Pinches
 
-SURFACE_POINTS = 1500
-"""Number of surface points, evenly spread by area, that are tested for an opposite face [C]."""
 OPPOSITE = 0.9
 """Least cosine between the normal of a face and the reversed normal of the face behind it [C]."""
 THINNEST = 0.001
@@ -74,13 +73,21 @@ class AntipodalPatches:
 
 
 def antipodal_patches(
-    mesh: TriangleMesh, field: DistanceField, tip: float, widest: float, seed: int = 0
+    mesh: TriangleMesh,
+    field: DistanceField,
+    tip: float,
+    widest: float,
+    seed: int = 0,
+    *,
+    allowed: AllowedSurface | None = None,
+    places: ContactPlaces | None = None,
 ) -> AntipodalPatches:
     """Pairs of surface points at which two fingertips can hold the object between them.
 
     1. Draw points evenly over the surface; there are none on lids, which nothing can touch.
     2. Cast a ray inward from each and find the face behind it.
-    3. Accept pairs whose normals are opposite and whose distance the hand can span.
+    3. Accept pairs whose normals are opposite and whose distance the hand can span, and both of which may be
+       touched.
     4. Accept those at which a fingertip has room outside both faces.
 
     Args:
@@ -89,17 +96,18 @@ def antipodal_patches(
         tip: Radius of a fingertip [m].
         widest: Largest width that the hand can pinch [m].
         seed: Seed of the surface points.
+        allowed: The points of the surface that may be touched; ``None`` for all.
+        places: The rules about contacts, for the points behind these.
     """
     rng = np.random.default_rng(seed)
     triangles = oriented_triangles(mesh)
     normals = np.where((triangles == mesh.triangles).all(axis=1)[:, None], mesh.normals, -mesh.normals)
     # 1. Stratified by area, uniform on each triangle.
-    ends = np.cumsum(np.where(mesh.is_lid, 0.0, mesh.areas))
-    at = (np.arange(SURFACE_POINTS) + rng.random(SURFACE_POINTS)) / SURFACE_POINTS * ends[-1]
-    face = np.minimum(np.searchsorted(ends, at, side="right"), len(ends) - 1)
-    root, v = np.sqrt(rng.random(SURFACE_POINTS)), rng.random(SURFACE_POINTS)
-    weights = np.stack([1 - root, root * (1 - v), root * v], axis=1)
-    points, out = np.einsum("nk,nkd->nd", weights, mesh.corners[face]), normals[face]
+    if allowed is not None:
+        points, face = allowed.points, allowed.triangle
+    else:
+        points, face = surface_draws(mesh, rng, SAMPLES)
+    out = normals[face]
     # 2. and 3.
     step = 1e-5 * float(mesh.extents.max())
     hits = SurfaceQuery(mesh).cast(points - step * out, -out)  # whose mesh is the field's
@@ -107,6 +115,9 @@ def antipodal_patches(
     facing = -np.einsum("ij,ij->i", normals[hits.triangle], out) > OPPOSITE
     real = (hits.triangle != MISS) & ~mesh.is_lid[hits.triangle] & ~mesh.is_lid[face]
     rows = np.flatnonzero(real & facing & (width > THINNEST) & (width < widest))
+    if places is not None and len(rows):
+        behind = points[rows] - width[rows, None] * out[rows]
+        rows = rows[~places.broken(behind).any(axis=1)]
     points, out, width = points[rows], out[rows], width[rows]
     # 4.
     sides = points + tip * out, points - (width + tip)[:, None] * out
@@ -164,8 +175,12 @@ class Pincher:
         values = from_centre @ a.T / np.maximum(np.abs(a) @ self.half, 1e-9)
         weight = np.maximum(np.abs(patches.normal @ o.T) - ALIGNED, 0.0)
         weight /= 1.0 + np.linalg.norm(from_centre, axis=1)[:, None] / CENTRAL
-        if region.values is not None:
-            weight *= np.abs(values[:, :, None] - np.asarray(region.values)).min(axis=2) < VALUE_RANGE
+        if region.values is not None and len(patches):
+            wanted = np.broadcast_to(np.asarray(region.values), (len(numbers), len(region.values)))
+            if region.box is not None:  # a value beyond the surface that may be touched means its end
+                ends = values.min(axis=0)[:, None], values.max(axis=0)[:, None]
+                wanted = np.clip(wanted, *ends)
+            weight *= np.abs(values[:, :, None] - wanted).min(axis=2) < VALUE_RANGE
         allowed = np.arange(len(pinches))
         if region.fingers is not None:
             allowed = allowed[np.isin(pinches.fingers, region.fingers)]

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -22,14 +22,16 @@ from ..kernels.hand_spheres import COARSE
 from ..kernels.margin.host import CONTACTS, MarginKernel
 from ..kernels.tables import HandTables
 from ..objects.mesh import TriangleMesh
-from ..types import Array, BoolArray, IntArray
+from ..types import Array, BoolArray
 from .candidates import DrawnCandidates, RankedCandidates, Region, concatenated, distinct, merged
-from .closed import WRAP, ClosedHands, closed_hands, touching_spheres
+from .closed import WRAP, ClosedCandidates, ClosedHands, closed_hands, touching_spheres
+from .contact_places import AllowedSurface, ContactPlaces
 from .demand import HOLD, LEVER, Demand
 from .hand_tables import hand_tables
+from .keeping_off import KeptOff
 from .preshapes import Preshapes, motor_ranges, posture_at, posture_of, preshapes
 from .settings import ClosureSettings
-from .torque_limits import normal_bounds
+from .torque_limits import TorqueLimits
 from .wrapping import Wrapper, wraps
 
 MIN_CONTACTS = 2
@@ -42,38 +44,13 @@ DECAY = 0.6
 WRAP_GAP, WRAP_NEAR, WRAP_BACK = 5e-4, 1.5e-3, 0.012
 """Distance from the surface at which links of a wrap stop in the search, largest distance that counts as
 contact, and distance from the object at which a wrap begins to move in [m] [C]."""
-ONE_CONTACT = 0.5
-"""Largest share of the press that one contact takes where forces balance."""
-LIGHT_PUSH = 0.5
-"""Pushes and turns under which unbalanced wraps are compared, in weights of the object [C]."""
 WRAP_DRAWS = 6
 """Largest number of wraps drawn for each one wanted, where table or boxes are in the way of some [C]."""
 OPENED, ROOM = 0.8, 0.002
-"""The hand must be clear of table and boxes when closed, and when closed by only the first share. The second
-number is the least distance from them [m] [C]."""
-
-
-class _Closed(NamedTuple):
-    """k of the candidates, which closed on the object.
-
-    Attributes:
-        rows: (k,) their indices.
-        closings: (k,) how they closed.
-        candidates: (k,) the hands where they closed, which for a wrap is where its palm stopped.
-        grasp: (k, j) joint angles [rad].
-        links: (k, c) joint that carries each contact; ``ON_PALM`` for the palm.
-    """
-
-    rows: IntArray
-    closings: Closings
-    candidates: Candidates
-    grasp: Array
-    links: IntArray
-
-    def take(self, rows: IntArray) -> _Closed:
-        """The hands with these indices, in that order."""
-        closings, candidates = self.closings.take(rows), self.candidates.take(rows)
-        return _Closed(self.rows[rows], closings, candidates, self.grasp[rows], self.links[rows])
+"""The hand must be clear of table, boxes and kept-off parts when closed, and when closed by only the first
+share. The second number is the least distance from table and boxes [m] [C]."""
+GRID_ERROR = 0.25
+"""Largest error of a contact of the search, which is read from the grid of distances, in cells."""
 
 
 class ClosureSearch:
@@ -88,6 +65,11 @@ class ClosureSearch:
         turns: Torques of plain holding with their levers (:func:`~preshape.closure.demand.turn_levers`),
             instead of torques about the axes of the frame.
         query: The object's surface; without it, contacts on lids are found in the finished grips only.
+
+    Attributes:
+        blockers: What may refuse a hand that closed: obstacles, then contact rules, in words.
+        places: The rules about contacts.
+        kept_off: The rules about links.
     """
 
     def __init__(
@@ -101,6 +83,9 @@ class ClosureSearch:
         query: SurfaceQuery | None = None,
     ) -> None:
         self.query = query
+        self.blockers = (*settings.obstacles.names, *settings.rules.names)
+        self.places = ContactPlaces(settings.rules, settings.device)
+        self.kept_off = KeptOff(settings.rules, hand, settings)
         self.hand, self.field, self.settings = hand, field, settings
         self.cog, self.length = np.asarray(cog, dtype=np.float64), float(length)
         self.tables: HandTables = hand_tables(hand, COARSE)
@@ -112,13 +97,27 @@ class ClosureSearch:
         lever = min(LEVER, 1.5 * self.length)
         holding = [(lever, HOLD if not turns else HOLD[[0, 1, 2, 6, 7, 8]]), *turns]
         self._hold_kernels = [(lever, self._margin_kernel(wrenches)) for lever, wrenches in holding]
-        self._carrying: tuple[Demand, MarginKernel] | None = None
         self._task_kernels: dict[bool, tuple[Demand, MarginKernel]] = {}
+        self._torques = TorqueLimits(
+            self.tables,
+            hand,
+            settings,
+            self.cog,
+            self.length,
+            task=self._task_kernel,
+            holding=self._hold_kernels,
+            make=self._margin_kernel,
+        )
 
     def draw_wraps(
-        self, rng: np.random.Generator, mesh: TriangleMesh, count: int, region: Region
+        self,
+        rng: np.random.Generator,
+        mesh: TriangleMesh,
+        count: int,
+        region: Region,
+        surface: AllowedSurface | None = None,
     ) -> DrawnCandidates:
-        """Draw wraps whose open hand, with the palm at its place on the surface, is clear of the obstacles.
+        """Draw wraps whose open hand, with the palm at its place, is clear of obstacles and kept-off parts.
 
         A hand that only reaches its place through the table would be closed for nothing. Where few are clear,
         at most ``WRAP_DRAWS`` times as many are drawn.
@@ -128,19 +127,27 @@ class ClosureSearch:
             mesh: The object.
             count: Number of wraps wanted.
             region: Allowed planes and sides.
+            surface: The surface that may be touched; ``None`` for all of it.
         """
-        drawn = self.wrapper.draw(rng, self.pool, mesh, count, region)
         obstacles = self.settings.obstacles
-        if not len(obstacles):
-            return drawn
+        if not len(obstacles) and not len(self.kept_off):
+            return self.wrapper.draw(rng, self.pool, mesh, count, region, surface)
         found: DrawnCandidates | None = None
-        for k in range(WRAP_DRAWS):
-            if k > 0:
-                drawn = self.wrapper.draw(rng, self.pool, mesh, count, region)
+        for _ in range(WRAP_DRAWS):
+            drawn = self.wrapper.draw(rng, self.pool, mesh, count, region, surface)
             hands = self.wrapper.arrived(drawn.candidates)
-            _, free = self.kernel.clearances(hands.place, hands.turn, hands.start, obstacles, enough=2 * ROOM)
-            clear = drawn.take(np.flatnonzero(free > ROOM))
-            found = clear if found is None else concatenated(found, clear)
+            clear = np.ones(len(drawn), dtype=bool)
+            if len(obstacles):
+                clear = (
+                    self.kernel.clearances(hands.place, hands.turn, hands.start, obstacles, enough=2 * ROOM)[
+                        1
+                    ]
+                    > ROOM
+                )
+            if len(self.kept_off):
+                clear &= ~self.kept_off.near(hands.place, hands.turn, hands.start).any(axis=1)
+            drawn = drawn.take(np.flatnonzero(clear))
+            found = drawn if found is None else concatenated(found, drawn)
             if len(found) >= count:
                 break
         assert found is not None
@@ -152,24 +159,29 @@ class ClosureSearch:
         """Close candidates and rank those that close on the object.
 
         1. Close every candidate, and drop those that do not close on the object, or close on a lid.
-        2. Drop those that collide with table or boxes.
+        2. Drop those that collide with table or boxes, or break a contact rule.
         3. Compute the strengths of their contacts, as far as the motors' torques allow, and sort by score.
 
         Args:
             drawn: Candidates.
             demand: What the grip must produce.
             least: A score up to this need not be exact; it is then reported as this or less.
-            blocked: Index of an obstacle: the candidates that collide with it are ranked, and not those that
-                are clear of all obstacles.
+            blocked: Index of a blocker: the candidates that it refuses are ranked, and not those that are
+                clear of all blockers.
         """
         hands = self._closed(drawn.candidates)
-        closed, hits = len(hands.rows), self._hits(hands.candidates, hands.grasp)
+        closed = len(hands.rows)
+        blocked_by = (
+            self._hits(hands.candidates, hands.grasp),
+            self._broken(hands.closings, hands.candidates, hands.grasp),
+        )
+        hits = np.concatenate(blocked_by, axis=1)
         hands = hands.take(np.flatnonzero(~hits.any(axis=1) if blocked is None else hits[:, blocked]))
         task, hold = self.strengths(hands.closings, demand, ranking=True, least=max(least, 0.0))
-        score = self._within_torques(hands, self.score(task, hold, demand), demand, least=max(least, 0.0))
+        score = self._torques.score(hands, self.score(task, hold, demand), demand, least=max(least, 0.0))
         if wraps(drawn):
             unbalanced = np.flatnonzero(score <= 0.0)
-            score[unbalanced] = -self._imbalance(hands.take(unbalanced), demand)
+            score[unbalanced] = -self._torques.imbalance(hands.take(unbalanced), demand)
         found = RankedCandidates(
             drawn=replace(drawn.take(hands.rows), candidates=hands.candidates),
             closings=hands.closings,
@@ -180,7 +192,7 @@ class ClosureSearch:
         )
         return found.take(np.argsort(-score, kind="stable"))
 
-    def _closed(self, candidates: Candidates) -> _Closed:
+    def _closed(self, candidates: Candidates) -> ClosedCandidates:
         """The candidates that close on the object, none of whose contacts is on a lid."""
         if len(candidates) and candidates.mask[0] & WRAP:
             return self._wrapped(candidates)
@@ -193,9 +205,9 @@ class ClosureSearch:
         hands = candidates.take(rows)
         _, links = touching_spheres(self.tables, closings)
         grasp = posture_at(self.tables, hands.start, closings.closing)
-        return _Closed(rows, closings, hands, grasp, links)
+        return ClosedCandidates(rows, closings, hands, grasp, links)
 
-    def _wrapped(self, candidates: Candidates) -> _Closed:
+    def _wrapped(self, candidates: Candidates) -> ClosedCandidates:
         """The same for wraps; their contacts are exact already."""
         if self.query is None:
             raise ValueError("wraps need the object's surface")
@@ -211,81 +223,7 @@ class ClosureSearch:
             normals_in=hands.normals_in,
             counts=hands.counts,
         )
-        return _Closed(rows, closings, hands.candidates, hands.grasp, hands.links)
-
-    def _within_torques(self, hands: _Closed, score: Array, demand: Demand, *, least: float = 0.0) -> Array:
-        """(k,) scores lowered to what the hands' motors can press.
-
-        A score is per unit of normal force, so it stands for the strongest press of the settings. Where a
-        contact cannot be pressed so hard, the load that forces under the bounds of all contacts balance
-        counts instead, divided by that press.
-
-        Args:
-            hands: The hands.
-            score: (k,) their scores, as if every contact could be pressed as hard as the settings allow.
-            demand: What the grip must produce.
-            least: Scores up to this need not be exact.
-        """
-        press, score = self.settings.strongest, score.copy()
-        rows = np.flatnonzero(score > least)
-        if not len(rows):
-            return score
-        points, normals, counts, bounds = self._contacts(hands.take(rows))
-        used = np.arange(points.shape[1]) < counts[:, None]
-        weak = np.flatnonzero((used & (bounds < ONE_CONTACT * press)).any(axis=1))
-        rows = rows[weak]
-        if not len(rows):
-            return score
-        given = points[weak], normals[weak], counts[weak]
-        bounds = bounds[weak]
-        most = score[rows] * press
-        kernel = self._task_kernel(demand)
-        if kernel is not None:
-            base, unit = np.asarray(demand.base) * self.settings.middling, demand.unit(self.length)
-            found = kernel.strengths(
-                *given,
-                unit,
-                self.cog,
-                most=most * demand.load,
-                least=least * press * demand.load,
-                base=base,
-                bounds=bounds,
-            )
-            most = np.minimum(most, found / demand.load)
-        share = self.settings.hold
-        for lever, kernel in self._hold_kernels:
-            found = kernel.strengths(
-                *given, lever, self.cog, most=most * share, least=least * press * share, bounds=bounds
-            )
-            most = np.minimum(most, found / share)
-        score[rows] = most / press
-        return score
-
-    def _contacts(self, hands: _Closed) -> tuple[Array, Array, IntArray, Array]:
-        """Contacts of hands, their inward normals, their numbers, and the bounds on their forces [N]."""
-        closings = hands.closings
-        width = min(closings.points.shape[1], hands.links.shape[1])
-        points, normals, links = closings.points[:, :width], closings.normals_in[:, :width], hands.links
-        bounds = normal_bounds(
-            self.tables, self.hand, hands.candidates, hands.grasp, points, normals, links[:, :width]
-        )
-        return points, normals, closings.counts, np.minimum(bounds, self.settings.strongest)
-
-    def _imbalance(self, hands: _Closed, demand: Demand) -> Array:
-        """(k,) how far hands are from carrying the weight under light pushes, as a share of the press.
-
-        Few drawn wraps balance anything. Those that nearly do are the ones to refine.
-        """
-        if not len(hands.rows):
-            return np.zeros(0)
-        if self._carrying is None or self._carrying[0] is not demand:
-            wrenches = np.concatenate([np.zeros((1, 6)), LIGHT_PUSH * self.settings.weight * HOLD])
-            base = np.asarray(demand.base) * self.settings.middling
-            self._carrying = demand, self._margin_kernel(wrenches, base=base)
-        points, normals, counts, bounds = self._contacts(hands)
-        unit = min(LEVER, 1.5 * self.length)
-        out = self._carrying[1](points, normals, counts, unit, bounds=bounds, reference=self.cog)
-        return np.asarray(out["residual"], dtype=np.float64) / self.settings.strongest
+        return ClosedCandidates(rows, closings, hands.candidates, hands.grasp, hands.links)
 
     def _links_apart(self, q: Array) -> bool:
         """Whether no two links of the hand overlap; fingers that go round an object may meet each other."""
@@ -311,6 +249,19 @@ class ClosureSearch:
             for k, one in enumerate(obstacles.each):
                 hits[near, k] |= self.kernel.clearances(*wrist, one)[1] <= ROOM
         return hits
+
+    def _broken(self, closings: Closings, hands: Candidates, grasp: Array) -> BoolArray:
+        """(k, m) which contact rules these hands break, closed or, with their links, a little opened."""
+        broken = self.places.broken_by(
+            closings.points, closings.counts, slack=GRID_ERROR * self.field.spacing
+        )
+        if len(self.kept_off) and len(hands):
+            parts = broken[:, -len(self.kept_off) :]
+            begin, end = (q @ self.tables.command.T for q in (hands.start, grasp))
+            for share in (1.0, OPENED):
+                posture = posture_of(self.tables, begin + share * (end - begin))
+                parts |= self.kept_off.near(hands.place, hands.turn, posture)
+        return broken
 
     def strengths(
         self, closings: Closings | ClosedHands, demand: Demand, *, ranking: bool = False, least: float = 0.0
@@ -508,8 +459,11 @@ class ClosureSearch:
             return found
         moved = self.perturbed(rng, found, samples, 0.0, shift=shift, turn=turn)
         hands, score = self._closed(moved.candidates), np.zeros(len(moved))
+        slack = GRID_ERROR * self.field.spacing
+        broken = self.places.broken_by(hands.closings.points, hands.closings.counts, slack=slack)
+        hands = hands.take(np.flatnonzero(~broken.any(axis=1)))
         nominal = self.score(*self.strengths(hands.closings, demand, ranking=True), demand)
-        score[hands.rows] = self._within_torques(hands, nominal, demand)
+        score[hands.rows] = self._torques.score(hands, nominal, demand)
         sorted_scores = np.sort(score.reshape(len(found), samples), axis=1)
         expected = 0.5 * (found.score + sorted_scores[:, : max(1, samples // 2)].mean(axis=1))
         return replace(found, score=expected).take(np.argsort(-expected, kind="stable"))

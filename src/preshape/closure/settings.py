@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import re
 from dataclasses import field
+from typing import NamedTuple
 
 import numpy as np
 
 from ..exceptions import InputError, shown
 from ..kernels.closing.host import Obstacles
 from ..types import FIELD_MASS, FRICTION, GRAVITY, finite_number, freeze, one_of, value, whole_number
+from .rules import ContactRules
 
 _DEVICE = re.compile(r"cpu|cuda(:[0-9]+)?")
 _NUMBERS = ("friction", "torsion", "friction_share", "press_least", "press_most", "safety", "hold")
@@ -17,6 +19,24 @@ _COUNTS = ("at_aim", "on_plane", "everywhere", "elite", "children", "finished", 
 GRASP_TYPES = ("any", "power", "precision")
 """The families of grips: wraps of the whole hand are power grips, fingertip grips precision grips."""
 _COUNTS_FROM_ZERO = ("persistence", "rounds", "wraps")
+
+
+class Effort(NamedTuple):
+    """Size of the search for one aim.
+
+    Attributes:
+        candidates: Number of candidates in the first draw.
+        elite: Size of the elite set.
+        rounds: Number of rounds of refinement.
+        grips: Number of grips wanted.
+        samples: Number of disturbed poses tested for each grip.
+    """
+
+    candidates: int
+    elite: int
+    rounds: int
+    grips: int
+    samples: int
 
 
 @value
@@ -48,6 +68,7 @@ class ClosureSettings:
         rounds: Rounds of refinement.
         finished: Largest number of finished grips.
         obstacles: Table and boxes that the hand must avoid.
+        rules: Where contacts may be, and what the hand must stay away from.
         device: ``cpu`` or a CUDA device.
         threads: CPU threads; by default one for each core.
 
@@ -75,6 +96,7 @@ class ClosureSettings:
     rounds: int = 3
     finished: int = 6
     obstacles: Obstacles = field(default_factory=Obstacles)
+    rules: ContactRules = field(default_factory=ContactRules)
     device: str = "cpu"
     threads: int | None = None
 
@@ -89,6 +111,8 @@ class ClosureSettings:
         one_of(self.grasp_type, "grasp type", GRASP_TYPES)
         if not isinstance(self.obstacles, Obstacles):
             raise InputError(f"obstacles must be a value of Obstacles, got {shown(self.obstacles)}")
+        if not isinstance(self.rules, ContactRules):
+            raise InputError(f"rules must be a value of ContactRules, got {shown(self.rules)}")
         if not isinstance(self.device, str) or not _DEVICE.fullmatch(self.device):
             raise InputError(f"device must be cpu, cuda or cuda:N, got {shown(self.device)}")
         if self.press_least > self.press_most:
@@ -103,6 +127,16 @@ class ClosureSettings:
             raise InputError(f"torsion must be zero or more [m], got {shown(self.torsion)}")
         if not 0 < self.friction_share <= 1:
             raise InputError(f"friction_share must be in 0..1, got {shown(self.friction_share)}")
+
+    def effort(self, one_plane: bool, at_estimate: bool) -> Effort:
+        """Size of the search: small at the estimate, larger on one plane, largest over all planes."""
+        if not one_plane:
+            return Effort(self.everywhere, self.elite, self.rounds, self.finished, samples=8)
+        if not at_estimate:
+            return Effort(
+                self.on_plane, max(1, self.elite // 2), self.rounds, min(self.finished, 4), samples=8
+            )
+        return Effort(self.at_aim, max(1, self.elite // 4), min(1, self.rounds), 1, samples=4)
 
     @property
     def mu(self) -> float:

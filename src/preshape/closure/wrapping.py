@@ -24,6 +24,7 @@ from ..spatial import rotation_from_vector
 from ..types import Array, BoolArray, IntArray
 from .candidates import DrawnCandidates, Region, quaternions
 from .closed import ON_PALM, WRAP
+from .contact_places import AllowedSurface
 from .opening import ALONG
 from .preshapes import Preshapes, posture_of
 
@@ -100,7 +101,13 @@ class Wrapper:
         self._carries = ((same & (joints[None] <= joints[:, None])) @ self._moves) > 0
 
     def draw(
-        self, rng: np.random.Generator, pool: Preshapes, mesh: TriangleMesh, count: int, region: Region
+        self,
+        rng: np.random.Generator,
+        pool: Preshapes,
+        mesh: TriangleMesh,
+        count: int,
+        region: Region,
+        surface: AllowedSurface | None = None,
     ) -> DrawnCandidates:
         """Draw wraps: the palm faces a random place of the surface, turned at random about its normal.
 
@@ -113,14 +120,14 @@ class Wrapper:
             mesh: The object.
             count: Number of draws.
             region: Allowed planes and sides.
+            surface: The surface that may be touched; ``None`` for all of it.
         """
         # 1. Places of the surface, by area, and inward normals with a tilt.
-        triangle = rng.choice(len(mesh.areas), size=count, p=mesh.areas / mesh.areas.sum())
-        u, v = rng.random((2, count))
-        u, v = np.where(u + v > 1, 1 - u, u), np.where(u + v > 1, 1 - v, v)
-        corners = mesh.corners[triangle]
-        spot = corners[:, 0] + u[:, None] * (corners[:, 1] - corners[:, 0])
-        spot += v[:, None] * (corners[:, 2] - corners[:, 0])
+        if surface is None:
+            spot, triangle = _spots(rng, mesh, count)
+        else:
+            pick = rng.integers(len(surface), size=count)
+            spot, triangle = surface.points[pick], surface.triangle[pick]
         tilt = rotation_from_vector(rng.normal(0.0, JITTER, (count, 3)))
         approach = np.einsum("nij,nj->ni", tilt, -mesh.normals[triangle])
         # 2. Any turn about it: +z of the palm is where the fingers point, -y where the palm faces.
@@ -211,7 +218,7 @@ class Wrapper:
         links = np.full((n, MOST_CONTACTS), ON_PALM, dtype=np.int64)
         moved = Candidates(place=place, turn=candidates.turn, start=candidates.start, mask=candidates.mask)
         if len(rows):
-            spheres[rows], links[rows] = self._contacts(moved.take(rows), grasp[rows])
+            spheres[rows], links[rows] = self.contacts(moved.take(rows), grasp[rows])
         touching = (spheres >= 0).sum(axis=1)
         return ClosedWraps(moved, grasp, spheres, links, free & (touching >= FEWEST))
 
@@ -270,7 +277,7 @@ class Wrapper:
         stays = (idle & blocked) @ (finger[:, None] == finger) > 0
         return np.where(stays, closed, back)
 
-    def _contacts(self, hands: Candidates, grasp: Array) -> tuple[IntArray, IntArray]:
+    def contacts(self, hands: Candidates, grasp: Array) -> tuple[IntArray, IntArray]:
         """(n, c) touching spheres, the thumb's first and the palm's last, and the joints that carry them."""
         n, tables = len(hands), self.tables
         distance, sphere = self.kernel.link_distances(hands.place, hands.turn, grasp)
@@ -316,3 +323,13 @@ class Wrapper:
         ahead = (palm[:, 1] - palm[:, 3])[:, None] - (palm[:, 1] - palm[:, 3])[None] > 0.002
         covered = (ahead & (aside < palm[None, :, 3])).any(axis=1)
         return np.asarray(front[~covered])
+
+
+def _spots(rng: np.random.Generator, mesh: TriangleMesh, count: int) -> tuple[Array, IntArray]:
+    """(count, 3) random points of the surface [m], by area, and (count,) their triangles."""
+    triangle = rng.choice(len(mesh.areas), size=count, p=mesh.areas / mesh.areas.sum())
+    u, v = rng.random((2, count))
+    u, v = np.where(u + v > 1, 1 - u, u), np.where(u + v > 1, 1 - v, v)
+    corners = mesh.corners[triangle]
+    spot = corners[:, 0] + u[:, None] * (corners[:, 1] - corners[:, 0])
+    return spot + v[:, None] * (corners[:, 2] - corners[:, 0]), triangle

@@ -19,6 +19,7 @@ from ..hiis.fuzzy import FuzzySets
 from ..hiis.learning import search_values
 from ..objects.mesh import TriangleMesh
 from ..planning.request import PlanRequest
+from ..planning.rules import NONE
 from ..planning.session import closure_analyser
 from ..tasks import Task
 from ..types import value
@@ -71,6 +72,7 @@ def shard_grasps(
             friction=settings.friction,
             count=count,
             settings=Settings(seed=seed + search),
+            rules=NONE,
             search=ClosureSettings(everywhere=settings.candidates, threads=1),
         )
         return closure_analyser(request, hand, mesh)

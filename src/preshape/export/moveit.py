@@ -164,9 +164,13 @@ def _message(grasp: PlannedGrasp, options: MoveItOptions) -> Message:
     reach, press = REACH_SECONDS, REACH_SECONDS + SQUEEZE_SECONDS
     return {
         "id": f"{grasp.object_name}/{grasp.task}/{grasp.hand.name}/{grasp.label}",
-        "pre_grasp_posture": _trajectory(names, [_point(grasp.pregrasp, None, reach)]),
-        "grasp_posture": _trajectory(
-            names, [_point(grasp.grasp, grasp.efforts, reach), _point(inside, grasp.efforts, press)]
+        "pre_grasp_posture": joint_trajectory(names, [trajectory_point(grasp.pregrasp, None, reach)]),
+        "grasp_posture": joint_trajectory(
+            names,
+            [
+                trajectory_point(grasp.grasp, grasp.efforts, reach),
+                trajectory_point(inside, grasp.efforts, press),
+            ],
         ),
         "grasp_pose": {
             "header": _header(options.frame),
@@ -189,11 +193,13 @@ def _header(frame: str) -> Message:
     return {"stamp": {"sec": 0, "nanosec": 0}, "frame_id": frame}
 
 
-def _trajectory(joints: tuple[str, ...], points: list[Message]) -> Message:
+def joint_trajectory(joints: tuple[str, ...], points: list[Message]) -> Message:
+    """A ``trajectory_msgs/msg/JointTrajectory``."""
     return {"header": _header(""), "joint_names": list(joints), "points": points}
 
 
-def _point(positions: Array, efforts: Array | None, seconds: float) -> Message:
+def trajectory_point(positions: Array, efforts: Array | None, seconds: float) -> Message:
+    """A ``JointTrajectoryPoint``: positions and efforts of the joints, and the time from the start [s]."""
     whole = int(seconds)
     return {
         "positions": positions.tolist(),

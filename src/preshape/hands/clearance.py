@@ -2,13 +2,15 @@
 
 1. The fingertips in use must touch their contacts.
 2. The last phalanges of these fingers may enter the object by ``TOUCH_TOLERANCE`` at most; all other links
-   must be clear of it.
+   must be clear of it. No link may be near a surface that is kept off; whether one is wholly inside a volume
+   is not seen.
 3. No two links of the hand may overlap.
 4. Each finger that is not in use takes the first posture of a list that is clear.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from enum import Enum
 
 import numpy as np
@@ -89,11 +91,22 @@ class Clearance:
         kinematics: Kinematics of the hand.
         obstacle: The object.
         contacts: Where the fingertips must touch.
+        kept_off: Surfaces that no link may be near.
+        room: Least distance of every link from these surfaces [m].
     """
 
-    def __init__(self, kinematics: HandKinematics, obstacle: ObjectCollision, contacts: TouchPoints) -> None:
+    def __init__(
+        self,
+        kinematics: HandKinematics,
+        obstacle: ObjectCollision,
+        contacts: TouchPoints,
+        *,
+        kept_off: Sequence[ObjectCollision] = (),
+        room: float = 0.0,
+    ) -> None:
         self.kinematics, self.hand = kinematics, kinematics.hand
         self.object, self.contacts = obstacle, contacts
+        self.kept_off, self.room = kept_off, room
         model = kinematics.model
         self._finger_of = {
             model.body(int(model.joint(joint).bodyid[0])).name: finger.name
@@ -182,6 +195,9 @@ class Clearance:
     def _link_flaw(self, fingers: tuple[Finger, ...], shapes: list[LinkShape]) -> Flaw | None:
         touching = {finger.tip_body for finger in fingers}
         for shape in shapes:
+            if any(part.distance(shape) < self.room for part in self.kept_off):
+                reason = f"{spoken(shape.link)} would be too near to a part to keep off"
+                return Flaw(status=HandStatus.COLLISION, reason=reason)
             if shape.body in touching and shape.kind == "sphere":
                 continue
             grow = -TOUCH_TOLERANCE if shape.body in touching else 0.0

@@ -21,6 +21,7 @@ from .couples import Table, motors_within, per_motor, with_model_couples
 from .description import direction, finger_from, hand_from, rounded_to_limits
 from .findings import LARGEST_ANGLE, description_findings, model_findings, refuse
 from .hand import Hand
+from .hulls import ellipsoid_corners
 from .link_pieces import Piece, frame_text, geom_pieces, geom_text, mesh_text, numbers_text, outside
 from .motors import ADAPTIVE, DIRECT, Motor
 
@@ -31,8 +32,15 @@ STIFF = "0.008 1"
 """Time constant [s] and damping ratio of a linkage or a stop of a couple in MuJoCo; twice a time step of 4
 ms."""
 
+_RIGID = "0.9999 0.9999 0.001"
+"""Impedance of a clutch in MuJoCo, the largest there is: with less, dry friction creeps visibly."""
+
 SPRING, SPRING_DAMPING = 0.05, 0.0
 """Stiffness [N m/rad] and damping [N m s/rad] that keep an adaptive couple on its unloaded path [C]."""
+
+BREAKAWAY = 0.8
+"""Share of the motor's torque limit with which it must press a blocked joint that locks before the other
+joints of its couple go on without it [C]."""
 
 _SAMPLES, _ALWAYS = 200, 0.9
 """Number of random postures, and share of them above which two colliding links overlap by design [C]."""
@@ -268,7 +276,8 @@ class _Writer:
         """Equalities of rigid laws, tendons of adaptive ones, and an actuator for every motor.
 
         An adaptive motor pulls a tendon. Each of its inequalities is a second tendon with a limit. Weak
-        springs keep joints that nothing touches on the unloaded path if it is straight.
+        springs keep joints that nothing touches on the unloaded path if it is straight, and a clutch does if
+        one of the joints locks.
         """
         drives, names = self.data["actuators"], tuple(motor.name for motor in self.motors)
         gains = per_motor(drives, "gain", "gains", names, "it")
@@ -278,7 +287,7 @@ class _Writer:
             aim = f"joint={quoteattr(motor.name)}"
             if motor.law == ADAPTIVE:
                 aim = f"tendon={quoteattr(motor.name)}"
-                tendons += adaptive_tendons(motor)
+                tendons += adaptive_tendons(motor, float(limit))
             elif motor.law != DIRECT:
                 equalities += [
                     f"    <joint joint1={quoteattr(joint)} joint2={quoteattr(motor.name)} "
@@ -299,8 +308,13 @@ class _Writer:
         ]
 
 
-def adaptive_tendons(motor: Motor) -> list[str]:
-    """The MJCF tendons of an adaptive motor: the one that it pulls, its inequalities and its springs."""
+def adaptive_tendons(motor: Motor, torque_limit: float) -> list[str]:
+    """The MJCF tendons of an adaptive motor: the one that it pulls, its inequalities and its springs.
+
+    A couple with a joint that locks is one gear train until that joint is blocked (Barrett): it keeps to the
+    unloaded path against what pushes a fingertip back. Dry friction between that joint and the others does
+    so, up to the torque at which the others go on without it.
+    """
     lines = [
         f"    <fixed name={quoteattr(motor.name)}>",
         *_parts(motor.joints, motor.weights),
@@ -314,17 +328,23 @@ def adaptive_tendons(motor: Motor) -> list[str]:
             *_parts((high, low), (1.0, -1.0)),
             "    </fixed>",
         ]
-    first = motor.joints[0]
-    if motor.affine and motor.polynomials[0, 1]:
-        (b0, a0), rest = motor.polynomials[0, :2], zip(motor.joints, motor.polynomials, strict=True)
-        for joint, (b, a, *_) in list(rest)[1:]:
-            name = quoteattr(f"{joint}~{first}")
-            lines += [
-                f'    <fixed name={name} stiffness="{SPRING:g}" damping="{SPRING_DAMPING:g}" '
-                f'springlength="{b - a / a0 * b0:.9g}">',
-                *_parts((joint, first), (1.0, -a / a0)),
-                "    </fixed>",
-            ]
+    laws = dict(zip(motor.joints, motor.polynomials[:, :2].tolist(), strict=True))
+    base = motor.locks or motor.joints[0]
+    b0, a0 = laws.pop(base)
+    if not motor.affine or not a0:
+        return lines
+    for joint, (b, a) in laws.items():
+        clutch = ""
+        if motor.locks and a:
+            # Of a tendon force F the other joint takes c F. It yields when the clutch cannot hold that.
+            pull = BREAKAWAY * torque_limit * abs(float(motor.weights[motor.joints.index(joint)]))
+            clutch = f'frictionloss="{pull:.9g}" solreffriction="{STIFF}" solimpfriction="{_RIGID}" '
+        lines += [
+            f"    <fixed name={quoteattr(f'{joint}~{base}')} {clutch}"
+            f'stiffness="{SPRING:g}" damping="{SPRING_DAMPING:g}" springlength="{b - a / a0 * b0:.9g}">',
+            *_parts((joint, base), (1.0, -a / a0)),
+            "    </fixed>",
+        ]
     return lines
 
 
@@ -336,9 +356,14 @@ def _parts(joints: Sequence[str], weights: Iterable[float]) -> list[str]:
 
 
 def _has_tip(pieces: list[Piece], centre: Array, radius: float) -> bool:
-    """Whether a tip's centre is half a radius deep in a hull or a box, of which a sphere might stand out."""
-    depths = [-outside(piece, centre[None])[0] for piece in pieces if piece.kind in ("hull", "box")]
-    return max(depths, default=-np.inf) >= 0.5 * radius
+    """Whether a tip's centre is half a radius deep in hulls and boxes, of which a sphere might stand out.
+
+    Together, not one by one: a cut between two pieces of a link may go through the tip.
+    """
+    solid = [piece for piece in pieces if piece.kind in ("hull", "box")]
+    around = centre + ellipsoid_corners(np.full(3, 0.5 * radius))
+    depths = [-outside(piece, around) for piece in solid]
+    return bool(depths) and bool((np.max(depths, axis=0) >= 0.0).all())
 
 
 def _overlapping_pairs(

@@ -4,12 +4,15 @@ Each finger is a ray along the opposition axis, aimed at (v · half-extent along
 comes from the +o side at t = 0, the fingers from the -o side; in a flipped grasp the sides are exchanged.
 The forefinger stands opposite the thumb, at t = 0 [P]; the next fingers stand beside it, at +t and then -t
 [C]. The contact is the point where the ray first hits the object from outside. A virtual grasp exists if
-the rays of all its fingers hit; a lid over a hole of the surface is nothing to hit.
+the rays of all its fingers hit; a lid over a hole of the surface is nothing to hit. Rules may forbid contacts
+at some places; the virtual grasps that have one there are refused, and counted. What the links of a hand are
+near is seen only when a hand is put on the virtual grasp.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from typing import Protocol
 
 import numpy as np
 
@@ -39,15 +42,27 @@ _SMOOTH = np.cos(np.radians(50.0))
 _PLACES = {2: [0], 3: [0, 1], 4: [0, 1, 2]}
 
 
+class PointRules(Protocol):
+    """Rules about where contacts may be (:class:`preshape.closure.contact_places.ContactPlaces`)."""
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Each of the m rules in words."""
+
+    def broken(self, points: Array) -> BoolArray:
+        """(n, m) which rules contacts at points (n, 3) [m] would break."""
+
+
 @value
 class _Field:
-    """Contacts at every place of an aim. Array axes: plane P, value V, side 2 (+o, -o), place 3."""
+    """Contacts at every place of an aim. Array axes: plane P, value V, side 2 (+o, -o), place 3, rule m."""
 
     origin: Array  # (P, V, 2, 3, 3)
     point: Array  # (P, V, 2, 3, 3)
     normal: Array  # (P, V, 2, 3, 3)
     triangle: IntArray  # (P, V, 2, 3)
     hit: BoolArray  # (P, V, 2, 3)
+    broken: BoolArray  # (P, V, 2, 3, m): rules that a contact there breaks
     fits: BoolArray  # (P, V, 3): whether 1, 2, 3 fingers fit side by side
     as_finger: Array  # (P, V, 2, 3, 6): contact wrenches about the COG
     as_thumb: Array  # (P, V, 2, 6): of the middle place, as the thumb
@@ -63,6 +78,11 @@ class _Survey:
     rows: tuple[IntArray, BoolArray, Array, IntArray]  # plane, flip, approach value, fingers
     wrench: Array
     tried: int
+    refused: IntArray  # (m,) virtual grasps that break each rule
+
+
+NO_HIT = "at no aim do the rays of the thumb and of all fingers hit the object"
+"""Why there is no virtual grasp."""
 
 
 @value
@@ -76,7 +96,7 @@ class RayExploration(Exploration):
 
     analyser: RayAnalyser
     task: Array
-    reason: str = "at no aim do the rays of the thumb and of all fingers hit the object"
+    reason: str = NO_HIT
 
     @property
     def summary(self) -> str:
@@ -102,6 +122,7 @@ class RayAnalyser:
         layout: The hand.
         coefficients: Contact coefficients Ka, Ko, Kn, Mn.
         sets: Membership functions.
+        rules: Rules about where contacts may be; ``None`` for none.
         cast: Returns the first hits of rays; by default the ray caster of the object.
 
     Raises:
@@ -115,6 +136,7 @@ class RayAnalyser:
         *,
         coefficients: ContactCoefficients | None = None,
         sets: FuzzySets | None = None,
+        rules: PointRules | None = None,
         cast: Callable[[Array, Array], Hits] | None = None,
     ) -> None:
         _refuse_large(mesh, layout)
@@ -122,6 +144,7 @@ class RayAnalyser:
         self.layout = layout
         self.coefficients = coefficients or ContactCoefficients()
         self.sets = sets or FuzzySets()
+        self._rules = rules
         self._cast = cast or RayCaster(mesh).cast
         self._radius = float(mesh.extents.max()) * _RING_RADIUS
         self._cache: dict[tuple[bytes, ...], _Survey] = {}
@@ -151,6 +174,7 @@ class RayAnalyser:
             tried=survey.tried,
             analyser=self,
             task=q,
+            reason=NO_HIT + self._cost(survey.refused),
         ).best_first()
 
     def forget(self) -> None:
@@ -184,6 +208,7 @@ class RayAnalyser:
         aim.check()
         field = self._aim(index, values)
         shape = (len(index), len(values), len(flips), len(counts))
+        refused = np.zeros(field.broken.shape[-1], dtype=np.int64)
         wrench = np.zeros((*shape, 6))
         valid = np.zeros(shape, dtype=bool)
         for i, j in np.ndindex(len(flips), len(counts)):
@@ -196,6 +221,9 @@ class RayAnalyser:
                 & field.hit[:, :, other, places].all(axis=2)
                 & field.fits[:, :, counts[j] - 2]
             )
+            broken = field.broken[:, :, thumb, 0] | field.broken[:, :, other, places].any(axis=2)
+            refused += (valid[:, :, i, j, None] & broken).sum(axis=(0, 1))
+            valid[:, :, i, j] &= ~broken.any(axis=-1)
         p, v, f, c = np.nonzero(valid)
         if len(self._cache) >= _CACHED_AIMS:
             del self._cache[next(iter(self._cache))]
@@ -206,8 +234,18 @@ class RayAnalyser:
             rows=(index[p], flips[f], values[v], counts[c]),
             wrench=wrench[p, v, f, c],
             tried=valid.size,
+            refused=refused,
         )
         return survey
+
+    def _cost(self, refused: IntArray) -> str:
+        """How many virtual grasps each rule refused and what would help, as the end of a sentence."""
+        if self._rules is None or not refused.any():
+            return ""
+        counts = zip(self._rules.names, refused.tolist(), strict=True)
+        costs = " and ".join(f"{count} for the rule to {name}" for name, count in counts if count)
+        helps = "another part or no rules (--rules none) may help"
+        return f" where they may touch it; refused were {costs}: {helps}"
 
     def virtual_grasp(self, q: Array, number: int, flip: bool, v: float, fingers: int) -> VirtualGrasp:
         """One virtual grasp in full: contacts, wrenches, matching degrees, screw measures.
@@ -278,12 +316,17 @@ class RayAnalyser:
         direction = np.broadcast_to(-sides[:, None, :, None], origin.shape)
         point, normal, triangle = self._hit(origin, direction)
         as_finger, as_thumb = self._wrenches(point, normal, a, t)
+        rules = 0 if self._rules is None else len(self._rules.names)
+        broken = np.zeros((*triangle.shape, rules), dtype=bool)
+        if self._rules is not None:
+            broken[triangle != MISS] = self._rules.broken(point[triangle != MISS])
         return _Field(
             origin=origin,
             point=point,
             normal=normal,
             triangle=triangle,
             hit=(triangle != MISS) & ~self.mesh.is_lid[triangle],
+            broken=broken,
             fits=fits,
             as_finger=as_finger,
             as_thumb=as_thumb,

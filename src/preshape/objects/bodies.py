@@ -6,6 +6,8 @@ and a surface with large holes is closed before anything uses it.
 
 from __future__ import annotations
 
+from dataclasses import field
+
 import numpy as np
 
 from ..exceptions import InputError, ObjectError
@@ -49,6 +51,7 @@ class Body:
         notes: What was left out, reversed or added, one sentence each.
         lids: Number of triangles, the last ones, that were added to close holes.
         whole: Whether this is the whole content of the file.
+        kept: Indices of the given triangles that the body has, in their order and without the lids.
     """
 
     vertices: Array
@@ -56,6 +59,7 @@ class Body:
     notes: tuple[str, ...] = ()
     lids: int = 0
     whole: bool = True
+    kept: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
 
 
 def one_body(name: str, vertices: Array, triangles: IntArray, part: str | None = None) -> Body:
@@ -82,6 +86,7 @@ def one_body(name: str, vertices: Array, triangles: IntArray, part: str | None =
     ]
     notes: tuple[str, ...] = ()
     total = len(triangles)
+    kept = np.arange(total)
     if part != WHOLE:
         bodies, plates, specks = _bodies(vertices, triangles, point)
         chosen = _chosen(name, vertices, triangles, bodies, plates, part)
@@ -90,7 +95,7 @@ def one_body(name: str, vertices: Array, triangles: IntArray, part: str | None =
             notes = (
                 f"{pieces} of the file, apart from the object, {'is' if specks == 1 else 'are'} left out",
             )
-        triangles = triangles[chosen]
+        triangles, kept = triangles[chosen], kept[chosen]
     whole = len(triangles) == total
     triangles, rim, turning = _wound_alike(vertices, triangles, point)
     vertices, closed, closing = _without_holes(name, vertices, triangles, point, rim)
@@ -100,6 +105,7 @@ def one_body(name: str, vertices: Array, triangles: IntArray, part: str | None =
         notes=notes + turning + closing,
         lids=len(closed) - len(triangles),
         whole=whole,
+        kept=kept,
     )
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..exceptions import InputError, ObjectError, shown
-from ..types import Array, IntArray, positive_number
+from ..types import Array, BoolArray, IntArray, positive_number
 
 UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "inch": 0.0254}
 """Length of each unit of a file [m]."""
@@ -88,8 +88,8 @@ def in_range(
         )
 
 
-def solid_triangles(name: str, vertices: Array, triangles: IntArray, unit: str = "m") -> IntArray:
-    """The triangles that have area.
+def solid_triangles(name: str, vertices: Array, triangles: IntArray, unit: str = "m") -> BoolArray:
+    """(m,) whether each triangle has area.
 
     Args:
         name: Name of the file, for messages.
@@ -122,7 +122,7 @@ def solid_triangles(name: str, vertices: Array, triangles: IntArray, unit: str =
     solid = np.sqrt(_dot(cross, cross)) > SLIVER * largest * longest
     if not solid.any():
         raise ObjectError(empty)
-    return triangles if solid.all() else triangles[solid]
+    return np.asarray(solid)
 
 
 def _dot(a: list[Array], b: list[Array]) -> Array:

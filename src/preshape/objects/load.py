@@ -17,10 +17,13 @@ from ..types import Array, IntArray, frozen_array
 from . import checks, read_gltf, read_obj, read_ply, read_trimesh
 from .bodies import one_body
 from .mesh import TriangleMesh
+from .parts import FILE, ObjectPart
 from .read_raw import RawMesh, group_rows
 from .read_text import printable, refuse_decimal_commas
+from .regions import TriangleSet
 from .scans.read_points import read_npy, read_pcd, read_xyz
 from .scans.scan import RawCloud
+from .sidecar import with_sidecar
 
 _Reader = Callable[[str, bytes, Path], RawMesh | RawCloud]
 
@@ -48,10 +51,7 @@ CLOUD_SUFFIXES = tuple(_CLOUD_READERS)
 IN_MEMORY = " (in memory)"
 """End of the source of an object that was a mesh in Python; nothing can be found under such a name."""
 
-_Y_UP = (
-    "in a glTF file y is up by its standard, and here z is up: the object is planned for as it lies in the "
-    "file's frame; turn it there if it should stand"
-)
+_Y_UP = "in a glTF file y is up by its standard: task, table and gravity follow it (--up z if z is up here)"
 
 _ALL_READERS = {**_READERS, **_CLOUD_READERS}
 
@@ -87,6 +87,9 @@ def load_object(
 
     A point cloud (.pcd, .xyz, .npy, or a .ply without faces) becomes a closed surface whose unseen side is
     guessed; ``scan`` says which side (:mod:`preshape.objects.scans.complete`).
+
+    Groups, objects and materials of OBJ and glTF become parts of the mesh. A file ``NAME.preshape.toml``
+    beside it adds parts, mass, centre of mass, up, rest and tasks (:mod:`preshape.objects.sidecar`).
 
     Args:
         source: File (.obj, .stl, .ply, .off, .glb, .gltf, .pcd, .xyz, .npy) or name of a library object. Of a
@@ -127,10 +130,14 @@ def load_object(
         with np.errstate(all="ignore"):  # the checks find numbers that are not finite, and name them
             raw = _ALL_READERS[suffix](name, data, path)
             if isinstance(raw, RawCloud):
-                return _from_cloud(name, _name_of(path), raw, unit, float(scale), view, cut_table)
+                cloud = _from_cloud(name, _name_of(path), raw, unit, float(scale), view, cut_table)
+                return with_sidecar(cloud, path)
             _check_mesh_options(name, view, cut_table)
             mesh = _finish(name, _name_of(path), raw, unit, float(scale), part)
-            return replace(mesh, notes=(*mesh.notes, _Y_UP)) if suffix in (".glb", ".gltf") else mesh
+            if suffix not in (".glb", ".gltf"):
+                return with_sidecar(mesh, path)
+            mesh = with_sidecar(replace(mesh, up="y"), path)
+            return replace(mesh, notes=(*mesh.notes, _Y_UP)) if mesh.up == "y" else mesh
     except (PreshapeError, KeyboardInterrupt):
         raise
     except MemoryError as error:
@@ -339,15 +346,18 @@ def _finish(
 ) -> TriangleMesh:
     """Scale, clean and check a mesh, and keep the one object in it."""
     vertices = raw.vertices * checks.metres(unit, scale)
-    triangles = checks.solid_triangles(name, vertices, raw.triangles, unit)
+    kept = np.flatnonzero(checks.solid_triangles(name, vertices, raw.triangles, unit))
+    triangles = raw.triangles[kept]
     a, b, c = triangles.T
     rolled = triangles.copy()  # with the lowest corner first, equal triangles are equal rows
     for lowest, shift in (((b < a) & (b < c), 1), ((c < a) & (c < b), 2)):
         rolled[lowest] = np.roll(triangles[lowest], -shift, axis=1)
-    triangles = triangles[group_rows(rolled)[0]]
+    first = group_rows(rolled)[0]
+    triangles, kept = triangles[first], kept[first]
     used = vertices[triangles.reshape(-1)]
     checks.body(name, used.max(axis=0) - used.min(axis=0))
     body = one_body(name, vertices, triangles, part)
+    kept = kept[body.kept]
     vertices, triangles = _used(body.vertices, body.triangles)
     extents = vertices.max(axis=0) - vertices.min(axis=0)
     checks.size(name, extents, unit)
@@ -362,7 +372,20 @@ def _finish(
         unit=unit,
         notes=body.notes,
         lids=body.lids,
+        parts=_parts(raw, kept),
     )
+
+
+def _parts(raw: RawMesh, kept: IntArray) -> tuple[ObjectPart, ...]:
+    """The groups of a file as parts of the mesh, whose triangles are the kept ones of the file."""
+    parts = []
+    for name, triangles in raw.groups:
+        inside = np.zeros(len(raw.triangles), dtype=bool)
+        inside[triangles] = True
+        own = np.flatnonzero(inside[kept])
+        if len(own):
+            parts.append(ObjectPart(name=name, region=TriangleSet(triangles=own), origin=FILE))
+    return tuple(parts)
 
 
 def _used(vertices: Array, triangles: IntArray) -> tuple[Array, IntArray]:

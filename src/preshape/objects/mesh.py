@@ -15,13 +15,21 @@ from ..types import (
     BoolArray,
     IntArray,
     freeze,
+    frozen_array,
     numbers,
+    one_of,
     positive_number,
     read_only,
     rebuilt,
     whole_number,
 )
+from .parts import ObjectPart, PartRule
 from .scans.scan import Scan
+
+UP_AXES = ("x", "y", "z", "-x", "-y", "-z")
+"""Names of the axes of a mesh that may be up."""
+LEAST_LENGTH = 1e-6
+"""A quaternion shorter than this is none."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -44,11 +52,19 @@ class TriangleMesh:
         notes: What was left out of the file or added to it, one sentence each.
         lids: Number of triangles, the last ones, that are not of the file but close its holes: they bound the
             solid, but there is nothing to touch.
+        com: (3,) centre of mass [m]; ``None`` if unknown.
+        up: Axis of the mesh that is up, one of x, y, z, -x, -y, -z.
+        rest: (4,) quaternion wxyz that turns the mesh frame as it lies at rest to a world with z up; ``None``
+            if unknown.
+        tasks: Tasks that suit the object, the most natural one first; empty if unknown.
+        parts: Named parts of the surface, the library's or the sidecar's before the groups of a file.
+        rules: Which parts some tasks hold or leave free, in place of what :mod:`preshape.planning.rules` says
+            of any mesh.
 
     Raises:
         ObjectError: The name is empty or no text; an array has the wrong shape, no triangle, a position that
-            is not finite, or an index that is out of range; mass or scale is not a positive number; or the
-            number of lids is none.
+            is not finite, or an index that is out of range; mass or scale is not a positive number; the
+            number of lids is none; there is no such axis; or the quaternion of the rest has no length.
     """
 
     name: str
@@ -61,6 +77,12 @@ class TriangleMesh:
     scan: Scan | None = None
     notes: tuple[str, ...] = ()
     lids: int = 0
+    com: Array | None = None
+    up: str = "z"
+    rest: Array | None = None
+    tasks: tuple[str, ...] = ()
+    parts: tuple[ObjectPart, ...] = ()
+    rules: tuple[PartRule, ...] = ()
 
     def __post_init__(self) -> None:
         _check_name(self.name)
@@ -89,14 +111,24 @@ class TriangleMesh:
             mass = None if self.mass is None else positive_number(self.mass, f"{self.name}: mass")
             scale = positive_number(self.scale, f"{self.name}: scale")
             lids = whole_number(self.lids, f"{self.name}: the number of lids", 0)
+            one_of(self.up, f"{self.name}: up", UP_AXES)
+            com = None if self.com is None else frozen_array(self.com, (3,), f"{self.name}: com")
+            rest = None if self.rest is None else frozen_array(self.rest, (4,), f"{self.name}: rest")
         except InputError as error:
             raise ObjectError(str(error)) from error
         if lids >= len(triangles):
             raise ObjectError(
                 f"{self.name}: {shown(lids)} of {len(triangles)} triangles cannot be lids; mark fewer"
             )
+        if rest is not None:
+            length = float(np.linalg.norm(rest))
+            if length < LEAST_LENGTH:
+                raise ObjectError(f"{self.name}: rest must be a quaternion w x y z, got {rest.tolist()}")
+            rest = read_only(rest / length)
         freeze(
             self,
+            com=com,
+            rest=rest,
             mass=mass,
             scale=scale,
             lids=lids,
@@ -108,11 +140,13 @@ class TriangleMesh:
 
     def same_as(self, other: TriangleMesh) -> bool:
         """Whether planning cannot tell this mesh from another: same content, point clouds excluded."""
-        plain = ("name", "counts", "mass", "scale", "lids")
+        plain = ("name", "counts", "mass", "scale", "lids", "up")
         return (
             self.scan is None
             and other.scan is None
             and all(getattr(self, name) == getattr(other, name) for name in plain)
+            and [part.name for part in self.parts] == [part.name for part in other.parts]
+            and all(_same(getattr(self, name), getattr(other, name)) for name in ("com", "rest"))
             and np.array_equal(self.vertices, other.vertices)
             and np.array_equal(self.triangles, other.triangles)
         )
@@ -190,6 +224,11 @@ class TriangleMesh:
             area=self.area,
             volume=abs(self.volume),
         )
+
+
+def _same(one: Array | None, other: Array | None) -> bool:
+    """Whether two arrays are equal, or both missing."""
+    return one is other or (one is not None and other is not None and np.array_equal(one, other))
 
 
 def box_mesh(name: str, extents: Array) -> TriangleMesh:

@@ -1,9 +1,31 @@
-"""Parts of an object: named regions of its surface, and volumes beside it that are to stay free."""
+"""Parts of an object: named regions of its surface, and volumes beside it that are to stay free.
+
+Parts come from the library, from the groups of a file, from the sidecar file, or from a text of the user:
+
+>>> part_of_text("z>0.05").name
+'z > 0.05'
+"""
 
 from __future__ import annotations
 
+import re
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
 from ..exceptions import InputError, shown
-from ..types import Array, IntArray, freeze, frozen_array, value
+from ..types import LONGEST_NAME, Array, IntArray, freeze, frozen_array, value
+from .read_raw import merge_equal
+from .regions import Pieces, SurfaceRegion, beyond, box
+
+if TYPE_CHECKING:
+    from .mesh import TriangleMesh
+
+LIBRARY, FILE, SIDECAR, ASKED = ORIGINS = ("library", "file", "sidecar", "asked")
+"""Where a part comes from: the built-in object, a group of the mesh file, its sidecar, or the request."""
+_BEYOND = re.compile(r"\s*([xyz])\s*([<>])\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*", re.IGNORECASE)
+_LISTED = 20
 
 
 @value
@@ -38,3 +60,154 @@ class PartSurface:
 
     def __len__(self) -> int:
         return len(self.triangles)
+
+
+@value
+class ObjectPart:
+    """A named region of an object's surface.
+
+    Attributes:
+        name: Name for display and for requests.
+        region: The region, in the mesh frame [m].
+        origin: Where the part comes from, one of ``ORIGINS``.
+
+    Raises:
+        InputError: The name is empty, too long or not printable, or the region is none.
+    """
+
+    name: str
+    region: SurfaceRegion
+    origin: str = ASKED
+
+    def __post_init__(self) -> None:
+        name = self.name
+        if not (isinstance(name, str) and name.strip() and name.isprintable() and len(name) <= LONGEST_NAME):
+            raise InputError(
+                f"a part's name is printable text of at most {LONGEST_NAME} characters, got {shown(name)}"
+            )
+        if not isinstance(self.region, SurfaceRegion):
+            raise InputError(f"the part {name}: expected a region, got {shown(self.region)}")
+        if self.origin not in ORIGINS:
+            raise InputError(f"the part {name}: its origin is one of {ORIGINS}, got {shown(self.origin)}")
+
+
+@value
+class PartRule:
+    """Which parts of an object some tasks hold, and which they leave free.
+
+    Attributes:
+        tasks: Names of task families.
+        hold_on: Names of the parts that may be held, any of them; empty for the whole surface.
+        keep_off: Names of the parts that stay free.
+    """
+
+    tasks: tuple[str, ...]
+    hold_on: tuple[str, ...] = ()
+    keep_off: tuple[str, ...] = ()
+
+
+def whole_surface(mesh: TriangleMesh) -> Pieces:
+    """The surface of an object that can be touched: all triangles without its lids."""
+    real = np.flatnonzero(~mesh.is_lid)
+    return Pieces(corners=mesh.corners[real], owners=real)
+
+
+def part_pieces(mesh: TriangleMesh, region: SurfaceRegion) -> Pieces:
+    """The pieces of an object's surface, without lids, that lie in a region."""
+    return region.split(whole_surface(mesh))[0]
+
+
+def part_surface(mesh: TriangleMesh, part: ObjectPart) -> PartSurface:
+    """The surface of an object clipped by a part's region, exactly: triangles are cut at its border.
+
+    Args:
+        mesh: The object [m].
+        part: The part.
+
+    Returns:
+        The surface without lids; it is empty if nothing of the object lies in the region.
+    """
+    return surface_of(part.name, part_pieces(mesh, part.region))
+
+
+def surface_of(name: str, pieces: Pieces) -> PartSurface:
+    """Pieces as the surface of a part, with corners at equal positions joined."""
+    count = len(pieces.corners)
+    vertices, triangles = merge_equal(pieces.corners.reshape(-1, 3), np.arange(3 * count).reshape(-1, 3))
+    return PartSurface(name=name, vertices=vertices, triangles=triangles)
+
+
+def part_of_text(text: str) -> ObjectPart | None:
+    """The part that a text describes by numbers; ``None`` if it is a name.
+
+    Args:
+        text: A half-space, as ``z>0.05`` or ``x < -0.02`` [m], or the six numbers of a box: its lower, then
+            its upper corner [m], with blanks or commas between.
+
+    Raises:
+        InputError: A box has not six numbers, or its lower corner is not below its upper.
+    """
+    if found := _BEYOND.fullmatch(text):
+        axis, sign, limit = found[1].lower(), found[2], float(found[3])
+        return ObjectPart(name=f"{axis} {sign} {limit:g}", region=beyond(axis, sign, limit))
+    try:
+        numbers = [float(word) for word in text.replace(",", " ").split()]
+    except ValueError:
+        return None
+    if not numbers:
+        return None
+    if len(numbers) != 6:
+        raise InputError(f"{_WANTED}, got {len(numbers)} number{'s' if len(numbers) > 1 else ''}")
+    return ObjectPart(
+        name="the box " + " ".join(f"{x:g}" for x in numbers), region=box(numbers[:3], numbers[3:])
+    )
+
+
+_WANTED = (
+    'a part is a name from "preshape objects OBJECT", a half-space such as "z>0.05", '
+    "or the six numbers of a box (lower, then upper corner) in metres"
+)
+
+
+def find_part(mesh: TriangleMesh, text: str) -> ObjectPart:
+    """The part of an object that a text names or describes.
+
+    Capitals, and whether words are joined by blanks, hyphens or underscores, do not matter in names.
+
+    Args:
+        mesh: The object [m].
+        text: A part's name, or what :func:`part_of_text` takes.
+
+    Raises:
+        InputError: The object has no such part (the message lists its parts), or nothing of its surface lies
+            in the region.
+    """
+    if not isinstance(text, str) or not text.strip():
+        raise InputError(f"{_WANTED}, got {shown(text)}")
+    named = {part.name: part for part in reversed(mesh.parts)}
+    folded = {_folded(name): part for name, part in named.items()}
+    part = named.get(text) or folded.get(_folded(text)) or part_of_text(text)
+    if part is None:
+        raise InputError(f"{mesh.name} has no part {shown(text)}; {listed([p.name for p in mesh.parts])}")
+    if not part_pieces(mesh, part.region).area > 0:
+        low, high = (" ".join(f"{1000 * x:.3g}" for x in corner) for corner in mesh.bounds)
+        raise InputError(
+            f"nothing of the surface of {mesh.name} lies in {part.name}; the object reaches from {low} to "
+            f"{high} mm (x y z), and regions are in metres; choose a region that it reaches"
+        )
+    return part
+
+
+def listed(names: Sequence[str]) -> str:
+    """The parts that exist, for messages; how to describe one if there are none."""
+    if not names:
+        return (
+            'it has no named parts: describe one as "z>0.05" or by the six numbers of a box (metres), or '
+            "name it in the file NAME.preshape.toml beside the mesh"
+        )
+    more = f" and {len(names) - _LISTED} more" if len(names) > _LISTED else ""
+    return f"known: {', '.join(names[:_LISTED])}{more}"
+
+
+def _folded(name: str) -> str:
+    return " ".join(name.casefold().replace("-", " ").replace("_", " ").split())

@@ -14,6 +14,7 @@ from urllib.parse import unquote
 
 from ..exceptions import ObjectError, shown
 from ..files import MOST_OF_MESH, read_file
+from ..types import LONGEST_NAME
 from .read_raw import RawMesh
 from .read_text import printable
 from .read_trimesh import read_scene
@@ -51,10 +52,61 @@ def read_gltf(name: str, data: bytes, path: Path) -> RawMesh:
     }
     _arrange(name, tree)
     _check(name, tree, len(data) + sum(map(len, files.values())))
+    labels = _label(tree)
     text = json.dumps(tree).encode()
     if binary:
         data = data[:12] + len(text).to_bytes(4, "little") + data[16:20] + text + data[end:]
-    return read_scene(name, data if binary else text, "glb" if binary else "gltf", files)
+    return read_scene(name, data if binary else text, "glb" if binary else "gltf", files, labels=labels)
+
+
+def _label(tree: dict[str, Any]) -> dict[str, list[str]]:
+    """Give every node with triangles one primitive and a name of its own, under which trimesh returns it.
+
+    Returns:
+        For each of these names, the names in the file of the node, of the nodes above it, of the mesh and of
+        the material.
+    """
+    nodes, meshes, materials = tree["nodes"], tree.get("meshes", []), tree.get("materials", [])
+    above: dict[int, list[str]] = {}
+    waiting: list[tuple[int, list[str]]] = [
+        (index, []) for index in _item(tree["scenes"], tree["scene"]).get("nodes", [])
+    ]
+    while waiting:
+        index, names = waiting.pop()
+        above[index] = [*names, *_names(nodes[index])]
+        waiting += [(child, above[index]) for child in nodes[index].get("children", ())]
+    primitives: list[dict[str, Any]] = []
+    places: list[list[int]] = []
+    for mesh in meshes:
+        places.append([len(primitives) + k for k in range(len(mesh["primitives"]))])
+        primitives += [{**mesh, "primitives": [primitive]} for primitive in mesh["primitives"]]
+    labels: dict[str, list[str]] = {}
+    for index in range(len(nodes)):
+        node = nodes[index]
+        node["name"] = str(index)
+        if "mesh" not in node:
+            continue
+        mesh, own = meshes[node["mesh"]], places[node.pop("mesh")]
+        for k, place in enumerate(own):
+            found = [*above.get(index, ()), *_names(mesh)]
+            material = mesh["primitives"][k].get("material")
+            if isinstance(material, int) and 0 <= material < len(materials):
+                found += _names(materials[material])
+            if len(own) == 1:
+                node["mesh"] = place
+                labels[str(index)] = list(dict.fromkeys(found))
+            else:
+                node.setdefault("children", []).append(len(nodes))
+                labels[str(len(nodes))] = list(dict.fromkeys(found))
+                nodes.append({"name": str(len(nodes)), "mesh": place})
+    tree["meshes"] = primitives
+    return labels
+
+
+def _names(entry: dict[str, Any]) -> list[str]:
+    """The name of an entry, printable; none if it has none."""
+    name = entry.get("name")
+    return [text] if isinstance(name, str) and (text := printable(name, LONGEST_NAME)) else []
 
 
 def _beside(name: str, uri: str, path: Path) -> bytes:
@@ -163,7 +215,7 @@ def _arrange(name: str, tree: dict[str, Any]) -> None:
     level = _item(tree["scenes"], tree.setdefault("scene", 0)).get("nodes", [])
     for index, parents in (children + Counter(level)).items():
         if parents > 1:
-            raise ObjectError(f"{name}: scene node {index} has two parents; the file is damaged")
+            raise ObjectError(f"{name}: scene node {shown(index)} has two parents; the file is damaged")
     levels = 0
     while level:
         level = [child for index in level for child in _item(nodes, index).get("children", ())]

@@ -1,18 +1,20 @@
-"""Wavefront OBJ (§2.1): vertices, vertex normals and polygons; the rest of the file is ignored."""
+"""Wavefront OBJ (§2.1): vertices, vertex normals, polygons, and names of objects, groups and materials."""
 
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
 
 import numpy as np
 
 from ..exceptions import ObjectError
+from ..types import IntArray
 from .read_raw import RawMesh, assemble
 from .read_text import Lines
 
 
 def read_obj(name: str, data: bytes) -> RawMesh:
-    """Read an OBJ file; all objects and groups become one mesh.
+    """Read an OBJ file; all objects and groups become one mesh, which knows the triangles of each.
 
     Corners with the same ``v`` number share a vertex, so seams of texture or normals do not cut the surface.
     Negative numbers count back from the line of the face. The counts of table 2 are those of the ``v``,
@@ -54,4 +56,23 @@ def read_obj(name: str, data: bytes) -> RawMesh:
         normals=int(lines.starting_with(b"vn").sum()),
         first=1,
         written=written,
+        runs=_runs(lines, faces.lines),
     )
+
+
+def _runs(lines: Lines, faces: IntArray) -> Iterator[tuple[str, int, int]]:
+    """Name, first face and face after the last of each object, group and material.
+
+    Args:
+        lines: The file.
+        faces: (faces,) number of the line of each face, from 1.
+    """
+    for word in (b"o", b"g", b"usemtl"):
+        marks = np.flatnonzero(lines.starting_with(word))
+        starts = np.searchsorted(faces, marks + 1)
+        for line, first, after in zip(marks, starts, np.append(starts, len(faces))[1:], strict=True):
+            if first < after:
+                text = lines.after(line, word)
+                # A face may be in several groups; names of objects and materials may have blanks.
+                for name in dict.fromkeys(text.split() if word == b"g" else [text]):
+                    yield name, int(first), int(after)

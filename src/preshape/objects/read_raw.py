@@ -1,7 +1,8 @@
-"""The result of every reader: positions, triangles, and the counts of the file."""
+"""The result of every reader: positions, triangles, the counts of the file, and the names of its groups."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -9,6 +10,9 @@ from numpy.typing import NDArray
 
 from ..types import Array, BoolArray, IntArray, value
 from . import checks
+
+MOST_GROUPS = 500
+"""Number of names of groups that are kept of one file; a person has no use for more."""
 
 
 @value
@@ -20,12 +24,14 @@ class RawMesh:
         triangles: (m, 3) indices into ``vertices``.
         normals: Number of vertex normals.
         faces: Number of polygons before they were cut into triangles.
+        groups: Name of each group, object and material of the file, and the indices of its triangles.
     """
 
     vertices: Array
     triangles: IntArray
     normals: int
     faces: int
+    groups: tuple[tuple[str, IntArray], ...] = ()
 
     @property
     def counts(self) -> tuple[int, int, int, int]:
@@ -42,6 +48,7 @@ def assemble(
     normals: int = 0,
     first: int = 0,
     written: IntArray | None = None,
+    runs: Iterable[tuple[str, int, int]] = (),
 ) -> RawMesh:
     """Check the content of a file and cut its polygons into triangles.
 
@@ -53,6 +60,7 @@ def assemble(
         normals: Number of vertex normals in the file; 0 counts one for each vertex.
         first: Number that the format gives to the first vertex, for messages.
         written: Indices as the file writes them, for messages.
+        runs: Name of a group, its first face and the face after its last; a name may occur several times.
 
     Raises:
         ObjectError: There are no faces, a position is not finite, an index is out of range, or a face has
@@ -62,15 +70,27 @@ def assemble(
     checks.finite(name, vertices, first)
     checks.enough_corners(name, sizes)
     checks.in_range(name, corners, sizes, len(vertices), first, written)
+    triangles, faces = triangulate(vertices, corners, sizes)
     return RawMesh(
         vertices=vertices,
-        triangles=triangulate(vertices, corners, sizes),
+        triangles=triangles,
         normals=normals or len(vertices),
         faces=len(sizes),
+        groups=_groups(runs, faces),
     )
 
 
-def triangulate(vertices: Array, corners: IntArray, sizes: IntArray) -> IntArray:
+def _groups(runs: Iterable[tuple[str, int, int]], faces: IntArray) -> tuple[tuple[str, IntArray], ...]:
+    """The triangles of each group, from runs of faces and the (m,) face of each triangle in rising order."""
+    found: dict[str, list[IntArray]] = {}
+    for name, first, after in runs:
+        if name and first < after and (name in found or len(found) < MOST_GROUPS):
+            low, high = np.searchsorted(faces, [first, after])
+            found.setdefault(name, []).append(np.arange(low, high))
+    return tuple((name, np.concatenate(own)) for name, own in found.items())
+
+
+def triangulate(vertices: Array, corners: IntArray, sizes: IntArray) -> tuple[IntArray, IntArray]:
     """Cut polygons, also concave ones, into triangles in the order of the file.
 
     Args:
@@ -79,10 +99,10 @@ def triangulate(vertices: Array, corners: IntArray, sizes: IntArray) -> IntArray
         sizes: (faces,) number of corners of each polygon, 3 or more.
 
     Returns:
-        (m, 3) indices with the orientation of their polygons.
+        (m, 3) indices with the orientation of their polygons, and (m,) the polygon of each, in rising order.
     """
     if (sizes == 3).all():
-        return corners.reshape(-1, 3)
+        return corners.reshape(-1, 3), np.arange(len(sizes))
     starts = np.cumsum(sizes) - sizes
     pieces: list[IntArray] = []
     owners: list[IntArray] = []
@@ -96,8 +116,9 @@ def triangulate(vertices: Array, corners: IntArray, sizes: IntArray) -> IntArray
             cut = _ears(vertices, polygon)
             pieces.append(cut)
             owners.append(np.full(len(cut), face))
-    order = np.argsort(np.concatenate(owners), kind="stable")
-    return np.concatenate(pieces)[order]
+    owner = np.concatenate(owners)
+    order = np.argsort(owner, kind="stable")
+    return np.concatenate(pieces)[order], owner[order]
 
 
 def _fan(vertices: Array, polygons: IntArray) -> tuple[IntArray, BoolArray]:

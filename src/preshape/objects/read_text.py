@@ -10,11 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..exceptions import ObjectError
-from ..types import BoolArray, IntArray, value
+from ..types import LONGEST_NAME, BoolArray, IntArray, value
 
 _NEWLINE, _HASH, _SLASH, _BLANK = 10, 35, 47, 32
 _INDENT = (9, 11, 12, 32)
 _CHUNK = 1 << 21
+_LONGEST_LINE = 1 << 12
 
 
 def printable(text: object, longest: int = 80) -> str:
@@ -137,6 +138,12 @@ class Lines:
         """A line, counted from 0, for messages."""
         raw = self.bytes[self.starts[line] : self.starts[line] + min(int(self.lengths[line]), 60)]
         return raw.tobytes().decode("ascii", "replace").strip()
+
+    def after(self, line: int | np.int64, word: bytes) -> str:
+        """What stands in a line, counted from 0, after its first word; printable and of limited length."""
+        start = int(self.starts[line])
+        raw = self.bytes[start + len(word) : start + min(int(self.lengths[line]), _LONGEST_LINE)]
+        return printable(raw.tobytes().decode("utf-8", "replace"), LONGEST_NAME)
 
     def rows(self, chosen: BoolArray, *, skip: int = 0, integers: bool = False) -> NumberRows:
         """Read the numbers of the chosen lines.

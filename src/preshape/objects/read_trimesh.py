@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import re
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from logging import WARNING, LogRecord, getLogger
 from logging.handlers import BufferingHandler
@@ -90,7 +90,14 @@ def _read_binary_stl(name: str, data: bytes, facets: int) -> RawMesh:
     )
 
 
-def read_scene(name: str, data: bytes, kind: str, files: dict[str, bytes], facets: int = -1) -> RawMesh:
+def read_scene(
+    name: str,
+    data: bytes,
+    kind: str,
+    files: dict[str, bytes],
+    facets: int = -1,
+    labels: Mapping[str, Sequence[str]] | None = None,
+) -> RawMesh:
     """Read all meshes of a scene, place each by its node, check them and merge equal positions.
 
     Args:
@@ -99,6 +106,7 @@ def read_scene(name: str, data: bytes, kind: str, files: dict[str, bytes], facet
         kind: Format of the file, as trimesh names it.
         files: Content of the files that it refers to, by name.
         facets: Number of triangles that the file announces; -1 if it announces no number.
+        labels: For each node of the scene, the names of the groups that its triangles belong to.
 
     Raises:
         ObjectError: See :func:`preshape.objects.load.load_object`.
@@ -118,18 +126,25 @@ def read_scene(name: str, data: bytes, kind: str, files: dict[str, bytes], facet
                 "export it as plain triangles"
             )
     vertices, triangles, count = [np.zeros((0, 3))], [np.zeros((0, 3), dtype=np.int64)], 0
+    runs: list[tuple[str, int, int]] = []
+    faces = 0
     for part in parts:
         own = np.asarray(getattr(part, "faces", np.zeros((0, 3))), dtype=np.int64)  # none: lines, points
         outside = (own < 0) | (own >= len(part.vertices))
         triangles.append(np.where(outside, -1, own + count))  # otherwise it would refer to another part
         vertices.append(np.asarray(part.vertices, dtype=np.float64))
         count += len(part.vertices)
+        names = (labels or {}).get(str(part.metadata.get("node")), ())
+        runs += [(label, faces, faces + len(own)) for label in names]
+        faces += len(own)
     corners = np.concatenate(triangles)
     if facets not in (-1, len(corners)):
         raise ObjectError(
             f"{name}: expected three vertices in each facet and endsolid at the end, found {len(corners)} "
             f"complete facets of {facets}; the file is damaged or cut short"
         )
-    raw = assemble(name, np.concatenate(vertices), corners.reshape(-1), np.full(len(corners), 3))
+    raw = assemble(name, np.concatenate(vertices), corners.reshape(-1), np.full(len(corners), 3), runs=runs)
     merged, indices = merge_equal(raw.vertices, raw.triangles)
-    return RawMesh(vertices=merged, triangles=indices, normals=len(merged), faces=len(indices))
+    return RawMesh(
+        vertices=merged, triangles=indices, normals=len(merged), faces=len(indices), groups=raw.groups
+    )

@@ -9,6 +9,7 @@ space.
 from __future__ import annotations
 
 import json
+import math
 import re
 import sys
 from dataclasses import asdict
@@ -24,7 +25,7 @@ from ..hiis.analyser import PALM, Grasp, Grip
 from ..hiis.critic import Thresholds, judge
 from ..hiis.decision import Settings
 from ..hiis.fuzzy import SET_NAMES
-from ..tasks import family_names
+from ..tasks import family_names, full_motion
 from ..types import FIELD_MASS, FRICTION, LENGTH_UNIT, an_instance
 from ..viewer.words import answers_of
 from .answers import Answer, PlanRecord, missing_motion, scan_trust, shortfalls
@@ -260,9 +261,11 @@ def _answer(plan: PlanRecord, answer: Answer | None) -> Document:
             "faces": attributes.faces,
             "triangles": attributes.triangles,
         },
+        "scene": _scene(plan),
         "task": {"name": task.label, "q": task.q.tolist(), "means": task.means},
         "thresholds": asdict(plan.settings.thresholds),
         "request": plan.request.to_json(),
+        "rules": _rules(plan),
         "seconds": {key: round(second, 6) for key, second in plan.seconds.items()},
         "version": __version__,
     }
@@ -274,6 +277,27 @@ def _own_reason(plan: PlanRecord, answer: Answer) -> str:
     grasp = answer.grasp
     measure = "the grip's quality (3 is just enough)" if isinstance(grasp, Grip) else "TFVADI"
     return f"{judge(grasp.judged, threshold, subject=measure).reason}: {grasp.description}"
+
+
+def _rules(plan: PlanRecord) -> list[Document]:
+    """The rules that were applied, and where each comes from."""
+    applied = plan.request.rules_for(plan.mesh).applied
+    return [
+        {"kind": rule.kind, "part": rule.part, "origin": rule.origin, "table": rule.table} for rule in applied
+    ]
+
+
+def _scene(plan: PlanRecord) -> Document:
+    """The object in a world with z up; up, table, and gravity and motion of the task in the mesh frame."""
+    stands = plan.standing
+    return {
+        "T_world_object": stands.pose.tolist(),
+        "up": (stands.up + 0.0).tolist(),
+        "table": None if stands.table is None else (stands.table + 0.0).tolist(),
+        "gravity": (plan.request.task_gravity(plan.mesh) + 0.0).tolist(),
+        "motion": full_motion(plan.decision.task).tolist(),
+        "turned": round(math.degrees(stands.turned), 3),
+    }
 
 
 def _grasp(g: Grasp) -> Document:

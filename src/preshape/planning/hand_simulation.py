@@ -9,7 +9,7 @@ grasp, the fingers retract, and the result says why.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from itertools import combinations
 
 import numpy as np
@@ -141,7 +141,15 @@ class InverseKinematicsResult(HandResult):
         freeze(self, tip_errors=frozen_array(self.tip_errors, (None,), "tip errors"))
 
 
-def execute(hand: Hand, mesh: TriangleMesh, grasp: Grasp, *, seed: int = 0) -> HandResult:
+def execute(
+    hand: Hand,
+    mesh: TriangleMesh,
+    grasp: Grasp,
+    *,
+    seed: int = 0,
+    kept_off: Sequence[TriangleMesh] = (),
+    room: float = 0.0,
+) -> HandResult:
     """The hand on a grasp: it reaches a virtual grasp or retracts (§4); a grip needs no further search.
 
     Args:
@@ -149,6 +157,9 @@ def execute(hand: Hand, mesh: TriangleMesh, grasp: Grasp, *, seed: int = 0) -> H
         mesh: The object [m].
         grasp: The grasp.
         seed: Seed of the starting postures of the inverse kinematics.
+        kept_off: Surfaces of parts to keep off. A grip does so already. On a virtual grasp, the hand does so
+            where it touches and in its pregrasp, but not on its way.
+        room: Least distance of every link from these parts [m].
     """
     if isinstance(grasp, Grip):
         return HandResult.of_grip(hand, grasp)
@@ -161,6 +172,8 @@ def execute(hand: Hand, mesh: TriangleMesh, grasp: Grasp, *, seed: int = 0) -> H
         normals_in=grasp.contacts.normals_in,
         triangles=grasp.contacts.triangles,
         seed=seed,
+        kept_off=kept_off,
+        room=room,
     )
 
 
@@ -174,6 +187,8 @@ def simulate_hand(
     normals_in: ArrayLike,
     triangles: ArrayLike,
     seed: int = 0,
+    kept_off: Sequence[TriangleMesh] = (),
+    room: float = 0.0,
 ) -> InverseKinematicsResult:
     """Put the hand on a virtual grasp.
 
@@ -187,6 +202,8 @@ def simulate_hand(
         normals_in: (n, 3) inward normals.
         triangles: (n,) index of the triangle that each contact lies on.
         seed: Seed of the random starting postures.
+        kept_off: Surfaces of parts to keep off.
+        room: Least distance of every link from these parts, in the grasp and in the pregrasp [m].
 
     Returns:
         The grasp, or the retracted hand and the reason.
@@ -198,9 +215,15 @@ def simulate_hand(
     a, o = _axes(approach_axis, opposition_axis)
     contacts = _contacts(hand, mesh, contact_points, normals_in, triangles)
     t = np.cross(a, o)
+    clearance = Clearance(
+        HandKinematics(hand),
+        object_collision(mesh),
+        contacts,
+        kept_off=[object_collision(part) for part in kept_off],
+        room=room,
+    )
     # Palm frame: +x transverse, -y towards the thumb, +z as the fingers point.
-    simulation = _Simulation(hand, mesh, contacts, np.stack([t, -o, a], axis=1), seed)
-    return simulation.run()
+    return _Simulation(hand, mesh, np.stack([t, -o, a], axis=1), seed, clearance).run()
 
 
 def _axes(approach: ArrayLike, opposition: ArrayLike) -> tuple[Array, Array]:
@@ -232,12 +255,13 @@ class _Simulation:
     """One call of :func:`simulate_hand`."""
 
     def __init__(
-        self, hand: Hand, mesh: TriangleMesh, contacts: TouchPoints, orientation: Array, seed: int
+        self, hand: Hand, mesh: TriangleMesh, orientation: Array, seed: int, clearance: Clearance
     ) -> None:
-        self.hand, self.mesh, self.contacts, self.orientation = hand, mesh, contacts, orientation
-        self.kinematics = HandKinematics(hand)
+        self.hand, self.mesh, self.orientation = hand, mesh, orientation
+        self.contacts = clearance.contacts
+        self.kinematics = clearance.kinematics
         self.solver = InverseKinematics(self.kinematics, object_collision(mesh))
-        self.clearance = Clearance(self.kinematics, object_collision(mesh), contacts)
+        self.clearance = clearance
         self.rng = np.random.default_rng(seed)
         self.seats: Array | None = None
         self.attempts = 0

@@ -28,6 +28,7 @@ from ..types import FIELD_MASS, value
 from .answers import Answer, answers_of
 from .grasp_sets import palm_grasps, poses_with_gains
 from .request import PlanRequest
+from .rules import NONE
 from .session import Session
 
 Progress = Callable[[str, int, int], None]
@@ -175,6 +176,7 @@ def plan_cases(
                     count=count,
                     learn=False,
                     settings=Settings(seed=seed),
+                    rules=NONE,
                 )
                 made = session.run(request)
             except ObjectError as error:

@@ -15,8 +15,6 @@ from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
 
-import numpy as np
-
 from ..closure.settings import ClosureSettings
 from ..exceptions import Cancelled, EnvironmentFailure, InputError, shown
 from ..files import file_place, file_state
@@ -31,6 +29,8 @@ from ..objects.library import load_library_object
 from ..objects.load import split_part
 from ..objects.mass import ObjectMass, object_mass
 from ..objects.mesh import TriangleMesh
+from ..objects.sidecar import sidecar_path
+from ..tasks import Task
 from ..types import Array, Experience, an_instance, value
 from .answers import Answer, seen_first
 from .hand_simulation import execute
@@ -56,6 +56,7 @@ class Prepared:
 
     Attributes:
         request: The request.
+        task: Its task in the mesh frame.
         hand: The hand.
         mesh: The object [m].
         mass: The object's mass.
@@ -68,6 +69,7 @@ class Prepared:
     """
 
     request: PlanRequest
+    task: Task
     hand: Hand
     mesh: TriangleMesh
     mass: ObjectMass
@@ -154,6 +156,8 @@ class Session:
         mass = object_mass(mesh, request.stated_mass)
         warnings = [*mesh.notes, *([mass.warning] if mass.warning else [])]
         warnings += out_of_reach(request, mesh, hand)
+        stands = request.standing(mesh)
+        warnings += [f"{mesh.name} {stands.warning}"] if stands.warning else []
         loaded = time.perf_counter()
         self._tell("opening the memory; a hand's first time includes the lesson with the cube", 12)
         key = _element_key(request, hand, mesh, mass)
@@ -164,6 +168,7 @@ class Session:
             self._element = (*key, mesh, controller), controller.prepare(mesh)
         return Prepared(
             request=request,
+            task=stands.task(request.asked),
             hand=hand,
             mesh=mesh,
             mass=mass,
@@ -194,7 +199,7 @@ class Session:
         ready.element.forget()
         decision = ready.controller.run(
             ready.element,
-            request.asked,
+            ready.task,
             approaches=request.approaches,
             count=wanted,
             may_learn=request.learn,
@@ -213,7 +218,7 @@ class Session:
             )
             # A lesson that was restricted to some approaches would mislead plans without the restriction.
             if request.learn and request.approaches is None and not self.memory.read_only:
-                ready.controller.knowledge.learn_outcomes(ready.element, request.asked, tried)
+                ready.controller.knowledge.learn_outcomes(ready.element, ready.task, tried)
         if partial is not None and chosen_later:
             partial(plan)
         return plan
@@ -241,7 +246,7 @@ class Session:
         started = time.perf_counter()
         self._tell("mode 3: exploring all planes and learning", 35)
         ready.element.forget()
-        decision = ready.controller.teach(ready.element, request.asked, approaches=request.approaches)
+        decision = ready.controller.teach(ready.element, ready.task, approaches=request.approaches)
         ready.controller.reset()
         return self._executed(ready, decision, started, None)
 
@@ -310,7 +315,7 @@ class Session:
         return Answer(
             grasp=grasp,
             hand_result=execute(ready.hand, ready.mesh, grasp, seed=ready.request.settings.seed),
-            heaviest=ready.element.heaviest(ready.request.asked.q, grasp),
+            heaviest=ready.element.heaviest(ready.task.q, grasp),
         )
 
     def _controller_of(
@@ -325,7 +330,11 @@ class Session:
                 return controller
         if request.analyser == "rays":
             controller = Controller(
-                self.memory, layout_of(hand), settings=request.settings, may_store=request.learn
+                self.memory,
+                layout_of(hand),
+                settings=request.settings,
+                scene=scene,
+                may_store=request.learn,
             )
         else:
             controller = closure_controller(
@@ -333,7 +342,7 @@ class Session:
                 hand,
                 settings=request.settings,
                 closure=request.closure(mesh, mass.kg),
-                gravity=np.asarray(request.gravity),
+                gravity=request.task_gravity(mesh),
                 scene=scene,
                 may_store=request.learn,
             )
@@ -372,7 +381,7 @@ def closure_analyser(request: PlanRequest, hand: Hand, mesh: TriangleMesh) -> Cl
         settings=request.closure(mesh, object_mass(mesh, request.stated_mass).kg),
         coefficients=settings.coefficients,
         sets=settings.sets,
-        gravity=np.asarray(request.gravity, dtype=np.float64),
+        gravity=request.task_gravity(mesh),
         seed=settings.seed,
     )
 
@@ -420,11 +429,13 @@ def closure_controller(
         )
 
     def prepare_seed(mesh: TriangleMesh) -> ClosureAnalyser:
-        # The 48 tasks of the cube only teach the planes, not the best grips: a small search is enough.
+        # The 48 tasks of the cube only teach the planes, not the best grips: a small search is enough, of
+        # wraps as well.
         quick = ClosureSettings(
             threads=closure.threads,
             device=closure.device,
             everywhere=400,
+            wraps=480,
             elite=8,
             rounds=1,
             finished=1,
@@ -449,28 +460,22 @@ def closure_controller(
 
 
 def _file_key(request: PlanRequest) -> tuple[Any, ...]:
-    """Key of a loaded object in the cache; a file that was written again is another object."""
+    """Key of a loaded object in the cache; with a new file or a new sidecar it is another object."""
     source = str(request.source)
-    state = file_state(split_part(source)[0])
+    path = split_part(source)[0]
+    state = file_state(path), file_state(sidecar_path(path))
     return source, request.unit, request.scale, request.view, request.cut_table, state
+
+
+_ELEMENT_KEYS = (
+    "analyser", "friction", "table", "avoid", "gravity", "seed", "thresholds", "sets", "finger_rule",
+    "coefficients", "up", "rest", "search", "grasp_type",
+)  # fmt: skip
+"""Keys of a request's JSON that analyser and controller depend on."""
 
 
 def _element_key(request: PlanRequest, hand: Hand, mesh: TriangleMesh, mass: ObjectMass) -> tuple[Any, ...]:
     """Key of controller and analyser in the cache: everything they depend on besides the object."""
-    document = request.to_json()
-    names = (
-        "analyser",
-        "friction",
-        "table",
-        "avoid",
-        "gravity",
-        "seed",
-        "thresholds",
-        "sets",
-        "finger_rule",
-        "coefficients",
-        "grasp_type",
-    )
+    document, rules = request.to_json(), request.rules_for(mesh).key
     wanted = (request.wanted(mesh), request.count > 1) if request.analyser == "closure" else 0
-    parts = [repr(document[name]) for name in (*names, "search")]
-    return (hand, mass.kg, wanted, *parts)
+    return (hand, mass.kg, wanted, rules, *(repr(document[name]) for name in _ELEMENT_KEYS))

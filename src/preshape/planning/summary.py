@@ -92,7 +92,9 @@ def _what(document: Document) -> Table:
     rows.append(("task", f"{task['name']}: {motion}. {task['means']}"))
     rows.append(("hand", f"{document['hand']['name']}, U = {1000 * document['U']:.0f} mm"))
     scene = words.scene_words(document)
-    return fact_grid(*rows, *([("scene", scene)] if scene else []))
+    rules = words.rules_words(document)
+    rows += [("scene", scene)] if scene else []
+    return fact_grid(*rows, *([("rules", rules)] if rules else []))
 
 
 def _answer(answer: Document) -> Table:

@@ -29,6 +29,7 @@ from ..hiis.decision import Settings, Status
 from ..memory import Memory
 from ..objects.library import load_library_object, names
 from ..planning.request import PlanRequest
+from ..planning.rules import NONE
 from ..planning.session import Session
 from ..report import Cell, Table
 from ..tasks import Task, family_names, parse_task
@@ -184,6 +185,7 @@ def study(
             analyser="closure",
             scale=scale,
             mass=FIELD_MASS,
+            rules=NONE,
             settings=Settings(seed=seed, thresholds=Thresholds(estimation=threshold)),
             search=closure or ClosureSettings(finished=4),
         )

@@ -11,12 +11,13 @@ from .displacement import (
     task_from_poses,
     task_from_primitives,
 )
-from .families import FAMILIES, Family, all_named_tasks, family_names, named_task, parse_task
+from .families import FAMILIES, OTHER_NAMES, Family, all_named_tasks, family_names, named_task, parse_task
 from .task import AXES, Primitive, Task, from_json, motion_of, task_from_numbers, to_json
 
 __all__ = [
     "AXES",
     "FAMILIES",
+    "OTHER_NAMES",
     "Family",
     "Primitive",
     "Task",

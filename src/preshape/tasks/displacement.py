@@ -37,9 +37,9 @@ from .task import (
 )
 
 FULL_TRANSLATION = 0.1
-"""Largest component of a translation in the task test [m] (ENGINE.md, task test)."""
+"""Largest component of a translation in the task test [m] (docs/task-benchmark.md)."""
 FULL_ROTATION = math.pi / 4
-"""Largest component of a rotation vector in the task test [rad] (ENGINE.md, task test)."""
+"""Largest component of a rotation vector in the task test [rad] (docs/task-benchmark.md)."""
 
 _DOWN = (0.0, 0.0, -1.0)
 

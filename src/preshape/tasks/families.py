@@ -206,6 +206,14 @@ _FAMILIES = (
 )
 FAMILIES = {family.name: family for family in _FAMILIES}
 
+OTHER_NAMES = {
+    "pick": "lift", "pick_up": "lift", "grasp": "lift", "grab": "lift", "hold": "lift", "carry": "lift",
+    "place": "lift", "put_down": "lift", "hammer": "strike", "hit": "strike", "rotate": "turn",
+    "tighten": "screw", "loosen": "unscrew", "pry": "lever", "wipe": "slide", "squeeze": "press",
+    "give": "hand_over", "pass": "hand_over",
+}  # fmt: skip
+"""Words that people use for a task, and the family that moves and loads the object so."""
+
 
 def family_names() -> tuple[str, ...]:
     """The names of all families."""
@@ -242,7 +250,7 @@ def _task(family: Family, axis: str) -> Task:
 
 
 def named_task(text: str) -> Task:
-    """The task of a family; a signed axis after a colon replaces the default axis.
+    """The task of a family, or of another word for it; a signed axis after a colon replaces the default axis.
 
     Raises:
         UnknownTask: There is no such family; the message lists the nearest names.
@@ -250,11 +258,14 @@ def named_task(text: str) -> Task:
 
     >>> named_task("push").label, named_task("turn:-y").describe()
     ('push:+x', 'turning about -Y')
+    >>> named_task("pick up").label
+    'lift:+z'
     """
     if not isinstance(text, str):
         raise TaskError(f"the name of a task must be text, got {shown(text)}")
     name, colon, axis = text.partition(":")
     key = "_".join(name.strip().lower().replace("-", " ").replace("_", " ").split())
+    key = OTHER_NAMES.get(key, key)
     if key not in FAMILIES:
         raise UnknownTask(name.strip(), family_names())
     family = FAMILIES[key]

@@ -26,6 +26,7 @@ from .words import (
     press,
     refused,
     result,
+    rules_words,
     scene_words,
     score,
     score_name,
@@ -184,6 +185,7 @@ def fact_rows(document: Document, answer: Document) -> list[tuple[str, str]]:
             ("press", f"{press(answer):.1f} N in all"),
             ("mass", mass_words(answer)),
             ("scene", scene_words(document)),
+            *([("rules", rules_words(document))] if rules_words(document) else []),
             ("refused", refused(answer))
             if refused(answer)
             else ("clearance", f"{1000 * grip['clearance']:.1f} mm to the object on the way in"),

@@ -79,6 +79,7 @@ def prepare_field(
     *,
     cells: int | None = None,
     padding: float = PADDING,
+    signed: bool = True,
     cache: Path | str | None = USER_CACHE,
 ) -> DistanceField:
     """Get the signed distance field of an object, from the cache if it was computed before.
@@ -93,6 +94,7 @@ def prepare_field(
         cells: Nodes along the longest side, padding included; ``None`` for 64, or more along a long object
             that is thin enough: cells of 4 mm, or larger ones so that there are no more nodes than in a cube.
         padding: Margin around the object's bounding box [m].
+        signed: Whether distances are negative inside; otherwise both sides of the surface are outside.
         cache: Folder of the cache; :data:`USER_CACHE` for the default folder, ``None`` for no cache. A folder
             that cannot be used is ignored.
 
@@ -105,13 +107,13 @@ def prepare_field(
         cells = _usual_cells(mesh, padding)
     if isinstance(cells, bool) or not isinstance(cells, int | np.integer) or not 8 <= cells <= MOST_CELLS:
         raise InputError(f"cells must be a whole number from 8 to {MOST_CELLS}, got {shown(cells)}")
-    digest = _digest(mesh, int(cells), float(padding))
+    digest = _digest(mesh, int(cells), float(padding), signed)
     if cache is None:
-        return _fill(mesh, int(cells), float(padding), digest)
+        return _fill(mesh, int(cells), float(padding), digest, signed)
     file = (Path(cache) if str(cache) else cache_folder()) / "fields" / f"{digest}.npz"
     field = _read(file, digest)
     if field is None:
-        field = _fill(mesh, int(cells), float(padding), digest)
+        field = _fill(mesh, int(cells), float(padding), digest, signed)
         keep_arrays(
             file,
             origin=field.origin,
@@ -250,7 +252,7 @@ def _usual_cells(mesh: TriangleMesh, padding: float) -> int:
     return min(max(CELLS, int(size.max() / spacing) + 1), MOST_CELLS)
 
 
-def _fill(mesh: TriangleMesh, cells: int, padding: float, digest: str) -> DistanceField:
+def _fill(mesh: TriangleMesh, cells: int, padding: float, digest: str, signed: bool) -> DistanceField:
     wp, warp_field = _warp()
     size = mesh.extents + 2 * padding
     spacing = float(size.max()) / (cells - 1)
@@ -276,11 +278,12 @@ def _fill(mesh: TriangleMesh, cells: int, padding: float, digest: str) -> Distan
             wp.launch(warp_field.fine_nodes, dim=count, inputs=inputs, device="cpu")
 
         in_parts(fill, grids[level].size, usable_threads("cpu"))
-    return DistanceField(origin=origin, spacing=spacing, distance=grids[0].numpy(), digest=digest)
+    distance = grids[0].numpy() if signed else np.abs(grids[0].numpy())
+    return DistanceField(origin=origin, spacing=spacing, distance=distance, digest=digest)
 
 
-def _digest(mesh: TriangleMesh, cells: int, padding: float) -> str:
-    state = hashlib.sha256(f"field 3 {cells} {padding!r}".encode())
+def _digest(mesh: TriangleMesh, cells: int, padding: float, signed: bool) -> str:
+    state = hashlib.sha256(f"field 3 {cells} {padding!r}{'' if signed else ' unsigned'}".encode())
     for array in (mesh.vertices, mesh.triangles):
         state.update(np.ascontiguousarray(array).tobytes())
     return state.hexdigest()[:40]

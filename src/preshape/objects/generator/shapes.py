@@ -235,14 +235,14 @@ def block(x: float, y: float, z: float) -> Solid:
     return Manifold.cube([x, y, z], True)
 
 
-def finish(solid: Solid) -> tuple[Array, IntArray]:
+def finish(solid: Solid) -> tuple[Array, IntArray, Array]:
     """The arrays of a solid, centred on its bounding box and without slivers under 5 µm.
 
     Returns:
-        (n, 3) vertices [m] and (m, 3) outward triangles.
+        (n, 3) vertices [m], (m, 3) outward triangles, and (3,) their origin in the solid's frame [m].
     """
     mesh = solid.as_original().simplify(_SLIVER).to_mesh64()
     points = np.array(mesh.vert_properties[:, :3], dtype=np.float64)
     triangles = np.array(mesh.tri_verts, dtype=np.int64)
-    points -= (points.min(axis=0) + points.max(axis=0)) / 2
-    return points / 1000.0, triangles
+    middle = (points.min(axis=0) + points.max(axis=0)) / 2
+    return (points - middle) / 1000.0, triangles, middle / 1000.0

@@ -30,7 +30,7 @@ from ...tasks import Task, full_motion
 from ...types import Array, freeze, frozen_array, value
 
 ACCELERATION = 9.8
-"""Load and weight divided by the mass of the object [m/s²] (ENGINE.md, task test)."""
+"""Load and weight divided by the mass of the object [m/s²] (docs/task-benchmark.md)."""
 _NOTHING = 1e-9  # a smaller twist [m or rad over the whole path] counts as none
 
 
