@@ -45,6 +45,7 @@ def plan(
     seed: int = 0,
     count: int = 1,
     approaches: str | None = None,
+    grasp_type: str = "any",
     settings: Settings | None = None,
     closure: ClosureSettings | None = None,
     table: float | str | None = None,
@@ -57,6 +58,7 @@ def plan(
     rules: str = "task",
     up: str | None = None,
     rest: Sequence[float] | None = None,
+    obstacle: str | Sequence[str] = (),
 ) -> Plan:
     """Plan a preshape.
 
@@ -74,6 +76,8 @@ def plan(
         seed: Seed of every random draw; the same seed gives the same plan.
         count: Number of different answers.
         approaches: Allowed approach axes, such as ``+z,-x``.
+        grasp_type: ``power`` for wraps of the whole hand only, ``precision`` for fingertips only, or ``any``;
+            closure only.
         settings: Thresholds, membership functions and contact coefficients.
         closure: Size and safety of the closure search.
         table: ``auto`` for a table that the object rests on, or the height of one along ``up`` [m]; closure
@@ -94,6 +98,8 @@ def plan(
             default z, and y for a glTF file.
         rest: (4,) quaternion wxyz that turns the mesh, as it lies at rest on a table, to a world with z up;
             by default the object's own, or else it is settled.
+        obstacle: Meshes or point clouds that hand and fingers stay away from by 3 mm, each ``FILE`` or
+            ``FILE@x,y,z,qw,qx,qy,qz``, its pose in the mesh frame [m]; closure only.
 
     Raises:
         InputError: An argument that cannot be used; the message says what to change.
@@ -115,12 +121,14 @@ def plan(
         view=view,
         cut_table=cut_table,
         up=up,
+        obstacle=obstacle,
         rest=rest,
         mass=mass,
         friction=friction,
         table=table,
         avoid=avoid,
         approaches=approaches,
+        grasp_type=grasp_type,
         count=count,
         learn=learn,
         verify=verify,

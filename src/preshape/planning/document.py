@@ -22,7 +22,7 @@ from ..exceptions import EnvironmentFailure, InputError, shown
 from ..files import MEGABYTE, MOST_OF_JSON, loads, read_file
 from ..hands.hand import Hand
 from ..hiis.analyser import PALM, Grasp, Grip
-from ..hiis.critic import Thresholds
+from ..hiis.critic import Thresholds, judge
 from ..hiis.decision import Settings
 from ..hiis.fuzzy import SET_NAMES
 from ..tasks import family_names, full_motion
@@ -50,7 +50,9 @@ def plan_to_json(plan: PlanRecord) -> Document:
     """
     an_instance(plan, PlanRecord, "plan")
     document = _answer(plan, plan.answer)
-    document["alternatives"] = [_answer(plan, other) for other in plan.alternatives]
+    document["alternatives"] = [
+        {**_answer(plan, other), "reason": _own_reason(plan, other)} for other in plan.alternatives
+    ]
     document["best"] = None if plan.best is None else {**_answer(plan, plan.best), "executable": False}
     return document
 
@@ -186,11 +188,13 @@ def planned_load(document: Document) -> tuple[float, float]:
 
 
 def obstacles_of(document: Document) -> str:
-    """Table and boxes of a plan in words, such as ``the table and 2 boxes``; empty for free space."""
+    """What is around the object of a plan, such as ``the table and 2 boxes``; empty for free space."""
     request = document.get("request") or {}
     boxes = len(request.get("avoid") or ())
     parts = ["the table"] if request.get("table") is not None else []
     parts += [f"{boxes} box{'es' if boxes > 1 else ''}"] if boxes else []
+    files = len(request.get("obstacle") or ())
+    parts += [f"{files} obstacle{'s' if files > 1 else ''}"] if files else []
     return " and ".join(parts)
 
 
@@ -267,6 +271,14 @@ def _answer(plan: PlanRecord, answer: Answer | None) -> Document:
         "seconds": {key: round(second, 6) for key, second in plan.seconds.items()},
         "version": __version__,
     }
+
+
+def _own_reason(plan: PlanRecord, answer: Answer) -> str:
+    """Why an alternative is an answer: its own score, and what it is."""
+    threshold = plan.settings.thresholds.estimation
+    grasp = answer.grasp
+    measure = "the grip's quality (3 is just enough)" if isinstance(grasp, Grip) else "TFVADI"
+    return f"{judge(grasp.judged, threshold, subject=measure).reason}: {grasp.description}"
 
 
 def _rules(plan: PlanRecord) -> list[Document]:

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from ..closure.settings import ClosureSettings
+from ..closure.settings import GRASP_TYPES, ClosureSettings
 from ..exceptions import InputError, shown
 from ..hands.hand import Hand
 from ..hands.load import source_of
@@ -29,6 +29,8 @@ from ..objects.checks import metres
 from ..objects.load import IN_MEMORY, load_object, stored_source
 from ..objects.mass import object_mass
 from ..objects.mesh import UP_AXES, TriangleMesh
+from ..objects.obstacle import obstacle_surface, placed_file
+from ..objects.parts import PartSurface
 from ..objects.resting import upright
 from ..tasks import Task, parse_task, task_from_numbers
 from ..tasks.task import from_json as task_from_json
@@ -46,6 +48,7 @@ from ..types import (
 )
 from .request_values import (
     checked_boxes,
+    checked_files,
     checked_gravity,
     checked_parts,
     checked_rest,
@@ -79,6 +82,7 @@ _KINDS: tuple[tuple[str, Any, str], ...] = (
     ("hand", str | Hand, "the name of a hand, its description file, or a loaded hand"),
     ("analyser", str | None, f"{' or '.join(ANALYSERS)}, or empty for the hand's default"),
     ("approaches", str | None, "text of approach axes such as +z,-x, or None for all"),
+    ("grasp_type", str, f"{', '.join(GRASP_TYPES[:-1])} or {GRASP_TYPES[-1]}"),
     ("cut_table", bool | np.bool_ | None, "True, False or None"),
     ("learn", bool | np.bool_, "True or False"),
     ("verify", bool | np.bool_, "True or False"),
@@ -117,7 +121,9 @@ class PlanRequest:
         gravity: (3,) unit direction of gravity along the axes of the task; zeros mean none; ``None`` takes
             the task's. On a table, the task's gravity acts after the lift.
         approaches: Allowed approach axes, such as ``+z,-x``; ``None`` allows all.
-        count: Number of different answers.
+        grasp_type: ``power`` for wraps of the whole hand only, ``precision`` for fingertips only, or ``any``.
+            Closure only.
+        count: Number of different answers; where both kinds of grips exist, both are among them.
         learn: Whether a new object is taught to the memory.
         verify: Whether the best answers go through the holding test in physics; the first that holds is
             the answer.
@@ -134,6 +140,8 @@ class PlanRequest:
             mesh turned upright, so that z is up. ``None`` takes the file's own (y in glTF, else z).
         rest: (4,) quaternion wxyz that turns the mesh frame, as the object lies at rest on a table, to a
             world with z up; ``None`` takes the object's own, or else settles the object.
+        obstacle: Meshes or point clouds that the hand stays away from by 3 mm, on its way in too: each
+            ``FILE`` or ``FILE@x,y,z,qw,qx,qy,qz``, its pose in the mesh frame [m]. Closure only.
 
     Raises:
         InputError: An argument that cannot be used; the message says what to change.
@@ -153,6 +161,7 @@ class PlanRequest:
     avoid: Sequence[Sequence[float]] = ()
     gravity: Sequence[float] | Array | None = None
     approaches: str | None = None
+    grasp_type: str = "any"
     count: int = 1
     learn: bool = True
     verify: bool = False
@@ -164,6 +173,7 @@ class PlanRequest:
     rules: str = FOLLOW
     up: str | None = None
     rest: Sequence[float] | Array | None = None
+    obstacle: str | Sequence[str] = ()
 
     def __post_init__(self) -> None:
         for name in ("source", "hand", "memory"):
@@ -193,6 +203,7 @@ class PlanRequest:
         freeze(self, rest=checked_rest(self.rest))
         if self.up is not None:
             upright(self.up)
+        freeze(self, obstacle=checked_files(self.obstacle))
         if self.cut_table is not None:
             freeze(self, cut_table=bool(self.cut_table))
         allowed_planes(self.approaches)
@@ -202,6 +213,7 @@ class PlanRequest:
             raise InputError("a TriangleMesh is in metres at its final size: unit and scale are for files")
         if isinstance(self.source, TriangleMesh) and self.cut_table is not None:
             raise InputError("a TriangleMesh has no points to cut off: cut_table is for files of points")
+        one_of(self.grasp_type, "grasp type", GRASP_TYPES)
         freeze(self, count=whole_number(self.count, "count, the number of answers,", 1))
         for name in ("mass", "friction"):
             if (given := getattr(self, name)) is not None:
@@ -211,9 +223,14 @@ class PlanRequest:
 
     def _refuse_what_rays_ignore(self) -> None:
         """Refuse obstacles and loads for the ray analyser, which would ignore them without notice."""
-        if self.table is not None or self.avoid:
+        if self.table is not None or self.avoid or self.obstacle:
             raise InputError(
-                f"a table and boxes to avoid need {_REAL_HAND}; the analyser of {self.hand_name} here is rays"
+                f"a table, boxes to avoid and obstacles need {_REAL_HAND}; the analyser of {self.hand_name} "
+                "here is rays"
+            )
+        if self.grasp_type != "any":
+            raise InputError(
+                f"a grasp type needs {_REAL_HAND}; the analyser of {self.hand_name} here is rays"
             )
         if not self.verify and (self.stated_mass is not None or not self._usual_friction):
             raise InputError(
@@ -299,6 +316,16 @@ class PlanRequest:
         boxes = np.array(self.avoid, dtype=np.float64).reshape(-1, 2, 3)
         return Obstacles(planes=np.zeros((0, 4)) if table is None else table[None], boxes=boxes)
 
+    def obstacle_surfaces(self, mesh: TriangleMesh) -> tuple[PartSurface, ...]:
+        """The obstacles from files, as far as the hand can come near them.
+
+        Raises:
+            ObjectError: A file cannot be used.
+            EnvironmentFailure: A file cannot be read.
+        """
+        found = (obstacle_surface(placed_file(text), mesh.bounds) for text in self.obstacle)
+        return tuple(surface for surface in found if surface is not None)
+
     def rules_for(self, mesh: TriangleMesh) -> TaskRules:
         """Which parts of the object are held and which stay free.
 
@@ -320,7 +347,8 @@ class PlanRequest:
         """The scene as text, for comparing lessons; empty for free space, the usual load and no rules.
 
         A mass other than the object's own and a friction other than the default are part of the scene,
-        because lessons for another load say nothing certain about this one.
+        because lessons for another load say nothing certain about this one; so is a grasp type, because a
+        lesson of one kind of grips does not say that the other would be worse.
         Heights are relative to the object's lowest point and boxes relative to its COG, rounded to 1 mm. So
         the same object in another file has the same scene, and similar objects on a table share one.
 
@@ -332,6 +360,7 @@ class PlanRequest:
         the text is the same on every platform.
         """
         table, load = [], []
+        kind = [] if self.grasp_type == "any" else [f"{self.grasp_type} grips"]
         stands = self.standing(mesh)
         if stands.table is not None:
             under = round(1000 * (lowest_point(mesh, stands.up) - float(stands.table[3])))
@@ -348,15 +377,17 @@ class PlanRequest:
             [round(1000 * (x - c)) for x, c in zip(box, centre, strict=True)] for box in self.avoid
         )
         boxes = ["box " + " ".join(map(str, row)) for row in corners]
+        around = [np.round(1000 * (p.vertices - mesh.cog)) + 0.0 for p in self.obstacle_surfaces(mesh)]
+        boxes += sorted(f"obstacle {hashlib.sha256(places.tobytes()).hexdigest()[:16]}" for places in around)
         rules = sorted(rule.words for rule in self.rules_for(mesh).applied)
         if self.analyser == "rays":
             table, boxes, load = [], [], []
-        text = "; ".join([*table, *boxes, *load, *rules])
+        text = "; ".join([*table, *boxes, *load, *kind, *rules])
         if len(text) <= SCENE_LENGTH:
             return text
         digest = hashlib.sha256("; ".join([*boxes, *rules]).encode()).hexdigest()[:32]
         many = f"{len(boxes)} boxes{f' and {len(rules)} rules' if rules else ''} {digest}"
-        return "; ".join([*table, many, *load])
+        return "; ".join([*table, many, *load, *kind])
 
     def wanted(self, mesh: TriangleMesh) -> int:
         """Number of answers to compute; physics, or the seen part of a cloud, selects among them."""
@@ -370,13 +401,15 @@ class PlanRequest:
             mesh: The object.
             mass: The mass that planning uses [kg].
         """
-        wanted = self.wanted(mesh)
+        wanted, rules = self.wanted(mesh), self.rules_for(mesh).contact
         return replace(
             self.search,
             friction=self.stated_friction,
             mass=mass,
             obstacles=self.obstacles(mesh),
-            rules=self.rules_for(mesh).contact,
+            grasp_type=self.grasp_type,
+            both=self.count > 1 and self.grasp_type == "any",
+            rules=replace(rules, keep_off=(*rules.keep_off, *self.obstacle_surfaces(mesh))),
             finished=max(self.search.finished, wanted + wanted // 2 + 2),
         )
 
@@ -401,6 +434,7 @@ class PlanRequest:
             "avoid": [list(box) for box in self.avoid],
             "gravity": np.asarray(self.gravity).tolist(),
             "approaches": self.approaches,
+            "grasp_type": self.grasp_type,
             "count": self.count,
             "learn": self.learn,
             "verify": self.verify,
@@ -416,6 +450,7 @@ class PlanRequest:
             "rules": self.rules,
             "up": self.up,
             "rest": None if self.rest is None else np.asarray(self.rest).tolist(),
+            "obstacle": list(self.obstacle),
         }
 
     @classmethod
@@ -449,8 +484,9 @@ class PlanRequest:
                 "search": ClosureSettings(**{name: data["search"][name] for name in _SEARCH}),
             }
             read |= {name: data[name] for name in _PLAIN}
+            read["grasp_type"] = data.get("grasp_type", "any")
             # Plans from before there were rules were made without any.
-            read |= {name: data.get(name, ()) for name in ("hold_on", "keep_off")}
+            read |= {name: data.get(name, ()) for name in ("hold_on", "keep_off", "obstacle")}
             read["rules"] = data.get("rules", NONE)
             read |= {name: data.get(name) for name in ("up", "rest")}
         except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
