@@ -46,7 +46,7 @@ PROMISED = {
 }  # fmt: skip
 LATER = {
     (): ("known", "length_unit", "scene", "rules"),
-    ("request",): ("finger_rule", "up", "rest", "hold_on", "keep_off", "rules"),
+    ("request",): ("finger_rule", "up", "rest", "hold_on", "keep_off", "rules", "obstacle"),
 }
 """Keys that were added after version 2 first came out, and where they stand."""
 SCHEMA = plan_schema()

@@ -230,6 +230,13 @@ def closure_options(command: Command) -> Command:
             "the object as it is modelled.",
         ),
         click.option(
+            "--obstacle",
+            metavar="FILE[@POSE]",
+            multiple=True,
+            help="A mesh or point cloud in metres that the hand stays away from, in the mesh frame or at "
+            "x,y,z,qw,qx,qy,qz of it; repeatable.",
+        ),
+        click.option(
             "--avoid",
             metavar="BOX",
             multiple=True,
@@ -306,6 +313,7 @@ def request_from(thing: str, task: str, *, hand: Any, options: dict[str, Any], *
         hand=hand,
         analyser=options["analyser"] or "",
         avoid=boxes_from(options["avoid"]),
+        obstacle=options["obstacle"],
         approaches=options["approach"],
         settings=Settings(thresholds=thresholds, seed=options["seed"]),
         **{name: options[name] for name in same},

@@ -28,6 +28,7 @@ from ..memory import Memory, default_path
 from ..objects.load import split_part
 from ..objects.mass import ObjectMass, object_mass
 from ..objects.mesh import TriangleMesh
+from ..objects.obstacle import placed_file
 from ..objects.sidecar import sidecar_path
 from ..tasks import Task
 from ..types import an_instance, value
@@ -361,7 +362,7 @@ def _file_key(request: PlanRequest) -> tuple[Any, ...]:
 
 _ELEMENT_KEYS = (
     "analyser", "friction", "table", "avoid", "gravity", "seed", "thresholds", "sets", "finger_rule",
-    "coefficients", "up", "rest", "search",
+    "coefficients", "up", "rest", "obstacle", "search",
 )  # fmt: skip
 """Keys of a request's JSON that analyser and controller depend on."""
 
@@ -370,4 +371,6 @@ def _element_key(request: PlanRequest, hand: Hand, mesh: TriangleMesh, mass: Obj
     """Key of controller and analyser in the cache: everything they depend on besides the object."""
     document, rules = request.to_json(), request.rules_for(mesh).key
     wanted = request.wanted(mesh) if request.analyser == "closure" else 0
-    return (hand, mass.kg, wanted, rules, *(repr(document[name]) for name in _ELEMENT_KEYS))
+    # The file of an obstacle may have changed under its name.
+    files = [repr(file_state(split_part(placed_file(text).file)[0])) for text in request.obstacle]
+    return (hand, mass.kg, wanted, rules, *(repr(document[name]) for name in _ELEMENT_KEYS), *files)
