@@ -15,7 +15,7 @@ def run() -> list[dict[str, Any]]:
     mesh, name = scan()
     with Session(":memory:") as session:
         ready = session.prepare(PlanRequest(source=mesh, task="lift"))
-        controller, element, task = ready.controller, ready.element, ready.request.asked
+        controller, element, task = ready.controller, ready.element, ready.task
         assert isinstance(element, RayAnalyser)
         controller.teach(element, task)
         controller.reset()

@@ -67,7 +67,7 @@ def learn(path: Path, writer: str, acknowledge: int) -> None:
         for number in range(10**6):
             name = f"{writer}-{number}"
             ready = session.prepare(PlanRequest(source=box(name), task=task_of(name), hand=HAND))
-            decision = ready.controller.teach(ready.element, ready.request.asked)
+            decision = ready.controller.teach(ready.element, ready.task)
             ready.controller.reset()
             if decision.best is not None:
                 os.write(acknowledge, f"{name}\n".encode())

@@ -402,10 +402,13 @@ def test_the_lift_is_against_the_gravity_of_the_task(task: str, up: str) -> None
     want = np.where(np.array(list("xyz")) == up[1], 1.0 if up[0] == "+" else -1.0, 0.0)
     first_version = copy.deepcopy(RAYS)
     first_version["task"]["name"] = task
-    del first_version["schema"]
-    document = copy.deepcopy(RAYS)  # the request says the gravity, whatever the task is called
-    document["request"]["gravity"] = (-want).tolist()
-    for each in (first_version, document):
+    del first_version["schema"], first_version["scene"]
+    older, document, rested = (copy.deepcopy(RAYS) for _ in range(3))
+    del older["scene"]  # the request says the gravity, whatever the task is called
+    older["request"]["gravity"] = (-want).tolist()
+    document["scene"]["gravity"] = (-want).tolist()
+    rested["scene"] |= {"table": [*want.tolist(), -0.1], "up": want.tolist()}  # the task's comes after it
+    for each in (first_version, older, document, rested):
         vector = messages_of(each)[0]["post_grasp_retreat"]["direction"]["vector"]
         assert list(vector.values()) == want.tolist()
 

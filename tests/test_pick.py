@@ -24,19 +24,23 @@ from preshape.physics.grasps import STAGES as POSES
 from preshape.physics.grasps import HandPoses
 from preshape.physics.hand import PhysicsHand, physics_hand, published_hand
 from preshape.physics.hold.report import result_to_json
+from preshape.physics.pick.doing import JOB_STAGES
 from preshape.physics.pick.objects import PickAnswer, PickObject, pick_objects
 from preshape.physics.pick.picking import STAGES, pick_test, pick_up, placed_off
 from preshape.physics.pick.protocol import FAILURES, PickProtocol, PickResult, PickStatus
 from preshape.physics.pick.recording import record_pick
 from preshape.physics.pick.report import PickReport, result_from_json
 from preshape.physics.pick.runner import pick_scene, run_picks
+from preshape.physics.pick.tables import NOT_DONE, failure_table, rate_line
 from preshape.physics.pieces import ConvexPieces
 from preshape.physics.scene import Scene, build_scene
+from preshape.physics.task.motion import task_motion
+from preshape.planning.controllers import closure_analyser
 from preshape.planning.grasp_sets import palm_grasps, poses_of
 from preshape.planning.hand_simulation import execute
 from preshape.planning.planned_answers import PlannedPicks
 from preshape.planning.request import PlanRequest
-from preshape.planning.session import closure_analyser
+from preshape.tasks import named_task
 from test_physics_scene import BOX, CLAMP, CORNERS, HAND, HERE, SIDE
 
 STIFF = CLAMP.replace(' forcerange="-0.1 0.1"', "")
@@ -315,7 +319,8 @@ class TestRuns:
 
     def test_a_recording_is_the_same_test(self) -> None:
         [result] = go(things=THINGS[:1]).results
-        made = pick_scene(PLATES, BOX, THINGS[0], OFF)
+        assert result.turn == (1, 0, 0, 0)
+        made = pick_scene(PLATES, BOX, THINGS[0], result.turn, OFF)
         recording = record_pick(made, result, OFF)
         assert result_to_json(recording.result) == result_to_json(result)
         assert recording.stages == STAGES
@@ -412,3 +417,114 @@ class TestCommand:
         document = json.loads(capsys.readouterr().out)
         assert document["status"] == "error"
         assert said in document["reason"]
+
+
+LIFT = task_motion(named_task("lift"), [0.0, 0.0, 0.0], 0.03)
+DOING = replace(RULES, do=True, turn=0.5)
+
+
+class TestDoing:
+    def test_a_lifted_box_is_lifted_on(self) -> None:
+        seen = Counter[str]()
+        made = scene(DOING)
+
+        def watch(stage: str, data: mujoco.MjData) -> None:
+            seen[stage] += 1
+
+        result = pick_test(made, grip(), DOWN, DOING, work=LIFT, observer=watch)
+        assert result.picked
+        assert result.job is not None
+        assert (result.job.done, result.done, result.job.progress) == (True, True, 1.0)
+        assert result.job.displacement is not None
+        assert result.job.displacement < 0.005
+        assert tuple(seen) == (*STAGES, *JOB_STAGES[1:])  # gravity is the task's already
+        assert "then it moved the object along the task's motion" in result.reason
+        assert pick_test(scene(), grip(), DOWN, RULES, work=LIFT).job is None
+
+    def test_the_hand_turns_the_object_to_the_task_s_gravity_and_the_table_is_gone(self) -> None:
+        sideways = task_motion(named_task("lift:+x"), [0.0, 0.0, 0.0], 0.03)
+        made = scene(DOING)
+        turned: list[np.ndarray] = []
+        heights: list[float] = []
+
+        def watch(stage: str, data: mujoco.MjData) -> None:
+            at = made.object_address
+            if stage == "turn":
+                turned.append(spatial.pose_from_seven(np.array(data.qpos[at : at + 7]))[2, :3])
+            if stage in JOB_STAGES:
+                assert data.xfrc_applied[made.object_body, 2] < 0
+            heights.append(float(data.qpos[at + 2]))
+
+        result = pick_test(made, grip(0.04), DOWN, DOING, work=sideways, observer=watch)
+        assert result.done, result.reason
+        assert turned[0] == pytest.approx([0, 0, 1], abs=0.1)
+        assert turned[-1] == pytest.approx([1, 0, 0], abs=0.05)  # its +x is up
+        # Up along +x by 0.1 m, after the lift by 0.1 m.
+        assert heights[-1] == pytest.approx(0.2, abs=0.01)
+        down = task_motion(named_task("press"), [0.0, 0.0, 0.0], 0.03)  # to where the table was
+        assert pick_test(made, grip(0.04), DOWN, replace(DOING, height=0.03), work=down).done
+        table = made.model.geom("table")
+        assert table.contype[0] == table.conaffinity[0] == 1  # the scene itself is as it was
+
+    def test_what_is_held_too_loosely_for_the_job_is_picked_but_not_done(self) -> None:
+        loose = grip(0.0068)  # 400 N/m times 1.8 mm: 0.86 N of friction on 0.05 kg, whose weight is 0.49 N
+        assert attempt(loose, protocol=DOING, mass=0.05).picked
+        result = pick_test(scene(DOING, mass=0.05), loose, DOWN, DOING, work=LIFT)
+        assert result.picked
+        assert result.job is not None
+        assert not result.job.done
+        assert not result.done
+        assert result.job.reason.startswith("lost the object")
+
+    def test_not_done_what_was_not_picked(self) -> None:
+        result = pick_test(scene(DOING, mass=1.0), grip(0.0058), DOWN, DOING, work=LIFT)
+        assert (result.picked, result.done, result.job) == (False, False, None)
+
+    def test_results_with_a_job_there_and_back_counted_and_told(self) -> None:
+        class Working(Given):
+            def answer(self, thing: PickObject) -> PickAnswer | str:
+                found = super().answer(thing)
+                weak = thing.name == "again"
+                if isinstance(found, str):
+                    return found
+                return replace(found, work=LIFT, poses=grip(0.0068) if weak else found.poses)
+
+        things = (*THINGS[:2], replace(THINGS[4], mass=0.05))
+        report = run_picks(things, PLATES, Working(), cut=cut, protocol=DOING, workers=1)
+        score = report.score()
+        assert (score.picked, score.done) == (2, 1)
+        assert score.done_rate == 0.5
+        assert [r.object_name for r in report.failures()] == ["unknown", "again"]
+        for result in report.results:
+            text = json.dumps(result_to_json(result))
+            assert json.dumps(result_to_json(result_from_json(json.loads(text)))) == text
+        assert "done with 1 of the 2, 50.0 %" in rate_line(score)
+        assert [row[1] for row in failure_table(report.failures()).rows] == ["no answer", NOT_DONE]
+        assert go().score().done is None
+        again = record_pick(
+            pick_scene(PLATES, BOX, things[0], (1.0, 0, 0, 0), DOING), report.results[0], DOING, work=LIFT
+        )
+        assert again.stages == (*STAGES, *JOB_STAGES[1:])
+        assert result_to_json(again.result) == result_to_json(report.results[0])
+
+
+class TestAtRest:
+    def test_an_object_lies_as_it_was_planned_for(self) -> None:
+        turn = spatial.rotation_from_vector(np.array([0.0, np.pi / 2, 0.0]))  # its -x is up
+        T = spatial.pose(turn, np.zeros(3))
+        lying = replace(grip(z=SIDE[0] - SIDE[2] + 0.02), object_pose=HERE)
+        # The same grasp as before in the world, stated in the frame of the object.
+        own = replace(lying.moved(spatial.inverse(T)), object_pose=HERE)
+        quaternion = tuple(spatial.quaternion_from_rotation(turn).tolist())
+        answer = PickAnswer(poses=own, way_in=tuple((DOWN @ turn).tolist()), turn=quaternion)
+        poses, way_in = answer.in_world()
+        assert way_in == pytest.approx(DOWN)
+        assert poses.grasp == pytest.approx(lying.grasp)
+        made = pick_scene(PLATES, BOX, THINGS[0], quaternion, RULES)
+        assert made.model.geom("table").pos[2] == pytest.approx(-SIDE[0])
+        result = pick_test(made, poses, way_in, RULES)
+        assert result.settled is not None
+        assert result.settled.rotation < 0.05
+        assert result.turn == pytest.approx(quaternion)
+        assert result.way_in == pytest.approx(answer.way_in)
+        assert np.array(result.planned) == pytest.approx(np.array(own.rows()))

@@ -22,6 +22,7 @@ from preshape.hiis.learning import seed_cube
 from preshape.hiis.planes import PLANES
 from preshape.objects.library import load_library_object
 from preshape.planner import plan
+from preshape.planning.controllers import layout_of
 from preshape.planning.document import (
     GRASP_KEYS,
     plan_schema,
@@ -33,7 +34,6 @@ from preshape.planning.document import (
 from preshape.planning.hand_simulation import HandStatus
 from preshape.planning.plan import Plan
 from preshape.planning.request import PlanRequest
-from preshape.planning.session import layout_of
 
 EXAMPLE = Path(__file__).parent.parent / "docs" / "plan.example.json"
 PROMISED = {
@@ -45,8 +45,8 @@ PROMISED = {
     "seconds", "version",
 }  # fmt: skip
 LATER = {
-    (): ("known", "length_unit", "rules"),
-    ("request",): ("finger_rule", "hold_on", "keep_off", "rules"),
+    (): ("known", "length_unit", "scene", "rules"),
+    ("request",): ("finger_rule", "up", "rest", "hold_on", "keep_off", "rules", "obstacle"),
 }
 """Keys that were added after version 2 first came out, and where they stand."""
 SCHEMA = plan_schema()

@@ -65,10 +65,16 @@ REFUSED: dict[str, list[tuple[Any, str]]] = {
     "settings": [(5, "Settings"), ({}, "Settings")],
     "search": [(5, "ClosureSettings"), ({}, "ClosureSettings")],
     "memory": [(5, "memory"), (["m.sqlite"], "memory"), (b"m.sqlite", "memory")],
+    "obstacle": [(5, "obstacle"), ([5], "obstacle"), ("", "obstacle"), (None, "obstacle"),
+                 ("a.obj@1,2,3", "obstacle"), ("a.obj@0,0,0,2,0,0,0", "length 2"),
+                 ("@0,0,0,1,0,0,0", "obstacle")],
     "hold_on": [(5, "a part's name"), ([5], "a part's name"), ("", "a part's name"), (["a", " "], "a part's"),
                 (None, "a part's name"), ({}, "a part's name"), ("x" * 300, "a part's name")],
     "keep_off": [(5, "a part's name"), ([b"x"], "a part's name"), ([""], "a part's name")],
     "rules": [("all", "task, none"), (None, "task, none"), (5, "task, none"), (True, "task, none")],
+    "up": [(5, "one of x, y, z"), ("+z", "one of x, y"), ("", "one of x, y"), (["y"], "one of x, y")],
+    "rest": [(5, "quaternion"), ([1, 0, 0], "quaternion"), ([0, 0, 0, 0], "quaternion"),
+             ("wxyz", "quaternion"), ([1, 0, 0, NAN], "finite")],
 }  # fmt: skip
 """For each field of a request, values that are refused, and a word of the sentence."""
 

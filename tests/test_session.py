@@ -25,9 +25,10 @@ from preshape.memory.records import SCENE_LENGTH
 from preshape.objects.library import entry, load_library_object, names
 from preshape.objects.mass import object_mass
 from preshape.objects.mesh import TriangleMesh
+from preshape.planning.controllers import CLOSURE_SUFFIX
 from preshape.planning.document import plan_to_json, planned_load, read_plan, request_of
 from preshape.planning.request import PlanRequest
-from preshape.planning.session import CLOSURE_SUFFIX, Session
+from preshape.planning.session import Session
 from preshape.planning.summary import summary_text
 from preshape.tasks.task import COMPONENTS
 from preshape.viewer.words import scene_words

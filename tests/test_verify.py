@@ -14,6 +14,8 @@ import pytest
 from preshape.closure.settings import ClosureSettings
 from preshape.memory import Memory
 from preshape.physics.hold.six_directions import HoldResult, HoldStatus
+from preshape.physics.pick import picking
+from preshape.physics.pick.protocol import Done, PickResult, PickStatus
 from preshape.physics.pieces import ConvexPieces
 from preshape.physics.protocol import HoldProtocol
 from preshape.planner import plan
@@ -159,3 +161,34 @@ def test_it_is_tested_with_the_load_that_was_planned_for(
             (load.get("mass", 0.1), load.get("friction", 0.6))
         }
         assert {*outcomes(memory)} == {*learnt}
+
+
+def test_on_a_table_the_hand_must_pick_it_up_and_do_the_task(fresh, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(verifying, "hold_test", None)  # the free push is no question here
+    with fresh() as memory:
+        made = planned(memory, table="auto")
+        assert made.verified is not None
+        if made.verified.held:
+            assert "then it moved the object along the task's motion" in made.verified.reason
+        assert outcomes(memory) == ["lost"] * (made.verified.tried - made.verified.held) + (
+            ["held"] * made.verified.held
+        )
+
+
+def test_picked_but_not_done_is_not_verified(fresh, monkeypatch: pytest.MonkeyPatch) -> None:
+    ends = iter([(PickStatus.UNSTABLE, None), (PickStatus.PICKED, False), (PickStatus.PICKED, True)])
+
+    def pick_test(*args: Any, **kwargs: Any) -> PickResult:
+        status, done = next(ends)
+        job = None if done is None else Done(done=done, reason="moved")
+        return PickResult(
+            row=0, object_name="box", scale=1.0, mass=0.1, status=status, reason=f"{status.value}", job=job
+        )
+
+    monkeypatch.setattr(picking, "pick_test", pick_test)
+    with fresh() as memory:
+        made = planned(memory, table="auto", count=3)
+        assert made.verified is not None
+        assert (made.verified.held, made.verified.tried) == (True, 3)
+        assert made.decision.reason.endswith("the first answer that did the job in physics")
+        assert outcomes(memory) == ["lost", "held"]  # the unstable one says nothing

@@ -7,6 +7,7 @@ take documents, meshes and hands, so a plan read from a file is drawn like one t
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -41,7 +42,17 @@ def light_mesh(mesh: TriangleMesh) -> TriangleMesh:
     vertices, triangles = reduced(mesh.vertices, mesh.triangles)
     if vertices is mesh.vertices:
         return mesh
-    return TriangleMesh(name=mesh.name, vertices=vertices, triangles=triangles, scale=mesh.scale)
+    return replace(
+        mesh,
+        vertices=vertices,
+        triangles=triangles,
+        counts=None,
+        scan=None,
+        notes=(),
+        lids=0,
+        parts=(),
+        rules=(),
+    )
 
 
 def plan_scene(
@@ -86,7 +97,7 @@ def plan_scene(
                 *([] if document["plane"] else [str(document["reason"])]),
                 *(f"{words.step_words(t)}: {t['reason']}" for t in document["transitions"]),
             ],
-            "table": float(mesh.bounds[0, 2]) if table == "auto" else table,
+            **_table(document, mesh, table),
             "boxes": np.array(request.get("avoid") or [], dtype=np.float64).reshape(-1, 2, 3),
         }
         if answer is not None:
@@ -243,6 +254,14 @@ def _answer(
     newtons = np.array(grip["forces"], dtype=np.float64).reshape(-1, 3)
     strengths = np.linalg.norm(newtons, axis=1)
     return drawn | {"forces": newtons / max(float(strengths.max(initial=0.0)), 1e-9), "newtons": strengths}
+
+
+def _table(document: Document, mesh: TriangleMesh, table: float | str | None) -> Document:
+    """Height of the table along up, and up; older plans know z only."""
+    scene = document.get("scene")
+    if scene is None:
+        return {"table": float(mesh.bounds[0, 2]) if table == "auto" else table}
+    return {"table": None if scene["table"] is None else float(scene["table"][3]), "up": scene["up"]}
 
 
 def _pose(posed: Document) -> tuple[Array, Array]:

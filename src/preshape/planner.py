@@ -55,6 +55,9 @@ def plan(
     hold_on: str | Sequence[str] = (),
     keep_off: str | Sequence[str] = (),
     rules: str = "task",
+    up: str | None = None,
+    rest: Sequence[float] | None = None,
+    obstacle: str | Sequence[str] = (),
 ) -> Plan:
     """Plan a preshape.
 
@@ -74,7 +77,8 @@ def plan(
         approaches: Allowed approach axes, such as ``+z,-x``.
         settings: Thresholds, membership functions and contact coefficients.
         closure: Size and safety of the closure search.
-        table: Height of a table along the object's z [m], or ``auto`` for its lowest point; closure only.
+        table: ``auto`` for a table that the object rests on, or the height of one along ``up`` [m]; closure
+            only.
         avoid: Boxes that hand and fingers stay out of, six numbers each: lower and upper corner in the mesh
             frame [m]; closure only.
         verify: Whether the best answers go through the holding test in physics; the first that holds is
@@ -87,6 +91,12 @@ def plan(
             half-spaces such as ``z>0.05``, or boxes of six numbers [m].
         keep_off: Parts that contacts and links stay away from.
         rules: ``task`` for the rules of object and task too, or ``none``.
+        up: Axis of the mesh that is up, such as ``y`` or ``-x``; task, table and gravity follow it. By
+            default z, and y for a glTF file.
+        rest: (4,) quaternion wxyz that turns the mesh, as it lies at rest on a table, to a world with z up;
+            by default the object's own, or else it is settled.
+        obstacle: Meshes or point clouds that hand and fingers stay away from by 3 mm, each ``FILE`` or
+            ``FILE@x,y,z,qw,qx,qy,qz``, its pose in the mesh frame [m]; closure only.
 
     Raises:
         InputError: An argument that cannot be used; the message says what to change.
@@ -107,6 +117,9 @@ def plan(
         unit=unit,
         view=view,
         cut_table=cut_table,
+        up=up,
+        obstacle=obstacle,
+        rest=rest,
         mass=mass,
         friction=friction,
         table=table,

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 from ..hands.load import hand_names
 from ..hiis.planes import AXIS_NAMES
 from ..objects.library import names as object_names
-from ..planning.request import ANALYSERS, AUTO, PlanRequest
+from ..planning.request import ANALYSERS, PlanRequest
+from ..planning.standing import AUTO
 from ..tasks import family_names
 from ..tasks.task import COMPONENTS
 from ..types import FRICTION

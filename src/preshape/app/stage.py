@@ -14,6 +14,7 @@ from ..exceptions import InputError
 from ..hands.load import recorded_hand
 from ..objects.mesh import TriangleMesh
 from ..pictures import Document, document_motion, plan_scene
+from ..planning.standing import AUTO, standing
 from ..types import Array
 from ..viewer.camera import Camera
 from ..viewer.draw import draw_hand, draw_object, draw_plan, draw_scenery, move_hand
@@ -93,7 +94,7 @@ class Stage:
         """Show the panel's table and boxes instead of the shown ones.
 
         Args:
-            table: Height along z [m], ``auto`` for the object's lowest point, or ``None``.
+            table: Height along up [m], ``auto`` for the table that the object rests on, or ``None``.
             boxes: Six numbers each: lower and upper corner [m].
         """
         with self._lock:
@@ -106,8 +107,12 @@ class Stage:
 
     def _with_scenery(self, scene: PlanScene) -> PlanScene:
         table, boxes = self._scenery
-        height = float(scene.mesh.bounds[0, 2]) if isinstance(table, str) else table
-        return replace(scene, table=height, boxes=boxes)
+        # A height that is being typed may still be above the lowest point; the request refuses it.
+        stands = standing(scene.mesh, table=AUTO if table is not None else None)
+        if isinstance(table, str):
+            assert stands.table is not None
+            return replace(scene, table=float(stands.table[3]), boxes=boxes, up=stands.up)
+        return replace(scene, table=table, boxes=boxes, up=stands.upright[2])
 
     def move(self, share: float) -> None:
         """Move the hand to a fraction 0..1 of its motion."""

@@ -12,7 +12,8 @@ import numpy as np
 from ..exceptions import InputError, shown
 from ..hiis.critic import Thresholds
 from ..hiis.planes import AXIS_NAMES
-from ..planning.request import AUTO, PlanRequest, analyser_of
+from ..planning.request import PlanRequest, analyser_of
+from ..planning.standing import AUTO
 from ..report.plain import html_text as escape
 from ..spatial import vector_from_rotation
 from ..tasks import displacement_of, family_names, parse_task, q_of_displacement

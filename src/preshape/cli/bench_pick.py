@@ -25,10 +25,10 @@ from .printing import emit, name_files
 from .progress import GOES_ON, steps
 
 if TYPE_CHECKING:
-    from ..hands.hand import Hand
     from ..physics.pick.objects import PickObject
     from ..physics.pick.protocol import PickProtocol, PickResult
     from ..physics.pick.report import PickReport
+    from ..planning.planned_answers import PlannedPicks
     from ..planning.planner_bench import Case
     from ..report import Figure
     from ..viewer.film import Film
@@ -45,6 +45,7 @@ if TYPE_CHECKING:
 @click.option("--task", default="lift", metavar="TASK", help="Task to plan for.")
 @click.option("--mass", default=OWN, metavar="KG|own", help="Mass to plan for and test with [kg].")
 @click.option("--masses", metavar="FILE.json", help="Masses by object name [kg]; they replace --mass.")
+@click.option("--do", is_flag=True, help="Then do the task: its gravity, motion and load.")
 @click.option("--friction", type=float, default=FRICTION, help="Friction of the test; harder: 0.3.")
 @click.option(
     "--position-error", type=float, default=0.0, help="Error of the object's place [m]; harder: 0.005."
@@ -64,6 +65,7 @@ def pick(
     task: str,
     mass: str,
     masses: str | None,
+    do: bool,
     friction: float,
     position_error: float,
     turn_error: float,
@@ -76,7 +78,8 @@ def pick(
     """Plan OBJECTS (library names, files, or folders of files) on a table, then pick them up in physics.
 
     The hand comes in, closes, squeezes, lifts by 0.2 m and holds for 3 s, with its own gains and torque
-    limits. docs/pick-test.md says what counts as picked up. The first answer of a fresh memory is tested. The
+    limits. With --do, the hand then turns the object to the task's gravity and does the task against its
+    load. docs/pick-test.md says what counts as picked up. The first answer of a fresh memory is tested. The
     first run cuts each object into convex pieces, which may take a minute or two for each.
 
     Exit code 0: every object was tried, picked up or not.
@@ -92,7 +95,11 @@ def pick(
     check_least(1, workers=workers)
     check_least(0, seed=seed)
     protocol = PickProtocol(
-        friction=friction, position_error=position_error, turn_error=math.radians(turn_error), seed=seed
+        friction=friction,
+        position_error=position_error,
+        turn_error=math.radians(turn_error),
+        seed=seed,
+        do=do,
     )
     own = load_hand(hand)
     picks_with = physics_hand(own) if model is None else published_hand(own, model)
@@ -113,7 +120,7 @@ def pick(
     load = "given masses" if masses else "own masses" if mass_of(mass) is None else f"{mass} kg"
     who = f"{picks_with.name}, {task}, {load}"
     document = _document(report, protocol, who)
-    written = _write(report, things, own, protocol, who, document, out)
+    written = _write(report, things, answers, protocol, who, document, out)
     if out is not None and checkpoint is None and kept is not None:  # the report now contains all results
         kept.unlink(missing_ok=True)
     if as_json:
@@ -180,7 +187,7 @@ def _document(report: PickReport, protocol: PickProtocol, who: str) -> dict[str,
 def _write(
     report: PickReport,
     things: tuple[PickObject, ...],
-    hand: Hand,
+    answers: PlannedPicks,
     protocol: PickProtocol,
     who: str,
     document: dict[str, Any],
@@ -194,7 +201,7 @@ def _write(
 
     folder = Path(out)
     failed = [r for r in report.failures() if r.touching or r.settled is not None][:PICTURES]
-    pictures = [_picture(result, things[result.row], report, hand, protocol) for result in failed]
+    pictures = [_picture(result, things[result.row], report, answers, protocol) for result in failed]
     document["pictures"] = [picture.file for picture in pictures]
     versions = f"MuJoCo {document['mujoco']}, preshape {document['version']}."
     written = write_report(folder, pick_report(report, protocol, who, versions, pictures), document)
@@ -206,7 +213,7 @@ def _write(
 
 
 def _picture(
-    result: PickResult, thing: PickObject, report: PickReport, hand: Hand, protocol: PickProtocol
+    result: PickResult, thing: PickObject, report: PickReport, answers: PlannedPicks, protocol: PickProtocol
 ) -> Figure:
     """The filmstrip of a failure, to be drawn with the report."""
     from ..physics.hold.tables import short_name
@@ -214,7 +221,7 @@ def _picture(
     from ..viewer.filmstrip import filmstrip
 
     def draw(path: Path) -> None:
-        filmstrip(_film(result, thing, report, hand, protocol), path)
+        filmstrip(_film(result, thing, report, answers, protocol), path)
 
     name = short_name(thing.name)
     return Figure(
@@ -223,7 +230,7 @@ def _picture(
 
 
 def _film(
-    result: PickResult, thing: PickObject, report: PickReport, hand: Hand, protocol: PickProtocol
+    result: PickResult, thing: PickObject, report: PickReport, answers: PlannedPicks, protocol: PickProtocol
 ) -> Film:
     from ..objects.load import load_object
     from ..physics.pick.recording import record_pick
@@ -231,8 +238,10 @@ def _film(
     from ..physics.pieces import load_pieces
     from .simulate_film import part_names, pick_film_of
 
-    scene = pick_scene(report.hand, load_pieces(thing.name), thing, protocol)
-    recording = record_pick(scene, result, protocol, parts=part_names(scene, hand))
+    assert result.turn is not None
+    scene = pick_scene(report.hand, load_pieces(thing.name), thing, result.turn, protocol)
+    parts, work = part_names(scene, answers.hand), answers.work(thing) if protocol.do else None
+    recording = record_pick(scene, result, protocol, parts=parts, work=work)
     return pick_film_of(recording, scene, protocol, mesh=load_object(thing.name, scale=thing.scale))
 
 

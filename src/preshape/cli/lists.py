@@ -74,7 +74,7 @@ def _one_object(thing: str, *, scale: float, unit: str, out: str | None, as_json
     mass = object_mass(mesh)
     for task in mesh.tasks:
         parse_task(task)  # a sidecar may name anything
-    parts = [
+    parts: list[dict[str, Any]] = [
         {"name": part.name, "origin": part.origin, "area": part_pieces(mesh, part.region).area}
         for part in mesh.parts
     ]

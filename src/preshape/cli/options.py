@@ -129,7 +129,7 @@ def json_option(command: Command) -> Command:
 
 
 def object_options(command: Command) -> Command:
-    """``--hand --motors --analyser --scale --unit --approach --seed`` and the critic's thresholds."""
+    """``--hand --motors --analyser --scale --unit --up --approach --seed`` and the critic's thresholds."""
     options = (
         click.option(
             "--hand",
@@ -145,6 +145,11 @@ def object_options(command: Command) -> Command:
         ),
         click.option("--scale", type=float, default=1.0, help="Factor on the object's size."),
         click.option("--unit", default="m", metavar="m|cm|mm|in", help="Unit of the file."),
+        click.option(
+            "--up",
+            metavar="x|y|z|-x|-y|-z",
+            help="Axis of the file that is up; task, table and gravity follow it.  [default: z; glTF: y]",
+        ),
         click.option(
             "--part-of-file",
             metavar="N|all",
@@ -197,7 +202,7 @@ _rule_options = (
         "--rules",
         default="task",
         metavar="task|none",
-        help="task: rules of object and task too, as hold a hammer's handle to strike.  [default: task]",
+        help="task: rules of object and task too, as hold a hammer's handle to strike.",
     ),
 )
 
@@ -221,7 +226,15 @@ def closure_options(command: Command) -> Command:
             metavar="[HEIGHT|none]",
             is_flag=False,
             flag_value="auto",
-            help="A table under the object, at this z [m]; without a number, at its lowest point.",
+            help="A table that the object rests on; with a number, a table at this height along up [m], and "
+            "the object as it is modelled.",
+        ),
+        click.option(
+            "--obstacle",
+            metavar="FILE[@POSE]",
+            multiple=True,
+            help="A mesh or point cloud in metres that the hand stays away from, in the mesh frame or at "
+            "x,y,z,qw,qx,qy,qz of it; repeatable.",
         ),
         click.option(
             "--avoid",
@@ -293,13 +306,14 @@ def request_from(thing: str, task: str, *, hand: Any, options: dict[str, Any], *
     thresholds = Thresholds(
         estimation=options["estimation_threshold"], recognition=options["recognition_threshold"]
     )
-    same = ("scale", "unit", "mass", "friction", "table", "memory", "hold_on", "keep_off", "rules")
+    same = ("scale", "unit", "mass", "friction", "table", "memory", "up", "hold_on", "keep_off", "rules")
     return PlanRequest(
         source=source_from(thing, options),
         task=task,
         hand=hand,
         analyser=options["analyser"] or "",
         avoid=boxes_from(options["avoid"]),
+        obstacle=options["obstacle"],
         approaches=options["approach"],
         settings=Settings(thresholds=thresholds, seed=options["seed"]),
         **{name: options[name] for name in same},

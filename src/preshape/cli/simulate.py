@@ -3,22 +3,23 @@
 from __future__ import annotations
 
 import math
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from ..exceptions import InputError
-from .options import best_option, check_folder, json_option, probes_option
+from .options import best_option, check_folder, json_option
 from .printing import emit, name_files
 from .progress import steps
 
 if TYPE_CHECKING:
-    from ..objects.mesh import TriangleMesh
     from ..physics.grasps import GraspSet
     from ..physics.hold.recording import HoldRecording
+    from ..physics.pick.recording import PickRecording
     from ..physics.protocol import HoldProtocol
-    from ..physics.scene import Scene
+    from ..viewer.film import Film
 
 
 @click.command(epilog="Example: preshape simulate plan.json --out out/simulate")
@@ -30,7 +31,12 @@ if TYPE_CHECKING:
 @click.option("--row", type=int, metavar="N", help="Of grasp arrays (npz): number of the grasp, from 0.")
 @click.option("--hand", metavar="HAND", help="Name or TOML file; default: the hand of PLAN.")
 @click.option("--objects", metavar="DIR", help="Folder of the objects that are neither files nor built in.")
-@probes_option
+@click.option(
+    "--probes",
+    metavar="six|all",
+    help="Push the object in free space, also for a plan with a table. six: forces along the axes, the "
+    "default without a table. all: 14 forces, 14 torques.",
+)
 @click.option("--friction", type=float, help="Friction coefficient; default: the plan's (arrays: 0.6).")
 @click.option("--mass", type=float, help="Mass of the object [kg]; default: the plan's (arrays: 0.1).")
 @click.option("--out", metavar="DIR", help="Also write filmstrip.png and run.gif to this folder.")
@@ -42,26 +48,28 @@ def simulate(
     row: int | None,
     hand: str | None,
     objects: str | None,
-    probes: str,
+    probes: str | None,
     friction: float | None,
     mass: float | None,
     out: str | None,
     as_json: bool,
 ) -> int:
-    """Execute a grasp of PLAN in simulated physics: approach, squeeze, then a push from every side.
+    """Execute a grasp of PLAN in simulated physics.
 
-    PLAN is a plan.json or an npz of grasp arrays (docs/grasp-file.md). The grasp holds if the object stays
-    within 50 mm and 15° under every push. The test is made in free space, without table and boxes.
+    PLAN is a plan.json or an npz of grasp arrays (docs/grasp-file.md). For a plan with a table, the hand
+    comes in, closes, squeezes, lifts and does the task (docs/pick-test.md). Otherwise it squeezes in free
+    space, and a push comes from every side: the grasp holds if the object stays within 50 mm and 15°.
 
-    Exit code 0: held. 1: not held. 2: bad input, such as a plan whose hand has no posture.
+    Exit code 0: held, or done. 1: not. 2: bad input, such as a plan whose hand has no posture.
     """
     from ..export.scene_object import FoundObject, object_parts
     from ..hands.load import load_hand
     from ..physics.hand import physics_hand
     from ..physics.locate import object_pieces
+    from ..physics.pick.recording import PickRecording
     from ..physics.protocol import HoldProtocol
     from ..planning.grasp_sets import read_grasp_file
-    from .simulate_film import recorded
+    from .simulate_film import job_recorded, recorded_film
 
     check_folder(out)
     read = read_grasp_file(file, objects=objects, best=best)
@@ -70,7 +78,7 @@ def simulate(
     protocol = HoldProtocol(
         mass=planned.mass if mass is None else mass,
         friction=planned.friction if friction is None else friction,
-        probes=probes,
+        probes=probes or "six",
     )
     name = hand or read.grasps.hand
     if not name:
@@ -78,14 +86,17 @@ def simulate(
     model = load_hand(name)
     grasps = read.grasps.for_hand(physics_hand(model))
     thing, scale = grasps.objects[chosen], float(grasps.scale[chosen])
-    recording, scene = recorded(grasps, chosen, model, object_pieces(thing, objects), protocol)
+    pieces = object_pieces(thing, objects)
     written: list[Path] = []
+    recording: HoldRecording | PickRecording
+    if planned.job is not None and probes is None:
+        recording, film = job_recorded(grasps, chosen, model, pieces, protocol, planned.job)
+    else:
+        recording, film = recorded_film(grasps, chosen, model, pieces, protocol)
     if out is not None:
         mesh, _ = object_parts(FoundObject(name=thing, scale=scale, folder=objects))
-        written = _draw(recording, scene, mesh, protocol, Path(out))
-    left_out = f"{planned.obstacles} is left out of this test" if planned.obstacles else ""
-    if " and " in planned.obstacles:
-        left_out = left_out.replace(" is ", " are ")
+        written = _draw(film(mesh), Path(out))
+    left_out = _left_out(planned.obstacles, picked=isinstance(recording, PickRecording))
     if as_json:
         emit(
             {
@@ -100,7 +111,24 @@ def simulate(
         )
     else:
         _show(recording, protocol, f"{Path(thing).stem} in the hand {model.name}", left_out, written)
-    return 0 if recording.result.held else 1
+    return 0 if _passed(recording) else 1
+
+
+def _passed(recording: HoldRecording | PickRecording) -> bool:
+    from ..physics.pick.protocol import PickResult
+
+    result = recording.result
+    return result.done if isinstance(result, PickResult) else result.held
+
+
+def _left_out(obstacles: str, *, picked: bool) -> str:
+    """What of the plan's scene the test does not have, as a sentence; empty for nothing."""
+    if picked:  # the table is there
+        obstacles = obstacles.removeprefix("the table").removeprefix(" and ")
+    if not obstacles:
+        return ""
+    many = " and " in obstacles or obstacles.endswith("boxes")
+    return f"{obstacles} {'are' if many else 'is'} left out of this test"
 
 
 def _chosen(grasps: GraspSet, file: str, answer: int | None, row: int | None) -> int:
@@ -123,15 +151,11 @@ def _chosen(grasps: GraspSet, file: str, answer: int | None, row: int | None) ->
     return number
 
 
-def _draw(
-    recording: HoldRecording, scene: Scene, mesh: TriangleMesh, protocol: HoldProtocol, folder: Path
-) -> list[Path]:
+def _draw(film: Film, folder: Path) -> list[Path]:
     from ..files import write_bytes, write_whole
     from ..viewer.animation import animation
     from ..viewer.filmstrip import filmstrip
-    from .simulate_film import film_of
 
-    film = film_of(recording, scene, protocol, mesh=mesh)
     strip, run = folder / "filmstrip.png", folder / "run.gif"
     write_whole(strip, lambda path: filmstrip(film, path))
     with steps(f"{strip} is written") as shown:
@@ -139,9 +163,12 @@ def _draw(
     return [strip, run]
 
 
-def _rows(recording: HoldRecording) -> list[dict[str, Any]]:
+def _rows(recording: HoldRecording | PickRecording) -> list[dict[str, Any]]:
     """For each stage, how far the object moved, and the largest force and slip."""
-    outcome = {probe.name: probe for probe in recording.result.probes}
+    from ..physics.hold.six_directions import HoldResult
+
+    probes = recording.result.probes if isinstance(recording.result, HoldResult) else ()
+    outcome = {probe.name: probe for probe in probes}
     rows = []
     for stage in recording.stages:
         probe, span = outcome.get(stage), recording.span(stage)
@@ -167,14 +194,22 @@ def _rows(recording: HoldRecording) -> list[dict[str, Any]]:
     return rows
 
 
-def _document(recording: HoldRecording, written: list[Path]) -> dict[str, Any]:
+def _document(recording: HoldRecording | PickRecording, written: list[Path]) -> dict[str, Any]:
+    from ..physics.pick.protocol import PickResult
+
+    result = recording.result
+    words, picked = ("held", "not held"), dict[str, Any]()
+    if isinstance(result, PickResult):
+        words = ("done", "not done")
+        picked = {"picked": result.picked, "job": result.job and asdict(result.job)}
     series = ("normal", "tangential", "slip", "torques", "gap", "object_pose")
     return {
-        "status": "held" if recording.result.held else "not held",
+        "status": words[0] if _passed(recording) else words[1],
         "reason": recording.result.reason,
         "row": recording.result.row,
         "parts": list(recording.parts),
         "joints": list(recording.joints),
+        **picked,
         "stages": _rows(recording),
         "series": {
             "stage": list(recording.stage),
@@ -186,7 +221,11 @@ def _document(recording: HoldRecording, written: list[Path]) -> dict[str, Any]:
 
 
 def _show(
-    recording: HoldRecording, protocol: HoldProtocol, title: str, left_out: str, written: list[Path]
+    recording: HoldRecording | PickRecording,
+    protocol: HoldProtocol,
+    title: str,
+    left_out: str,
+    written: list[Path],
 ) -> None:
     from rich.table import Table
     from rich.text import Text
@@ -213,7 +252,7 @@ def _show(
         )
     console = terminal()
     console.print(table, highlight=False)
-    colour = "green" if recording.result.held else "red"
+    colour = "green" if _passed(recording) else "red"
     console.print(Text(_verdict(recording, protocol), style=f"bold {colour}"), highlight=False)
     console.print(f"simulated with {protocol.mass:g} kg and friction {protocol.friction:g}", highlight=False)
     if left_out:
@@ -226,9 +265,15 @@ def _show(
     name_files(written)
 
 
-def _verdict(recording: HoldRecording, protocol: HoldProtocol) -> str:
+def _verdict(recording: HoldRecording | PickRecording, protocol: HoldProtocol) -> str:
     """One sentence on the outcome."""
+    from ..physics.pick.protocol import PickResult
+
     result = recording.result
+    if isinstance(result, PickResult):
+        if not result.picked:
+            return f"Not picked up, {result.status.value}: {result.reason}."
+        return f"{'Done' if result.done else 'Not done'}: {result.reason}."
     if not result.held:
         return f"Not held: {result.reason.removeprefix('lost the object: ')}."
     worst = max(result.probes, key=lambda probe: probe.displacement)

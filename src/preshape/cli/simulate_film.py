@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,11 +15,14 @@ from ..objects.mesh import TriangleMesh
 from ..physics.grasps import GraspSet
 from ..physics.hand import physics_hand
 from ..physics.hold.recording import HoldRecording, Recording, record_hold
+from ..physics.pick.objects import PickAnswer, PickObject
 from ..physics.pick.protocol import PickProtocol
-from ..physics.pick.recording import PickRecording
+from ..physics.pick.recording import PickRecording, record_answer
+from ..physics.pick.runner import pick_scene
 from ..physics.pieces import ConvexPieces
 from ..physics.protocol import HoldProtocol
 from ..physics.scene import OBJECT, PALM, TABLE, Scene, build_scene
+from ..planning.grasp_sets import PlannedJob
 from ..viewer.colours import HAND, Colour, finger_colour
 from ..viewer.colours import OBJECT as OBJECT_COLOUR
 from ..viewer.film import Film, FilmStage
@@ -57,6 +60,38 @@ def recorded(
         scale=float(grasps.scale[row]),
     )
     return recording, scene
+
+
+def recorded_film(
+    grasps: GraspSet, row: int, hand: Hand, pieces: ConvexPieces, protocol: HoldProtocol
+) -> tuple[HoldRecording, Callable[[TriangleMesh], Film]]:
+    """The recorded holding test of one grasp, and what makes its film from the object's surface."""
+    recording, scene = recorded(grasps, row, hand, pieces, protocol)
+    return recording, lambda mesh: film_of(recording, scene, protocol, mesh=mesh)
+
+
+def job_recorded(
+    grasps: GraspSet, row: int, hand: Hand, pieces: ConvexPieces, protocol: HoldProtocol, job: PlannedJob
+) -> tuple[PickRecording, Callable[[TriangleMesh], Film]]:
+    """The recorded pick and do test of one grasp, and what makes its film from the object's surface.
+
+    Args:
+        grasps: The grasps in the form for simulation, see :meth:`GraspSet.for_hand`.
+        row: Row of the grasp.
+        hand: The hand.
+        pieces: Convex pieces of the object at scale 1.
+        protocol: Mass and friction.
+        job: How the object rests, and what is to be done with it.
+    """
+    rules = PickProtocol(friction=protocol.friction, do=True)
+    name, scale = grasps.objects[row], float(grasps.scale[row])
+    thing = PickObject(name=name, mass=protocol.mass, scale=scale)
+    scene = pick_scene(physics_hand(hand), pieces, thing, job.turn, rules)
+    answer = PickAnswer(poses=grasps.poses(row), way_in=job.way_in, turn=job.turn, work=job.work)
+    recording = record_answer(
+        scene, answer, rules, parts=part_names(scene, hand), row=row, object_name=name, scale=scale
+    )
+    return recording, lambda mesh: pick_film_of(recording, scene, rules, mesh=mesh)
 
 
 def part_names(scene: Scene, hand: Hand) -> tuple[str, ...]:
@@ -108,9 +143,10 @@ def pick_film_of(
     return Film(
         title=f"{Path(result.object_name).stem} in the hand {recording.hand}",
         subtitle=f"simulated physics · {1e3 * scene.mass:g} g · friction {scene.friction:g} · "
-        f"lifted by {1e3 * protocol.height:g} mm and held for {protocol.hold:g} s",
-        verdict=result.reason,
-        passed=result.picked,
+        f"lifted by {1e3 * protocol.height:g} mm and held for {protocol.hold:g} s"
+        f"{', then the task' if protocol.do else ''}",
+        verdict=result.job.reason if result.job else result.reason,
+        passed=result.done,
         stages=stages_of(recording),
         table=float(scene.model.geom(TABLE).pos[2]),
         **_moving(recording, scene, mesh),

@@ -127,7 +127,7 @@ class ClosureAnalyser:
             query=self.query,
         )
         pinches = hand_pinches(hand)
-        places = self.search.places
+        places = self.search.blockers.places
         self.allowed = allowed_surface(mesh, places) if places else None
         patches = antipodal_patches(
             mesh, self.field, float(pinches.tip[0]), pinches.widest, allowed=self.allowed, places=places
@@ -332,7 +332,7 @@ class ClosureAnalyser:
         if not one_plane:
             self._tallies[q.tobytes()] = found.tally + wrapped_tally
         if not answers and not one_plane:
-            rules = costliest(found, self.search.blockers)
+            rules = costliest(found, self.search.blockers.names)
             miss = self._nearest_miss(q, source, self._draw(rng, aim, effort.candidates), demand, aim, rules)
             reason += remedy(rules, miss)
         return grip_exploration(answers[: effort.grips], tried + found.tried, reason, miss)
@@ -361,7 +361,7 @@ class ClosureAnalyser:
             rules: What refused candidates, the costliest first.
         """
         options = FinishOptions(count=REFUSED_EXAMINED, planes=aim.planes, anyway=True)
-        names = self.search.blockers
+        names = self.search.blockers.names
         for rule in rules:
             likely = found
             if rule in names:

@@ -21,7 +21,7 @@ BY_SPHERES = KEEP_OFF + FINE
 by at most ``FINE``."""
 CELL, MOST_NODES = 0.002, 1e6
 """Edge of a cell of a part's distance field [m], and the number of nodes above which cells are larger [C]."""
-_PADDING = 0.02
+_EXACT = 2e-6  # accuracy of an exact distance [m]
 
 
 class KeptOff:
@@ -41,16 +41,19 @@ class KeptOff:
         self._exact: list[ObjectCollision] = []
         self._kinematics = HandKinematics(hand)
         self._kernels = []
+        tables = hand_tables(hand, FINE)
+        # Beyond its margin, a field is only a lower bound: the middle of the thickest link shall be within.
+        thickest = max(float(spheres[:, 3].max(initial=0.0)) for spheres in (tables.sphere, tables.palm))
+        padding = thickest + 2 * BY_SPHERES
         for part in self._parts:
-            size = part.mesh.extents + 2 * _PADDING
+            size = part.mesh.extents + 2 * padding
             cell = max(CELL, float(np.cbrt(size.prod() / MOST_NODES)))
             field = prepare_field(
                 part.mesh,
                 cells=int(np.clip(size.max() / cell, 8, 500)) + 1,
-                padding=_PADDING,
+                padding=padding,
                 signed=part.solid,
             )
-            tables = hand_tables(hand, FINE)
             self._kernels.append(
                 ClosingKernel(tables, field, device=settings.device, threads=settings.threads)
             )
@@ -101,7 +104,7 @@ class KeptOff:
             likely = [
                 s for s, (a, b) in zip(shapes, ends, strict=True) if (a < high).all() and (b > low).all()
             ]
-            found[k] = any(surface.distance(shape) < KEEP_OFF for shape in likely)
+            found[k] = any(surface.distance(shape) < KEEP_OFF + _EXACT for shape in likely)
             if part.solid and likely and not found[k]:  # wholly inside, a shape meets no triangle
                 found[k] = bool((part.distance(np.array([s.corners.mean(axis=0) for s in likely])) < 0).any())
         return found

@@ -214,7 +214,13 @@ def motor_torques(hand: Hand, grasp: Array, squeeze: Array) -> Array:
 
 
 def _up(document: Document) -> Array:
-    """(3,) Unit vector against the plan's gravity; +z if it has none."""
+    """(3,) Unit vector against gravity while the object is lifted; +z if the plan has none."""
+    scene = document.get("scene")
+    if scene is not None and scene["table"] is not None:
+        return frozen_array(scene["up"], (3,), "up")
+    if scene is not None:
+        gravity = frozen_array(scene["gravity"], (3,), "gravity")
+        return 0.0 - gravity if gravity.any() else frozen_array(scene["up"], (3,), "up")
     request = document["request"] if version_of(document) >= 2 else request_of(document).to_json()
     gravity = frozen_array(request["gravity"], (3,), "gravity")
     return 0.0 - gravity if gravity.any() else np.array([0.0, 0.0, 1.0])

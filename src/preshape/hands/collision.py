@@ -21,6 +21,7 @@ SAMPLES = 6000
 """Surface points for the smooth distances that guide the inverse kinematics."""
 
 _NEAREST = 6
+_LINE = 1e-7  # [m] thickness of a line
 _THIN = 1e-5  # [m] radius at which a shrunken hull counts as a point
 
 _checkers: WeakKeyDictionary[TriangleMesh, ObjectCollision] = WeakKeyDictionary()
@@ -77,9 +78,13 @@ class ObjectCollision:
 
     def distance(self, shape: LinkShape) -> float:
         """Distance of a shape from the nearest triangle [m], to about 1 µm; 0 or less where they touch."""
-        fcl = self._fcl
-        item = fcl.CollisionObject(self._primitive(shape, 0.0), self._transform(shape))
-        return float(fcl.distance(item, self._object, fcl.DistanceRequest(), fcl.DistanceResult()))
+        fcl, grown = self._fcl, 0.0
+        primitive = self._primitive(shape, 0.0)
+        if shape.kind == "capsule":  # FCL finds the distance of its axis 40 times as accurately
+            grown = shape.radius
+            primitive = fcl.Box(_LINE, _LINE, float(np.linalg.norm(shape.p1 - shape.p0)))
+        item = fcl.CollisionObject(primitive, self._transform(shape))
+        return float(fcl.distance(item, self._object, fcl.DistanceRequest(), fcl.DistanceResult())) - grown
 
     def _primitive(self, shape: LinkShape, grow: float) -> Any:
         fcl = self._fcl

@@ -51,10 +51,7 @@ CLOUD_SUFFIXES = tuple(_CLOUD_READERS)
 IN_MEMORY = " (in memory)"
 """End of the source of an object that was a mesh in Python; nothing can be found under such a name."""
 
-_Y_UP = (
-    "in a glTF file y is up by its standard, and here z is up: the object is planned for as it lies in the "
-    "file's frame; turn it there if it should stand"
-)
+_Y_UP = "in a glTF file y is up by its standard: task, table and gravity follow it (--up z if z is up here)"
 
 _ALL_READERS = {**_READERS, **_CLOUD_READERS}
 
@@ -136,8 +133,11 @@ def load_object(
                 cloud = _from_cloud(name, _name_of(path), raw, unit, float(scale), view, cut_table)
                 return with_sidecar(cloud, path)
             _check_mesh_options(name, view, cut_table)
-            mesh = with_sidecar(_finish(name, _name_of(path), raw, unit, float(scale), part), path)
-            return replace(mesh, notes=(*mesh.notes, _Y_UP)) if suffix in (".glb", ".gltf") else mesh
+            mesh = _finish(name, _name_of(path), raw, unit, float(scale), part)
+            if suffix not in (".glb", ".gltf"):
+                return with_sidecar(mesh, path)
+            mesh = with_sidecar(replace(mesh, up="y"), path)
+            return replace(mesh, notes=(*mesh.notes, _Y_UP)) if mesh.up == "y" else mesh
     except (PreshapeError, KeyboardInterrupt):
         raise
     except MemoryError as error:
@@ -152,6 +152,32 @@ def load_object(
             f"{name}: no {suffix[1:].upper()} {_noun(suffix)}, or a damaged one ({reason}); "
             f"re-export it or convert it to {'PLY' if suffix in CLOUD_SUFFIXES else 'OBJ'}"
         ) from error
+
+
+def read_content(source: str | Path) -> RawMesh | RawCloud:
+    """The triangles or points of a file as they stand there, in metres, whatever they show.
+
+    Raises:
+        ObjectError: The file is missing, empty, no mesh and no cloud, or damaged.
+        EnvironmentFailure: The file cannot be read.
+    """
+    name, path = str(source), Path(source)
+    suffix = path.suffix.lower()
+    data = _content(path, name, suffix)
+    _refuse_other_kinds(name, suffix, data)
+    refuse_decimal_commas(name, data)
+    try:
+        with np.errstate(all="ignore"):
+            raw = _ALL_READERS[suffix](name, data, path)
+    except (PreshapeError, KeyboardInterrupt, MemoryError):
+        raise
+    except Exception as error:
+        reason = printable(f"{type(error).__name__}: {error}".strip().splitlines()[0], 120)
+        kind = f"{suffix[1:].upper()} {_noun(suffix)}"
+        raise ObjectError(f"{name}: no {kind}, or a damaged one ({reason}); re-export it") from error
+    if isinstance(raw, RawMesh) and not (np.isfinite(raw.vertices).all() and len(raw.triangles)):
+        raise ObjectError(f"{name}: a mesh needs triangles, and positions that are finite; re-export it")
+    return raw
 
 
 _PART = re.compile(r"(.+)#(\d{1,6}|all)", re.DOTALL)

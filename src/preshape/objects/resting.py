@@ -8,13 +8,15 @@ weight turns it over. A negative tip angle means that it falls by itself.
 
 from __future__ import annotations
 
+import contextlib
 import math
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
 from .. import spatial
 from ..exceptions import InputError, shown
-from ..types import Array, value
+from ..types import Array, read_only, value
 from .mesh import UP_AXES, TriangleMesh
 
 STEADY = math.radians(5.0)
@@ -27,6 +29,7 @@ SINKS = 0.01
 SHEET = 1e-3
 """A mesh with less volume than this share of its bounding box has the centre of its surface as its own."""
 MOST_ROLLS = 200
+_HULLS: WeakKeyDictionary[TriangleMesh, Array] = WeakKeyDictionary()
 
 
 @value
@@ -95,11 +98,12 @@ def hull_points(mesh: TriangleMesh) -> Array:
     """(n, 3) corners of the convex hull [m]; all vertices in use if the mesh is flat."""
     from scipy.spatial import ConvexHull, QhullError
 
-    points = np.unique(mesh.corners.reshape(-1, 3), axis=0)
-    try:
-        return np.asarray(points[ConvexHull(points).vertices])
-    except (QhullError, ValueError):
-        return points
+    if mesh not in _HULLS:
+        points = np.unique(mesh.corners.reshape(-1, 3), axis=0)
+        with contextlib.suppress(QhullError, ValueError):
+            points = points[ConvexHull(points).vertices]
+        _HULLS[mesh] = read_only(points)
+    return _HULLS[mesh]
 
 
 def support(points: Array, centre: Array, up: Array, near: float = 0.0) -> Support:

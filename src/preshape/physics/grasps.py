@@ -66,6 +66,14 @@ class HandPoses:
         """Pregrasp, grasp and squeeze as plain numbers."""
         return tuple(tuple(getattr(self, stage).tolist()) for stage in STAGES)
 
+    def moved(self, T: Array) -> HandPoses:
+        """The same grasp in another frame, by T (4, 4) from this frame to that one [m]."""
+
+        def at(row: Array) -> Array:
+            return np.append(spatial.seven_from_pose(T @ spatial.pose_from_seven(row[:7])), row[7:])
+
+        return HandPoses(**{name: at(getattr(self, name)) for name in (*STAGES, "object_pose")})
+
 
 @value
 class Fault:

@@ -20,6 +20,7 @@ from ..types import Array, value
 from ..viewer.words import mismatch
 from .hand_simulation import HandResult
 from .request import PlanRequest
+from .standing import Standing
 
 P = TypeVar("P", bound="PlanRecord")
 _ABSENT = np.array([TRANSLATION_ABSENT] * 3 + [ROTATION_ABSENT] * 3)
@@ -99,6 +100,11 @@ class PlanRecord:
     def source(self) -> str:
         """The object as documents state it; see :func:`~preshape.objects.load.stored_source`."""
         return stored_source(self.request.source)[0]
+
+    @property
+    def standing(self) -> Standing:
+        """Where the object stands, and the table below it."""
+        return self.request.standing(self.mesh)
 
     @property
     def settings(self) -> Settings:

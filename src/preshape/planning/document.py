@@ -9,6 +9,7 @@ space.
 from __future__ import annotations
 
 import json
+import math
 import re
 import sys
 from dataclasses import asdict
@@ -24,7 +25,7 @@ from ..hiis.analyser import PALM, Grasp, Grip
 from ..hiis.critic import Thresholds
 from ..hiis.decision import Settings
 from ..hiis.fuzzy import SET_NAMES
-from ..tasks import family_names
+from ..tasks import family_names, full_motion
 from ..types import FIELD_MASS, FRICTION, LENGTH_UNIT, an_instance
 from ..viewer.words import answers_of
 from .answers import Answer, PlanRecord, missing_motion, scan_trust, shortfalls
@@ -185,11 +186,13 @@ def planned_load(document: Document) -> tuple[float, float]:
 
 
 def obstacles_of(document: Document) -> str:
-    """Table and boxes of a plan in words, such as ``the table and 2 boxes``; empty for free space."""
+    """What is around the object of a plan, such as ``the table and 2 boxes``; empty for free space."""
     request = document.get("request") or {}
     boxes = len(request.get("avoid") or ())
     parts = ["the table"] if request.get("table") is not None else []
     parts += [f"{boxes} box{'es' if boxes > 1 else ''}"] if boxes else []
+    files = len(request.get("obstacle") or ())
+    parts += [f"{files} obstacle{'s' if files > 1 else ''}"] if files else []
     return " and ".join(parts)
 
 
@@ -258,6 +261,7 @@ def _answer(plan: PlanRecord, answer: Answer | None) -> Document:
             "faces": attributes.faces,
             "triangles": attributes.triangles,
         },
+        "scene": _scene(plan),
         "task": {"name": task.label, "q": task.q.tolist(), "means": task.means},
         "thresholds": asdict(plan.settings.thresholds),
         "request": plan.request.to_json(),
@@ -273,6 +277,19 @@ def _rules(plan: PlanRecord) -> list[Document]:
     return [
         {"kind": rule.kind, "part": rule.part, "origin": rule.origin, "table": rule.table} for rule in applied
     ]
+
+
+def _scene(plan: PlanRecord) -> Document:
+    """The object in a world with z up; up, table, and gravity and motion of the task in the mesh frame."""
+    stands = plan.standing
+    return {
+        "T_world_object": stands.pose.tolist(),
+        "up": (stands.up + 0.0).tolist(),
+        "table": None if stands.table is None else (stands.table + 0.0).tolist(),
+        "gravity": (plan.request.task_gravity(plan.mesh) + 0.0).tolist(),
+        "motion": full_motion(plan.decision.task).tolist(),
+        "turned": round(math.degrees(stands.turned), 3),
+    }
 
 
 def _grasp(g: Grasp) -> Document:

@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ..exceptions import EnvironmentFailure, InputError
+from ..exceptions import EnvironmentFailure, InputError, TaskError
 from ..files import MOST_OF_JSON, loads, read_file
 from ..hands.hand import Hand
 from ..objects.read_text import printable
 from ..physics.grasps import STAGES, Fault, GraspSet, read_grasps
 from ..physics.hand import PhysicsHand
 from ..physics.locate import object_extent, plan_object
-from ..types import FIELD_MASS, FRICTION, Array, value
+from ..physics.task.motion import TaskMotion
+from ..spatial import checked_pose, pose_from_seven, quaternion_from_rotation
+from ..types import FIELD_MASS, FRICTION, Array, frozen_array, value
 from .document import obstacles_of, planned_load
 from .hand_simulation import HandResult
 
@@ -26,6 +29,21 @@ LONGEST_SOURCE = 4096
 
 
 @value
+class PlannedJob:
+    """How the object of a grasp rests on its table, and what is to be done with it.
+
+    Attributes:
+        turn: Quaternion wxyz from the object's frame to the world in which it rests.
+        way_in: Unit vector along which the hand approaches, in the object's frame.
+        work: Motion and load of the task, in the object's frame; ``None`` for a task without motion.
+    """
+
+    turn: tuple[float, ...]
+    way_in: tuple[float, ...]
+    work: TaskMotion | None
+
+
+@value
 class PlannedFor:
     """What a grasp was planned for; the defaults are those of grasp arrays.
 
@@ -33,11 +51,13 @@ class PlannedFor:
         mass: Mass of the object [kg].
         friction: Friction coefficient between hand and object.
         obstacles: Table and boxes of the plan in words, such as ``the table``; empty for free space.
+        job: What is done on the table; ``None`` in free space.
     """
 
     mass: float = FIELD_MASS
     friction: float = FRICTION
     obstacles: str = ""
+    job: PlannedJob | None = None
 
 
 @value
@@ -135,7 +155,7 @@ def grasps_from_plans(
                         why = f"{why}; --best takes the best grasp that was found, which is not good enough"
                     faults.append(Fault(row=len(rows), reason=f"the plan has no {missing[0]}: {why}"))
                 rows.append({"object": source, "scale": scale, **_postures(hand)})
-                planned_for.append(load)
+                planned_for.append(replace(load, job=_job(document, answer)))
         except (KeyError, TypeError, ValueError, AttributeError, OverflowError, OSError) as error:
             raise InputError(
                 f"{name}: plan {index} is not a plan of this program "
@@ -158,6 +178,33 @@ def grasps_from_plans(
         **stages,
     )
     return GraspFile(grasps=grasps, planned_for=tuple(planned_for))
+
+
+def _job(document: Mapping[str, Any], answer: Mapping[str, Any]) -> PlannedJob | None:
+    """What an answer is to do on its table; ``None`` without a table.
+
+    Raises:
+        InputError: A pose or a direction is none.
+    """
+    scene = document.get("scene")
+    if scene is None or scene["table"] is None or answer["way_in"] is None:
+        return None
+    turn = checked_pose(
+        pose_from_seven(frozen_array(scene["T_world_object"], (7,), "T_world_object")), "rest"
+    )
+    way_in = frozen_array(answer["way_in"], (3,), "way_in")
+    try:
+        work = TaskMotion(
+            displacement=scene["motion"],
+            cog=document["cog"],
+            half_extent=max(document["object"]["extents"]) / 2,
+            gravity=scene["gravity"],
+        )
+    except TaskError:
+        work = None
+    return PlannedJob(
+        turn=tuple(quaternion_from_rotation(turn[:3, :3]).tolist()), way_in=tuple(way_in.tolist()), work=work
+    )
 
 
 def palm_grasps(

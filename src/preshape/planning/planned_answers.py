@@ -13,12 +13,15 @@ from ..physics.grasps import HandPoses
 from ..physics.hand import PhysicsHand
 from ..physics.pick.objects import PickAnswer, PickObject
 from ..physics.task.instances import TaskInstance
+from ..physics.task.motion import TaskMotion
 from ..types import FIELD_MASS, value
-from .answers import Answer
 from .grasp_sets import palm_grasps, poses_with_gains
-from .request import AUTO, PlanRequest
+from .plan import Plan
+from .request import PlanRequest
 from .rules import NONE
 from .session import Session
+from .standing import AUTO
+from .verify import work_of
 
 
 @value
@@ -98,23 +101,34 @@ class PlannedPicks:
         )
         if isinstance(found, str):
             return found
-        answer, poses = found
-        return PickAnswer(poses=poses, way_in=tuple(answer.way_in.tolist()))
+        plan, poses = found
+        assert plan.answer is not None
+        return PickAnswer(
+            poses=poses,
+            way_in=tuple(plan.answer.way_in.tolist()),
+            turn=tuple(plan.standing.pose[3:].tolist()),
+            work=work_of(plan.request, plan.mesh),
+        )
+
+    def work(self, thing: PickObject) -> TaskMotion | None:
+        """Motion and load of the task for an object, as in its answer."""
+        asked = PlanRequest(source=thing.name, task=self.task, hand=self.hand, scale=thing.scale, table=AUTO)
+        return work_of(asked, asked.load())
 
 
-def _planned(model: PhysicsHand, **request: Any) -> tuple[Answer, HandPoses] | str:
-    """The first answer to a request on a fresh memory and its poses for a model, or why there is none."""
+def _planned(model: PhysicsHand, **request: Any) -> tuple[Plan, HandPoses] | str:
+    """The plan of a request on a fresh memory and its first answer's poses for a model, or why none."""
     try:
         asked = PlanRequest(**request)
         with Session(":memory:") as session:
             made = session.run(asked)
     except PreshapeError as error:
         return str(error)
-    answer, result = made.answer, made.hand_result
-    if answer is None or result is None:
+    result = made.hand_result
+    if made.answer is None or result is None:
         return made.decision.reason
     if result.pregrasp is None or result.grasp is None or result.squeeze is None:
         return f"the hand does not reach the grasp: {result.reason}"
     poses = poses_with_gains(made.hand, result, model.gains)
     one = palm_grasps(made.hand, [asked.object_name], [asked.scale], poses)
-    return answer, one.for_hand(model).poses(0)
+    return made, one.for_hand(model).poses(0)

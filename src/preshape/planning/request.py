@@ -8,7 +8,7 @@ simulated, exported and repeated without any further input.
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterable, Mapping, Sequence, Set
+from collections.abc import Mapping, Sequence
 from dataclasses import field, fields, replace
 from pathlib import Path
 from typing import Any
@@ -28,17 +28,17 @@ from ..memory.records import SCENE_LENGTH
 from ..objects.checks import metres
 from ..objects.load import IN_MEMORY, load_object, stored_source
 from ..objects.mass import object_mass
-from ..objects.mesh import TriangleMesh
-from ..objects.scans.complete import ALL_ROUND
+from ..objects.mesh import UP_AXES, TriangleMesh
+from ..objects.obstacle import obstacle_surface, placed_file
+from ..objects.parts import PartSurface
+from ..objects.resting import upright
 from ..tasks import Task, parse_task, task_from_numbers
-from ..tasks.task import axis_vector
 from ..tasks.task import from_json as task_from_json
 from ..tasks.task import to_json as task_to_json
 from ..types import (
     FRICTION,
     Array,
     ContactCoefficients,
-    finite_number,
     freeze,
     frozen_array,
     one_of,
@@ -46,7 +46,17 @@ from ..types import (
     value,
     whole_number,
 )
-from .rules import FOLLOW, MODES, NONE, TaskRules, part_texts, task_rules
+from .request_values import (
+    checked_boxes,
+    checked_files,
+    checked_gravity,
+    checked_parts,
+    checked_rest,
+    checked_table,
+    checked_view,
+)
+from .rules import FOLLOW, MODES, NONE, TaskRules, task_rules
+from .standing import Standing, lowest_point, standing
 
 SCHEMA = 2
 """Version of plan.json. Version 1 is a plan without the key ``schema``; it does not contain its request."""
@@ -57,10 +67,6 @@ VERIFIED = 6
 """Number of answers that are tested in physics; ``count`` if that is larger."""
 ON_CLOUDS = 8
 """Number of answers computed on a point cloud; those with contacts on seen surface are preferred."""
-AUTO = "auto"
-"""Value of ``table`` that means a table at the object's lowest point."""
-FARTHEST = 1e6
-"""Largest coordinate of a table or a box to avoid [m]; the kernels count nothing beyond it as solid."""
 _SEARCH = (
     "torsion", "friction_share", "press_least", "press_most", "safety", "hold", "at_aim", "on_plane",
     "everywhere", "persistence", "elite", "children", "rounds", "finished", "device", "threads",
@@ -82,10 +88,12 @@ _KINDS: tuple[tuple[str, Any, str], ...] = (
     ("settings", Settings, "a value of Settings"),
     ("search", ClosureSettings, "a value of ClosureSettings"),
     ("memory", str | None, "the path of a file, :memory:, or None for the user's"),
+    ("up", str | None, f"one of {', '.join(UP_AXES)}, or None for the file's own"),
 )
 """Types of fields, and what the message asks for; :class:`PlanRequest` says what they mean."""
 _REAL_HAND = "a real hand (--hand shadow, leap or allegro) or the closure analyser (--analyser closure)"
-_SIX = "six numbers (lower, then upper corner, in metres)"
+_ALIGNED = 0.9998
+"""Cosine of the angle up to which two directions are the same, 1° [C]."""
 
 
 @value
@@ -105,11 +113,12 @@ class PlanRequest:
             ``None`` refuses a cloud with a table.
         mass: Mass of the object [kg]; ``None`` takes the object's own, or an estimate from its volume.
         friction: Friction coefficient between hand and object; ``None`` is the field's 0.6.
-        table: Height of a table along the mesh frame's z [m], ``auto`` for the object's lowest point, or
-            ``None`` for free space. Closure only.
+        table: ``auto`` for a table that the object rests on, the height of a table along ``up`` above which
+            the object is as it is modelled [m], or ``None`` for free space. Closure only.
         avoid: Boxes that the hand stays out of, six numbers each: lower and upper corner in the mesh frame
             [m]. Closure only.
-        gravity: (3,) unit direction of gravity in the mesh frame; zeros mean none; ``None`` takes the task's.
+        gravity: (3,) unit direction of gravity along the axes of the task; zeros mean none; ``None`` takes
+            the task's. On a table, the task's gravity acts after the lift.
         approaches: Allowed approach axes, such as ``+z,-x``; ``None`` allows all.
         count: Number of different answers.
         learn: Whether a new object is taught to the memory.
@@ -124,6 +133,12 @@ class PlanRequest:
         keep_off: Parts without contacts, and with no link within 3 mm of them.
         rules: ``task`` for the rules of the object and the task too (:mod:`preshape.planning.rules`), or
             ``none`` for what ``hold_on`` and ``keep_off`` say alone.
+        up: Axis of the mesh that is up, one of x, y, z, -x, -y, -z. The axes of the task are those of the
+            mesh turned upright, so that z is up. ``None`` takes the file's own (y in glTF, else z).
+        rest: (4,) quaternion wxyz that turns the mesh frame, as the object lies at rest on a table, to a
+            world with z up; ``None`` takes the object's own, or else settles the object.
+        obstacle: Meshes or point clouds that the hand stays away from by 3 mm, on its way in too: each
+            ``FILE`` or ``FILE@x,y,z,qw,qx,qy,qz``, its pose in the mesh frame [m]. Closure only.
 
     Raises:
         InputError: An argument that cannot be used; the message says what to change.
@@ -152,6 +167,9 @@ class PlanRequest:
     hold_on: str | Sequence[str] = ()
     keep_off: str | Sequence[str] = ()
     rules: str = FOLLOW
+    up: str | None = None
+    rest: Sequence[float] | Array | None = None
+    obstacle: str | Sequence[str] = ()
 
     def __post_init__(self) -> None:
         for name in ("source", "hand", "memory"):
@@ -164,13 +182,24 @@ class PlanRequest:
         if not isinstance(task, Task):
             task = parse_task(task) if isinstance(task, str) else task_from_numbers(task)
         freeze(self, task=task, analyser=analyser_of(self.analyser, self.hand))
-        freeze(self, gravity=task.gravity if self.gravity is None else _gravity(self.gravity))
-        freeze(self, table=_table(self.table), avoid=_boxes(self.avoid), view=_view(self.view))
+        freeze(self, gravity=task.gravity if self.gravity is None else checked_gravity(self.gravity))
+        freeze(
+            self,
+            table=checked_table(self.table),
+            avoid=checked_boxes(self.avoid),
+            view=checked_view(self.view),
+        )
         freeze(self, learn=bool(self.learn), verify=bool(self.verify))
         freeze(
-            self, hold_on=part_texts(self.hold_on, "hold_on"), keep_off=part_texts(self.keep_off, "keep_off")
+            self,
+            hold_on=checked_parts(self.hold_on, "hold_on"),
+            keep_off=checked_parts(self.keep_off, "keep_off"),
         )
         one_of(self.rules, "rules", MODES)
+        freeze(self, rest=checked_rest(self.rest))
+        if self.up is not None:
+            upright(self.up)
+        freeze(self, obstacle=checked_files(self.obstacle))
         if self.cut_table is not None:
             freeze(self, cut_table=bool(self.cut_table))
         allowed_planes(self.approaches)
@@ -189,9 +218,10 @@ class PlanRequest:
 
     def _refuse_what_rays_ignore(self) -> None:
         """Refuse obstacles and loads for the ray analyser, which would ignore them without notice."""
-        if self.table is not None or self.avoid:
+        if self.table is not None or self.avoid or self.obstacle:
             raise InputError(
-                f"a table and boxes to avoid need {_REAL_HAND}; the analyser of {self.hand_name} here is rays"
+                f"a table, boxes to avoid and obstacles need {_REAL_HAND}; the analyser of {self.hand_name} "
+                "here is rays"
             )
         if not self.verify and (self.stated_mass is not None or not self._usual_friction):
             raise InputError(
@@ -245,31 +275,47 @@ class PlanRequest:
         # The float32 of 0.6 counts as the float64.
         return abs(self.stated_friction - FRICTION) < 1e-6
 
-    def table_height(self, mesh: TriangleMesh) -> float | None:
-        """Height of the table along z [m]; ``None`` without one.
+    def standing(self, mesh: TriangleMesh) -> Standing:
+        """Where the object stands, and the table below it.
 
         Raises:
-            InputError: The table is above the object's lowest point.
+            InputError: The table is above the object's lowest point, or gravity was stated and does not point
+                into the table.
         """
-        if self.table is None:
-            return None
-        lowest = float(mesh.bounds[0, 2])
-        if self.table == AUTO:
-            return lowest
-        height = float(self.table)
-        if height > lowest + 1e-6:
-            raise InputError(
-                f"the table at z = {height:g} m is above the lowest point of {mesh.name}, {lowest:.4g} m: "
-                "the object would stand in it; give a lower height, or --table alone for the lowest point"
-            )
-        return height
+        stands = standing(mesh, up=self.up, rest=self.rest, table=self.table)
+        gravity = np.asarray(self.gravity)
+        own = np.array_equal(gravity, np.asarray(self.asked.gravity))
+        if stands.table is not None and gravity.any() and not own:
+            down = stands.direction(gravity)
+            if -down @ stands.up < _ALIGNED:
+                raise InputError(
+                    f"the gravity {gravity.tolist()} does not point into the table, whose up along the axes "
+                    f"of the task is {np.round(stands.upright @ stands.up, 3).tolist()}; leave one out"
+                )
+        return stands
+
+    def task_gravity(self, mesh: TriangleMesh) -> Array:
+        """(3,) direction of the task's gravity in the mesh frame; zeros for none."""
+        stands, own = self.standing(mesh), np.asarray(self.asked.gravity)
+        if np.array_equal(np.asarray(self.gravity), own):
+            return np.asarray(stands.task(self.asked).gravity)
+        return stands.direction(np.asarray(self.gravity))
 
     def obstacles(self, mesh: TriangleMesh) -> Obstacles:
         """Table and boxes as the kernels take them."""
-        height = self.table_height(mesh)
-        planes = [] if height is None else [[0.0, 0.0, 1.0, height]]
+        table = self.standing(mesh).table
         boxes = np.array(self.avoid, dtype=np.float64).reshape(-1, 2, 3)
-        return Obstacles(planes=np.array(planes).reshape(-1, 4), boxes=boxes)
+        return Obstacles(planes=np.zeros((0, 4)) if table is None else table[None], boxes=boxes)
+
+    def obstacle_surfaces(self, mesh: TriangleMesh) -> tuple[PartSurface, ...]:
+        """The obstacles from files, as far as the hand can come near them.
+
+        Raises:
+            ObjectError: A file cannot be used.
+            EnvironmentFailure: A file cannot be read.
+        """
+        found = (obstacle_surface(placed_file(text), mesh.bounds) for text in self.obstacle)
+        return tuple(surface for surface in found if surface is not None)
 
     def rules_for(self, mesh: TriangleMesh) -> TaskRules:
         """Which parts of the object are held and which stay free.
@@ -277,14 +323,15 @@ class PlanRequest:
         Raises:
             InputError: The object has no such part, or a part is to be held and kept off at once.
         """
-        height = self.table_height(mesh)
+        stands = self.standing(mesh)
         return task_rules(
             mesh,
             self.asked,
             hold_on=self.hold_on,
             keep_off=self.keep_off,
             follow=self.rules == FOLLOW,
-            table=None if height is None else np.array([0.0, 0.0, 1.0, height]),
+            turn=stands.upright.T,
+            table=stands.table,
         )
 
     def scene(self, mesh: TriangleMesh) -> str:
@@ -303,9 +350,12 @@ class PlanRequest:
         the text is the same on every platform.
         """
         table, load = [], []
-        height = self.table_height(mesh)
-        if height is not None:
-            table = [f"table {round(1000 * (float(mesh.bounds[0, 2]) - height))} mm under the object"]
+        stands = self.standing(mesh)
+        if stands.table is not None:
+            under = round(1000 * (lowest_point(mesh, stands.up) - float(stands.table[3])))
+            table = [f"table {under} mm under the object"]
+            if stands.up[2] < _ALIGNED:
+                table = [f"{table[0]}, up {' '.join(f'{100 * x:.0f}' for x in stands.up + 0.0)} %"]
         stated, own = self.stated_mass, object_mass(mesh).kg
         if stated is not None and abs(stated - own) > 0.01 * own:
             load = [f"load {stated:.3g} kg"]
@@ -316,6 +366,8 @@ class PlanRequest:
             [round(1000 * (x - c)) for x, c in zip(box, centre, strict=True)] for box in self.avoid
         )
         boxes = ["box " + " ".join(map(str, row)) for row in corners]
+        around = [np.round(1000 * (p.vertices - mesh.cog)) + 0.0 for p in self.obstacle_surfaces(mesh)]
+        boxes += sorted(f"obstacle {hashlib.sha256(places.tobytes()).hexdigest()[:16]}" for places in around)
         rules = sorted(rule.words for rule in self.rules_for(mesh).applied)
         if self.analyser == "rays":
             table, boxes, load = [], [], []
@@ -338,13 +390,13 @@ class PlanRequest:
             mesh: The object.
             mass: The mass that planning uses [kg].
         """
-        wanted = self.wanted(mesh)
+        wanted, rules = self.wanted(mesh), self.rules_for(mesh).contact
         return replace(
             self.search,
             friction=self.stated_friction,
             mass=mass,
             obstacles=self.obstacles(mesh),
-            rules=self.rules_for(mesh).contact,
+            rules=replace(rules, keep_off=(*rules.keep_off, *self.obstacle_surfaces(mesh))),
             finished=max(self.search.finished, wanted + wanted // 2 + 2),
         )
 
@@ -382,6 +434,9 @@ class PlanRequest:
             "hold_on": list(self.hold_on),
             "keep_off": list(self.keep_off),
             "rules": self.rules,
+            "up": self.up,
+            "rest": None if self.rest is None else np.asarray(self.rest).tolist(),
+            "obstacle": list(self.obstacle),
         }
 
     @classmethod
@@ -416,8 +471,9 @@ class PlanRequest:
             }
             read |= {name: data[name] for name in _PLAIN}
             # Plans from before there were rules were made without any.
-            read |= {name: data.get(name, ()) for name in ("hold_on", "keep_off")}
+            read |= {name: data.get(name, ()) for name in ("hold_on", "keep_off", "obstacle")}
             read["rules"] = data.get("rules", NONE)
+            read |= {name: data.get(name) for name in ("up", "rest")}
         except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
             raise InputError(
                 f"this is no request of preshape ({type(error).__name__}: {error!s:.80}); "
@@ -445,95 +501,3 @@ def analyser_of(analyser: str | None, hand: str | Hand) -> str:
     name = hand.removesuffix(":right") if isinstance(hand, str) else hand.name
     chosen = analyser or ("rays" if name == RAY_HAND else "closure")
     return one_of(chosen, "analyser", ANALYSERS)
-
-
-def _items(given: object, wanted: str) -> tuple[Any, ...]:
-    """The items of a sequence or an array.
-
-    Raises:
-        InputError: It is neither; the message says what is wanted.
-    """
-    if not isinstance(given, Iterable) or isinstance(given, str | bytes | Mapping | Set):
-        raise InputError(f"{wanted}, got {shown(given)}")
-    try:
-        return tuple(given)
-    except TypeError as error:  # an array without a dimension
-        raise InputError(f"{wanted}, got {shown(given)}") from error
-
-
-def _numbers(given: object, count: int, wanted: str) -> tuple[float, ...]:
-    """So many finite numbers.
-
-    Raises:
-        InputError: There are more or fewer, or one is not a finite number.
-    """
-    items = _items(given, wanted)
-    if len(items) != count:
-        raise InputError(f"{wanted}, got {len(items)} items")
-    return tuple(finite_number(item, f"{wanted}; each") for item in items)
-
-
-def _boxes(avoid: object) -> tuple[tuple[float, ...], ...]:
-    """The boxes to avoid, six numbers each [m].
-
-    Raises:
-        InputError: A box is not six numbers within ``FARTHEST``, or its lower corner is not below its upper.
-    """
-    boxes = []
-    for item in _items(avoid, f"avoid must be a list of boxes, {_SIX} each"):
-        box = _numbers(item, 6, f"a box to avoid must be {_SIX}")
-        if not all(low < high for low, high in zip(box[:3], box[3:], strict=True)):
-            raise InputError(f"a box to avoid is its lower corner, then its upper, got {list(box)}")
-        if max(map(abs, box)) > FARTHEST:
-            raise InputError(f"a box to avoid is in metres, at most {FARTHEST:g}, got {list(box)}")
-        boxes.append(box)
-    return tuple(boxes)
-
-
-def _gravity(gravity: object) -> Array:
-    """(3,) direction of gravity; zeros mean none.
-
-    Raises:
-        InputError: There are not three numbers, or their length is neither one nor zero.
-    """
-    wanted = "gravity must be a unit vector of three numbers, or 0 0 0 for none"
-    vector = frozen_array(_numbers(gravity, 3, wanted), (3,), "gravity")
-    if not vector.any():
-        return vector
-    length = float(np.linalg.norm(vector))
-    if not abs(length - 1.0) < 1e-3:
-        raise InputError(f"{wanted}, got the length {length:g}; divide the vector by its length")
-    return axis_vector(vector)
-
-
-def _view(view: object) -> tuple[float, ...] | str | None:
-    """The camera's position, ``all`` or ``None``.
-
-    Raises:
-        InputError: It is anything else.
-    """
-    if view is None or (isinstance(view, str) and view == ALL_ROUND):
-        return view
-    return _numbers(view, 3, f"a view must be a camera's position, three numbers, or {ALL_ROUND}")
-
-
-def _table(table: float | str | None) -> float | str | None:
-    """The table as a height [m] or ``auto``; ``None`` and ``none`` are free space.
-
-    Raises:
-        InputError: The value is anything else.
-    """
-    wanted = "its height in metres, auto or none"
-    if table is None or (isinstance(table, str) and table.strip().lower() == "none"):
-        return None
-    if isinstance(table, str) and table.strip().lower() == AUTO:
-        return AUTO
-    if isinstance(table, str):
-        try:
-            table = float(table)
-        except ValueError as error:
-            raise InputError(f"a table must be {wanted}, got {shown(table)}") from error
-    height = finite_number(table, "a table", wanted)
-    if abs(height) > FARTHEST:
-        raise InputError(f"a table must be {wanted}, at most {FARTHEST:g}, got {height:g}")
-    return height

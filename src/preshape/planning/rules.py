@@ -15,13 +15,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..closure.rules import ContactRules
-from ..exceptions import InputError, shown
+from ..exceptions import InputError
 from ..objects.mesh import TriangleMesh
 from ..objects.parts import ASKED, PartSurface, find_part, part_pieces, part_surface
 from ..objects.regions import Facing, HalfSpace, SurfaceRegion
 from ..tasks import Task
 from ..tasks.families import FAMILIES, directions
-from ..types import LONGEST_NAME, Array, value
+from ..types import Array, value
 from .vessel import vessel
 
 HOLD_ON, KEEP_OFF = "hold_on", "keep_off"
@@ -87,6 +87,14 @@ class TaskRules:
     contact: ContactRules
     applied: tuple[AppliedRule, ...] = ()
 
+    @property
+    def key(self) -> tuple[object, ...]:
+        """What the surfaces are, for comparing the rules of two requests for one and the same mesh.
+
+        Surfaces are kept as long as their mesh exists, so that equal rules have the same ones.
+        """
+        return (*map(id, self.contact.hold_on), 0, *map(id, self.contact.keep_off))
+
 
 Surfaces = list[PartSurface]
 _FOUND: WeakKeyDictionary[TriangleMesh, dict[object, Surfaces]] = WeakKeyDictionary()
@@ -147,22 +155,6 @@ def task_rules(
             applied.append(AppliedRule(kind=KEEP_OFF, part=SUPPORT, origin=TASK, table=there))
             off += [] if there else [_below(mesh, down)]
     return TaskRules(contact=ContactRules(hold_on=tuple(on), keep_off=tuple(off)), applied=tuple(applied))
-
-
-def part_texts(given: object, name: str) -> tuple[str, ...]:
-    """Names or descriptions of parts, each once.
-
-    Raises:
-        InputError: It is neither a text nor a list of texts, or one is empty.
-    """
-    wanted = f"{name} must be texts, each a part's name, a half-space such as z>0.05, or a box of six numbers"
-    if not isinstance(given, str | list | tuple):
-        raise InputError(f"{wanted}, got {shown(given)}")
-    texts = [given] if isinstance(given, str) else given
-    for text in texts:
-        if not isinstance(text, str) or not text.strip() or len(text) > LONGEST_NAME:
-            raise InputError(f"{wanted}, got {shown(text)}")
-    return tuple(dict.fromkeys(text.strip() for text in texts))
 
 
 def _named(mesh: TriangleMesh, text: str) -> PartSurface:

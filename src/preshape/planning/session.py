@@ -9,42 +9,38 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable, Sequence
-from dataclasses import replace
+from collections.abc import Callable
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
 
-import numpy as np
-
-from ..closure.settings import ClosureSettings
+from ..closure.contact_places import part_mesh
+from ..closure.rules import KEEP_OFF
 from ..exceptions import Cancelled, EnvironmentFailure, InputError, shown
 from ..files import file_place, file_state
 from ..hands.hand import Hand
 from ..hands.load import load_hand
-from ..hiis.analyser import Analyser, Grasp, HandLayout
+from ..hiis.analyser import Analyser, Grasp
 from ..hiis.controller import Controller
 from ..hiis.critic import of_this_object
-from ..hiis.decision import Decision, Settings
+from ..hiis.decision import Decision
 from ..memory import Memory, default_path
-from ..objects.library import load_library_object
 from ..objects.load import split_part
 from ..objects.mass import ObjectMass, object_mass
 from ..objects.mesh import TriangleMesh
+from ..objects.obstacle import placed_file
 from ..objects.sidecar import sidecar_path
-from ..types import Array, Experience, an_instance, value
+from ..tasks import Task
+from ..types import an_instance, value
 from .answers import Answer, seen_first
+from .controllers import closure_controller, layout_of, ray_controller
 from .hand_simulation import execute
 from .plan import Plan
 from .request import PlanRequest
-from .rules import TASK
 from .sizes import out_of_reach, refuse_absurd_size
 
 if TYPE_CHECKING:
-    from ..closure.analyser import ClosureAnalyser
-
-CLOSURE_SUFFIX = "+closure"
-"""Suffix of the hand's name for lessons of the closure analyser; it separates them from those of rays."""
+    pass
 
 Progress = Callable[[str, float], None]
 """Called with the name of the current step and the total progress in percent."""
@@ -58,6 +54,7 @@ class Prepared:
 
     Attributes:
         request: The request.
+        task: Its task in the mesh frame.
         hand: The hand.
         mesh: The object [m].
         mass: The object's mass.
@@ -70,6 +67,7 @@ class Prepared:
     """
 
     request: PlanRequest
+    task: Task
     hand: Hand
     mesh: TriangleMesh
     mass: ObjectMass
@@ -156,6 +154,8 @@ class Session:
         mass = object_mass(mesh, request.stated_mass)
         warnings = [*mesh.notes, *([mass.warning] if mass.warning else [])]
         warnings += out_of_reach(request, mesh, hand)
+        stands = request.standing(mesh)
+        warnings += [f"{mesh.name} {stands.warning}"] if stands.warning else []
         loaded = time.perf_counter()
         self._tell("opening the memory; a hand's first time includes the lesson with the cube", 12)
         key = _element_key(request, hand, mesh, mass)
@@ -166,6 +166,7 @@ class Session:
             self._element = (*key, mesh, controller), controller.prepare(mesh)
         return Prepared(
             request=request,
+            task=stands.task(request.asked),
             hand=hand,
             mesh=mesh,
             mass=mass,
@@ -196,7 +197,7 @@ class Session:
         ready.element.forget()
         decision = ready.controller.run(
             ready.element,
-            request.asked,
+            ready.task,
             approaches=request.approaches,
             count=wanted,
             may_learn=request.learn,
@@ -215,7 +216,7 @@ class Session:
             )
             # A lesson that was restricted to some approaches would mislead plans without the restriction.
             if request.learn and request.approaches is None and not self.memory.read_only:
-                ready.controller.knowledge.learn_outcomes(ready.element, request.asked, tried)
+                ready.controller.knowledge.learn_outcomes(ready.element, ready.task, tried)
         if partial is not None and chosen_later:
             partial(plan)
         return plan
@@ -243,7 +244,7 @@ class Session:
         started = time.perf_counter()
         self._tell("mode 3: exploring all planes and learning", 35)
         ready.element.forget()
-        decision = ready.controller.teach(ready.element, request.asked, approaches=request.approaches)
+        decision = ready.controller.teach(ready.element, ready.task, approaches=request.approaches)
         ready.controller.reset()
         return self._executed(ready, decision, started, None)
 
@@ -309,10 +310,12 @@ class Session:
         return plan
 
     def _answer(self, ready: Prepared, grasp: Grasp) -> Answer:
+        off = [part_mesh(part) for part in ready.request.rules_for(ready.mesh).contact.keep_off]
+        seed = ready.request.settings.seed
         return Answer(
             grasp=grasp,
-            hand_result=execute(ready.hand, ready.mesh, grasp, seed=ready.request.settings.seed),
-            heaviest=ready.element.heaviest(ready.request.asked.q, grasp),
+            hand_result=execute(ready.hand, ready.mesh, grasp, seed=seed, kept_off=off, room=KEEP_OFF),
+            heaviest=ready.element.heaviest(ready.task.q, grasp),
         )
 
     def _controller_of(
@@ -326,12 +329,8 @@ class Session:
             if controller.knowledge.memory_state == known:
                 return controller
         if request.analyser == "rays":
-            controller = Controller(
-                self.memory,
-                layout_of(hand),
-                settings=request.settings,
-                scene=scene,
-                may_store=request.learn,
+            controller = ray_controller(
+                self.memory, layout_of(hand), request, request.rules_for(mesh).contact, scene
             )
         else:
             controller = closure_controller(
@@ -339,7 +338,7 @@ class Session:
                 hand,
                 settings=request.settings,
                 closure=request.closure(mesh, mass.kg),
-                gravity=np.asarray(request.gravity),
+                gravity=request.task_gravity(mesh),
                 scene=scene,
                 may_store=request.learn,
             )
@@ -353,109 +352,6 @@ class Session:
             self._progress(words, share)
 
 
-def layout_of(hand: Hand) -> HandLayout:
-    """The dimensions of a hand that the analysers need."""
-    return HandLayout(
-        name=hand.name, u=hand.u, finger_pitch=hand.finger_pitch, fingertip_width=hand.fingertip_width
-    )
-
-
-def closure_analyser(request: PlanRequest, hand: Hand, mesh: TriangleMesh) -> ClosureAnalyser:
-    """The closure analyser of a request without a memory: it needs no first lesson and recalls nothing.
-
-    Args:
-        request: The request.
-        hand: Its hand, loaded.
-        mesh: Its object, loaded [m].
-    """
-    from ..closure.analyser import ClosureAnalyser
-
-    settings = request.settings
-    return ClosureAnalyser(
-        mesh,
-        hand,
-        layout_of(hand),
-        settings=request.closure(mesh, object_mass(mesh, request.stated_mass).kg),
-        coefficients=settings.coefficients,
-        sets=settings.sets,
-        gravity=np.asarray(request.gravity, dtype=np.float64),
-        seed=settings.seed,
-    )
-
-
-def closure_controller(
-    memory: Memory,
-    hand: Hand,
-    *,
-    settings: Settings,
-    closure: ClosureSettings,
-    gravity: Array | Sequence[float],
-    scene: str = "",
-    may_store: bool = True,
-) -> Controller:
-    """The paper's controller over the closure analyser.
-
-    Args:
-        memory: The memory.
-        hand: The hand.
-        settings: Meta control's settings.
-        closure: Friction, load and size of the search.
-        gravity: (3,) unit direction of gravity in the mesh frame; zeros mean none.
-        scene: The scene as text (:meth:`PlanRequest.scene`).
-        may_store: Whether the first lesson may be stored; see :class:`Controller`.
-    """
-    from ..closure.analyser import ClosureAnalyser
-
-    layout = replace(layout_of(hand), name=hand.name + CLOSURE_SUFFIX, model=hand.model_hash())
-
-    def known() -> Sequence[Experience]:
-        return controller.experiences
-
-    def prepare(mesh: TriangleMesh) -> ClosureAnalyser:
-        return ClosureAnalyser(
-            mesh,
-            hand,
-            layout,
-            settings=closure,
-            coefficients=settings.coefficients,
-            sets=settings.sets,
-            gravity=gravity,
-            seed=settings.seed,
-            known=known,
-            scene=scene,
-        )
-
-    def prepare_seed(mesh: TriangleMesh) -> ClosureAnalyser:
-        # The 48 tasks of the cube only teach the planes, not the best grips: a small search is enough, of
-        # wraps as well.
-        quick = ClosureSettings(
-            threads=closure.threads,
-            device=closure.device,
-            everywhere=400,
-            wraps=480,
-            elite=8,
-            rounds=1,
-            finished=1,
-            persistence=0,
-        )
-        return ClosureAnalyser(
-            mesh, hand, layout, settings=quick, sets=settings.sets, seed=settings.seed, gravity=gravity
-        )
-
-    controller = Controller(
-        memory,
-        layout,
-        settings=settings,
-        prepare=prepare,
-        prepare_seed=prepare_seed,
-        seed_object=load_library_object("cube"),
-        kind="shape",
-        scene=scene,
-        may_store=may_store,
-    )
-    return controller
-
-
 def _file_key(request: PlanRequest) -> tuple[Any, ...]:
     """Key of a loaded object in the cache; with a new file or a new sidecar it is another object."""
     source = str(request.source)
@@ -464,25 +360,17 @@ def _file_key(request: PlanRequest) -> tuple[Any, ...]:
     return source, request.unit, request.scale, request.view, request.cut_table, state
 
 
+_ELEMENT_KEYS = (
+    "analyser", "friction", "table", "avoid", "gravity", "seed", "thresholds", "sets", "finger_rule",
+    "coefficients", "up", "rest", "obstacle", "search",
+)  # fmt: skip
+"""Keys of a request's JSON that analyser and controller depend on."""
+
+
 def _element_key(request: PlanRequest, hand: Hand, mesh: TriangleMesh, mass: ObjectMass) -> tuple[Any, ...]:
     """Key of controller and analyser in the cache: everything they depend on besides the object."""
-    document = request.to_json()
-    names = (
-        "analyser",
-        "friction",
-        "table",
-        "avoid",
-        "gravity",
-        "seed",
-        "thresholds",
-        "sets",
-        "finger_rule",
-        "coefficients",
-    )
-    rules = request.rules_for(mesh).applied
-    said = [(rule.words, rule.origin, rule.table) for rule in rules]
-    # What a family keeps free depends on the direction of the task.
-    said += [(request.asked.name, request.asked.axis, True)] if any(r.origin == TASK for r in rules) else []
+    document, rules = request.to_json(), request.rules_for(mesh).key
     wanted = request.wanted(mesh) if request.analyser == "closure" else 0
-    parts = [repr(document[name]) for name in (*names, "search")]
-    return (hand, mass.kg, wanted, *said, *parts)
+    # The file of an obstacle may have changed under its name.
+    files = [repr(file_state(split_part(placed_file(text).file)[0])) for text in request.obstacle]
+    return (hand, mass.kg, wanted, rules, *(repr(document[name]) for name in _ELEMENT_KEYS), *files)

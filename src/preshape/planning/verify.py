@@ -1,4 +1,7 @@
-"""``--verify``: run the holding test on planned answers, in their order, until one holds."""
+"""``--verify``: test planned answers in physics, in their order, until one passes.
+
+In free space that is the holding test. On a table, the hand must pick the object up and do the task with it.
+"""
 
 from __future__ import annotations
 
@@ -6,21 +9,24 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
+from ..exceptions import TaskError
 from ..hands.hand import Hand
 from ..hiis.analyser import Grasp
 from ..objects.mass import object_mass
 from ..objects.mesh import TriangleMesh
 from ..physics.hand import physics_hand
 from ..physics.hold.six_directions import HoldResult, HoldStatus, hold_test
+from ..physics.pick.protocol import PickStatus
 from ..physics.pieces import decompose
 from ..physics.protocol import HoldProtocol
 from ..physics.scene import build_scene
-from ..types import FRICTION
-from .answers import Verified, answers_of, chosen
+from ..physics.task.motion import TaskMotion, task_motion
+from ..types import FRICTION, value
+from .answers import Answer, Verified, answers_of, chosen
 from .grasp_sets import palm_grasps, poses_of
 from .hand_simulation import HandResult
 from .plan import Plan
-from .request import VERIFIED
+from .request import VERIFIED, PlanRequest
 
 Progress = Callable[[str, float], None]
 """Called with what is done and the share of the test that is finished, 0..1."""
@@ -30,10 +36,25 @@ def _untold(words: str, share: float) -> None:
     """Tell nobody."""
 
 
+@value
+class Tested:
+    """What physics said of one answer.
+
+    Attributes:
+        passed: Whether it passed.
+        reason: One sentence.
+        counts: Whether the outcome is evidence about the grasp and the real object.
+    """
+
+    passed: bool
+    reason: str
+    counts: bool
+
+
 def verified_plan(
     plan: Plan, *, keep: int, progress: Progress = _untold
 ) -> tuple[Plan, list[tuple[Grasp, bool]]]:
-    """The plan with the first of its answers that holds, tested with the plan's own mass and friction.
+    """The plan with the first of its answers that passes, tested with the plan's own mass and friction.
 
     Args:
         plan: The plan, with all answers that may be tested.
@@ -47,26 +68,92 @@ def verified_plan(
     if not answers:
         return replace(plan, verified=Verified(held=False, tried=0, reason="there is no answer to test")), []
     rules = HoldProtocol(friction=plan.request.stated_friction, mass=plan.mass.kg, stop_early=True)
-    results = hold_until_held(
-        plan.hand, plan.mesh, [a.hand_result for a in answers], protocol=rules, progress=progress
-    )
+    results: list[Tested]
+    if plan.standing.table is not None:
+        results = pick_until_done(plan, answers, progress=progress)
+    else:
+        held = hold_until_held(
+            plan.hand, plan.mesh, [a.hand_result for a in answers], protocol=rules, progress=progress
+        )
+        results = [
+            Tested(
+                passed=r.held, reason=r.reason, counts=worth_remembering(r, rules, object_mass(plan.mesh).kg)
+            )
+            for r in held
+        ]
     reached = [k for k, a in enumerate(answers) if a.hand_result.grasp is not None]
-    own_mass = object_mass(plan.mesh).kg
     tried = [
-        (answers[k].grasp, result.held)
+        (answers[k].grasp, result.passed)
         for k, result in zip(reached, results, strict=False)
-        if worth_remembering(result, rules, own_mass)
+        if result.counts
     ]
-    if not results or not results[-1].held:
+    passes = "held" if plan.standing.table is None else "did the job"
+    if not results or not results[-1].passed:
         why = results[0].reason if results else "the hand reached none of the answers"
-        said = Verified(held=False, tried=len(results), reason=f"no answer held in physics: {why}")
+        said = Verified(held=False, tried=len(results), reason=f"no answer {passes} in physics: {why}")
         return replace(plan, alternatives=plan.alternatives[: keep - 1], verified=said), tried
     first = reached[len(results) - 1]
     said = Verified(held=True, tried=len(results), reason=results[-1].reason)
     # An answer that was tested and lost the object is not offered as an alternative.
     rest = tuple(answers[first + 1 : first + keep])
     plan = replace(plan, alternatives=rest, verified=said)
-    return chosen(plan, answers[first], "the first answer that held in physics"), tried
+    return chosen(plan, answers[first], f"the first answer that {passes} in physics"), tried
+
+
+def work_of(request: PlanRequest, mesh: TriangleMesh) -> TaskMotion | None:
+    """Motion, load and gravity of a request's task, in the mesh frame; ``None`` if it asks for no motion."""
+    task = request.standing(mesh).task(request.asked)
+    try:
+        return task_motion(task, mesh.cog, float(mesh.extents.max()) / 2, gravity=request.task_gravity(mesh))
+    except TaskError:
+        return None
+
+
+def pick_until_done(plan: Plan, answers: Sequence[Answer], *, progress: Progress = _untold) -> list[Tested]:
+    """Pick the object up with answers in their order and do the task, until one does it.
+
+    Args:
+        plan: The plan, whose object rests on a table.
+        answers: Its answers; those whose hand did not reach the grasp are left out.
+        progress: Called as the test advances.
+
+    Returns:
+        A result for each answer that was tested; only the last one may have passed.
+
+    Raises:
+        ObjectError: The object encloses no volume.
+        EnvironmentFailure: The object cannot be cut into pieces.
+    """
+    from ..physics.pick.doing import JOB_STAGES
+    from ..physics.pick.objects import PickAnswer, PickObject
+    from ..physics.pick.picking import STAGES, pick_test
+    from ..physics.pick.protocol import PickProtocol
+    from ..physics.pick.runner import pick_scene
+
+    reached = [answer for answer in answers if answer.hand_result.grasp is not None]
+    if not reached:
+        return []
+    rules = PickProtocol(friction=plan.request.stated_friction, do=True)
+    hand, turn = physics_hand(plan.hand), tuple(plan.standing.pose[3:].tolist())
+    progress("cutting the object into convex pieces, once for an object", 0.0)
+    thing = PickObject(name=plan.mesh.name, mass=plan.mass.kg)
+    scene = pick_scene(hand, decompose(plan.mesh), thing, turn, rules)
+    n, poses = len(reached), poses_of([answer.hand_result for answer in reached])
+    grasps = palm_grasps(plan.hand, [plan.mesh.name] * n, [1.0] * n, poses).for_hand(hand)
+    work, own_mass = work_of(plan.request, plan.mesh), object_mass(plan.mesh).kg
+    results: list[Tested] = []
+    for row, answer in enumerate(reached):
+        given = PickAnswer(poses=grasps.poses(row), way_in=tuple(answer.way_in.tolist()), turn=turn)
+        told = _told(progress, (*STAGES, *JOB_STAGES), row, n)
+        result = pick_test(scene, *given.in_world(), rules, row=row, work=work, observer=told)
+        easier = thing.mass < own_mass or rules.friction > FRICTION
+        harder = thing.mass > own_mass or rules.friction < FRICTION
+        real = result.status not in (PickStatus.UNSTABLE, PickStatus.DOES_NOT_REST)
+        counts = real and not (easier if result.done else harder)
+        results.append(Tested(passed=result.done, reason=result.reason, counts=counts))
+        if result.done:
+            break
+    return results
 
 
 def hold_until_held(
@@ -117,8 +204,12 @@ def hold_until_held(
 
 
 def _steps(progress: Progress, protocol: HoldProtocol, row: int, of: int) -> Callable[[str, Any], None]:
+    """Observer of one holding test."""
+    return _told(progress, ("grasp", "squeeze", *(load.name for load in protocol.loads())), row, of)
+
+
+def _told(progress: Progress, steps: Sequence[str], row: int, of: int) -> Callable[[str, Any], None]:
     """Observer of one test, which tells the progress whenever another step of the test begins."""
-    steps = ("grasp", "squeeze", *(load.name for load in protocol.loads()))
     told: set[str] = set()
 
     def observer(step: str, _: Any) -> None:

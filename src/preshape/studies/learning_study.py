@@ -63,7 +63,7 @@ def _measure(setup: Setup, part: Path, progress: Progress) -> Data:
 
 def _answer(ready: Prepared) -> Data:
     """The mode that now answers, and the explorer's best match for comparison."""
-    controller, task = ready.controller, ready.request.asked
+    controller, task = ready.controller, ready.task
     decision = controller.run(ready.element, task, may_learn=False)
     controller.reset()
     s = controller.settings

@@ -291,7 +291,7 @@ def _draw_case(row: Data, size: tuple[int, int], path: Path) -> None:
 
     setup = Setup()
     ready = setup.prepare(setup.system(), row["object"], parse_task(row["task"]), scale=row["scale"])
-    task = ready.request.asked
+    task = ready.task
     aim = Aim(planes=[row["plane"]], values=[row["value"]], fingers=[row["fingers"]], flips=[row["flip"]])
     grasp = ready.element.explore(task.q, aim).grasp()
     hand = execute(ready.hand, ready.mesh, grasp, seed=row["hand_seed"])

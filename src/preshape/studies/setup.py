@@ -17,9 +17,10 @@ from ..hiis.planes import plane
 from ..hiis.virtual_grasp import RayAnalyser
 from ..memory import Memory
 from ..objects.mesh import TriangleMesh
+from ..planning.controllers import layout_of
 from ..planning.request import RAY_HAND, PlanRequest
 from ..planning.rules import NONE
-from ..planning.session import Prepared, Session, layout_of
+from ..planning.session import Prepared, Session
 from ..tasks import Task, task_from_numbers
 from ..types import Experience, NetworkWeights
 from . import printed
@@ -181,7 +182,7 @@ def run_case(ready: Prepared, task: Task | None = None, *, may_learn: bool = Tru
         may_learn: Whether mode 3 may learn.
     """
     controller, element = ready.controller, ready.element
-    task = task or ready.request.asked
+    task = task or ready.task
     known = controller.experiences
     decision = controller.run(element, task, may_learn=may_learn)
     controller.reset()
@@ -211,6 +212,6 @@ def run_case(ready: Prepared, task: Task | None = None, *, may_learn: bool = Tru
 
 def teach(ready: Prepared, task: Task | None = None) -> str:
     """Teach the object with a task (mode 3); returns the controller's status."""
-    decision = ready.controller.teach(ready.element, task or ready.request.asked)
+    decision = ready.controller.teach(ready.element, task or ready.task)
     ready.controller.reset()
     return decision.status.value

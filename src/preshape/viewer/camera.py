@@ -53,6 +53,7 @@ class Camera:
         fov: float = 22.0,
         aspect: float = 1.0,
         margin: float = 1.08,
+        up: Array | None = None,
     ) -> Camera:
         """The nearest camera whose picture contains all points.
 
@@ -62,12 +63,13 @@ class Camera:
             fov: Vertical angle of view [degrees].
             aspect: Width of the picture divided by its height.
             margin: Size of the picture divided by the extent of the points; 1 leaves no border.
+            up: (3,) Direction that points upwards in the picture; +z by default.
         """
-        points = frozen_array(points, (None, 3), "points to frame")
+        points, above = frozen_array(points, (None, 3), "points to frame"), UP if up is None else up
         target = (points.min(axis=0) + points.max(axis=0)) / 2
         slope = np.tan(np.radians(fov) / 2) * np.array([aspect, 1.0]) / margin
         offset = np.asarray(direction, dtype=np.float64) / np.linalg.norm(direction)
-        frame = cls(eye=target + offset, target=target, up=UP, fov=fov).frame
+        frame = cls(eye=target + offset, target=target, up=above, fov=fov).frame
         local = (points - target) @ frame.T
         # A fixed-point iteration: with perspective, centre and distance depend on each other.
         for _ in range(8):
@@ -78,7 +80,7 @@ class Camera:
             local = local - shift
             target = target + shift @ frame
         distance = max(float((np.abs(local[:, :2]) / slope - local[:, 2:]).max()), 1e-6)
-        return cls(eye=target + distance * offset, target=target, up=UP, fov=fov)
+        return cls(eye=target + distance * offset, target=target, up=above, fov=fov)
 
 
 def project(camera: Camera, points: Array, size: tuple[int, int]) -> Array:

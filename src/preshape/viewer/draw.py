@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from ..objects.resting import turned_up
 from ..types import Array
 from .canvas import Canvas, RecordingCanvas
 from .colours import (
@@ -119,7 +120,7 @@ def draw_scenery(table: float | None, boxes: Array, scene: PlanScene, canvas: Ca
     """Draw the table and the boxes to avoid; an earlier drawing is replaced.
 
     Args:
-        table: Height of the table along z [m]; ``None`` without a table.
+        table: Height of the table along up [m]; ``None`` without a table.
         boxes: (k, 2, 3) Lower and upper corners [m].
         scene: The plan, whose object gives the size of the table that is drawn.
         canvas: The canvas.
@@ -127,10 +128,12 @@ def draw_scenery(table: float | None, boxes: Array, scene: PlanScene, canvas: Ca
     canvas.remove("scene")
     size = scene.size
     if table is not None:
-        low, high = scene.mesh.bounds
-        centre = np.array([*(low + high)[:2] / 2, table])
+        R = turned_up(scene.up)
+        at = scene.mesh.bounds if np.array_equal(R, np.eye(3)) else scene.mesh.vertices @ R.T
+        low, high = at.min(axis=0), at.max(axis=0)
+        centre = np.array([*(low + high)[:2] / 2, table]) @ R
         half = (high - low)[:2] / 2 + 0.8 * size
-        sides = half[0] * np.eye(3)[0], half[1] * np.eye(3)[1]
+        sides = half[0] * R[0], half[1] * R[1]
         canvas.solid("scene/table", card(centre, *sides, TABLE, alpha=0.4))
         canvas.solid("scene/table-edge", card_border(centre, *sides, 0.006 * size, TABLE))
         canvas.label("scene/table-name", "table", centre + sides[0] - sides[1])

@@ -104,8 +104,11 @@ def _space(sheet: Sheet, scene: PlanScene) -> None:
     grasp, scenery = _shapes(scene)
     shapes = [*grasp, *scenery]
     points = np.concatenate([shape.vertices for shape in grasp])
-    camera = Camera.framing(points, view_direction(scene), aspect=SPACE_WIDTH / HEIGHT, margin=1.12)
-    floor = min(float(s.vertices[:, 2].min()) for s in grasp if s.lit) if scene.table is None else scene.table
+    aspect = SPACE_WIDTH / HEIGHT
+    camera = Camera.framing(points, view_direction(scene), aspect=aspect, margin=1.12, up=scene.up)
+    floor = scene.table
+    if floor is None:
+        floor = min(float((s.vertices @ scene.up).min()) for s in grasp if s.lit)
     axes = sheet.picture(0, 0, SPACE_WIDTH, HEIGHT, render(shapes, camera, size, ground=floor))
 
     def at(point: Array) -> Array:

@@ -9,6 +9,7 @@ import numpy as np
 from ..exceptions import InputError
 from ..hands.kinematics import LinkShape
 from ..objects.mesh import TriangleMesh
+from ..objects.resting import turned_up
 from ..types import Array, freeze, frozen_array, value
 from .colours import APPROACH, FAINT
 from .raycast import Camera, Shape, project
@@ -72,7 +73,8 @@ class PlanScene:
         adi: (6,) Agreement of task and net wrench in each dimension (ADI).
         figures: Names, with their units, and values of the numbers that decided the answer.
         facts: Names and values of the facts that decided the answer.
-        table: Height of the table along z [m]; ``None`` in free space.
+        table: Height of the table along ``up`` [m]; ``None`` in free space.
+        up: (3,) Unit vector that is up in the picture.
         boxes: (k, 2, 3) Lower and upper corners of the boxes that the hand must avoid [m].
         hand: Links of the hand at their poses.
         planes: All approach planes, for the overview.
@@ -105,13 +107,19 @@ class PlanScene:
     figures: tuple[tuple[str, str], ...] = ()
     facts: tuple[tuple[str, str], ...] = ()
     table: float | None = None
+    up: Array = field(default_factory=lambda: np.array([0.0, 0.0, 1.0]))
     boxes: Array = field(default_factory=lambda: np.zeros((0, 2, 3)))
     hand: tuple[LinkShape, ...] = ()
     planes: tuple[PlaneCard, ...] = ()
 
     def __post_init__(self) -> None:
         n = len(self.fingers)
-        shapes: dict[str, tuple[int | None, ...]] = {"cog": (3,), "task": (6,), "boxes": (None, 2, 3)}
+        shapes: dict[str, tuple[int | None, ...]] = {
+            "cog": (3,),
+            "task": (6,),
+            "boxes": (None, 2, 3),
+            "up": (3,),
+        }
         shapes |= dict.fromkeys(("aim", "way_in"), (3,)) | dict.fromkeys(("net_wrench", "adi"), (6,))
         shapes |= {"newtons": (n,)}
         shapes |= dict.fromkeys(("points", "normals_in", "forces", "ray_origins"), (n, 3))
@@ -163,14 +171,16 @@ def arrow_segments(scene: PlanScene) -> list[tuple[Array, Array]]:
 
 def view_direction(scene: PlanScene) -> Array:
     """(3,) Direction from the object to the eye, across the approach plane, 16° to 42° above horizontal."""
+    R = turned_up(scene.up)
     direction = np.array([0.62, -0.72, 0.42])
     if scene.plane is not None:
-        a, o, t = scene.plane.approach_axis, scene.plane.opposition_axis, scene.plane.transverse_axis
+        plane = scene.plane
+        a, o, t = (R @ axis for axis in (plane.approach_axis, plane.opposition_axis, plane.transverse_axis))
         t = t if t @ [0.3, -0.5, 1.0] > 0 else -t
         direction = 0.80 * t + 0.30 * a + 0.42 * o
     horizontal = np.hypot(direction[0], direction[1])
     low, high = np.tan(np.radians([16.0, 42.0])) * horizontal
-    return np.array([direction[0], direction[1], np.clip(direction[2], low, high)])
+    return np.array([direction[0], direction[1], np.clip(direction[2], low, high)]) @ R
 
 
 def plane_cards(scene: PlanScene, size: tuple[int, int]) -> tuple[list[Shape], Camera, dict[int, Array]]:

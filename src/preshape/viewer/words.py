@@ -20,6 +20,8 @@ QUALITY = (
     "3 at m = 1, 4.5 at 2, and less for a soft grip; the margins stated are those of the press stated"
 )
 """How quality and margins of a grip are related."""
+TURNED = 5.0
+"""Angle between how an object is modelled and how it rests above which it is stated [degrees]."""
 ASIDE = 20.0
 """Angle between way in and approach axis above which both are stated [degrees]."""
 _RESULTS = {
@@ -267,9 +269,11 @@ def scene_words(document: Document) -> str:
             words.append("no table")
         else:
             height = "under the object" if table == "auto" else f"at z = {1000 * table:.0f} mm"
-            words.append(f"table {height}")
+            words.append(f"table {height}{_turned(document.get('scene') or {})}")
         if boxes:
             words.append(f"{boxes} box{'es' if boxes > 1 else ''} to avoid")
+    if request.get("obstacle"):
+        words += [f"obstacle {text.replace(chr(92), '/').rpartition('/')[2]}" for text in request["obstacle"]]
     if request.get("approaches"):
         words.append(f"approaches {request['approaches']}")
     return ", ".join(words)
@@ -287,6 +291,14 @@ def rules_words(document: Document) -> str:
         kind = str(rule["kind"]).replace("_", " ")
         said.setdefault(str(rule["origin"]), []).append(f"{kind} {rule['part']}")
     return "; ".join(f"{', '.join(rules)} ({origins.get(origin, origin)})" for origin, rules in said.items())
+
+
+def _turned(scene: Document) -> str:
+    """How the object lies at rest, if it is turned from how it is modelled."""
+    if float(scene.get("turned", 0.0)) < TURNED:
+        return ""
+    x, y, z = scene["up"]
+    return f", on which it lies turned by {scene['turned']:.0f}°: up is {x:.2g}, {y:.2g}, {z:.2g}"
 
 
 def _angle(a: Sequence[float], b: Sequence[float]) -> float:

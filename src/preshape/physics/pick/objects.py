@@ -5,15 +5,20 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Protocol
 
+import numpy as np
+
+from ... import spatial
+from ...objects.library import AS_MODELLED
 from ...objects.load import load_object
 from ...objects.mass import object_mass
-from ...types import value
+from ...types import Array, value
 from ..grasps import HandPoses
+from ..task.motion import TaskMotion
 
 
 @value
 class PickObject:
-    """One object, standing on a table at its lowest point as it is modelled.
+    """One object of a bench.
 
     Attributes:
         name: Library name or file.
@@ -30,15 +35,24 @@ class PickObject:
 
 @value
 class PickAnswer:
-    """A grasp of an object that stands on a table.
+    """A grasp of an object that rests on a table.
 
     Attributes:
         poses: Poses of the hand's root in the frame of the object.
         way_in: Unit vector along which the hand approaches, in the object's frame.
+        turn: How the object rests: quaternion wxyz from its frame to the world, whose z is up.
+        work: Motion and load of the task, in the object's frame; ``None`` for a task without motion.
     """
 
     poses: HandPoses
     way_in: tuple[float, ...]
+    turn: tuple[float, ...] = AS_MODELLED
+    work: TaskMotion | None = None
+
+    def in_world(self) -> tuple[HandPoses, Array]:
+        """The poses and the way in (3,), both in the world; the object's frame has the world's origin."""
+        T = spatial.pose_from_seven(np.array([0.0, 0.0, 0.0, *self.turn]))
+        return self.poses.moved(T), T[:3, :3] @ np.array(self.way_in)
 
 
 class PickAnswers(Protocol):

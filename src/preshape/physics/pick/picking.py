@@ -29,7 +29,8 @@ from ..grasps import HandPoses
 from ..hold.six_directions import Observer, slerp, unstable
 from ..measures import place, touching
 from ..scene import PALM, TABLE, Scene
-from ..task.motion import ease
+from ..task.motion import TaskMotion, ease
+from .doing import do_job
 from .protocol import Motion, PickProtocol, PickResult, PickStatus
 
 STAGES = ("settle", "approach", "close", "squeeze", "lift", "hold")
@@ -76,26 +77,33 @@ def pick_test(
     row: int = 0,
     object_name: str = "",
     scale: float = 1.0,
+    work: TaskMotion | None = None,
     observer: Observer | None = None,
 ) -> PickResult:
     """Test one grasp.
 
     Args:
         scene: Scene of hand, object and table, built with ``protocol.scene``.
-        poses: The grasp, and the pose in which the object stands on the table.
-        way_in: (3,) unit vector along which the hand approaches, in the frame of ``poses``.
+        poses: The grasp and the pose in which the object rests on the table, both in the world.
+        way_in: (3,) unit vector along which the hand approaches, in the world.
         protocol: Settings of the test.
         row: Row for the result; it also decides the errors.
         object_name: Name of the object for the result.
         scale: Scale for the result.
+        work: Motion and load of the task, in the object's frame; it is done if the protocol asks for it.
         observer: Called at every check with the stage and the ``mujoco.MjData``.
     """
     import mujoco
 
-    pick = pick_up(scene, mujoco.MjData(scene.model), poses, way_in, protocol, row=row, observer=observer)
+    data = mujoco.MjData(scene.model)
+    pick = pick_up(scene, data, poses, way_in, protocol, row=row, observer=observer)
+    job = None
+    if protocol.do and work is not None and pick.failure is None:
+        job = do_job(scene, data, work, protocol, observer=observer)
     reason = pick.reason
     if pick.failure is None and pick.held is not None:
         reason = f"{PickStatus.PICKED.value}; in the hand it {_moved(pick.held)}"
+        reason += f"; then it {job.reason}" if job else ""
     return PickResult(
         row=row,
         object_name=object_name,
@@ -108,9 +116,25 @@ def pick_test(
         held=pick.held,
         table_force=pick.table_force,
         touching=pick.touching,
-        planned=poses.rows(),
-        way_in=tuple(np.asarray(way_in).tolist()),
+        job=job,
+        **planned_fields(poses, way_in),
     )
+
+
+def planned_fields(poses: HandPoses, way_in: Array) -> dict[str, Any]:
+    """The fields of a result that say what was planned, in the frame of the object.
+
+    Args:
+        poses: The grasp and the pose in which the object rests, both in the world.
+        way_in: (3,) unit vector along which the hand approaches, in the world.
+    """
+    T = spatial.pose_from_seven(poses.object_pose)
+    own = poses.moved(spatial.inverse(T))
+    return {
+        "planned": own.rows(),
+        "way_in": tuple((np.asarray(way_in) @ T[:3, :3]).tolist()),
+        "turn": tuple(poses.object_pose[3:].tolist()),
+    }
 
 
 def pick_up(

@@ -48,6 +48,8 @@ class PickProtocol:
         squeeze: Time from the grasp to the squeeze.
         lift: Time of the lift.
         hold: Time for which the hand then stands still.
+        do: Whether the hand then does the task (:mod:`.doing`).
+        turn: Time in which the hand turns the object to the task's own gravity.
         height: Height of the lift [m].
         table_force: Largest allowed force between hand and table [N].
         untouched_limit: Largest motion of the object before the hand touches it [m].
@@ -75,6 +77,8 @@ class PickProtocol:
     squeeze: float = 0.5
     lift: float = 2.0
     hold: float = 3.0
+    do: bool = False
+    turn: float = 1.0
     height: float = 0.2
     table_force: float = 1.0
     untouched_limit: float = 0.002
@@ -86,7 +90,7 @@ class PickProtocol:
 
     def __post_init__(self) -> None:
         positive = (
-            "gravity", "timestep", "settle", "approach", "close", "squeeze", "lift", "hold", "height",
+            "gravity", "timestep", "settle", "approach", "close", "squeeze", "lift", "hold", "turn", "height",
             "table_force", "untouched_limit", "displacement_limit", "rotation_limit",
         )  # fmt: skip
         for name in positive:
@@ -124,6 +128,25 @@ class Motion:
 
 
 @value
+class Done:
+    """What became of the job that the hand did with the object that it had picked up.
+
+    Attributes:
+        done: Whether the object followed the task's motion to its end.
+        reason: One sentence on the outcome.
+        displacement: Largest distance of the COG from its path [m]; ``None`` if the test did not get there.
+        rotation: Largest angle of the object from its path [rad]; ``None`` if the test did not get there.
+        progress: Fraction of the path at the end of the test, 0 to 1.
+    """
+
+    done: bool
+    reason: str
+    displacement: float | None = None
+    rotation: float | None = None
+    progress: float = 0.0
+
+
+@value
 class PickResult:
     """Result of the pick test of one object.
 
@@ -143,6 +166,9 @@ class PickResult:
             (7 + joints); ``None`` without an answer.
         way_in: Unit vector along which the hand approaches, in the object's frame; ``None`` without an
             answer.
+        turn: How the object rested: quaternion wxyz from its frame to the world; ``None`` without an answer.
+        job: What became of the task; ``None`` if the test did not ask for it, nothing was picked up, or the
+            task asks for no motion.
     """
 
     row: int
@@ -158,6 +184,13 @@ class PickResult:
     touching: int = 0
     planned: tuple[tuple[float, ...], ...] | None = None
     way_in: tuple[float, ...] | None = None
+    turn: tuple[float, ...] | None = None
+    job: Done | None = None
+
+    @property
+    def done(self) -> bool:
+        """Whether the object was picked up and the task done with it, if it was asked for."""
+        return self.picked and (self.job is None or self.job.done)
 
     @property
     def picked(self) -> bool:

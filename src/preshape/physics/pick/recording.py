@@ -10,11 +10,11 @@ from ...types import value
 from ..grasps import HandPoses
 from ..hold.recording import Recorder, Recording
 from ..scene import Scene
+from ..task.motion import TaskMotion
+from .doing import JOB_STAGES
+from .objects import PickAnswer
 from .picking import STAGES, pick_test
 from .protocol import PickProtocol, PickResult
-
-ORIGIN = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
-"""Pose of the object in a bench, whose world is the object's frame."""
 
 
 @value
@@ -34,6 +34,7 @@ def record_pick(
     protocol: PickProtocol,
     *,
     parts: Sequence[str] = (),
+    work: TaskMotion | None = None,
 ) -> PickRecording:
     """Run the test of an object again and record it; recording does not change its result.
 
@@ -42,22 +43,56 @@ def record_pick(
         result: Result of the test, with the planned poses.
         protocol: Settings of the test.
         parts: Names of palm and fingers in the order of ``scene.part_of_body``.
+        work: Motion and load of the task, if it was done.
 
     Raises:
         InputError: The number of names is wrong.
     """
     assert result.planned is not None
     assert result.way_in is not None
-    recorder = Recorder(scene, set(STAGES), parts, one_run=STAGES)
+    assert result.turn is not None
     pregrasp, grasp, squeeze = (np.array(row) for row in result.planned)
-    again = pick_test(
+    origin = np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
+    poses = HandPoses(pregrasp=pregrasp, grasp=grasp, squeeze=squeeze, object_pose=origin)
+    return record_answer(
         scene,
-        HandPoses(pregrasp=pregrasp, grasp=grasp, squeeze=squeeze, object_pose=np.array(ORIGIN)),
-        np.array(result.way_in),
+        PickAnswer(poses=poses, way_in=result.way_in, turn=result.turn, work=work),
         protocol,
+        parts=parts,
         row=result.row,
         object_name=result.object_name,
         scale=result.scale,
-        observer=recorder,
     )
-    return PickRecording(result=again, **recorder.fields())
+
+
+def record_answer(
+    scene: Scene,
+    answer: PickAnswer,
+    protocol: PickProtocol,
+    *,
+    parts: Sequence[str] = (),
+    row: int = 0,
+    object_name: str = "",
+    scale: float = 1.0,
+) -> PickRecording:
+    """Test a grasp and record the test.
+
+    Args:
+        scene: Scene of the test.
+        answer: The grasp, how the object rests, and the task.
+        protocol: Settings of the test.
+        parts: Names of palm and fingers in the order of ``scene.part_of_body``.
+        row: Row for the result; it also decides the errors.
+        object_name: Name of the object for the result.
+        scale: Scale for the result.
+
+    Raises:
+        InputError: The number of names is wrong.
+    """
+    stages = (*STAGES, *JOB_STAGES)
+    recorder = Recorder(scene, set(stages), parts, one_run=stages)
+    result = pick_test(
+        scene, *answer.in_world(), protocol,
+        row=row, object_name=object_name, scale=scale, work=answer.work, observer=recorder,
+    )  # fmt: skip
+    return PickRecording(result=result, **recorder.fields())

@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from ... import spatial
 from ...exceptions import EnvironmentFailure, InputError
 from ...hands.compiled import no_mujoco_log
 from ...objects.load import split_part
@@ -26,7 +27,7 @@ from ..pieces import ConvexPieces, load_pieces
 from ..pool import run_jobs
 from ..scene import Scene, build_scene
 from .objects import PickAnswers, PickObject
-from .picking import pick_test
+from .picking import pick_test, planned_fields
 from .protocol import PickProtocol, PickResult, PickStatus
 from .report import PickReport, result_from_json
 
@@ -39,16 +40,27 @@ _Job = tuple[int, PickObject]
 class PickCheckpoint(ResultFile[PickResult]):
     """Results of the pick test."""
 
-    format = "preshape picks 1"
+    format = "preshape picks 3"
     kind = "pick tests"
     subject = "objects, planner, hand or settings"
     to_json = staticmethod(result_to_json)
     from_json = staticmethod(result_from_json)
 
 
-def pick_scene(hand: PhysicsHand, pieces: ConvexPieces, thing: PickObject, protocol: PickProtocol) -> Scene:
-    """The scene of an object on a table at its lowest point, in the frame of the object."""
-    table = float(pieces.bounds[0, 2]) * thing.scale
+def pick_scene(
+    hand: PhysicsHand, pieces: ConvexPieces, thing: PickObject, turn: Sequence[float], protocol: PickProtocol
+) -> Scene:
+    """The scene of an object on a table at its lowest point.
+
+    Args:
+        hand: The hand.
+        pieces: The object at scale 1.
+        thing: The object's size and mass.
+        turn: How the object rests: quaternion wxyz from its frame to the world.
+        protocol: Settings of the test.
+    """
+    up = spatial.rotation_from_quaternion(np.asarray(turn))[2]
+    table = float((np.concatenate(pieces.pieces) @ up).min()) * thing.scale
     return build_scene(hand, pieces, thing.scale, protocol.scene(thing.mass), table=table)
 
 
@@ -67,8 +79,8 @@ class _PickTester:
         if isinstance(answer, str):
             return PickResult(status=PickStatus.NO_ANSWER, reason=answer, mass=thing.mass, **label)
         try:
-            scene = pick_scene(self.hand, self.cut(thing.name), thing, self.protocol)
-            return pick_test(scene, answer.poses, np.array(answer.way_in), self.protocol, **label)
+            scene = pick_scene(self.hand, self.cut(thing.name), thing, answer.turn, self.protocol)
+            return pick_test(scene, *answer.in_world(), self.protocol, work=answer.work, **label)
         except (InputError, EnvironmentFailure) as error:
             reason = str(error)
         except mujoco.FatalError as error:  # one object must not end the whole run
@@ -77,8 +89,7 @@ class _PickTester:
             status=PickStatus.INVALID,
             reason=reason,
             mass=thing.mass,
-            planned=answer.poses.rows(),
-            way_in=answer.way_in,
+            **planned_fields(*answer.in_world()),
             **label,
         )
 

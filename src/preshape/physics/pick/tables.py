@@ -11,10 +11,13 @@ from ..measures import rate_text
 from .protocol import FAILURES, Motion, PickProtocol, PickResult
 from .report import PickReport, PickScore
 
+NOT_DONE = "picked up, task not done"
+
 
 def cause_table(score: PickScore) -> Table:
     """How many objects were picked up, and how many failed of each cause."""
     rows = [("picked up", str(score.picked))]
+    rows += [("picked up and the task done", str(score.done))] if score.done is not None else []
     rows += [(cause.value, str(score.causes[cause.name.lower()])) for cause in FAILURES]
     return Table(
         caption=f"Outcomes of {score.objects} objects",
@@ -45,8 +48,10 @@ def object_table(results: Sequence[PickResult]) -> Table:
 
 
 def failure_table(failures: Sequence[PickResult]) -> Table:
-    """The objects that were not picked up, with the reason of each."""
-    rows = tuple((short_name(r.object_name), r.status.value, r.reason) for r in failures)
+    """The objects that were not picked up, or with which the task was not done, with the reason of each."""
+    rows = tuple(
+        (short_name(r.object_name), NOT_DONE if r.picked else r.status.value, r.reason) for r in failures
+    )
     return Table(caption="Failures", columns=("object", "cause", "reason"), rows=rows)
 
 
@@ -64,10 +69,16 @@ def pick_settings_line(protocol: PickProtocol, planner: str) -> str:
 
 
 def rate_line(score: PickScore) -> str:
-    """``4 of 5 answered were picked up, 80.0 % (95 %: 37.6 to 96.4 %); 4 of 6 objects in all``."""
+    """``4 of 5 answered were picked up, 80.0 % (95 %: 37.6 to 96.4 %); 4 of 6 objects in all``.
+
+    If the task was asked for, it goes on: ``; done with 3 of the 4, 75.0 % (95 %: 30.1 to 95.4 %)``.
+    """
     rate = rate_text(score.rate, score.interval)
     answered = f"{score.picked} of {score.answered} answered were picked up"
     whole = f"{score.picked} of {score.objects} objects in all"
+    if score.done is not None:
+        share = rate_text(score.done_rate, score.done_interval)
+        whole += f"; done with {score.done} of the {score.picked}, {share}"
     return f"{answered}, {rate}; {whole}" if rate else f"none of {score.objects} objects was answered"
 
 

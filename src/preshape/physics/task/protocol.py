@@ -183,34 +183,48 @@ def task_test(
     hold = take_hold(scene, data, poses, protocol.hold, observer=observer)
     if hold.failure is not None:
         return TaskResult(status=TaskStatus[hold.failure.name], reason=hold.reason, **label)
-    run = _Run(scene, data, poses, motion, protocol)
+    start = spatial.pose_from_seven(poses.object_pose)
+    run = TaskRun(scene, data, start, spatial.pose_from_seven(poses.squeeze[:7]), motion, protocol)
     return run.result({**label, "touching": hold.touching_at_squeeze}, observer)
 
 
-class _Run:
-    """One test from the squeeze on."""
+class TaskRun:
+    """The load and the motion of one test, from the moment at which the hand holds the object.
+
+    Args:
+        scene: Scene of hand and object.
+        data: A ``mujoco.MjData`` of it, in which the hand holds the object; its servo targets stay.
+        T_world_start: (4, 4) pose of the object in the world at the start of the path [m].
+        T_world_root: (4, 4) pose of the hand's root there [m].
+        motion: Path and load, in the object's frame.
+        protocol: Settings of the test.
+        carried: Whether the hand carries the weight already, which then does not rise from zero.
+    """
 
     def __init__(
         self,
         scene: Scene,
         data: Any,
-        poses: HandPoses,
+        T_world_start: Array,
+        T_world_root: Array,
         motion: TaskMotion,
         protocol: TaskProtocol,
+        *,
+        carried: bool = False,
     ) -> None:
         self.scene, self.data, self.protocol = scene, data, protocol
         self.share, self.path = protocol.schedule()
-        T_world_start = spatial.pose_from_seven(poses.object_pose)
         self.target = T_world_start @ motion.path(self.path)  # (steps, 4, 4)
         # A root that is fixed in the object moves by W(f) = X(f) X(0)⁻¹, X being the object's pose.
-        T_root = self.target @ spatial.inverse(T_world_start) @ spatial.pose_from_seven(poses.squeeze[:7])
+        T_root = self.target @ spatial.inverse(T_world_start) @ T_world_root
         self.root = spatial.seven_from_pose(T_root)  # q and -q are equal to the weld
         # From the axes of the first pose to world axes. The load is about the COG, the weight acts at the
         # centre of mass.
         R = T_world_start[:3, :3]
         load = motion.load(self.path, scene.mass, protocol.acceleration) * protocol.strength
         self.load = np.concatenate([load[:, :3] @ R.T, load[:, 3:] @ R.T], axis=1) * self.share[:, None]
-        self.weight = np.outer(self.share, R @ motion.weight(scene.mass, protocol.acceleration))
+        bears = np.ones_like(self.share) if carried else self.share
+        self.weight = np.outer(bears, R @ motion.weight(scene.mass, protocol.acceleration))
         self.cog = motion.cog
         self.centre_of_mass = np.array(scene.model.body_ipos[scene.object_body])
         self.displacement = self.rotation = 0.0
