@@ -229,9 +229,7 @@ class PlanRequest:
                 "here is rays"
             )
         if self.grasp_type != "any":
-            raise InputError(
-                f"a grasp type needs {_REAL_HAND}; the analyser of {self.hand_name} here is rays"
-            )
+            raise InputError(f"a grasp type needs {_REAL_HAND}; {self.hand_name} is analysed by rays here")
         if not self.verify and (self.stated_mass is not None or not self._usual_friction):
             raise InputError(
                 f"friction and mass need {_REAL_HAND}, or a test in physics (--verify); "
