@@ -95,11 +95,12 @@ def test_a_request_that_cannot_be_served_is_refused(changes: dict[str, Any], wor
 def test_a_table_may_be_low_and_never_above_the_lowest_point() -> None:
     mug = load_library_object("mug")
     lowest = float(mug.bounds[0, 2])
-    assert asked(table="none").table_height(mug) is None
-    assert asked(table="auto").table_height(mug) == lowest
-    assert asked(table=lowest - 0.05).table_height(mug) == lowest - 0.05
+    assert len(asked(table="none").obstacles(mug)) == 0
+    for table, height in (("auto", lowest), (lowest - 0.05, lowest - 0.05)):
+        plane = asked(table=table).obstacles(mug).planes
+        assert plane == pytest.approx(np.array([[0.0, 0.0, 1.0, height]]), abs=1e-9)
     with pytest.raises(InputError, match="would stand in it"):
-        asked(table=lowest + 0.01).table_height(mug)
+        asked(table=lowest + 0.01).obstacles(mug)
 
 
 @pytest.mark.parametrize(
@@ -415,7 +416,7 @@ def test_a_session_answers_as_if_each_request_were_its_first(tmp_path: Path) -> 
 def test_a_deadlock_names_mass_shortfall_and_remedy_and_carries_the_best(
     session: Session, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    plan = session.run(asked("mug", "lift", mass=2.0))
+    plan = session.run(asked("mug", "lift", mass=3.0))
     assert plan.decision.status in (Status.DEADLOCK, Status.NO_GRASP)
     assert plan.answer is None
     assert plan.best is not None
@@ -423,12 +424,12 @@ def test_a_deadlock_names_mass_shortfall_and_remedy_and_carries_the_best(
     assert document["executable"] is False
     assert document["best"]["executable"] is False
     assert document["best"]["hand"]["squeeze"]["q"]
-    assert document["best"]["heaviest_mass"] < 2.0
-    for word in ("2 kg", "--mass", "--friction"):
+    assert document["best"]["heaviest_mass"] < 3.0
+    for word in ("3 kg", "--mass", "--friction"):
         assert word in document["reason"]
     assert "the best that was found" in str(plan)
     monkeypatch.setattr(Session, "run", lambda self, request: plan)
-    words = ["plan", "mug", "--task", "lift", "--hand", "shadow", "--mass", "2", "--memory", ":memory:"]
+    words = ["plan", "mug", "--task", "lift", "--hand", "shadow", "--mass", "3", "--memory", ":memory:"]
     assert run([*words, "--json"]) == 1
     assert json.loads(capsys.readouterr().out)["best"]["executable"] is False
 

@@ -149,8 +149,7 @@ def heaviest_mass(search: ClosureSearch, grip: Grip, demand: Demand) -> float:
     """Heaviest mass for which the grip would still be good enough for the task [kg].
 
     The grip is good enough if the strongest press that the settings and the motors' torques allow balances
-    the
-    load: strength · press / weight ≥ 1. The joints limit the press, so a heavier object takes a larger share
+    the load: strength · press / weight ≥ 1. The joints limit the press, so a heavier object takes a larger share
     of it and the strength falls. Therefore the mass is found by bisection.
 
     Args:
@@ -168,7 +167,11 @@ def heaviest_mass(search: ClosureSearch, grip: Grip, demand: Demand) -> float:
         task = search.strength_of(grip, demand, mass * GRAVITY / carried) / demand.load
         return min(task, hold) * min(settings.press_most * heavier, limit) / (mass * GRAVITY)
 
-    low, high = (settings.planned_mass if grip.quality >= 3.0 else 0.0), hold * limit / GRAVITY
+    low, high = 0.0, hold * limit / GRAVITY
+    if grip.quality >= 3.0:
+        low = settings.planned_mass
+    else:  # the squeeze that was found is not good enough for this mass
+        high = min(high, settings.planned_mass)
     for _ in range(HALVINGS):
         if high <= low:
             break
