@@ -11,8 +11,9 @@ import numpy as np
 from preshape.closure.analyser import ClosureAnalyser
 from preshape.hiis.analyser import Aim
 from preshape.kernels.field.host import prepare_field
+from preshape.planning.controllers import closure_analyser
 from preshape.planning.request import PlanRequest
-from preshape.planning.session import Session, closure_analyser
+from preshape.planning.session import Session
 from preshape.types import FIELD_MASS
 
 from .common import median_of, row, scan

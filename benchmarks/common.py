@@ -13,8 +13,8 @@ from preshape.hands.load import load_hand
 from preshape.hiis.analyser import HandLayout
 from preshape.objects.load import load_object
 from preshape.objects.mesh import TriangleMesh
+from preshape.planning.controllers import layout_of
 from preshape.planning.request import RAY_HAND
-from preshape.planning.session import layout_of
 
 
 def median_of(work: Callable[[], Any], repeats: int) -> float:

@@ -74,7 +74,7 @@ def lesson(once: Callable[[str, Callable[[Path], object]], Path]) -> Callable[[s
     from preshape.hands import load_hand
     from preshape.hiis.decision import Settings
     from preshape.memory import Memory
-    from preshape.planning.session import closure_controller
+    from preshape.planning.controllers import closure_controller
     from preshape.tasks import parse_task
 
     def taught(name: str) -> Path:

@@ -32,7 +32,7 @@ from preshape.objects.load import load_object
 from preshape.physics.protocol import HoldProtocol
 from preshape.physics.task.motion import task_motion
 from preshape.physics.task.protocol import TaskProtocol
-from preshape.planning.session import layout_of
+from preshape.planning.controllers import layout_of
 from preshape.report.markdown import markdown
 from preshape.studies import indices
 from preshape.studies.index_figures import QUESTIONS, index_figures, rows_of

@@ -28,8 +28,8 @@ from preshape.hiis.learning import seed_cube
 from preshape.hiis.planes import allowed_planes
 from preshape.memory import Memory
 from preshape.objects.library import load_library_object, names
+from preshape.planning.controllers import layout_of
 from preshape.planning.document import plan_schema
-from preshape.planning.session import layout_of
 from preshape.studies.run import EXPERIMENTS
 from preshape.tasks import FAMILIES, all_named_tasks, parse_task
 

@@ -20,7 +20,7 @@ from preshape.hands.load import load_hand
 from preshape.hiis.controller import Controller
 from preshape.memory import SCHEMA_VERSION, Memory
 from preshape.objects.library import load_library_object, names
-from preshape.planning.session import layout_of
+from preshape.planning.controllers import layout_of
 from preshape.tasks import family_names
 
 Q1 = "1 1 .1 .05 .8 .05"

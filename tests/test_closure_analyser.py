@@ -22,7 +22,7 @@ from preshape.kernels.closing.host import Candidates
 from preshape.kernels.field.host import prepare_field
 from preshape.objects.library import load_library_object
 from preshape.objects.mesh import TriangleMesh
-from preshape.planning.session import layout_of
+from preshape.planning.controllers import layout_of
 from preshape.tasks import parse_task
 from preshape.types import Array, Attributes, Experience
 

@@ -30,7 +30,7 @@ from preshape.kernels.closing.host import Candidates, Obstacles
 from preshape.metrics import Contacts, ForceLimits, task_margin
 from preshape.objects.library import load_library_object
 from preshape.objects.mesh import TriangleMesh
-from preshape.planning.session import layout_of
+from preshape.planning.controllers import layout_of
 from preshape.tasks import parse_task
 from preshape.types import Array
 

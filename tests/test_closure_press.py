@@ -20,7 +20,7 @@ from preshape.hiis.fuzzy import FuzzySets
 from preshape.hiis.learning import experiences_of, explore
 from preshape.metrics import Contacts, ForceLimits, task_margin
 from preshape.objects.library import load_library_object
-from preshape.planning.session import layout_of
+from preshape.planning.controllers import layout_of
 from preshape.tasks import parse_task
 from preshape.types import Experience
 

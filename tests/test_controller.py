@@ -24,7 +24,7 @@ from preshape.memory import Memory
 from preshape.objects.library import entry, load_library_object, names
 from preshape.objects.load import load_object
 from preshape.objects.mesh import TriangleMesh
-from preshape.planning.session import layout_of
+from preshape.planning.controllers import layout_of
 from preshape.tasks import Task, parse_task
 
 LAYOUT = layout_of(load_hand("utah_mit"))

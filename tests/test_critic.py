@@ -19,7 +19,7 @@ from preshape.hiis.virtual_grasp import RayAnalyser
 from preshape.objects.library import load_library_object
 from preshape.objects.mesh import TriangleMesh
 from preshape.objects.shape import attribute_distance
-from preshape.planning.session import layout_of
+from preshape.planning.controllers import layout_of
 from preshape.tasks import parse_task
 from preshape.types import Attributes, Experience
 

@@ -33,8 +33,9 @@ from preshape.hiis.knowledge import OTHER_MODEL
 from preshape.hiis.learning import training_set
 from preshape.memory import Memory
 from preshape.objects.library import load_library_object
+from preshape.planning.controllers import closure_analyser, closure_controller, layout_of
 from preshape.planning.request import PlanRequest
-from preshape.planning.session import Session, closure_analyser, closure_controller, layout_of
+from preshape.planning.session import Session
 from preshape.tasks import parse_task
 from preshape.types import Array, Experience
 

@@ -4,12 +4,18 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.spatial import ConvexHull
 
+from preshape.closure.hand_tables import hand_tables
+from preshape.closure.wrapping import Wrapper
 from preshape.exceptions import HandError, InputError, UnknownHand
 from preshape.hands import hand_names, load_hand
 from preshape.hands.check import check_hand, close_empty, motion_findings, opposition
 from preshape.hands.collision import closest_on_triangles
 from preshape.hands.kinematics import HandKinematics, hand_hulls
+from preshape.kernels.closing.host import ClosingKernel, Obstacles
+from preshape.kernels.field.host import prepare_field
+from preshape.objects.library import load_library_object
 from preshape.spatial import inverse, pose
 
 HANDS = ("allegro", "leap", "shadow", "utah_mit")
@@ -141,6 +147,49 @@ def test_the_end_of_a_fingertip_lies_on_the_reference_mesh(name, reference):
         end = site.pos + finger.tip_radius * turn.reshape(3, 3)[:, 2]
         gap = np.linalg.norm(closest_on_triangles(triangles, end) - end, axis=1).min()
         assert gap < 1e-3, finger.name
+
+
+def test_the_shadow_s_forearm_fills_that_of_the_reference(reference):
+    """No corner of the published one is more than 17 mm away; only the block at the wrist stands out."""
+    import mujoco
+
+    model = mujoco.MjModel.from_xml_path(str(reference / "hands" / "shadow_hand" / "right_hand.xml"))
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    mesh = model.mesh("forearm_collision")
+    (geom,) = (g for g in range(model.ngeom) if model.geom_dataid[g] == mesh.id and model.geom_contype[g])
+    corners = model.mesh_vert[int(mesh.vertadr[0]) : int(mesh.vertadr[0] + mesh.vertnum[0])].astype(float)
+    corners = corners @ data.geom_xmat[geom].reshape(3, 3).T + data.geom_xpos[geom]
+    corners = corners @ frame(data, model.body("rh_palm").id)[:3, :3]
+    corners -= data.xpos[model.body("rh_palm").id] @ frame(data, model.body("rh_palm").id)[:3, :3]
+    tables = hand_tables(load_hand("shadow"))
+    ours = tables.palm[tables.palm_spheres :]
+    outside = np.linalg.norm(corners[:, None] - ours[None, :, :3], axis=2) - ours[:, 3]
+    assert outside.min(axis=1).max() < 0.017
+    hull = ConvexHull(corners).equations
+    beyond = (ours[:, :3] @ hull[:, :3].T + hull[:, 3] + ours[:, 3:]).max(axis=1)
+    assert beyond[ours[:, 2] < -0.08].max() < 1e-3
+    assert beyond.max() < 0.03
+
+
+@pytest.mark.parametrize("name", ["shadow", "shadow:left"])
+def test_the_forearm_is_in_the_way_and_nothing_is_held_with_it(name):
+    hand = load_hand(name)
+    tables = hand_tables(hand)
+    palm, forearm = np.split(tables.palm, [tables.palm_spheres])
+    assert (forearm[:, 2] + forearm[:, 3] < -0.03).all()
+    assert (palm[:, 2] > -0.05).all()
+    field = prepare_field(load_library_object("cube"), cells=32, cache=None)
+    wrapper = Wrapper(tables, ClosingKernel(tables, field), field, gap=0.0005, near=0.003)
+    assert wrapper._palm_front()[:, 2].min() > -0.06
+    # The hand stands upright over a table: the forearm is in it, the palm far above.
+    upright, q = np.array([[1.0, 0, 0, 0]]), hand.at(0.0)[None]
+    table = Obstacles(planes=np.array([[0.0, 0.0, 1.0, -0.2]]))
+    _, free = wrapper.kernel.clearances(np.array([[0.0, 0.0, 0.5]]), upright, q, table)
+    assert free[0] == pytest.approx(0.7 - 0.213 - 0.034, abs=0.003)
+    _, free = wrapper.kernel.clearances(np.array([[0.0, 0.0, 0.0]]), upright, q, table)
+    assert free[0] < -0.04
+    assert (palm[:, 2] - palm[:, 3] + 0.2).min() > 0.1
 
 
 def test_menagerie_models_rebuilt_from_primitives_move_like_ours(reference, monkeypatch):

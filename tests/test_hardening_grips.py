@@ -18,7 +18,7 @@ from preshape.closure.settings import ClosureSettings
 from preshape.hands.load import load_hand
 from preshape.hiis.analyser import Aim, Grip
 from preshape.objects.library import load_library_object
-from preshape.planning.session import layout_of
+from preshape.planning.controllers import layout_of
 from preshape.tasks import parse_task
 
 pytestmark = pytest.mark.usefixtures("session_cache")

@@ -31,7 +31,7 @@ from preshape.hiis.virtual_grasp import RayAnalyser
 from preshape.memory import Memory
 from preshape.objects.library import entry, load_library_object, names
 from preshape.objects.mesh import TriangleMesh
-from preshape.planning.session import layout_of
+from preshape.planning.controllers import layout_of
 from preshape.tasks import family_names, parse_task
 from preshape.types import ANSWER_KIND, ContactCoefficients, value
 

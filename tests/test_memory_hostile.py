@@ -27,8 +27,9 @@ from preshape.hiis.virtual_grasp import RayAnalyser
 from preshape.memory import Memory, bulk, records
 from preshape.objects.library import load_library_object
 from preshape.objects.shape import LENGTH
+from preshape.planning.controllers import layout_of
 from preshape.planning.request import PlanRequest
-from preshape.planning.session import Session, layout_of
+from preshape.planning.session import Session
 from preshape.tasks import parse_task
 from preshape.types import Attributes, Experience, NetworkWeights
 

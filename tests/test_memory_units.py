@@ -19,8 +19,9 @@ from preshape.memory import SCHEMA_VERSION, Memory
 from preshape.memory.records import OLD_SCENE
 from preshape.objects.library import load_library_object
 from preshape.objects.mesh import TriangleMesh
+from preshape.planning.controllers import layout_of
 from preshape.planning.request import PlanRequest
-from preshape.planning.session import Session, layout_of
+from preshape.planning.session import Session
 from preshape.tasks import parse_task
 from preshape.types import FIELD_MASS, OLD_UNIT_NAME, UNIT_NAME, Array, Experience
 

@@ -18,7 +18,7 @@ from preshape.hiis.decision import Settings
 from preshape.hiis.learning import training_set
 from preshape.memory import Memory
 from preshape.objects.library import load_library_object
-from preshape.planning.session import closure_controller, layout_of
+from preshape.planning.controllers import closure_controller, layout_of
 from preshape.tasks import parse_task
 
 HAND, TASK = load_hand("allegro"), parse_task("lift")

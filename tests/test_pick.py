@@ -35,11 +35,11 @@ from preshape.physics.pick.tables import NOT_DONE, failure_table, rate_line
 from preshape.physics.pieces import ConvexPieces
 from preshape.physics.scene import Scene, build_scene
 from preshape.physics.task.motion import task_motion
+from preshape.planning.controllers import closure_analyser
 from preshape.planning.grasp_sets import palm_grasps, poses_of
 from preshape.planning.hand_simulation import execute
 from preshape.planning.planned_answers import PlannedPicks
 from preshape.planning.request import PlanRequest
-from preshape.planning.session import closure_analyser
 from preshape.tasks import named_task
 from test_physics_scene import BOX, CLAMP, CORNERS, HAND, HERE, SIDE
 

@@ -30,9 +30,9 @@ from preshape.physics.pieces import ConvexPieces
 from preshape.physics.protocol import HoldProtocol
 from preshape.physics.scene import build_scene
 from preshape.planner import plan
+from preshape.planning.controllers import closure_controller
 from preshape.planning.document import plan_schema, plan_to_json
 from preshape.planning.plan import Plan
-from preshape.planning.session import closure_controller
 from preshape.spatial import inverse, quaternion_from_rotation, rotation_from_quaternion
 from preshape.tasks import parse_task
 from preshape.types import Array

@@ -22,6 +22,7 @@ from preshape.hiis.learning import seed_cube
 from preshape.hiis.planes import PLANES
 from preshape.objects.library import load_library_object
 from preshape.planner import plan
+from preshape.planning.controllers import layout_of
 from preshape.planning.document import (
     GRASP_KEYS,
     plan_schema,
@@ -33,7 +34,6 @@ from preshape.planning.document import (
 from preshape.planning.hand_simulation import HandStatus
 from preshape.planning.plan import Plan
 from preshape.planning.request import PlanRequest
-from preshape.planning.session import layout_of
 
 EXAMPLE = Path(__file__).parent.parent / "docs" / "plan.example.json"
 PROMISED = {
@@ -46,7 +46,7 @@ PROMISED = {
 }  # fmt: skip
 LATER = {
     (): ("known", "length_unit", "scene", "rules"),
-    ("request",): ("finger_rule", "up", "rest", "hold_on", "keep_off", "rules"),
+    ("request",): ("finger_rule", "up", "rest", "hold_on", "keep_off", "rules", "obstacle"),
 }
 """Keys that were added after version 2 first came out, and where they stand."""
 SCHEMA = plan_schema()
@@ -273,13 +273,21 @@ def test_the_axes_are_those_of_the_plane_and_right_handed(documents):
         assert "-0.0" not in json.dumps([d["approach_axis"], d["opposition_axis"], d["transverse_axis"]])
 
 
+def test_every_answer_has_a_reason_of_its_own(documents):
+    for d in documents.values():
+        if d["status"] == "answer":
+            assert d["reason"] == d["transitions"][-1]["reason"]
+        for other in d.get("alternatives", ()):
+            assert f"plane {other['plane']}" in other["reason"]
+            assert f"{other['tfvadi']:.2f}" in other["reason"]
+
+
 def test_the_numbers_of_an_answer_agree_with_each_other(documents):
     for d in answers(documents):
         assert d["tfvadi"] == pytest.approx(sum(d["adi"]))
         assert d["tfvadi"] >= d["thresholds"]["estimation"] - 1e-9
         assert d["stability"] <= d["manipulability"] <= d["fingers"]
         assert d["mode"] == d["transitions"][-1]["mode"]
-        assert d["reason"] == d["transitions"][-1]["reason"]
         s = d["seconds"]
         assert s["load"] + s["prepare"] + s["search"] == pytest.approx(s["total"], abs=1e-5)
 

@@ -23,7 +23,7 @@ from preshape.hiis.learning import training_set
 from preshape.memory import Memory
 from preshape.objects.library import load_library_object
 from preshape.objects.mesh import TriangleMesh
-from preshape.planning.session import closure_controller, layout_of
+from preshape.planning.controllers import closure_controller, layout_of
 from preshape.tasks import parse_task
 from preshape.types import ANSWER_KIND, Experience
 

@@ -25,9 +25,10 @@ from preshape.memory.records import SCENE_LENGTH
 from preshape.objects.library import entry, load_library_object, names
 from preshape.objects.mass import object_mass
 from preshape.objects.mesh import TriangleMesh
+from preshape.planning.controllers import CLOSURE_SUFFIX
 from preshape.planning.document import plan_to_json, planned_load, read_plan, request_of
 from preshape.planning.request import PlanRequest
-from preshape.planning.session import CLOSURE_SUFFIX, Session
+from preshape.planning.session import Session
 from preshape.planning.summary import summary_text
 from preshape.tasks.task import COMPONENTS
 from preshape.viewer.words import scene_words
@@ -179,7 +180,7 @@ def test_an_object_is_planned_at_its_own_mass(session: Session) -> None:
     assert dumbbell.mass.kg == entry("dumbbell").mass == 1.0
     document = plan_to_json(dumbbell)
     assert (document["mass"], document["mass_source"]) == (1.0, "known")
-    assert "1 kg (the mass of the built-in object)" in str(dumbbell)
+    assert "1 kg (the object's own mass)" in str(dumbbell)
 
 
 def test_a_mass_is_given_known_or_estimated_in_that_order() -> None:

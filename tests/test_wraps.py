@@ -27,9 +27,9 @@ from preshape.kernels.chains import joint_frames, rotations
 from preshape.kernels.closing.host import ClosingKernel
 from preshape.kernels.field.host import prepare_field
 from preshape.objects.library import load_library_object
+from preshape.planning.controllers import closure_analyser
 from preshape.planning.document import plan_schema, plan_to_json
 from preshape.planning.request import PlanRequest
-from preshape.planning.session import closure_analyser
 
 GAP, NEAR = 5e-4, 1.5e-3
 

@@ -58,6 +58,7 @@ def plan(
     rules: str = "task",
     up: str | None = None,
     rest: Sequence[float] | None = None,
+    obstacle: str | Sequence[str] = (),
 ) -> Plan:
     """Plan a preshape.
 
@@ -97,6 +98,8 @@ def plan(
             default z, and y for a glTF file.
         rest: (4,) quaternion wxyz that turns the mesh, as it lies at rest on a table, to a world with z up;
             by default the object's own, or else it is settled.
+        obstacle: Meshes or point clouds that hand and fingers stay away from by 3 mm, each ``FILE`` or
+            ``FILE@x,y,z,qw,qx,qy,qz``, its pose in the mesh frame [m]; closure only.
 
     Raises:
         InputError: An argument that cannot be used; the message says what to change.
@@ -118,6 +121,7 @@ def plan(
         view=view,
         cut_table=cut_table,
         up=up,
+        obstacle=obstacle,
         rest=rest,
         mass=mass,
         friction=friction,

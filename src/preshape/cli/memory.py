@@ -136,7 +136,7 @@ def reset(memory: str | None, hand: str | None, yes: bool, as_json: bool) -> Non
     from ..exceptions import InputError
     from ..hands.load import load_hand
     from ..memory import Memory
-    from ..planning.session import CLOSURE_SUFFIX
+    from ..planning.controllers import CLOSURE_SUFFIX
 
     name = None if hand is None else load_hand(hand).name
     hands = [None] if name is None else [name, name + CLOSURE_SUFFIX]

@@ -209,7 +209,7 @@ _rule_options = (
         "--rules",
         default="task",
         metavar="task|none",
-        help="task: rules of object and task too, as hold a hammer's handle to strike.  [default: task]",
+        help="task: rules of object and task too, as hold a hammer's handle to strike.",
     ),
 )
 
@@ -235,6 +235,13 @@ def closure_options(command: Command) -> Command:
             flag_value="auto",
             help="A table that the object rests on; with a number, a table at this height along up [m], and "
             "the object as it is modelled.",
+        ),
+        click.option(
+            "--obstacle",
+            metavar="FILE[@POSE]",
+            multiple=True,
+            help="A mesh or point cloud in metres that the hand stays away from, in the mesh frame or at "
+            "x,y,z,qw,qx,qy,qz of it; repeatable.",
         ),
         click.option(
             "--avoid",
@@ -313,6 +320,7 @@ def request_from(thing: str, task: str, *, hand: Any, options: dict[str, Any], *
         hand=hand,
         analyser=options["analyser"] or "",
         avoid=boxes_from(options["avoid"]),
+        obstacle=options["obstacle"],
         approaches=options["approach"],
         grasp_type=options["grasp_type"],
         settings=Settings(thresholds=thresholds, seed=options["seed"]),

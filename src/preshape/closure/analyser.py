@@ -112,7 +112,7 @@ class ClosureAnalyser:
             query=self.query,
         )
         pinches = hand_pinches(hand)
-        places = self.search.places
+        places = self.search.blockers.places
         self.allowed = allowed_surface(mesh, places) if places else None
         patches = antipodal_patches(
             mesh, self.field, float(pinches.tip[0]), pinches.widest, allowed=self.allowed, places=places
@@ -331,7 +331,7 @@ class ClosureAnalyser:
         if not one_plane:
             self._tallies[q.tobytes()] = tally
         if not answers and not one_plane:
-            rules = costliest(found, self.search.blockers)
+            rules = costliest(found, self.search.blockers.names)
             again = effort.candidates
             drawn = (
                 self.search.wrapper.draw(
@@ -368,7 +368,7 @@ class ClosureAnalyser:
             rules: What refused candidates, the costliest first.
         """
         options = FinishOptions(count=REFUSED_EXAMINED, planes=aim.planes, anyway=True)
-        names = self.search.blockers
+        names = self.search.blockers.names
         for rule in rules:
             likely = found
             if rule in names:

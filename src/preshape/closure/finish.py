@@ -145,7 +145,7 @@ class Finisher:
             self.kernel,
             HandKinematics(search.hand),
             self.settings.obstacles,
-            search.kept_off,
+            search.blockers.kept_off,
         )
         self.squeezer = Squeezer(
             search.hand,
@@ -222,11 +222,9 @@ class Finisher:
                 break
             # 3. Pregrasps and approaches of a batch.
             apart[part] = [self.opener.links_apart(grasp[row]) for row in part]
-            if len(self.search.kept_off):
-                poses = np.concatenate([candidates.place, candidates.turn], axis=1)
-                for row in part[apart[part]]:
-                    near = self.search.kept_off.exactly_near(poses[row], grasp[row])
-                    broken[row, -len(near) :] |= near
+            if len(kept_off := self.search.blockers.kept_off):
+                near = kept_off.exactly_near(candidates.place[part], candidates.turn[part], grasp[part])
+                broken[part, -len(kept_off) :] |= near
             ways = self.opener.find(
                 candidates,
                 grasp,
@@ -275,7 +273,7 @@ class Finisher:
         Every link and place of the palm within ``CONTACT`` of the object counts as a contact, whether or not
         the grip presses with it.
         """
-        places, kept_off = self.search.places, self.search.kept_off
+        places, kept_off = self.search.blockers.places, self.search.blockers.kept_off
         broken = places.broken_by(hands.points, hands.counts)
         if len(places):
             touching = self.wrapper.contacts(hands.candidates, hands.grasp)

@@ -199,7 +199,7 @@ def _find_pinches(hand: Hand, seed: int) -> Pinches:
     order = np.argsort(together["width"], kind="stable")
     return Pinches(
         **{name: rows[order] for name, rows in together.items()},
-        palm=_spread_out(tables.palm, PALM_SPHERES),
+        palm=_spread_out(tables.palm[: tables.palm_spheres], PALM_SPHERES),
         tip=radius.max(keepdims=True),
     )
 

@@ -31,7 +31,7 @@ from ..kernels.hull_spheres import Polyhedron
 from ..kernels.tables import HandTables
 from ..types import Array, IntArray
 
-CACHE_VERSION = 7
+CACHE_VERSION = 8
 """Increased whenever cached tables, preshapes or pinches are computed differently."""
 _GROUP = {COARSE: 12, FINE: 16}
 """Largest number of spheres under one bounding sphere [C]."""
@@ -117,7 +117,8 @@ def _tables(hand: Hand, detail: float) -> HandTables:
     # 2. Spheres.
     shapes = link_shapes(hand)
     groups = [grouped(link_spheres(link, detail), _GROUP[detail]) for link in shapes]
-    palm_groups, joint_groups = groups[-1], groups[:-1]
+    # The forearm and its like are behind the palm, in this order too.
+    palm_groups, joint_groups = [*groups[-2], *groups[-1]], groups[:-2]
     links = [np.concatenate([np.zeros((0, 4)), *own]) for own in joint_groups]
     # 3. Closing path and speeds.
     path = hand.controls([hand.at(share) for share in np.linspace(0.0, 1.0, _path_points(hand))])
@@ -147,6 +148,7 @@ def _tables(hand: Hand, detail: float) -> HandTables:
         bound=np.array([bound(group) for group in flat]).reshape(-1, 4),
         bound_speed=np.array([speed[a:b].max() for a, b in itertools.pairwise(group_sphere)]),
         palm=np.concatenate([np.zeros((0, 4)), *palm_groups]),
+        palm_spheres=sum(len(group) for group in groups[-2]),
         palm_group=_run_starts([len(group) for group in palm_groups]),
         palm_bound=np.array([bound(group) for group in palm_groups]).reshape(-1, 4),
         path=path,
@@ -243,13 +245,18 @@ def _joint_rates(hand: Hand, path: Array) -> Array:
 
 
 def link_shapes(hand: Hand) -> list[list[LinkSolid]]:
-    """The shapes that each joint carries, in the joint's frame; the palm's, in the palm frame, come last."""
+    """The shapes that each joint carries, in the joint's frame; then two lists in the palm frame.
+
+    The first of the two has the shapes of the palm; the second those of bodies that are fixed beside it, such
+    as a forearm: they are in the way, and nothing is held with them.
+    """
     import mujoco
 
     model, hulls = compile_hand(hand), hand_hulls(hand)
     carrier, frames = _carrying_joints(model), _body_frames(model)
     anchors = _joint_frames(model, frames)
-    links: list[list[LinkSolid]] = [[] for _ in range(model.njnt + 1)]
+    links: list[list[LinkSolid]] = [[] for _ in range(model.njnt + 2)]
+    aside = _bodies_aside(model, model.body(hand.palm_body).id)
     for geom in range(model.ngeom):
         body = int(model.geom_bodyid[geom])
         place, rotation = frames[body]
@@ -262,7 +269,7 @@ def link_shapes(hand: Hand) -> list[list[LinkSolid]]:
         size, kind = model.geom_size[geom], int(model.geom_type[geom])
         box = kind == mujoco.mjtGeom.mjGEOM_BOX
         length = float(size[1]) if kind == mujoco.mjtGeom.mjGEOM_CAPSULE else 0.0
-        links[joint].append(
+        links[joint if joint >= 0 else -1 if body in aside else -2].append(
             LinkSolid(
                 place=centre,
                 facing=facing,
@@ -272,6 +279,20 @@ def link_shapes(hand: Hand) -> list[list[LinkSolid]]:
             )
         )
     return links
+
+
+def _bodies_aside(model: Any, palm: int) -> set[int]:
+    """Bodies that are neither the palm, nor on the way from it to the root, nor carried by it."""
+    behind = set[int]()
+    body = palm
+    while body > 0:
+        behind.add(body)
+        body = int(model.body_parentid[body])
+    carried = {palm}
+    for body in range(palm + 1, model.nbody):
+        if int(model.body_parentid[body]) in carried:
+            carried.add(body)
+    return set(range(1, model.nbody)) - behind - carried
 
 
 def _joint_frames(model: Any, frames: list[tuple[Array, Array]]) -> list[tuple[Array, Array]]:

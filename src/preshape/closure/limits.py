@@ -21,6 +21,8 @@ NOTHING = 0.02
 """A grip that holds less than this share of the mass lacks contacts, not strength."""
 LOAD, WAY_IN = "the load", "the way in"
 """What refuses candidates, beside obstacles and contact rules by name."""
+OBSTACLE = "keep off the obstacle "
+"""Begin of the name of an obstacle from a file, which is a rule to the search."""
 NO_RULES = "another part or no rules (--rules none)"
 """What helps against a contact rule."""
 HALVINGS = 7
@@ -46,6 +48,8 @@ def remedy(rules: Sequence[str], best: Grip | None = None) -> str:
     helps, cause = "moving it or making it smaller (--avoid)", rules[0]
     if is_rule(cause):
         helps, cause = NO_RULES, f"the rule to {cause}"
+        if rules[0].startswith(OBSTACLE):
+            helps, cause = "more room around the object (--obstacle)", rules[0].removeprefix("keep off ")
     if rules[0] == LOAD:
         helps = "a lighter object (--mass), more friction (--friction), another task or another hand"
     elif rules[0] == "the table":

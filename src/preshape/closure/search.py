@@ -22,13 +22,13 @@ from ..kernels.hand_spheres import COARSE
 from ..kernels.margin.host import CONTACTS, MarginKernel
 from ..kernels.tables import HandTables
 from ..objects.mesh import TriangleMesh
-from ..types import Array, BoolArray
+from ..types import Array
+from .blockers import Blockers
 from .candidates import DrawnCandidates, RankedCandidates, Region, concatenated, distinct, merged
 from .closed import WRAP, ClosedCandidates, ClosedHands, closed_hands, touching_spheres
-from .contact_places import AllowedSurface, ContactPlaces
+from .contact_places import AllowedSurface
 from .demand import HOLD, LEVER, Demand
 from .hand_tables import hand_tables
-from .keeping_off import KeptOff
 from .preshapes import Preshapes, motor_ranges, posture_at, posture_of, preshapes
 from .settings import ClosureSettings
 from .torque_limits import TorqueLimits
@@ -46,11 +46,6 @@ WRAP_GAP, WRAP_NEAR, WRAP_BACK = 5e-4, 1.5e-3, 0.012
 contact, and distance from the object at which a wrap begins to move in [m] [C]."""
 WRAP_DRAWS = 6
 """Largest number of wraps drawn for each one wanted, where table or boxes are in the way of some [C]."""
-OPENED, ROOM = 0.8, 0.002
-"""The hand must be clear of table, boxes and kept-off parts when closed, and when closed by only the first
-share. The second number is the least distance from table and boxes [m] [C]."""
-GRID_ERROR = 0.25
-"""Largest error of a contact of the search, which is read from the grid of distances, in cells."""
 
 
 class ClosureSearch:
@@ -67,9 +62,7 @@ class ClosureSearch:
         query: The object's surface; without it, contacts on lids are found in the finished grips only.
 
     Attributes:
-        blockers: What may refuse a hand that closed: obstacles, then contact rules, in words.
-        places: The rules about contacts.
-        kept_off: The rules about links.
+        blockers: What may refuse a hand that closed: obstacles and contact rules.
     """
 
     def __init__(
@@ -83,15 +76,13 @@ class ClosureSearch:
         query: SurfaceQuery | None = None,
     ) -> None:
         self.query = query
-        self.blockers = (*settings.obstacles.names, *settings.rules.names)
-        self.places = ContactPlaces(settings.rules, settings.device)
-        self.kept_off = KeptOff(settings.rules, hand, settings)
         self.hand, self.field, self.settings = hand, field, settings
         self.cog, self.length = np.asarray(cog, dtype=np.float64), float(length)
         self.tables: HandTables = hand_tables(hand, COARSE)
         self.pool: Preshapes = preshapes(hand)
         self.ranges = motor_ranges(hand, self.tables)
         self.kernel = ClosingKernel(self.tables, field, device=settings.device, threads=settings.threads)
+        self.blockers = Blockers(hand, self.tables, self.kernel, settings, field.spacing)
         self._kinematics = HandKinematics(hand)
         self.wrapper = Wrapper(self.tables, self.kernel, field, gap=WRAP_GAP, near=WRAP_NEAR)
         lever = min(LEVER, 1.5 * self.length)
@@ -129,23 +120,12 @@ class ClosureSearch:
             region: Allowed planes and sides.
             surface: The surface that may be touched; ``None`` for all of it.
         """
-        obstacles = self.settings.obstacles
-        if not len(obstacles) and not len(self.kept_off):
+        if not len(self.blockers.obstacles) and not len(self.blockers.kept_off):
             return self.wrapper.draw(rng, self.pool, mesh, count, region, surface)
         found: DrawnCandidates | None = None
         for _ in range(WRAP_DRAWS):
             drawn = self.wrapper.draw(rng, self.pool, mesh, count, region, surface)
-            hands = self.wrapper.arrived(drawn.candidates)
-            clear = np.ones(len(drawn), dtype=bool)
-            if len(obstacles):
-                clear = (
-                    self.kernel.clearances(hands.place, hands.turn, hands.start, obstacles, enough=2 * ROOM)[
-                        1
-                    ]
-                    > ROOM
-                )
-            if len(self.kept_off):
-                clear &= ~self.kept_off.near(hands.place, hands.turn, hands.start).any(axis=1)
+            clear = self.blockers.clear(self.wrapper.arrived(drawn.candidates))
             drawn = drawn.take(np.flatnonzero(clear))
             found = drawn if found is None else concatenated(found, drawn)
             if len(found) >= count:
@@ -171,11 +151,7 @@ class ClosureSearch:
         """
         hands = self._closed(drawn.candidates)
         closed = len(hands.rows)
-        blocked_by = (
-            self._hits(hands.candidates, hands.grasp),
-            self._broken(hands.closings, hands.candidates, hands.grasp),
-        )
-        hits = np.concatenate(blocked_by, axis=1)
+        hits = self.blockers.refuse(hands.closings, hands.candidates, hands.grasp)
         hands = hands.take(np.flatnonzero(~hits.any(axis=1) if blocked is None else hits[:, blocked]))
         task, hold = self.strengths(hands.closings, demand, ranking=True, least=max(least, 0.0))
         score = self._torques.score(hands, self.score(task, hold, demand), demand, least=max(least, 0.0))
@@ -229,39 +205,6 @@ class ClosureSearch:
         """Whether no two links of the hand overlap; fingers that go round an object may meet each other."""
         self._kinematics.set_posture(q)
         return not self._kinematics.collides(WRAP_GAP)
-
-    def _hits(self, hands: Candidates, grasp: Array) -> BoolArray:
-        """(k, m) whether these hands collide with each obstacle, closed or a little opened."""
-        obstacles = self.settings.obstacles
-        hits = np.zeros((len(hands), len(obstacles)), dtype=bool)
-        if not len(obstacles):
-            return hits
-        begin, end = (q @ self.tables.command.T for q in (hands.start, grasp))
-        for share in (1.0, OPENED):
-            posture = posture_of(self.tables, begin + share * (end - begin))
-            near = np.flatnonzero(
-                self.kernel.clearances(hands.place, hands.turn, posture, obstacles)[1] <= ROOM
-            )
-            if len(obstacles) == 1:
-                hits[near] = True
-                continue
-            wrist = hands.place[near], hands.turn[near], posture[near]
-            for k, one in enumerate(obstacles.each):
-                hits[near, k] |= self.kernel.clearances(*wrist, one)[1] <= ROOM
-        return hits
-
-    def _broken(self, closings: Closings, hands: Candidates, grasp: Array) -> BoolArray:
-        """(k, m) which contact rules these hands break, closed or, with their links, a little opened."""
-        broken = self.places.broken_by(
-            closings.points, closings.counts, slack=GRID_ERROR * self.field.spacing
-        )
-        if len(self.kept_off) and len(hands):
-            parts = broken[:, -len(self.kept_off) :]
-            begin, end = (q @ self.tables.command.T for q in (hands.start, grasp))
-            for share in (1.0, OPENED):
-                posture = posture_of(self.tables, begin + share * (end - begin))
-                parts |= self.kept_off.near(hands.place, hands.turn, posture)
-        return broken
 
     def strengths(
         self, closings: Closings | ClosedHands, demand: Demand, *, ranking: bool = False, least: float = 0.0
@@ -459,8 +402,7 @@ class ClosureSearch:
             return found
         moved = self.perturbed(rng, found, samples, 0.0, shift=shift, turn=turn)
         hands, score = self._closed(moved.candidates), np.zeros(len(moved))
-        slack = GRID_ERROR * self.field.spacing
-        broken = self.places.broken_by(hands.closings.points, hands.closings.counts, slack=slack)
+        broken = self.blockers.misplaced(hands.closings)
         hands = hands.take(np.flatnonzero(~broken.any(axis=1)))
         nominal = self.score(*self.strengths(hands.closings, demand, ranking=True), demand)
         score[hands.rows] = self._torques.score(hands, nominal, demand)

@@ -296,8 +296,9 @@ class Wrapper:
         near_palm = np.flatnonzero(distance[:, -1] <= self.near)
         if len(near_palm):
             R = rotations(hands.turn[near_palm])
-            x = hands.place[near_palm, None] + np.einsum("nij,sj->nsi", R, tables.palm[:, :3])
-            away = field_distance(self.field, x.reshape(-1, 3)).reshape(x.shape[:2]) - tables.palm[:, 3]
+            palm = tables.palm[: tables.palm_spheres]
+            x = hands.place[near_palm, None] + np.einsum("nij,sj->nsi", R, palm[:, :3])
+            away = field_distance(self.field, x.reshape(-1, 3)).reshape(x.shape[:2]) - palm[:, 3]
             for row, d in zip(near_palm, away, strict=True):
                 for s in self._apart(d):
                     spheres[row, counts[row]] = s
@@ -317,7 +318,7 @@ class Wrapper:
 
     def _palm_front(self) -> Array:
         """(k, 3) foremost points of the palm that no other sphere of it covers, palm frame [m]."""
-        palm = self.tables.palm
+        palm = self.tables.palm[: self.tables.palm_spheres]
         front = palm[:, :3] - palm[:, 3:] * [0.0, 1.0, 0.0]
         aside = np.linalg.norm((palm[:, None, :3] - palm[None, :, :3])[..., [0, 2]], axis=2)
         ahead = (palm[:, 1] - palm[:, 3])[:, None] - (palm[:, 1] - palm[:, 3])[None] > 0.002

@@ -18,9 +18,9 @@ from ..hiis.decision import Settings
 from ..hiis.fuzzy import FuzzySets
 from ..hiis.learning import search_values
 from ..objects.mesh import TriangleMesh
+from ..planning.controllers import closure_analyser
 from ..planning.request import PlanRequest
 from ..planning.rules import NONE
-from ..planning.session import closure_analyser
 from ..tasks import Task
 from ..types import value
 from .random_grasps import draw_random_grasps, random_grasp_settings

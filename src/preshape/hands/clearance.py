@@ -78,8 +78,8 @@ def spoken(link: str) -> str:
     >>> spoken("index_distal"), spoken("ring_flexion_2"), spoken("palm_web")
     ('the index distal link', 'the ring flexion 2', 'the palm')
     """
-    if link.startswith("palm_"):
-        return "the palm"
+    if link.startswith(("palm_", "forearm_")):
+        return f"the {link.partition('_')[0]}"
     phalanx = link.rpartition("_")[2] in ("proximal", "medial", "distal")
     return f"the {link.replace('_', ' ')}{' link' if phalanx else ''}"
 

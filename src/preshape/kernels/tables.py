@@ -30,7 +30,9 @@ class HandTables:
         group_sphere: (g + 1,) first sphere of each group.
         bound: (g, 4) a sphere round all spheres of the group, in the joint's frame: centre and radius [m].
         bound_speed: (g,) the largest speed of the group's spheres [m].
-        palm: (p, 4) spheres of the parts that no joint moves, in the palm frame: centre and radius [m].
+        palm: (p, 4) spheres of the parts that no joint moves, in the palm frame: centre and radius [m]. Those
+            of parts that are only in the way, such as a forearm, come last.
+        palm_spheres: Number of the others, on which an object may rest.
         palm_group: (h + 1,) first sphere of each group of palm spheres.
         palm_bound: (h, 4) a sphere round all spheres of each such group: centre and radius [m].
         path: (k, m) the motors' commands at k evenly spaced points of the closing path, from open to closed
@@ -60,6 +62,7 @@ class HandTables:
     bound: Array
     bound_speed: Array
     palm: Array
+    palm_spheres: int
     palm_group: IntArray
     palm_bound: Array
     path: Array

@@ -154,6 +154,32 @@ def load_object(
         ) from error
 
 
+def read_content(source: str | Path) -> RawMesh | RawCloud:
+    """The triangles or points of a file as they stand there, in metres, whatever they show.
+
+    Raises:
+        ObjectError: The file is missing, empty, no mesh and no cloud, or damaged.
+        EnvironmentFailure: The file cannot be read.
+    """
+    name, path = str(source), Path(source)
+    suffix = path.suffix.lower()
+    data = _content(path, name, suffix)
+    _refuse_other_kinds(name, suffix, data)
+    refuse_decimal_commas(name, data)
+    try:
+        with np.errstate(all="ignore"):
+            raw = _ALL_READERS[suffix](name, data, path)
+    except (PreshapeError, KeyboardInterrupt, MemoryError):
+        raise
+    except Exception as error:
+        reason = printable(f"{type(error).__name__}: {error}".strip().splitlines()[0], 120)
+        kind = f"{suffix[1:].upper()} {_noun(suffix)}"
+        raise ObjectError(f"{name}: no {kind}, or a damaged one ({reason}); re-export it") from error
+    if isinstance(raw, RawMesh) and not (np.isfinite(raw.vertices).all() and len(raw.triangles)):
+        raise ObjectError(f"{name}: a mesh needs triangles, and positions that are finite; re-export it")
+    return raw
+
+
 _PART = re.compile(r"(.+)#(\d{1,6}|all)", re.DOTALL)
 
 

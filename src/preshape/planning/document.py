@@ -188,11 +188,13 @@ def planned_load(document: Document) -> tuple[float, float]:
 
 
 def obstacles_of(document: Document) -> str:
-    """Table and boxes of a plan in words, such as ``the table and 2 boxes``; empty for free space."""
+    """What is around the object of a plan, such as ``the table and 2 boxes``; empty for free space."""
     request = document.get("request") or {}
     boxes = len(request.get("avoid") or ())
     parts = ["the table"] if request.get("table") is not None else []
     parts += [f"{boxes} box{'es' if boxes > 1 else ''}"] if boxes else []
+    files = len(request.get("obstacle") or ())
+    parts += [f"{files} obstacle{'s' if files > 1 else ''}"] if files else []
     return " and ".join(parts)
 
 

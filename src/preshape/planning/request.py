@@ -29,6 +29,8 @@ from ..objects.checks import metres
 from ..objects.load import IN_MEMORY, load_object, stored_source
 from ..objects.mass import object_mass
 from ..objects.mesh import UP_AXES, TriangleMesh
+from ..objects.obstacle import obstacle_surface, placed_file
+from ..objects.parts import PartSurface
 from ..objects.resting import upright
 from ..tasks import Task, parse_task, task_from_numbers
 from ..tasks.task import from_json as task_from_json
@@ -46,6 +48,7 @@ from ..types import (
 )
 from .request_values import (
     checked_boxes,
+    checked_files,
     checked_gravity,
     checked_parts,
     checked_rest,
@@ -137,6 +140,8 @@ class PlanRequest:
             mesh turned upright, so that z is up. ``None`` takes the file's own (y in glTF, else z).
         rest: (4,) quaternion wxyz that turns the mesh frame, as the object lies at rest on a table, to a
             world with z up; ``None`` takes the object's own, or else settles the object.
+        obstacle: Meshes or point clouds that the hand stays away from by 3 mm, on its way in too: each
+            ``FILE`` or ``FILE@x,y,z,qw,qx,qy,qz``, its pose in the mesh frame [m]. Closure only.
 
     Raises:
         InputError: An argument that cannot be used; the message says what to change.
@@ -168,6 +173,7 @@ class PlanRequest:
     rules: str = FOLLOW
     up: str | None = None
     rest: Sequence[float] | Array | None = None
+    obstacle: str | Sequence[str] = ()
 
     def __post_init__(self) -> None:
         for name in ("source", "hand", "memory"):
@@ -197,6 +203,7 @@ class PlanRequest:
         freeze(self, rest=checked_rest(self.rest))
         if self.up is not None:
             upright(self.up)
+        freeze(self, obstacle=checked_files(self.obstacle))
         if self.cut_table is not None:
             freeze(self, cut_table=bool(self.cut_table))
         allowed_planes(self.approaches)
@@ -216,14 +223,13 @@ class PlanRequest:
 
     def _refuse_what_rays_ignore(self) -> None:
         """Refuse obstacles and loads for the ray analyser, which would ignore them without notice."""
-        if self.table is not None or self.avoid:
+        if self.table is not None or self.avoid or self.obstacle:
             raise InputError(
-                f"a table and boxes to avoid need {_REAL_HAND}; the analyser of {self.hand_name} here is rays"
+                f"a table, boxes to avoid and obstacles need {_REAL_HAND}; the analyser of {self.hand_name} "
+                "here is rays"
             )
         if self.grasp_type != "any":
-            raise InputError(
-                f"a grasp type needs {_REAL_HAND}; the analyser of {self.hand_name} here is rays"
-            )
+            raise InputError(f"a grasp type needs {_REAL_HAND}; {self.hand_name} is analysed by rays here")
         if not self.verify and (self.stated_mass is not None or not self._usual_friction):
             raise InputError(
                 f"friction and mass need {_REAL_HAND}, or a test in physics (--verify); "
@@ -308,6 +314,16 @@ class PlanRequest:
         boxes = np.array(self.avoid, dtype=np.float64).reshape(-1, 2, 3)
         return Obstacles(planes=np.zeros((0, 4)) if table is None else table[None], boxes=boxes)
 
+    def obstacle_surfaces(self, mesh: TriangleMesh) -> tuple[PartSurface, ...]:
+        """The obstacles from files, as far as the hand can come near them.
+
+        Raises:
+            ObjectError: A file cannot be used.
+            EnvironmentFailure: A file cannot be read.
+        """
+        found = (obstacle_surface(placed_file(text), mesh.bounds) for text in self.obstacle)
+        return tuple(surface for surface in found if surface is not None)
+
     def rules_for(self, mesh: TriangleMesh) -> TaskRules:
         """Which parts of the object are held and which stay free.
 
@@ -359,6 +375,8 @@ class PlanRequest:
             [round(1000 * (x - c)) for x, c in zip(box, centre, strict=True)] for box in self.avoid
         )
         boxes = ["box " + " ".join(map(str, row)) for row in corners]
+        around = [np.round(1000 * (p.vertices - mesh.cog)) + 0.0 for p in self.obstacle_surfaces(mesh)]
+        boxes += sorted(f"obstacle {hashlib.sha256(places.tobytes()).hexdigest()[:16]}" for places in around)
         rules = sorted(rule.words for rule in self.rules_for(mesh).applied)
         if self.analyser == "rays":
             table, boxes, load = [], [], []
@@ -381,7 +399,7 @@ class PlanRequest:
             mesh: The object.
             mass: The mass that planning uses [kg].
         """
-        wanted = self.wanted(mesh)
+        wanted, rules = self.wanted(mesh), self.rules_for(mesh).contact
         return replace(
             self.search,
             friction=self.stated_friction,
@@ -389,7 +407,7 @@ class PlanRequest:
             obstacles=self.obstacles(mesh),
             grasp_type=self.grasp_type,
             both=self.count > 1 and self.grasp_type == "any",
-            rules=self.rules_for(mesh).contact,
+            rules=replace(rules, keep_off=(*rules.keep_off, *self.obstacle_surfaces(mesh))),
             finished=max(self.search.finished, wanted + wanted // 2 + 2),
         )
 
@@ -430,6 +448,7 @@ class PlanRequest:
             "rules": self.rules,
             "up": self.up,
             "rest": None if self.rest is None else np.asarray(self.rest).tolist(),
+            "obstacle": list(self.obstacle),
         }
 
     @classmethod
@@ -465,7 +484,7 @@ class PlanRequest:
             read |= {name: data[name] for name in _PLAIN}
             read["grasp_type"] = data.get("grasp_type", "any")
             # Plans from before there were rules were made without any.
-            read |= {name: data.get(name, ()) for name in ("hold_on", "keep_off")}
+            read |= {name: data.get(name, ()) for name in ("hold_on", "keep_off", "obstacle")}
             read["rules"] = data.get("rules", NONE)
             read |= {name: data.get(name) for name in ("up", "rest")}
         except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:

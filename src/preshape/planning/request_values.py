@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Set
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ..exceptions import InputError, shown
 from ..objects.mesh import LEAST_LENGTH
+from ..objects.obstacle import placed_file
 from ..objects.scans.complete import ALL_ROUND
 from ..tasks.task import axis_vector
 from ..types import LONGEST_NAME, Array, finite_number, frozen_array
@@ -60,6 +62,21 @@ def checked_boxes(avoid: object) -> tuple[tuple[float, ...], ...]:
             raise InputError(f"a box to avoid is in metres, at most {FARTHEST:g}, got {list(box)}")
         boxes.append(box)
     return tuple(boxes)
+
+
+def checked_files(given: object) -> tuple[str, ...]:
+    """Files of obstacles with their poses; a file gets its absolute path, so that it means the same anywhere.
+
+    Raises:
+        InputError: One is no such text.
+    """
+    if not isinstance(given, str | list | tuple):
+        raise InputError(f"obstacle must be texts, each FILE or FILE@x,y,z,qw,qx,qy,qz, got {shown(given)}")
+    found = []
+    for text in [given] if isinstance(given, str) else given:
+        placed = placed_file(text)
+        found.append(str(Path(placed.file).absolute()) + text.removeprefix(placed.file))
+    return tuple(found)
 
 
 def checked_gravity(gravity: object) -> Array:

@@ -9,40 +9,38 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable, Sequence
-from dataclasses import replace
+from collections.abc import Callable
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
 
-from ..closure.settings import ClosureSettings
+from ..closure.contact_places import part_mesh
+from ..closure.rules import KEEP_OFF
 from ..exceptions import Cancelled, EnvironmentFailure, InputError, shown
 from ..files import file_place, file_state
 from ..hands.hand import Hand
 from ..hands.load import load_hand
-from ..hiis.analyser import Analyser, Grasp, HandLayout
+from ..hiis.analyser import Analyser, Grasp
 from ..hiis.controller import Controller
 from ..hiis.critic import of_this_object
-from ..hiis.decision import Decision, Settings
+from ..hiis.decision import Decision
 from ..memory import Memory, default_path
-from ..objects.library import load_library_object
 from ..objects.load import split_part
 from ..objects.mass import ObjectMass, object_mass
 from ..objects.mesh import TriangleMesh
+from ..objects.obstacle import placed_file
 from ..objects.sidecar import sidecar_path
 from ..tasks import Task
-from ..types import Array, Experience, an_instance, value
+from ..types import an_instance, value
 from .answers import Answer, seen_first
+from .controllers import closure_controller, layout_of, ray_controller
 from .hand_simulation import execute
 from .plan import Plan
 from .request import PlanRequest
 from .sizes import out_of_reach, refuse_absurd_size
 
 if TYPE_CHECKING:
-    from ..closure.analyser import ClosureAnalyser
-
-CLOSURE_SUFFIX = "+closure"
-"""Suffix of the hand's name for lessons of the closure analyser; it separates them from those of rays."""
+    pass
 
 Progress = Callable[[str, float], None]
 """Called with the name of the current step and the total progress in percent."""
@@ -312,9 +310,11 @@ class Session:
         return plan
 
     def _answer(self, ready: Prepared, grasp: Grasp) -> Answer:
+        off = [part_mesh(part) for part in ready.request.rules_for(ready.mesh).contact.keep_off]
+        seed = ready.request.settings.seed
         return Answer(
             grasp=grasp,
-            hand_result=execute(ready.hand, ready.mesh, grasp, seed=ready.request.settings.seed),
+            hand_result=execute(ready.hand, ready.mesh, grasp, seed=seed, kept_off=off, room=KEEP_OFF),
             heaviest=ready.element.heaviest(ready.task.q, grasp),
         )
 
@@ -329,12 +329,8 @@ class Session:
             if controller.knowledge.memory_state == known:
                 return controller
         if request.analyser == "rays":
-            controller = Controller(
-                self.memory,
-                layout_of(hand),
-                settings=request.settings,
-                scene=scene,
-                may_store=request.learn,
+            controller = ray_controller(
+                self.memory, layout_of(hand), request, request.rules_for(mesh).contact, scene
             )
         else:
             controller = closure_controller(
@@ -356,109 +352,6 @@ class Session:
             self._progress(words, share)
 
 
-def layout_of(hand: Hand) -> HandLayout:
-    """The dimensions of a hand that the analysers need."""
-    return HandLayout(
-        name=hand.name, u=hand.u, finger_pitch=hand.finger_pitch, fingertip_width=hand.fingertip_width
-    )
-
-
-def closure_analyser(request: PlanRequest, hand: Hand, mesh: TriangleMesh) -> ClosureAnalyser:
-    """The closure analyser of a request without a memory: it needs no first lesson and recalls nothing.
-
-    Args:
-        request: The request.
-        hand: Its hand, loaded.
-        mesh: Its object, loaded [m].
-    """
-    from ..closure.analyser import ClosureAnalyser
-
-    settings = request.settings
-    return ClosureAnalyser(
-        mesh,
-        hand,
-        layout_of(hand),
-        settings=request.closure(mesh, object_mass(mesh, request.stated_mass).kg),
-        coefficients=settings.coefficients,
-        sets=settings.sets,
-        gravity=request.task_gravity(mesh),
-        seed=settings.seed,
-    )
-
-
-def closure_controller(
-    memory: Memory,
-    hand: Hand,
-    *,
-    settings: Settings,
-    closure: ClosureSettings,
-    gravity: Array | Sequence[float],
-    scene: str = "",
-    may_store: bool = True,
-) -> Controller:
-    """The paper's controller over the closure analyser.
-
-    Args:
-        memory: The memory.
-        hand: The hand.
-        settings: Meta control's settings.
-        closure: Friction, load and size of the search.
-        gravity: (3,) unit direction of gravity in the mesh frame; zeros mean none.
-        scene: The scene as text (:meth:`PlanRequest.scene`).
-        may_store: Whether the first lesson may be stored; see :class:`Controller`.
-    """
-    from ..closure.analyser import ClosureAnalyser
-
-    layout = replace(layout_of(hand), name=hand.name + CLOSURE_SUFFIX, model=hand.model_hash())
-
-    def known() -> Sequence[Experience]:
-        return controller.experiences
-
-    def prepare(mesh: TriangleMesh) -> ClosureAnalyser:
-        return ClosureAnalyser(
-            mesh,
-            hand,
-            layout,
-            settings=closure,
-            coefficients=settings.coefficients,
-            sets=settings.sets,
-            gravity=gravity,
-            seed=settings.seed,
-            known=known,
-            scene=scene,
-        )
-
-    def prepare_seed(mesh: TriangleMesh) -> ClosureAnalyser:
-        # The 48 tasks of the cube only teach the planes, not the best grips: a small search is enough, of
-        # wraps as well.
-        quick = ClosureSettings(
-            threads=closure.threads,
-            device=closure.device,
-            everywhere=400,
-            wraps=480,
-            elite=8,
-            rounds=1,
-            finished=1,
-            persistence=0,
-        )
-        return ClosureAnalyser(
-            mesh, hand, layout, settings=quick, sets=settings.sets, seed=settings.seed, gravity=gravity
-        )
-
-    controller = Controller(
-        memory,
-        layout,
-        settings=settings,
-        prepare=prepare,
-        prepare_seed=prepare_seed,
-        seed_object=load_library_object("cube"),
-        kind="shape",
-        scene=scene,
-        may_store=may_store,
-    )
-    return controller
-
-
 def _file_key(request: PlanRequest) -> tuple[Any, ...]:
     """Key of a loaded object in the cache; with a new file or a new sidecar it is another object."""
     source = str(request.source)
@@ -469,7 +362,7 @@ def _file_key(request: PlanRequest) -> tuple[Any, ...]:
 
 _ELEMENT_KEYS = (
     "analyser", "friction", "table", "avoid", "gravity", "seed", "thresholds", "sets", "finger_rule",
-    "coefficients", "up", "rest", "search", "grasp_type",
+    "coefficients", "up", "rest", "obstacle", "search", "grasp_type",
 )  # fmt: skip
 """Keys of a request's JSON that analyser and controller depend on."""
 
@@ -478,4 +371,6 @@ def _element_key(request: PlanRequest, hand: Hand, mesh: TriangleMesh, mass: Obj
     """Key of controller and analyser in the cache: everything they depend on besides the object."""
     document, rules = request.to_json(), request.rules_for(mesh).key
     wanted = (request.wanted(mesh), request.count > 1) if request.analyser == "closure" else 0
-    return (hand, mass.kg, wanted, rules, *(repr(document[name]) for name in _ELEMENT_KEYS))
+    # The file of an obstacle may have changed under its name.
+    files = [repr(file_state(split_part(placed_file(text).file)[0])) for text in request.obstacle]
+    return (hand, mass.kg, wanted, rules, *(repr(document[name]) for name in _ELEMENT_KEYS), *files)

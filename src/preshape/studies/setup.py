@@ -17,9 +17,10 @@ from ..hiis.planes import plane
 from ..hiis.virtual_grasp import RayAnalyser
 from ..memory import Memory
 from ..objects.mesh import TriangleMesh
+from ..planning.controllers import layout_of
 from ..planning.request import RAY_HAND, PlanRequest
 from ..planning.rules import NONE
-from ..planning.session import Prepared, Session, layout_of
+from ..planning.session import Prepared, Session
 from ..tasks import Task, task_from_numbers
 from ..types import Experience, NetworkWeights
 from . import printed
