@@ -59,6 +59,7 @@ REFUSED: dict[str, list[tuple[Any, str]]] = {
                 ("down", "unit vector"), ([0, 0, NAN], "unit vector"), (0, "unit vector"),
                 ([0, 0, 1j], "unit vector"), ([0, 0, 1e-9], "divide the vector")],
     "approaches": [(5, "approach axes"), ("up", "axis"), (["+z"], "approach axes"), ("", "approaches")],
+    "grasp_type": [("strong", "any, power"), (5, "any, power"), (None, "any, power"), ("", "any, power")],
     "count": [("x", "count"), (0, "count"), (-1, "count"), (1.0, "count"), (True, "count"), (None, "count")],
     "learn": [("no", "learn"), (0, "learn"), (None, "learn")],
     "verify": [("no", "verify"), (1, "verify"), (None, "verify")],
