@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from preshape.closure.analyser import ClosureAnalyser
-from preshape.closure.candidates import distinct
+from preshape.closure.candidates import RankedCandidates, distinct
 from preshape.closure.finish import ENOUGH, FIRM, FinishOptions
 from preshape.closure.settings import ClosureSettings
 from preshape.hands.hand import Hand
@@ -171,18 +171,22 @@ def test_a_firm_grip_is_recalled_for_the_object_that_it_was_taught_for(strong: H
         assert max(map(press, grasps), default=0.0) <= MOST * RIGHT
 
 
-def test_where_joints_are_weak_they_decide_what_is_worked_out_first() -> None:
-    """Of two grips the better is the one that the joints can press, though the ranking does not know it."""
+def test_the_ranking_knows_which_contacts_the_motors_can_press() -> None:
+    """With a weak thumb, the first by what motors can press are better than the first by contacts alone."""
     hand = load_hand("shadow")
     names = [motor.name for motor in hand.motors]
-    weak = replace(hand, torque_limits=np.where(np.char.find(names, "FF") >= 0, 0.05, 1.0))
+    weak = replace(hand, torque_limits=np.where(np.char.find(names, "TH") >= 0, 0.3, 1.0))
     analyser = element(weak, mass=0.3, everywhere=1500, persistence=0)
-    demand = analyser.demand(TASK.q)
-    rng = np.random.default_rng(0)
-    found = analyser.search.evaluate(analyser._draw(rng, EVERYWHERE, 1500), demand)
-    standing = found.take(distinct(found, 40))
-    options = FinishOptions(count=3)
-    usual = analyser.finisher.finish(standing, demand, options)
-    by_joints = analyser.finisher.finish(standing, demand, replace(options, by_joints=True))
-    assert len(usual) == len(by_joints) == 3
-    assert max(made.margin for made in by_joints) > 1.05 * max(made.margin for made in usual)
+    demand, search = analyser.demand(TASK.q), analyser.search
+    found = search.evaluate(analyser._draw(np.random.default_rng(0), EVERYWHERE, 1500), demand)
+    alone = search.score(*search.strengths(found.closings, demand), demand)
+    assert (found.score <= alone * (1 + 1e-6)).all()
+    by_contacts = replace(found, score=alone).take(np.argsort(-alone, kind="stable"))
+
+    def mean_margin(ranked: RankedCandidates) -> float:
+        few = ranked.take(distinct(ranked, 60))
+        made = analyser.finisher.finish(few, demand, FinishOptions(count=10))
+        assert len(made) == 10
+        return float(np.mean([grip.margin for grip in made]))
+
+    assert mean_margin(found) > 1.3 * mean_margin(by_contacts)

@@ -17,10 +17,12 @@ from preshape.closure.candidates import (
     merged,
     quaternions,
 )
+from preshape.closure.closed import touching_spheres
 from preshape.closure.demand import LONGEST, Demand, inner_centre
 from preshape.closure.preshapes import posture_at
 from preshape.closure.search import ClosureSearch
 from preshape.closure.settings import ClosureSettings
+from preshape.closure.torque_limits import normal_bounds
 from preshape.hands.load import load_hand
 from preshape.hiis.planes import plane
 from preshape.kernels.chains import fingertips, rotations
@@ -156,7 +158,23 @@ def test_ranked_best_first_by_the_smaller_of_two_margins(
     assert (np.diff(found.score) <= 0).all()
     assert found.tried == DRAWN
     expected = np.minimum(found.task / LIFT.load, found.hold / search.settings.hold)
-    assert np.array_equal(found.score, expected)
+    # Motors that cannot press a contact with half of the strongest press lower the score, and nothing else.
+    _, links = touching_spheres(search.tables, found.closings)
+    width, hands, closings = links.shape[1], found.drawn.candidates, found.closings
+    bounds = normal_bounds(
+        search.tables,
+        search.hand,
+        hands,
+        posture_at(search.tables, hands.start, closings.closing),
+        closings.points[:, :width],
+        closings.normals_in[:, :width],
+        links,
+    )
+    used = np.arange(width) < closings.counts[:, None]
+    strong = (~used | (bounds >= 0.5 * search.settings.strongest)).all(axis=1)
+    assert strong.mean() > 0.2
+    assert np.array_equal(found.score[strong], expected[strong])
+    assert (found.score <= expected).all()
     assert (found.closings.fate == Fate.CLOSED).all()
     assert (found.closings.counts >= 2).all()
     # It tells good from bad: many do not hold at all, and the best a good deal better than most that do.

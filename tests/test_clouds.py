@@ -34,6 +34,7 @@ from preshape.planning.answers import scan_trust, seen_first
 from preshape.planning.document import plan_schema, plan_to_json
 from preshape.planning.plan import Plan
 from preshape.planning.planner_bench import Case
+from preshape.planning.standing import standing
 from preshape.studies.partial_report import cloud_figures, cloud_tables, write_cloud_report
 from preshape.studies.partial_views import CloudRun, agreement, completed, depth_view, run_clouds
 
@@ -411,6 +412,15 @@ def test_a_table_in_a_cloud_is_named_and_cut_off_when_asked(tmp_path, on_table, 
     assert cut.extents.max() < 1.2 * np.linalg.norm(mesh.extents)
     assert 0.5 * mesh.volume < cut.volume < 2.0 * mesh.volume
     assert len(points) > 3 * cut.scan.points > 300  # the points that are left
+    assert load_object(file, view=view, cut_table=False).scan.table is None
+    # The plane that was cut off is the table, and its normal is up, however the cloud is turned.
+    stands = standing(cut, table="auto")
+    assert stands.table == pytest.approx(cut.scan.table)
+    heights = cut.vertices @ stands.up - stands.table[3]
+    assert -0.01 < heights.min() < 0.01
+    own = mesh.vertices[:, 2] - mesh.bounds[0, 2]
+    assert heights.max() == pytest.approx(own.max(), rel=0.25)
+    assert standing(cut, table="auto", up="z").table[:3].tolist() != stands.table[:3].tolist()
     assert load_object(file, view=view, cut_table=False).extents.max() > 1.4 * cut.extents.max()
     words = ["plan", str(file), "--task", "lift", "--view", ",".join(map(str, view)), "--no-learn", "--json"]
     memory = ["--memory", str(tmp_path / "m.sqlite")]

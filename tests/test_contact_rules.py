@@ -12,7 +12,7 @@ import pytest
 import trimesh
 
 from preshape.closure.analyser import ClosureAnalyser
-from preshape.closure.contact_places import ON_PART, SAMPLES, ContactPlaces, allowed_surface
+from preshape.closure.contact_places import ON_PART, SAMPLES, ContactPlaces, PartQuery, allowed_surface
 from preshape.closure.finish import FinishOptions
 from preshape.closure.hand_tables import hand_tables
 from preshape.closure.keeping_off import BY_SPHERES, KeptOff
@@ -275,26 +275,24 @@ def test_links_and_their_spheres_agree_about_nearness(hand: str) -> None:
     """Exact shapes are compared with dense samples of them, and the spheres see whatever is too near."""
     plate = trimesh.creation.box((0.3, 0.3, 0.02))
     part = PartSurface(name="plate", vertices=plate.vertices, triangles=plate.faces, solid=True)
-    kept = KeptOff(ContactRules(keep_off=(part,)), load_hand(hand), ClosureSettings())
+    kept = KeptOff([PartQuery(part)], load_hand(hand), ClosureSettings())
     rng, n = np.random.default_rng(0), 40
     pool, tables = preshapes(load_hand(hand)).start, hand_tables(load_hand(hand))
     q, turn = pool[rng.integers(len(pool), size=n)], rng.normal(size=(n, 4))
     turn /= np.linalg.norm(turn, axis=1, keepdims=True)
-    exact, low = np.zeros(n, dtype=bool), np.zeros(n)
-    place = np.zeros((n, 3))
+    low, place = np.zeros(n), np.zeros((n, 3))
     for k in range(n):  # the hand's lowest point is 1 to 8 mm over the plate
         pose = np.concatenate([place[k], turn[k]])
         points = np.concatenate([surface(s, 600) for s in hand_geometry(load_hand(hand), pose, q[k])])
         low[k] = 0.001 + 0.007 * k / n
-        place[k, 2] = 0.01 + low[k] - points[:, 2].min()
-        exact[k] = kept.exactly_near(np.concatenate([place[k], turn[k]]), q[k])[0]
+        place[k] = [0, 0, 0.01 + low[k]] - points[points[:, 2].argmin()]
+    exact = kept.exactly_near(place, turn, q)[:, 0]
     clear = np.abs(low - KEEP_OFF) > 3e-4  # a sample of a round shape misses its lowest point by less
     assert (exact == (low < KEEP_OFF))[clear].all()
     spheres = kept.near(place, turn, q)[:, 0]
     assert spheres[exact].all()
     assert not spheres[low > BY_SPHERES + 0.003].any()  # far from large spheres the grid has lower bounds
-    inside = kept.exactly_near(np.array([0.0, 0, 0, 1, 0, 0, 0]), pool[0])
-    assert inside.all()
+    assert kept.exactly_near(np.zeros((1, 3)), np.array([[1.0, 0, 0, 0]]), pool[:1]).all()
     assert len(tables.fingers)
 
 

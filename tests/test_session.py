@@ -180,7 +180,7 @@ def test_an_object_is_planned_at_its_own_mass(session: Session) -> None:
     assert dumbbell.mass.kg == entry("dumbbell").mass == 1.0
     document = plan_to_json(dumbbell)
     assert (document["mass"], document["mass_source"]) == (1.0, "known")
-    assert "1 kg (the mass of the built-in object)" in str(dumbbell)
+    assert "1 kg (the object's own mass)" in str(dumbbell)
 
 
 def test_a_mass_is_given_known_or_estimated_in_that_order() -> None:

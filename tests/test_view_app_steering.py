@@ -65,6 +65,15 @@ def test_the_task_is_dragged_in_the_scene(opened) -> None:
     assert numbers(page) == [0.1, 0.1, 1.0, 0.05, 0.05, 0.05]
 
 
+def test_each_part_of_the_object_is_offered_and_a_plan_keeps_to_the_choice(opened) -> None:
+    page = opened("hammer", "lift", "--hold-on", "handle", "--keep-off", "z>0.07").page
+    until(page, lambda: box_beside(page, "handle").input_value() == "hold here")
+    assert [box_beside(page, name).input_value() for name in ("head", "face")] == ["may be touched"] * 2
+    plan(page)
+    tab(page, "Why")
+    saw(page, "hold on handle, keep off z > 0.07 (as asked)")
+
+
 def test_curves_are_dragged_reset_and_used(opened) -> None:
     page = opened("cube", "1 1 .1 .05 .8 .05", size={"width": 640, "height": 800}).page
     plan(page)

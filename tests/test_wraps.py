@@ -11,21 +11,25 @@ import pytest
 from jsonschema import Draft202012Validator
 
 import preshape
-from preshape.closure.candidates import Region
+from preshape.closure.candidates import DrawnCandidates, Region
 from preshape.closure.closed import ON_PALM, WRAP
 from preshape.closure.hand_tables import hand_tables
 from preshape.closure.preshapes import posture_of, preshapes
 from preshape.closure.settings import ClosureSettings
+from preshape.closure.torque_limits import PALM_PRESS, normal_bounds
 from preshape.closure.wrapping import ClosedWraps, Wrapper, families
+from preshape.exceptions import InputError
 from preshape.export.planned import planned_grasps
 from preshape.hands import load_hand
 from preshape.hiis.analyser import PALM
 from preshape.hiis.planes import APPROACH_AXES
-from preshape.kernels.chains import rotations
+from preshape.kernels.chains import joint_frames, rotations
 from preshape.kernels.closing.host import ClosingKernel
 from preshape.kernels.field.host import prepare_field
 from preshape.objects.library import load_library_object
+from preshape.planning.controllers import closure_analyser
 from preshape.planning.document import plan_schema, plan_to_json
+from preshape.planning.request import PlanRequest
 
 GAP, NEAR = 5e-4, 1.5e-3
 
@@ -97,6 +101,84 @@ def test_wraps_face_the_surface_along_allowed_planes() -> None:
     facing = -rotations(drawn.candidates.turn)[:, :, 1]
     assert np.einsum("ni,ni->n", facing, APPROACH_AXES[drawn.plane - 1]).min() > 0.7
     assert [len(part) for part in families(drawn)] == [len(drawn)]
+
+
+def test_on_a_table_every_drawn_wrap_has_room_for_the_open_hand() -> None:
+    """Half of all drawn palms would come through the table; as many as are wanted are drawn beside it."""
+    request = PlanRequest(source="bottle", task="lift", hand="leap", table="auto")
+    analyser = closure_analyser(request, load_hand("leap"), load_library_object("bottle"))
+    search, mesh, region = analyser.search, analyser.mesh, Region()
+    drawn = search.draw_wraps(np.random.default_rng(0), mesh, 400, region)
+    assert len(drawn) == 400
+
+    def clear(wraps: DrawnCandidates) -> Any:
+        hands = search.wrapper.arrived(wraps.candidates)
+        _, free = search.kernel.clearances(
+            hands.place, hands.turn, hands.start, search.settings.obstacles, enough=0.01
+        )
+        return free > 0.0
+
+    assert clear(drawn).all()
+    assert clear(search.wrapper.draw(np.random.default_rng(0), search.pool, mesh, 400, region)).mean() < 0.8
+    # Those that balance nothing are ranked by how near they come, so there is something to refine.
+    found = search.evaluate(drawn, analyser.demand(request.asked.q))
+    assert (np.diff(found.score) <= 0).all()
+    assert len(np.unique(found.score[found.score < 0])) > 20
+
+
+@pytest.mark.parametrize("kind", ["power", "precision"])
+def test_only_grips_of_the_asked_type_are_answers(kind: str) -> None:
+    plan = preshape.plan("bottle", "lift", hand="leap", grasp_type=kind, memory=":memory:", count=2)
+    document = plan_to_json(plan)
+    Draft202012Validator(plan_schema()).validate(document)
+    given = [document, *document["alternatives"]]
+    assert len(given) == 2
+    names = {"power": {"power", "intermediate"}, "precision": {"precision"}}[kind]
+    assert {answer["grip"]["type"]["power"] for answer in given} <= names
+    assert document["request"]["grasp_type"] == kind
+    assert PlanRequest.from_json(document["request"]).grasp_type == kind
+    assert document["alternatives"][0]["reason"] != document["reason"]
+
+
+def test_several_answers_are_of_both_types() -> None:
+    plan = preshape.plan("bottle", "lift", hand="leap", memory=":memory:", count=3)
+    given = [plan.answer, *plan.alternatives]
+    assert {answer.grasp.whole_hand for answer in given if answer is not None} == {True, False}
+
+
+def test_an_unknown_type_and_a_type_for_rays_are_refused() -> None:
+    with pytest.raises(InputError, match="known: any, power, precision"):
+        PlanRequest(source="bottle", task="lift", hand="leap", grasp_type="strong")
+    with pytest.raises(InputError, match="grasp type needs a real hand"):
+        PlanRequest(source="bottle", task="lift", grasp_type="power")
+
+
+@pytest.mark.parametrize("hand", ["shadow", "allegro"])
+def test_bounds_of_contacts_are_those_of_the_motors_behind_them(hand: str) -> None:
+    """Each bound equals that by the exact Jacobian of the squeeze, palm and couples included."""
+    model, mesh = load_hand(hand), load_library_object("hammer")
+    analyser = closure_analyser(PlanRequest(source="hammer", task="lift", hand=hand), model, mesh)
+    finisher, search = analyser.finisher, analyser.search
+    drawn = search.wrapper.draw(np.random.default_rng(0), search.pool, mesh, 200, Region())
+    hands = finisher.wrapped(drawn)
+    frames = joint_frames(finisher.tables, hands.grasp)
+    bounds = normal_bounds(
+        finisher.tables, model, hands.candidates, hands.grasp, hands.points, hands.normals_in, hands.links
+    )
+    rows, palms = np.flatnonzero(hands.real)[:20], 0
+    assert len(rows) == 20
+    for row in rows.tolist():
+        squeeze = finisher.squeezer.squeeze(hands, frames, row)
+        for k, (J, motors) in enumerate(zip(squeeze.jacobians, squeeze.motors, strict=True)):
+            if not len(motors):
+                palms += 1
+                assert bounds[row, k] == PALM_PRESS
+                continue
+            torques = np.abs(J[:3].T @ squeeze.normals_in[k])  # of one newton
+            assert bounds[row, k] == pytest.approx(
+                min(np.min(model.torque_limits[motors] / np.maximum(torques, 1e-9)), 1e4), rel=1e-5
+            )
+    assert palms
 
 
 @pytest.fixture(scope="module")

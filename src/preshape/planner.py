@@ -45,6 +45,7 @@ def plan(
     seed: int = 0,
     count: int = 1,
     approaches: str | None = None,
+    grasp_type: str = "any",
     settings: Settings | None = None,
     closure: ClosureSettings | None = None,
     table: float | str | None = None,
@@ -75,6 +76,8 @@ def plan(
         seed: Seed of every random draw; the same seed gives the same plan.
         count: Number of different answers.
         approaches: Allowed approach axes, such as ``+z,-x``.
+        grasp_type: ``power`` for wraps of the whole hand only, ``precision`` for fingertips only, or ``any``;
+            closure only.
         settings: Thresholds, membership functions and contact coefficients.
         closure: Size and safety of the closure search.
         table: ``auto`` for a table that the object rests on, or the height of one along ``up`` [m]; closure
@@ -125,6 +128,7 @@ def plan(
         table=table,
         avoid=avoid,
         approaches=approaches,
+        grasp_type=grasp_type,
         count=count,
         learn=learn,
         verify=verify,

@@ -177,7 +177,8 @@ class BrowserSession:
 
     def _changed(self, source: str, unit: str) -> PlanRequest:
         """The first request with another object."""
-        return replace(self._start.request, source=source, unit=unit, scale=1.0, view=None, cut_table=None)
+        asked = replace(self._start.request, hold_on=(), keep_off=())  # the parts of the first object
+        return replace(asked, source=source, unit=unit, scale=1.0, view=None, cut_table=None)
 
     def _received(self, path: Path) -> None:
         """Load an upload, in a thread of its own: the caller is the server's event loop."""
@@ -273,6 +274,7 @@ class BrowserSession:
         self._loaded = self._pending
         self._forget()
         self.stage.put(mesh)
+        self.panel.show_parts(sent.get("parts", ()), self._pending)
         size = " × ".join(f"{1000 * x:.0f}" for x in sent["extents"])
         drawn = f", {len(mesh.triangles)} of them drawn" if len(mesh.triangles) < sent["whole"] else ""
         self._say("warn", sent["name"], f"{size} mm, {sent['whole']} triangles{drawn}. Press Plan.")

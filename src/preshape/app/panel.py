@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from importlib import resources
 from typing import TYPE_CHECKING, Any
 
@@ -9,6 +10,7 @@ from ..hands.load import hand_names
 from ..hiis.planes import AXIS_NAMES
 from ..objects.library import names as object_names
 from ..planning.request import ANALYSERS, PlanRequest
+from ..planning.rules import FOLLOW
 from ..planning.standing import AUTO
 from ..tasks import family_names
 from ..tasks.task import COMPONENTS
@@ -29,6 +31,10 @@ ALTERNATIVES = 5
 """Number of requested answers in addition to the best one."""
 ACCEPT, REJECT = VERDICTS = ("Accept", "Reject")
 NO_TABLE, UNDER, AT_HEIGHT = TABLES = ("none", "under the object", "at a height")
+EITHER, HOLD, KEEP_OFF = USES = ("may be touched", "hold here", "keep off")
+"""What may be asked of a part."""
+MOST_PARTS = 30
+"""Number of parts that are offered; a file may have hundreds of groups."""
 OWN_MASS = wrapped('<p class="quiet">Empty: the mass that the object has, else one from its volume.</p>')
 TRIAL = (
     "The hand grasps and squeezes in simulated physics (MuJoCo), then the object is pushed from six sides. "
@@ -60,6 +66,7 @@ class Panel:
         with tabs.add_tab("Plan"):
             self._steering(gui, request)
             self._load(gui, request)
+            self._rules(gui, request)
             self._search(gui, request)
             self.run = gui.add_button("Plan", color="blue", hint="Runs modes 0 to 3")
             self.teach = gui.add_button(
@@ -164,6 +171,29 @@ class Panel:
                 multiline=True,
                 hint="Boxes that the hand stays out of, one a line: x0 y0 z0 x1 y1 z1 in the object's frame",
             )
+
+    def _rules(self, gui: viser.GuiApi, request: PlanRequest) -> None:
+        """Rules of object and task, and a choice for each part, which :meth:`show_parts` adds."""
+        asked = bool(request.hold_on or request.keep_off) or request.rules != FOLLOW
+        self.parts_box = gui.add_folder("Parts and rules", expand_by_default=asked)
+        self.parts: dict[str, Any] = {}
+        with self.parts_box:
+            self.rules = gui.add_checkbox(
+                "Rules of object and task",
+                request.rules == FOLLOW,
+                hint="Strike with a hammer held by its handle, leave the inside of a mug free to pour, …",
+            )
+
+    def show_parts(self, names: Sequence[str], request: PlanRequest) -> None:
+        """Offer the parts of an object, with the choice that a request states for each."""
+        for handle in self.parts.values():
+            handle.remove()
+        self.parts = {}
+        stated = {**dict.fromkeys(request.hold_on, HOLD), **dict.fromkeys(request.keep_off, KEEP_OFF)}
+        with self.parts_box:
+            for name in names[:MOST_PARTS]:
+                use = stated.get(name, EITHER)
+                self.parts[name] = self.gui.add_dropdown(name, USES, initial_value=use)
 
     def _search(self, gui: viser.GuiApi, request: PlanRequest) -> None:
         limits = request.settings.thresholds

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -13,13 +14,14 @@ from ..exceptions import InputError, shown
 from ..hiis.critic import Thresholds
 from ..hiis.planes import AXIS_NAMES
 from ..planning.request import PlanRequest, analyser_of
+from ..planning.rules import FOLLOW, NONE
 from ..planning.standing import AUTO
 from ..report.plain import html_text as escape
 from ..spatial import vector_from_rotation
 from ..tasks import displacement_of, family_names, parse_task, q_of_displacement
 from ..types import FRICTION, Array
 from ..viewer import readings
-from .panel import ALTERNATIVES, ANY, AT_HEIGHT, NO_TABLE, SIX, UNITS, USUAL, Panel
+from .panel import ALTERNATIVES, ANY, AT_HEIGHT, HOLD, KEEP_OFF, NO_TABLE, SIX, UNITS, USUAL, Panel
 from .stage import Stage
 
 
@@ -128,6 +130,9 @@ class Steering:
             friction=float(p.friction.value) if loaded or p.verify.value else None,
             table=self._table(),
             avoid=self._boxes(),
+            hold_on=self._parts(base.hold_on, HOLD),
+            keep_off=self._parts(base.keep_off, KEEP_OFF),
+            rules=FOLLOW if p.rules.value else NONE,
             approaches=None if p.approach.value == ANY else str(p.approach.value),
             count=1 + ALTERNATIVES,
             learn=bool(p.learn.value),
@@ -153,6 +158,14 @@ class Steering:
                 f"mass is a number of kilograms, or empty for the object's own, got {shown(text)}"
             )
         return mass or None
+
+    def _parts(self, stated: Sequence[str], use: str) -> list[str]:
+        """The parts with one use in the panel, and what the first request states beside the panel's parts."""
+        parts = self._panel.parts
+        return [
+            *(text for text in stated if text not in parts),
+            *(name for name, handle in parts.items() if handle.value == use),
+        ]
 
     def _table(self) -> float | str | None:
         """The panel's table; ``None`` if there is none or the analyser does not use tables."""

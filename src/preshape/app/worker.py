@@ -114,6 +114,7 @@ class Worker:
                     "triangles": encoded(light.triangles, "<i8"),
                     "whole": len(mesh.triangles),
                     "extents": mesh.extents.tolist(),
+                    "parts": [part.name for part in mesh.parts],
                 }
             }
         )

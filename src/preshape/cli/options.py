@@ -129,7 +129,7 @@ def json_option(command: Command) -> Command:
 
 
 def object_options(command: Command) -> Command:
-    """``--hand --motors --analyser --scale --unit --up --approach --seed`` and the critic's thresholds."""
+    """``--hand --motors --analyser --scale --unit --up --approach --type --seed`` and thresholds."""
     options = (
         click.option(
             "--hand",
@@ -157,6 +157,13 @@ def object_options(command: Command) -> Command:
         ),
         click.option(
             "--approach", metavar="AXES", help="Allowed approaches, as +z,-x (a table below, a wall behind)."
+        ),
+        click.option(
+            "--type",
+            "grasp_type",
+            default="any",
+            metavar="power|precision|any",
+            help="power: wraps of the whole hand only; precision: fingertips only.  [default: any]",
         ),
         click.option("--seed", type=int, default=0, help="Seed of every random draw."),
         click.option(
@@ -315,6 +322,7 @@ def request_from(thing: str, task: str, *, hand: Any, options: dict[str, Any], *
         avoid=boxes_from(options["avoid"]),
         obstacle=options["obstacle"],
         approaches=options["approach"],
+        grasp_type=options["grasp_type"],
         settings=Settings(thresholds=thresholds, seed=options["seed"]),
         **{name: options[name] for name in same},
         **more,

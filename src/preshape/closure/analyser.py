@@ -10,7 +10,6 @@ from __future__ import annotations
 import zlib
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 
@@ -34,7 +33,7 @@ from .candidates import (
 from .contact_places import allowed_surface
 from .demand import Demand, inner_centre, task_demand, turn_levers
 from .finish import ENOUGH, INSIDE, OVERLAP, FinishedGrip, Finisher, FinishOptions
-from .grips import GripExploration, described, grip_exploration
+from .grips import GripExploration, described, grip_exploration, of_both_kinds
 from .hand_pinches import hand_pinches
 from .limits import LOAD, costliest, heaviest_mass, nothing_left, remedy, rules_cost, shortfall, why_none
 from .pinching import PINCHED, THINNEST, Pincher, antipodal_patches
@@ -42,7 +41,7 @@ from .recall import FEW_VALUES, on_object, recalled
 from .rules import breaks
 from .search import ClosureSearch
 from .settings import ClosureSettings
-from .wrapping import families
+from .wrapping import families, wraps
 
 STILL_GOOD = 0.95
 """Mode 0 answers with a recalled grip that still has this share of its stored quality [C]."""
@@ -53,27 +52,13 @@ REFUSED_EXAMINED = 24
 ENOUGH_MARGIN, ENOUGH_CLOSED = 1.5, 100
 """Limits of a poor search [C]. More candidates are drawn if the best margin is below the first number, or if
 fewer than the second closed. The best are refined again while the margin is below the first number."""
-WRAP_ELITE, WRAP_CHILDREN, WRAP_SAMPLES = 16, 6, 4
+WRAP_ELITE, WRAP_CHILDREN, WRAP_SAMPLES = 32, 6, 4
 """Size of the elite set of wraps, number of children of each of them, and of disturbed poses [C]."""
+WRAP_ROUNDS, WRAP_DECAY = 2, 0.8
+"""Rounds of refinement of wraps for each round of fingertip grips, and the factor by which their spread
+shrinks [C]: few draws balance anything, so they are refined for longer. Measured on wood block and cracker
+box with two hands, the best margin doubled."""
 _CACHED_AIMS = 24
-
-
-class Effort(NamedTuple):
-    """Size of the search for one aim.
-
-    Attributes:
-        candidates: Number of candidates in the first draw.
-        elite: Size of the elite set.
-        rounds: Number of rounds of refinement.
-        grips: Number of grips wanted.
-        samples: Number of disturbed poses tested for each grip.
-    """
-
-    candidates: int
-    elite: int
-    rounds: int
-    grips: int
-    samples: int
 
 
 class ClosureAnalyser:
@@ -204,9 +189,14 @@ class ClosureAnalyser:
         demand, unexplored = self.demand(task), not self._is_explored(task)
         options = FinishOptions(count=len(own), unexplored=unexplored, firm=not unexplored)
         finished = list[FinishedGrip]()
-        for family in families(on_object(own, self.mesh, self.hand)):
+        for family in self._wanted(on_object(own, self.mesh, self.hand)):
             finished += self.finisher.finish(self.search.evaluate(family, demand), demand, options)
         return self.grips(task, finished)
+
+    def _wanted(self, drawn: DrawnCandidates) -> list[DrawnCandidates]:
+        """The families among candidates that the settings' grasp type allows."""
+        kind = self.settings.grasp_type
+        return [family for family in families(drawn) if kind == "any" or wraps(family) == (kind == "power")]
 
     def heaviest(self, q: Array, grasp: Grasp) -> float | None:
         """Heaviest mass for which a grip would still be good enough for the task [kg]."""
@@ -249,7 +239,8 @@ class ClosureAnalyser:
         4. Finish the best.
         5. In a search of all planes, while the margin is too small: drop candidates similar to those that
            failed, draw others in their place, and repeat from 3.
-        6. If the fingertips are not far stronger than needed, search wraps of the whole hand as well.
+        6. If the fingertips are not far stronger than needed, or answers of both kinds are wanted, search
+           wraps of the whole hand as well. The settings' grasp type may leave out one of the kinds.
         7. If everything has been searched and no grip is good enough, allow a firm press.
         8. In the wider searches, finish the best stored grips that lie in the aim, too. They stay apart from
            the candidates: what the memory holds must not make a search find less.
@@ -266,9 +257,9 @@ class ClosureAnalyser:
             )
         if self.allowed is not None and not len(self.allowed):
             return grip_exploration([], 0, nothing_left(self.settings.rules))
-        demand, settings, effort = self.demand(q), self.settings, self._effort(aim)
-        one_plane = len(aim.planes) == 1
+        demand, settings, one_plane = self.demand(q), self.settings, len(aim.planes) == 1
         at_estimate = one_plane and len(aim.values) <= FEW_VALUES
+        effort = settings.effort(one_plane, at_estimate)
         lessons = [e for e in self._known() if e.scene == self.scene] if at_estimate else self._known()
         known = recalled(lessons, self.mesh, q, aim, hand=self.hand, sets=self.sets)
         # 1. Stored grips.
@@ -283,13 +274,14 @@ class ClosureAnalyser:
                     return grip_exploration(self.grips(q, [best_known]), tried)
         # 2. Candidates.
         rng = np.random.default_rng([self.seed, zlib.crc32(_key(aim))])
-        drawn = self._draw(rng, aim, effort.candidates)
-        found = self.search.evaluate(drawn, demand)
-        if not one_plane:
-            found = self._draw_more(rng, aim, found, demand, settings.persistence)
         options = FinishOptions(count=effort.grips, planes=aim.planes, unexplored=unexplored)
+        power, precision = (settings.grasp_type == kind for kind in ("power", "precision"))
+        drawn = self._draw(rng, aim, 0 if power else effort.candidates)
+        found = self.search.evaluate(drawn, demand)
+        if not one_plane and not power:
+            found = self._draw_more(rng, aim, found, demand, settings.persistence)
         finished, source, pool = list[FinishedGrip](), found, found
-        last = 0 if one_plane else settings.persistence
+        last = -1 if power else 0 if one_plane else settings.persistence
         for k in range(1 + last):
             # 3. Refinement.
             found = self.search.refine(
@@ -311,12 +303,16 @@ class ClosureAnalyser:
                 fresh = replace(more, tally=more.tally - pool.tally)
                 found, pool = merged(found, fresh), more
         # 6. Wraps.
-        wrapped, wrapped_tally = list[FinishedGrip](), np.zeros_like(found.tally)
-        if settings.wraps and not at_estimate and _best_margin(finished) < ENOUGH_MARGIN:
-            wrapped, wrapped_tally = self._wraps(rng, aim, demand, options)
-            tried += int(wrapped_tally[0])
+        wrapped, tally = list[FinishedGrip](), found.tally
+        strong = _best_margin(finished) >= ENOUGH_MARGIN and not (settings.both and not one_plane)
+        if power or (settings.wraps and not precision and not at_estimate and not strong):
+            wrapped, closed = self._wraps(rng, aim, demand, options)
+            tried, tally = tried + closed.tried, tally + closed.tally
+            if power:
+                found = source = closed
+                tried -= closed.tried
         # 7. Firm press.
-        if not unexplored and max(_best_margin(finished), _best_margin(wrapped)) < 1.0:
+        if not power and not unexplored and max(_best_margin(finished), _best_margin(wrapped)) < 1.0:
             finished = self.finisher.finish(source, demand, replace(options, by_joints=True, firm=True))
         # 8. Stored grips in the aim.
         if known is not None and not at_estimate:
@@ -328,14 +324,25 @@ class ClosureAnalyser:
         every = sorted([*remembered, *finished, *wrapped], key=lambda grip: -grip.margin)
         answers = self.grips(q, every)
         answers.sort(key=lambda grip: -grip.judged)
+        if power:
+            answers = [grip for grip in answers if grip.whole_hand]
+        best = of_both_kinds(answers, effort.grips)
         reason, miss = "" if answers else why_none(found, settings), None
         if not one_plane:
-            self._tallies[q.tobytes()] = found.tally + wrapped_tally
+            self._tallies[q.tobytes()] = tally
         if not answers and not one_plane:
             rules = costliest(found, self.search.blockers.names)
-            miss = self._nearest_miss(q, source, self._draw(rng, aim, effort.candidates), demand, aim, rules)
+            again = effort.candidates
+            drawn = (
+                self.search.wrapper.draw(
+                    rng, self.search.pool, self.mesh, again, self._region(aim), self.allowed
+                )
+                if power
+                else self._draw(rng, aim, again)
+            )
+            miss = self._nearest_miss(q, source, drawn, demand, aim, rules)
             reason += remedy(rules, miss)
-        return grip_exploration(answers[: effort.grips], tried + found.tried, reason, miss)
+        return grip_exploration(best, tried + found.tried, reason, miss)
 
     def _nearest_miss(
         self,
@@ -391,7 +398,7 @@ class ClosureAnalyser:
             firm=not unexplored,
         )
         finished = list[FinishedGrip]()
-        for family in families(known):
+        for family in self._wanted(known):
             found = self.search.evaluate(family, demand)
             examined = found.take(distinct(found, RECALL_EXAMINED))
             finished += self.finisher.finish(examined, demand, options)
@@ -399,20 +406,33 @@ class ClosureAnalyser:
 
     def _wraps(
         self, rng: np.random.Generator, aim: Aim, demand: Demand, options: FinishOptions
-    ) -> tuple[list[FinishedGrip], IntArray]:
-        """The best wraps of the whole hand in an aim, and the tally of the hands closed for them."""
-        region, settings = self._region(aim), self.settings
-        share = 1.0 if len(aim.planes) > 1 else 0.5
-        drawn = self.search.draw_wraps(rng, self.mesh, round(share * settings.wraps), region, self.allowed)
-        if not len(drawn):
-            return [], np.zeros(4 + len(self.search.blockers), dtype=np.int64)
-        found = self.search.evaluate(drawn, demand)
-        found = self.search.refine(
-            rng, found, demand, elite=WRAP_ELITE, children=WRAP_CHILDREN, rounds=settings.rounds
-        )
-        examined = found.take(distinct(found, max(16, 4 * options.count)))
-        examined = self.search.steady(rng, examined, demand, samples=WRAP_SAMPLES)
-        return self.finisher.finish(examined, demand, options), found.tally
+    ) -> tuple[list[FinishedGrip], RankedCandidates]:
+        """The best wraps of the whole hand in an aim, and the candidates, best first."""
+        settings, whole = self.settings, len(aim.planes) > 1
+        count, grips = round((1.0 if whole else 0.5) * settings.wraps), list[FinishedGrip]()
+        every: RankedCandidates | None = None
+        for _ in range(1 + settings.persistence if whole else 1):
+            drawn = self.search.draw_wraps(rng, self.mesh, count, self._region(aim), self.allowed)
+            found = self.search.refine(
+                rng,
+                self.search.evaluate(drawn, demand),
+                demand,
+                elite=WRAP_ELITE,
+                children=WRAP_CHILDREN,
+                rounds=WRAP_ROUNDS * settings.rounds,
+                decay=WRAP_DECAY,
+            )
+            every = found if every is None else merged(every, found)
+            examined = found.take(distinct(found, max(16, 4 * options.count)))
+            examined = self.search.steady(rng, examined, demand, samples=WRAP_SAMPLES)
+            # The fine spheres touch at other places, so twice as many as wanted are finished.
+            wide = replace(options, count=2 * options.count)
+            grips += self.finisher.finish(examined, demand, wide)
+            if _best_margin(grips) >= 1.0:
+                break
+        assert every is not None
+        grips.sort(key=lambda grip: -grip.margin)
+        return grips[: options.count], every
 
     def _is_explored(self, q: Array) -> bool:
         """Whether all planes have been searched for a task, by this analyser or at teaching."""
@@ -437,15 +457,6 @@ class ClosureAnalyser:
             more = self.search.evaluate(self._draw(rng, aim, 2 * self.settings.everywhere), demand)
             found = merged(found, more)
         return found
-
-    def _effort(self, aim: Aim) -> Effort:
-        """Size of the search: small at the estimate, larger on one plane, largest over all planes."""
-        s = self.settings
-        if len(aim.planes) > 1:
-            return Effort(s.everywhere, s.elite, s.rounds, s.finished, samples=8)
-        if len(aim.values) > FEW_VALUES:
-            return Effort(s.on_plane, max(1, s.elite // 2), s.rounds, min(s.finished, 4), samples=8)
-        return Effort(s.at_aim, max(1, s.elite // 4), min(1, s.rounds), 1, samples=4)
 
     def _draw(self, rng: np.random.Generator, aim: Aim, count: int) -> DrawnCandidates:
         """Draw candidates in an aim: pinches where the object fits between fingers, else preshaped hands."""

@@ -42,7 +42,7 @@ class Blockers:
         self.obstacles, self._tables, self._kernel = settings.obstacles, tables, kernel
         self.names = (*settings.obstacles.names, *settings.rules.names)
         self.places = ContactPlaces(settings.rules, settings.device)
-        self.kept_off = KeptOff(settings.rules, hand, settings)
+        self.kept_off = KeptOff(self.places.kept_off, hand, settings)
         self._slack = GRID_ERROR * spacing
 
     def __len__(self) -> int:

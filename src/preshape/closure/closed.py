@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from ..hiis.analyser import PALM
@@ -50,6 +52,29 @@ class ClosedHands:
 
 
 _ROWS = ("grasp", "points", "normals_in", "links", "counts", "real")
+
+
+class ClosedCandidates(NamedTuple):
+    """k of the candidates, which closed on the object.
+
+    Attributes:
+        rows: (k,) their indices.
+        closings: (k,) how they closed.
+        candidates: (k,) the hands where they closed, which for a wrap is where its palm stopped.
+        grasp: (k, j) joint angles [rad].
+        links: (k, c) joint that carries each contact; ``ON_PALM`` for the palm.
+    """
+
+    rows: IntArray
+    closings: Closings
+    candidates: Candidates
+    grasp: Array
+    links: IntArray
+
+    def take(self, rows: IntArray) -> ClosedCandidates:
+        """The hands with these indices, in that order."""
+        closings, candidates = self.closings.take(rows), self.candidates.take(rows)
+        return ClosedCandidates(self.rows[rows], closings, candidates, self.grasp[rows], self.links[rows])
 
 
 def closed_hands(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from ..kernels.field.host import SurfaceQuery
@@ -26,12 +28,13 @@ class ContactPlaces:
 
     Attributes:
         names: Each rule in words, in the order of the columns of :meth:`broken`.
+        kept_off: The parts to keep off.
     """
 
     def __init__(self, rules: ContactRules, device: str = "cpu") -> None:
         self.names = rules.names
         self._hold = [PartQuery(part, device) for part in rules.hold_on]
-        self._off = [PartQuery(part, device) for part in rules.keep_off]
+        self.kept_off = tuple(PartQuery(part, device) for part in rules.keep_off)
 
     def __len__(self) -> int:
         return len(self.names)
@@ -48,9 +51,9 @@ class ContactPlaces:
         """
         columns = []
         if self._hold:
-            nearest = np.min([part.distance(points) for part in self._hold], axis=0)
-            columns.append(nearest > ON_PART + slack)
-        columns += [part.distance(points) < KEEP_OFF for part in self._off]
+            near = [part.nearer(points, ON_PART + slack) for part in self._hold]
+            columns.append(~np.any(near, axis=0))
+        columns += [part.nearer(points, KEEP_OFF) for part in self.kept_off]
         return np.stack(columns, axis=1) if columns else np.zeros((len(points), 0), dtype=bool)
 
     def broken_by(self, points: Array, counts: IntArray, *, slack: float = 0.0) -> BoolArray:
@@ -64,7 +67,7 @@ class ContactPlaces:
 
 
 class PartQuery:
-    """Exact distances from one part.
+    """Exact tests of nearness to one part.
 
     Args:
         part: The part.
@@ -79,10 +82,14 @@ class PartQuery:
         self.mesh, self.solid = part_mesh(part), part.solid
         self._query = SurfaceQuery(self.mesh, device=device)
 
-    def distance(self, points: Array) -> Array:
-        """(n,) distance of points (n, 3) from the part [m]; negative inside a volume."""
-        found = self._query.closest(points).distance
-        return found if self.solid else np.abs(found)
+    def nearer(self, points: Array, than: float) -> BoolArray:
+        """(n,) whether points (n, 3) [m] are within ``than`` [m] of the part, or inside a volume."""
+        low, high = self.mesh.bounds[0] - than, self.mesh.bounds[1] + than
+        near = ((points >= low) & (points <= high)).all(axis=1)
+        within = math.inf if self.solid else 1.01 * than
+        found = self._query.closest(points[near], within=within).distance
+        near[near] = (found if self.solid else np.abs(found)) < than
+        return near
 
 
 def part_mesh(part: PartSurface) -> TriangleMesh:

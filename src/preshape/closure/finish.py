@@ -222,11 +222,9 @@ class Finisher:
                 break
             # 3. Pregrasps and approaches of a batch.
             apart[part] = [self.opener.links_apart(grasp[row]) for row in part]
-            if len(self.search.blockers.kept_off):
-                poses = np.concatenate([candidates.place, candidates.turn], axis=1)
-                for row in part[apart[part]]:
-                    near = self.search.blockers.kept_off.exactly_near(poses[row], grasp[row])
-                    broken[row, -len(near) :] |= near
+            if len(kept_off := self.search.blockers.kept_off):
+                near = kept_off.exactly_near(candidates.place[part], candidates.turn[part], grasp[part])
+                broken[part, -len(kept_off) :] |= near
             ways = self.opener.find(
                 candidates,
                 grasp,

@@ -75,6 +75,21 @@ def grip_exploration(
     )
 
 
+def of_both_kinds(grips: Sequence[Grip], count: int) -> list[Grip]:
+    """The ``count`` best of these grips, best first; of both kinds, if there are wraps and fingertip grips.
+
+    Args:
+        grips: The grips, best first.
+        count: Largest number of grips.
+    """
+    best = list(grips[:count])
+    others = [grip for grip in grips[count:] if grip.whole_hand != best[0].whole_hand]
+    if others and all(grip.whole_hand == best[0].whole_hand for grip in best):
+        half = len(best) // 2 + 1
+        best[half:] = others[: len(best) - half]
+    return best
+
+
 def described(
     finished: FinishedGrip,
     triangles: IntArray,

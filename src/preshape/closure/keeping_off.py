@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from ..hands.collision import ObjectCollision
@@ -13,7 +15,7 @@ from ..kernels.hand_spheres import FINE
 from ..types import Array, BoolArray
 from .contact_places import PartQuery
 from .hand_tables import hand_tables
-from .rules import KEEP_OFF, ContactRules
+from .rules import KEEP_OFF
 from .settings import ClosureSettings
 
 BY_SPHERES = KEEP_OFF + FINE
@@ -21,6 +23,8 @@ BY_SPHERES = KEEP_OFF + FINE
 by at most ``FINE``."""
 CELL, MOST_NODES = 0.002, 1e6
 """Edge of a cell of a part's distance field [m], and the number of nodes above which cells are larger [C]."""
+DOUBT = 0.001
+"""Error of a distance by spheres that is allowed for before the shapes themselves are looked at [m] [C]."""
 _EXACT = 2e-6  # accuracy of an exact distance [m]
 
 
@@ -31,13 +35,13 @@ class KeptOff:
     2 mm, the interpolation adds at most 0.4 mm at an edge of a part. :meth:`exactly_near` has neither error.
 
     Args:
-        rules: The rules.
+        parts: The parts.
         hand: The hand.
         settings: Device and threads.
     """
 
-    def __init__(self, rules: ContactRules, hand: Hand, settings: ClosureSettings) -> None:
-        self._parts = [PartQuery(part, settings.device) for part in rules.keep_off]
+    def __init__(self, parts: Sequence[PartQuery], hand: Hand, settings: ClosureSettings) -> None:
+        self._parts = parts
         self._exact: list[ObjectCollision] = []
         self._kinematics = HandKinematics(hand)
         self._kernels = []
@@ -72,26 +76,38 @@ class KeptOff:
         Returns:
             (n, m) for each of the m parts.
         """
-        found = np.zeros((len(place), len(self)), dtype=bool)
-        for k, kernel in enumerate(self._kernels):
-            distance, _ = kernel.clearances(place, turn, posture, enough=2 * BY_SPHERES)
-            found[:, k] = distance.min(axis=1) < BY_SPHERES
-        return found
+        return self._within(place, turn, posture, BY_SPHERES)
 
-    def exactly_near(self, palm_pose: Array, q: Array) -> BoolArray:
+    def exactly_near(self, place: Array, turn: Array, posture: Array) -> BoolArray:
         """Whether the true shape of a link is within ``KEEP_OFF`` of each part, to about 1 µm.
 
-        Shapes are those of the hand's model: spheres, capsules, boxes and the hulls of meshes.
+        Shapes are those of the hand's model: spheres, capsules, boxes and the hulls of meshes. Hands whose
+        spheres leave no doubt are clear without a look at the shapes.
 
         Args:
-            palm_pose: (7,) palm frame in the mesh frame, xyz [m] and quaternion wxyz.
-            q: (j,) joint angles [rad].
+            place: (n, 3) origins of the palm frames in the mesh frame [m].
+            turn: (n, 4) orientations of the palm frames, quaternions wxyz.
+            posture: (n, j) joint angles [rad].
 
         Returns:
-            (m,) for each of the m parts.
+            (n, m) for each of the m parts.
         """
-        if not len(self):
-            return np.zeros(0, dtype=bool)
+        found = self._within(place, turn, posture, BY_SPHERES + DOUBT)
+        for row in np.flatnonzero(found.any(axis=1)):
+            pose = np.concatenate([place[row], turn[row]])
+            found[row] &= self._shapes_near(pose, posture[row])
+        return found
+
+    def _within(self, place: Array, turn: Array, posture: Array, distance: float) -> BoolArray:
+        """(n, m) whether the spheres of n hands are within a distance [m] of each part."""
+        found = np.zeros((len(place), len(self)), dtype=bool)
+        for k, kernel in enumerate(self._kernels):
+            apart, _ = kernel.clearances(place, turn, posture, enough=1.01 * distance)
+            found[:, k] = apart.min(axis=1) < distance
+        return found
+
+    def _shapes_near(self, palm_pose: Array, q: Array) -> BoolArray:
+        """(m,) whether a shape of the hand at a pose (7,) and joint angles (j,) [rad] is near each part."""
         if not self._exact:
             self._exact = [ObjectCollision(part.mesh) for part in self._parts]
         self._kinematics.set_posture(q)
@@ -106,7 +122,8 @@ class KeptOff:
             ]
             found[k] = any(surface.distance(shape) < KEEP_OFF + _EXACT for shape in likely)
             if part.solid and likely and not found[k]:  # wholly inside, a shape meets no triangle
-                found[k] = bool((part.distance(np.array([s.corners.mean(axis=0) for s in likely])) < 0).any())
+                middles = np.array([shape.corners.mean(axis=0) for shape in likely])
+                found[k] = bool(part.nearer(middles, KEEP_OFF).any())
         return found
 
 

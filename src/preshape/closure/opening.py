@@ -181,11 +181,8 @@ class Opener:
         sound = (least >= NEAREST) & ~blocked.any(axis=1)
         sound[sound] = [self.links_apart(q) for q in opened[sound]]
         if len(self.kept_off):
-            poses = np.concatenate([candidates.place[rows], candidates.turn[rows]], axis=1)
-            sound[sound] = [
-                not self.kept_off.exactly_near(pose, q).any()
-                for pose, q in zip(poses[sound], opened[sound], strict=True)
-            ]
+            still = candidates.take(rows[sound])
+            sound[sound] = ~self.kept_off.exactly_near(still.place, still.turn, opened[sound]).any(axis=1)
         return opened, least, sound
 
     def _way_in(

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -22,16 +22,16 @@ from ..kernels.hand_spheres import COARSE
 from ..kernels.margin.host import CONTACTS, MarginKernel
 from ..kernels.tables import HandTables
 from ..objects.mesh import TriangleMesh
-from ..types import Array, IntArray
+from ..types import Array
 from .blockers import Blockers
 from .candidates import DrawnCandidates, RankedCandidates, Region, concatenated, distinct, merged
-from .closed import WRAP, ClosedHands, closed_hands, touching_spheres
+from .closed import WRAP, ClosedCandidates, ClosedHands, closed_hands, touching_spheres
 from .contact_places import AllowedSurface
 from .demand import HOLD, LEVER, Demand
 from .hand_tables import hand_tables
 from .preshapes import Preshapes, motor_ranges, posture_at, posture_of, preshapes
 from .settings import ClosureSettings
-from .torque_limits import normal_bounds
+from .torque_limits import TorqueLimits
 from .wrapping import Wrapper, wraps
 
 MIN_CONTACTS = 2
@@ -39,36 +39,13 @@ MIN_CONTACTS = 2
 STEP, TURN, BEND = 0.006, 0.12, 0.10
 """Standard deviations of the first refinement: wrist position [m], wrist rotation [rad], joints of the
 preshape [rad] [C]."""
+DECAY = 0.6
+"""Factor by which these shrink from round to round [C]."""
 WRAP_GAP, WRAP_NEAR, WRAP_BACK = 5e-4, 1.5e-3, 0.012
 """Distance from the surface at which links of a wrap stop in the search, largest distance that counts as
 contact, and distance from the object at which a wrap begins to move in [m] [C]."""
-LIGHT_PUSH = 0.5
-"""Pushes and turns under which unbalanced wraps are compared, in weights of the object [C]."""
 WRAP_DRAWS = 6
 """Largest number of wraps drawn for each one wanted, where table or boxes are in the way of some [C]."""
-
-
-class _Closed(NamedTuple):
-    """k of the candidates, which closed on the object.
-
-    Attributes:
-        rows: (k,) their indices.
-        closings: (k,) how they closed.
-        candidates: (k,) the hands where they closed, which for a wrap is where its palm stopped.
-        grasp: (k, j) joint angles [rad].
-        links: (k, c) joint that carries each contact; ``ON_PALM`` for the palm.
-    """
-
-    rows: IntArray
-    closings: Closings
-    candidates: Candidates
-    grasp: Array
-    links: IntArray
-
-    def take(self, rows: IntArray) -> _Closed:
-        """The hands with these indices, in that order."""
-        closings, candidates = self.closings.take(rows), self.candidates.take(rows)
-        return _Closed(self.rows[rows], closings, candidates, self.grasp[rows], self.links[rows])
 
 
 class ClosureSearch:
@@ -111,8 +88,17 @@ class ClosureSearch:
         lever = min(LEVER, 1.5 * self.length)
         holding = [(lever, HOLD if not turns else HOLD[[0, 1, 2, 6, 7, 8]]), *turns]
         self._hold_kernels = [(lever, self._margin_kernel(wrenches)) for lever, wrenches in holding]
-        self._carrying: tuple[Demand, MarginKernel] | None = None
         self._task_kernels: dict[bool, tuple[Demand, MarginKernel]] = {}
+        self._torques = TorqueLimits(
+            self.tables,
+            hand,
+            settings,
+            self.cog,
+            self.length,
+            task=self._task_kernel,
+            holding=self._hold_kernels,
+            make=self._margin_kernel,
+        )
 
     def draw_wraps(
         self,
@@ -168,10 +154,10 @@ class ClosureSearch:
         hits = self.blockers.refuse(hands.closings, hands.candidates, hands.grasp)
         hands = hands.take(np.flatnonzero(~hits.any(axis=1) if blocked is None else hits[:, blocked]))
         task, hold = self.strengths(hands.closings, demand, ranking=True, least=max(least, 0.0))
-        score = self._within_torques(hands, self.score(task, hold, demand), demand, least=max(least, 0.0))
+        score = self._torques.score(hands, self.score(task, hold, demand), demand, least=max(least, 0.0))
         if wraps(drawn):
             unbalanced = np.flatnonzero(score <= 0.0)
-            score[unbalanced] = -self._imbalance(hands.take(unbalanced), demand)
+            score[unbalanced] = -self._torques.imbalance(hands.take(unbalanced), demand)
         found = RankedCandidates(
             drawn=replace(drawn.take(hands.rows), candidates=hands.candidates),
             closings=hands.closings,
@@ -182,7 +168,7 @@ class ClosureSearch:
         )
         return found.take(np.argsort(-score, kind="stable"))
 
-    def _closed(self, candidates: Candidates) -> _Closed:
+    def _closed(self, candidates: Candidates) -> ClosedCandidates:
         """The candidates that close on the object, none of whose contacts is on a lid."""
         if len(candidates) and candidates.mask[0] & WRAP:
             return self._wrapped(candidates)
@@ -195,9 +181,9 @@ class ClosureSearch:
         hands = candidates.take(rows)
         _, links = touching_spheres(self.tables, closings)
         grasp = posture_at(self.tables, hands.start, closings.closing)
-        return _Closed(rows, closings, hands, grasp, links)
+        return ClosedCandidates(rows, closings, hands, grasp, links)
 
-    def _wrapped(self, candidates: Candidates) -> _Closed:
+    def _wrapped(self, candidates: Candidates) -> ClosedCandidates:
         """The same for wraps; their contacts are exact already."""
         if self.query is None:
             raise ValueError("wraps need the object's surface")
@@ -213,81 +199,7 @@ class ClosureSearch:
             normals_in=hands.normals_in,
             counts=hands.counts,
         )
-        return _Closed(rows, closings, hands.candidates, hands.grasp, hands.links)
-
-    def _within_torques(self, hands: _Closed, score: Array, demand: Demand, *, least: float = 0.0) -> Array:
-        """(k,) scores lowered to what the hands' motors can press.
-
-        A score is per unit of normal force, so it stands for the strongest press of the settings. Where a
-        contact cannot be pressed so hard, the load that forces under the bounds of all contacts balance
-        counts instead, divided by that press.
-
-        Args:
-            hands: The hands.
-            score: (k,) their scores, as if every contact could be pressed as hard as the settings allow.
-            demand: What the grip must produce.
-            least: Scores up to this need not be exact.
-        """
-        press, score = self.settings.strongest, score.copy()
-        rows = np.flatnonzero(score > least)
-        if not len(rows):
-            return score
-        points, normals, counts, bounds = self._contacts(hands.take(rows))
-        used = np.arange(points.shape[1]) < counts[:, None]
-        weak = np.flatnonzero((used & (bounds < press)).any(axis=1))
-        rows = rows[weak]
-        if not len(rows):
-            return score
-        given = points[weak], normals[weak], counts[weak]
-        bounds = bounds[weak]
-        most = score[rows] * press
-        kernel = self._task_kernel(demand)
-        if kernel is not None:
-            base, unit = np.asarray(demand.base) * self.settings.middling, demand.unit(self.length)
-            found = kernel.strengths(
-                *given,
-                unit,
-                self.cog,
-                most=most * demand.load,
-                least=least * press * demand.load,
-                base=base,
-                bounds=bounds,
-            )
-            most = np.minimum(most, found / demand.load)
-        share = self.settings.hold
-        for lever, kernel in self._hold_kernels:
-            found = kernel.strengths(
-                *given, lever, self.cog, most=most * share, least=least * press * share, bounds=bounds
-            )
-            most = np.minimum(most, found / share)
-        score[rows] = most / press
-        return score
-
-    def _contacts(self, hands: _Closed) -> tuple[Array, Array, IntArray, Array]:
-        """Contacts of hands, their inward normals, their numbers, and the bounds on their forces [N]."""
-        closings = hands.closings
-        width = min(closings.points.shape[1], hands.links.shape[1])
-        points, normals, links = closings.points[:, :width], closings.normals_in[:, :width], hands.links
-        bounds = normal_bounds(
-            self.tables, self.hand, hands.candidates, hands.grasp, points, normals, links[:, :width]
-        )
-        return points, normals, closings.counts, np.minimum(bounds, self.settings.strongest)
-
-    def _imbalance(self, hands: _Closed, demand: Demand) -> Array:
-        """(k,) how far hands are from carrying the weight under light pushes, as a share of the press.
-
-        Few drawn wraps balance anything. Those that nearly do are the ones to refine.
-        """
-        if not len(hands.rows):
-            return np.zeros(0)
-        if self._carrying is None or self._carrying[0] is not demand:
-            wrenches = np.concatenate([np.zeros((1, 6)), LIGHT_PUSH * self.settings.weight * HOLD])
-            base = np.asarray(demand.base) * self.settings.middling
-            self._carrying = demand, self._margin_kernel(wrenches, base=base)
-        points, normals, counts, bounds = self._contacts(hands)
-        unit = min(LEVER, 1.5 * self.length)
-        out = self._carrying[1](points, normals, counts, unit, bounds=bounds, reference=self.cog)
-        return np.asarray(out["residual"], dtype=np.float64) / self.settings.strongest
+        return ClosedCandidates(rows, closings, hands.candidates, hands.grasp, hands.links)
 
     def _links_apart(self, q: Array) -> bool:
         """Whether no two links of the hand overlap; fingers that go round an object may meet each other."""
@@ -436,6 +348,7 @@ class ClosureSearch:
         elite: int,
         children: int,
         rounds: int,
+        decay: float = DECAY,
     ) -> RankedCandidates:
         """Search near the best candidates.
 
@@ -450,6 +363,7 @@ class ClosureSearch:
             elite: Size of the elite set; four times as many candidates enter the next round.
             children: Number of children of each candidate in the elite set.
             rounds: Number of rounds.
+            decay: Factor by which the spread of the children shrinks from round to round.
         """
         best, most = found, 4 * elite
         for k in range(rounds):
@@ -458,7 +372,7 @@ class ClosureSearch:
             parents = best.take(distinct(best, elite, 1.0 / (k + 1)))
             # A child that cannot enter the next round needs no exact score.
             least = float(best.score[most - 1]) if len(best) >= most else 0.0
-            nearby = self.perturbed(rng, parents, children, 0.6**k)
+            nearby = self.perturbed(rng, parents, children, decay**k)
             best = merged(best, self.evaluate(nearby, demand, least=least), most=most)
         return best
 
@@ -491,7 +405,7 @@ class ClosureSearch:
         broken = self.blockers.misplaced(hands.closings)
         hands = hands.take(np.flatnonzero(~broken.any(axis=1)))
         nominal = self.score(*self.strengths(hands.closings, demand, ranking=True), demand)
-        score[hands.rows] = self._within_torques(hands, nominal, demand)
+        score[hands.rows] = self._torques.score(hands, nominal, demand)
         sorted_scores = np.sort(score.reshape(len(found), samples), axis=1)
         expected = 0.5 * (found.score + sorted_scores[:, : max(1, samples // 2)].mean(axis=1))
         return replace(found, score=expected).take(np.argsort(-expected, kind="stable"))

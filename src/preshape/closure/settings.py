@@ -4,18 +4,39 @@ from __future__ import annotations
 
 import re
 from dataclasses import field
+from typing import NamedTuple
 
 import numpy as np
 
 from ..exceptions import InputError, shown
 from ..kernels.closing.host import Obstacles
-from ..types import FIELD_MASS, FRICTION, GRAVITY, finite_number, freeze, value, whole_number
+from ..types import FIELD_MASS, FRICTION, GRAVITY, finite_number, freeze, one_of, value, whole_number
 from .rules import ContactRules
 
 _DEVICE = re.compile(r"cpu|cuda(:[0-9]+)?")
 _NUMBERS = ("friction", "torsion", "friction_share", "press_least", "press_most", "safety", "hold")
 _COUNTS = ("at_aim", "on_plane", "everywhere", "elite", "children", "finished", "threads")
+GRASP_TYPES = ("any", "power", "precision")
+"""The families of grips: wraps of the whole hand are power grips, fingertip grips precision grips."""
 _COUNTS_FROM_ZERO = ("persistence", "rounds", "wraps")
+
+
+class Effort(NamedTuple):
+    """Size of the search for one aim.
+
+    Attributes:
+        candidates: Number of candidates in the first draw.
+        elite: Size of the elite set.
+        rounds: Number of rounds of refinement.
+        grips: Number of grips wanted.
+        samples: Number of disturbed poses tested for each grip.
+    """
+
+    candidates: int
+    elite: int
+    rounds: int
+    grips: int
+    samples: int
 
 
 @value
@@ -38,6 +59,8 @@ class ClosureSettings:
         on_plane: Number of candidates for one plane (mode 1).
         everywhere: Number of candidates for all planes (mode 3).
         wraps: Number of wraps of the whole hand, for all planes; half as many for one plane.
+        grasp_type: ``power`` for wraps only, ``precision`` for fingertips only, ``any`` for both.
+        both: Whether wraps are looked for even where fingertips are strong, for answers of both kinds.
         persistence: Number of times that more candidates are drawn, and that the best are refined again, if
             the margin is too small.
         elite: Size of the elite set of a round of refinement.
@@ -65,6 +88,8 @@ class ClosureSettings:
     on_plane: int = 500
     everywhere: int = 2000
     wraps: int = 2400
+    grasp_type: str = "any"
+    both: bool = False
     persistence: int = 3
     elite: int = 32
     children: int = 6
@@ -83,6 +108,7 @@ class ClosureSettings:
         for name in (*_COUNTS, *_COUNTS_FROM_ZERO):
             if name != "threads" or self.threads is not None:
                 freeze(self, **{name: whole_number(getattr(self, name), name, int(name in _COUNTS))})
+        one_of(self.grasp_type, "grasp type", GRASP_TYPES)
         if not isinstance(self.obstacles, Obstacles):
             raise InputError(f"obstacles must be a value of Obstacles, got {shown(self.obstacles)}")
         if not isinstance(self.rules, ContactRules):
@@ -101,6 +127,16 @@ class ClosureSettings:
             raise InputError(f"torsion must be zero or more [m], got {shown(self.torsion)}")
         if not 0 < self.friction_share <= 1:
             raise InputError(f"friction_share must be in 0..1, got {shown(self.friction_share)}")
+
+    def effort(self, one_plane: bool, at_estimate: bool) -> Effort:
+        """Size of the search: small at the estimate, larger on one plane, largest over all planes."""
+        if not one_plane:
+            return Effort(self.everywhere, self.elite, self.rounds, self.finished, samples=8)
+        if not at_estimate:
+            return Effort(
+                self.on_plane, max(1, self.elite // 2), self.rounds, min(self.finished, 4), samples=8
+            )
+        return Effort(self.at_aim, max(1, self.elite // 4), min(1, self.rounds), 1, samples=4)
 
     @property
     def mu(self) -> float:

@@ -254,6 +254,11 @@ class Grip(Grasp, GripPosture):
         """Sum of the normal forces of the squeeze [N]."""
         return float(np.einsum("ni,ni->", self.forces, self.contacts.normals_in))
 
+    @property
+    def whole_hand(self) -> bool:
+        """Whether the palm or several links of a finger touch, as in a wrap, and not only fingertips."""
+        return PALM in self.fingers_touching or len(set(self.fingers_touching)) < len(self.fingers_touching)
+
     def same_as(self, other: Grasp) -> bool:
         """Whether the wrists are closer than a :func:`wrist_distance` of 1."""
         if not isinstance(other, Grip):

@@ -42,7 +42,7 @@ from .critic import (
     recognise,
     recognise_shape,
 )
-from .decision import Decision, Offer, Settings, Status, Transition, decided
+from .decision import Decision, Offer, Settings, Status, Transition, decided, different_answers
 from .estimator import Estimate, InputKind, decode, inputs, predict
 from .knowledge import Knowledge
 from .learning import (
@@ -467,17 +467,9 @@ class Controller:
     def _alternatives(
         self, pa: Analyser, q: Array, grasp: Grasp, allowed: BoolArray, count: int
     ) -> tuple[Grasp, ...]:
-        """The best other answers that differ from each other and from the first (:meth:`Grasp.same_as`)."""
+        """The best other answers; see :func:`~preshape.hiis.decision.different_answers`."""
         found = pa.explore(q, everywhere(self.settings.sets, allowed)).with_fingers(self.settings.finger_rule)
-        answers = [grasp]
-        for i in range(len(found)):
-            enough = judge(float(found.match[i]), self.settings.thresholds.estimation).reward
-            if len(answers) > count or not enough:
-                break
-            other = found.grasp(i)
-            if not any(other.same_as(answer) for answer in answers):
-                answers.append(other)
-        return tuple(answers[1:])
+        return different_answers(grasp, found, count, self.settings.thresholds.estimation)
 
     def _offers(self, pa: Analyser, task: Task, allowed: BoolArray) -> tuple[Offer, ...]:
         """The named tasks nearest to this one that mode 0 or 1 could answer (task correction)."""

@@ -7,8 +7,8 @@ from enum import Enum
 
 from ..tasks import Task
 from ..types import ContactCoefficients, an_instance, freeze, one_of, value, whole_number
-from .analyser import FINGER_RULES, FingerRule, Grasp
-from .critic import Thresholds
+from .analyser import FINGER_RULES, Exploration, FingerRule, Grasp, Grip
+from .critic import Thresholds, judge
 from .estimator import Estimate
 from .fuzzy import FuzzySets
 
@@ -131,6 +131,34 @@ class Decision:
     def deadlock(self) -> bool:
         """Whether the controller waits for a reset."""
         return self.status is Status.DEADLOCK
+
+
+def different_answers(first: Grasp, found: Exploration, count: int, threshold: float) -> tuple[Grasp, ...]:
+    """The best other answers that differ from each other and from the first (:meth:`Grasp.same_as`).
+
+    If wraps and fingertip grips are good enough, both are among the answers: the best of the other kind takes
+    the last place.
+
+    Args:
+        first: The answer.
+        found: All grasps that were found, best first.
+        count: Largest number of other answers.
+        threshold: Score that an answer must reach.
+    """
+    answers = [first]
+    for i in range(len(found)):
+        if not judge(float(found.match[i]), threshold).reward:
+            break
+        other = found.grasp(i)
+        if len(answers) > count and any(_whole_hand(other) == _whole_hand(one) for one in answers):
+            continue
+        if not any(other.same_as(answer) for answer in answers):
+            answers[count:] = [other]
+    return tuple(answers[1:])
+
+
+def _whole_hand(grasp: Grasp) -> bool:
+    return isinstance(grasp, Grip) and grasp.whole_hand
 
 
 def decided(

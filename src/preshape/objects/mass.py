@@ -47,14 +47,14 @@ class ObjectMass:
         """The mass and where it comes from, for display.
 
         >>> ObjectMass(kg=0.3, source="known").words
-        '0.3 kg (the mass of the built-in object)'
+        "0.3 kg (the object's own mass)"
         """
         return f"{self.kg:.3g} kg ({_SOURCES[self.source]})"
 
 
 _SOURCES = {
     "given": "as given",
-    "known": "the mass of the built-in object",
+    "known": "the object's own mass",
     "volume": "assumed: the volume filled with water, at least 0.1 kg; --mass sets it",
 }
 

@@ -22,7 +22,7 @@ from ..exceptions import EnvironmentFailure, InputError, shown
 from ..files import MEGABYTE, MOST_OF_JSON, loads, read_file
 from ..hands.hand import Hand
 from ..hiis.analyser import PALM, Grasp, Grip
-from ..hiis.critic import Thresholds
+from ..hiis.critic import Thresholds, judge
 from ..hiis.decision import Settings
 from ..hiis.fuzzy import SET_NAMES
 from ..tasks import family_names, full_motion
@@ -50,7 +50,9 @@ def plan_to_json(plan: PlanRecord) -> Document:
     """
     an_instance(plan, PlanRecord, "plan")
     document = _answer(plan, plan.answer)
-    document["alternatives"] = [_answer(plan, other) for other in plan.alternatives]
+    document["alternatives"] = [
+        {**_answer(plan, other), "reason": _own_reason(plan, other)} for other in plan.alternatives
+    ]
     document["best"] = None if plan.best is None else {**_answer(plan, plan.best), "executable": False}
     return document
 
@@ -269,6 +271,14 @@ def _answer(plan: PlanRecord, answer: Answer | None) -> Document:
         "seconds": {key: round(second, 6) for key, second in plan.seconds.items()},
         "version": __version__,
     }
+
+
+def _own_reason(plan: PlanRecord, answer: Answer) -> str:
+    """Why an alternative is an answer: its own score, and what it is."""
+    threshold = plan.settings.thresholds.estimation
+    grasp = answer.grasp
+    measure = "the grip's quality (3 is just enough)" if isinstance(grasp, Grip) else "TFVADI"
+    return f"{judge(grasp.judged, threshold, subject=measure).reason}: {grasp.description}"
 
 
 def _rules(plan: PlanRecord) -> list[Document]:

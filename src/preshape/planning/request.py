@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from ..closure.settings import ClosureSettings
+from ..closure.settings import GRASP_TYPES, ClosureSettings
 from ..exceptions import InputError, shown
 from ..hands.hand import Hand
 from ..hands.load import source_of
@@ -82,6 +82,7 @@ _KINDS: tuple[tuple[str, Any, str], ...] = (
     ("hand", str | Hand, "the name of a hand, its description file, or a loaded hand"),
     ("analyser", str | None, f"{' or '.join(ANALYSERS)}, or empty for the hand's default"),
     ("approaches", str | None, "text of approach axes such as +z,-x, or None for all"),
+    ("grasp_type", str, f"{', '.join(GRASP_TYPES[:-1])} or {GRASP_TYPES[-1]}"),
     ("cut_table", bool | np.bool_ | None, "True, False or None"),
     ("learn", bool | np.bool_, "True or False"),
     ("verify", bool | np.bool_, "True or False"),
@@ -120,7 +121,9 @@ class PlanRequest:
         gravity: (3,) unit direction of gravity along the axes of the task; zeros mean none; ``None`` takes
             the task's. On a table, the task's gravity acts after the lift.
         approaches: Allowed approach axes, such as ``+z,-x``; ``None`` allows all.
-        count: Number of different answers.
+        grasp_type: ``power`` for wraps of the whole hand only, ``precision`` for fingertips only, or ``any``.
+            Closure only.
+        count: Number of different answers; where both kinds of grips exist, both are among them.
         learn: Whether a new object is taught to the memory.
         verify: Whether the best answers go through the holding test in physics; the first that holds is
             the answer.
@@ -158,6 +161,7 @@ class PlanRequest:
     avoid: Sequence[Sequence[float]] = ()
     gravity: Sequence[float] | Array | None = None
     approaches: str | None = None
+    grasp_type: str = "any"
     count: int = 1
     learn: bool = True
     verify: bool = False
@@ -209,6 +213,7 @@ class PlanRequest:
             raise InputError("a TriangleMesh is in metres at its final size: unit and scale are for files")
         if isinstance(self.source, TriangleMesh) and self.cut_table is not None:
             raise InputError("a TriangleMesh has no points to cut off: cut_table is for files of points")
+        one_of(self.grasp_type, "grasp type", GRASP_TYPES)
         freeze(self, count=whole_number(self.count, "count, the number of answers,", 1))
         for name in ("mass", "friction"):
             if (given := getattr(self, name)) is not None:
@@ -223,6 +228,8 @@ class PlanRequest:
                 f"a table, boxes to avoid and obstacles need {_REAL_HAND}; the analyser of {self.hand_name} "
                 "here is rays"
             )
+        if self.grasp_type != "any":
+            raise InputError(f"a grasp type needs {_REAL_HAND}; {self.hand_name} is analysed by rays here")
         if not self.verify and (self.stated_mass is not None or not self._usual_friction):
             raise InputError(
                 f"friction and mass need {_REAL_HAND}, or a test in physics (--verify); "
@@ -338,7 +345,8 @@ class PlanRequest:
         """The scene as text, for comparing lessons; empty for free space, the usual load and no rules.
 
         A mass other than the object's own and a friction other than the default are part of the scene,
-        because lessons for another load say nothing certain about this one.
+        because lessons for another load say nothing certain about this one; so is a grasp type, because a
+        lesson of one kind of grips does not say that the other would be worse.
         Heights are relative to the object's lowest point and boxes relative to its COG, rounded to 1 mm. So
         the same object in another file has the same scene, and similar objects on a table share one.
 
@@ -350,6 +358,7 @@ class PlanRequest:
         the text is the same on every platform.
         """
         table, load = [], []
+        kind = [] if self.grasp_type == "any" else [f"{self.grasp_type} grips"]
         stands = self.standing(mesh)
         if stands.table is not None:
             under = round(1000 * (lowest_point(mesh, stands.up) - float(stands.table[3])))
@@ -371,12 +380,12 @@ class PlanRequest:
         rules = sorted(rule.words for rule in self.rules_for(mesh).applied)
         if self.analyser == "rays":
             table, boxes, load = [], [], []
-        text = "; ".join([*table, *boxes, *load, *rules])
+        text = "; ".join([*table, *boxes, *load, *kind, *rules])
         if len(text) <= SCENE_LENGTH:
             return text
         digest = hashlib.sha256("; ".join([*boxes, *rules]).encode()).hexdigest()[:32]
         many = f"{len(boxes)} boxes{f' and {len(rules)} rules' if rules else ''} {digest}"
-        return "; ".join([*table, many, *load])
+        return "; ".join([*table, many, *load, *kind])
 
     def wanted(self, mesh: TriangleMesh) -> int:
         """Number of answers to compute; physics, or the seen part of a cloud, selects among them."""
@@ -396,6 +405,8 @@ class PlanRequest:
             friction=self.stated_friction,
             mass=mass,
             obstacles=self.obstacles(mesh),
+            grasp_type=self.grasp_type,
+            both=self.count > 1 and self.grasp_type == "any",
             rules=replace(rules, keep_off=(*rules.keep_off, *self.obstacle_surfaces(mesh))),
             finished=max(self.search.finished, wanted + wanted // 2 + 2),
         )
@@ -421,6 +432,7 @@ class PlanRequest:
             "avoid": [list(box) for box in self.avoid],
             "gravity": np.asarray(self.gravity).tolist(),
             "approaches": self.approaches,
+            "grasp_type": self.grasp_type,
             "count": self.count,
             "learn": self.learn,
             "verify": self.verify,
@@ -470,6 +482,7 @@ class PlanRequest:
                 "search": ClosureSettings(**{name: data["search"][name] for name in _SEARCH}),
             }
             read |= {name: data[name] for name in _PLAIN}
+            read["grasp_type"] = data.get("grasp_type", "any")
             # Plans from before there were rules were made without any.
             read |= {name: data.get(name, ()) for name in ("hold_on", "keep_off", "obstacle")}
             read["rules"] = data.get("rules", NONE)

@@ -362,7 +362,7 @@ def _file_key(request: PlanRequest) -> tuple[Any, ...]:
 
 _ELEMENT_KEYS = (
     "analyser", "friction", "table", "avoid", "gravity", "seed", "thresholds", "sets", "finger_rule",
-    "coefficients", "up", "rest", "obstacle", "search",
+    "coefficients", "up", "rest", "obstacle", "search", "grasp_type",
 )  # fmt: skip
 """Keys of a request's JSON that analyser and controller depend on."""
 
@@ -370,7 +370,7 @@ _ELEMENT_KEYS = (
 def _element_key(request: PlanRequest, hand: Hand, mesh: TriangleMesh, mass: ObjectMass) -> tuple[Any, ...]:
     """Key of controller and analyser in the cache: everything they depend on besides the object."""
     document, rules = request.to_json(), request.rules_for(mesh).key
-    wanted = request.wanted(mesh) if request.analyser == "closure" else 0
+    wanted = (request.wanted(mesh), request.count > 1) if request.analyser == "closure" else 0
     # The file of an obstacle may have changed under its name.
     files = [repr(file_state(split_part(placed_file(text).file)[0])) for text in request.obstacle]
     return (hand, mass.kg, wanted, rules, *(repr(document[name]) for name in _ELEMENT_KEYS), *files)

@@ -3,9 +3,9 @@
 The mesh is never turned; all poses of a plan stay in its frame. ``up`` says which axis of the mesh is up. The
 axes of a task and its gravity are those of the upright mesh, so they follow ``up``. On a table, the object
 lies as it comes to rest: as the library, a file beside the mesh or the request says, else as it settles
-(:mod:`preshape.objects.resting`). In free space and above a table at a stated height, it is as modelled. The
-task ``lift`` raises the object as it lies; all other tasks keep their axes, and the hand turns the object to
-their gravity after the lift.
+(:mod:`preshape.objects.resting`). A table that was cut off a point cloud is the table. In free space, and
+above a table at a stated height, the object is as modelled. The task ``lift`` raises the object as it lies;
+all other tasks keep their axes, and the hand turns the object to their gravity after the lift.
 """
 
 from __future__ import annotations
@@ -121,6 +121,9 @@ def standing(
                 "m: the object would stand in it; give a lower height, or --table alone for the lowest point"
             )
         return Standing(upright=R, R_world_object=R, table=np.append(R[2], height))
+    seen = mesh.scan.table if mesh.scan is not None and up is None and rest is None else None
+    if seen is not None:  # the table was in the cloud, and its normal is up
+        return Standing(upright=R, R_world_object=turned_up(R @ seen[:3]) @ R, table=seen)
     known = rest if rest is not None else mesh.rest if up is None else None
     settles = known is None
     if known is None:

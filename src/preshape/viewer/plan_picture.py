@@ -47,6 +47,8 @@ WIDTH, HEIGHT = 1400.0, 900.0
 """Size of the sheet [layout units]; the drawn picture is scaled to the requested size."""
 SPACE_WIDTH = 870.0
 """Width of the large picture."""
+MARGIN = 0.16
+"""Distance from the object up to which the picture must contain the hand [m]; about the length of a hand."""
 MOST_LISTED = 6
 """Largest number of fingers in the list of contacts; the palm counts as one."""
 COLUMN = (905.0, 1365.0)
@@ -147,6 +149,13 @@ def _shapes(scene: PlanScene) -> tuple[list[Shape], list[Shape]]:
     if scene.hand:
         grasp.append(hand_shape(scene.hand, alpha=0.55))
     return grasp, [shape for group, shape in solids if group == "scene"]
+
+
+def _in_view(scene: PlanScene, points: Array) -> Array:
+    """The points (k, 3) that the picture must contain: those near the object, without most of a forearm."""
+    low, high = scene.mesh.bounds
+    middle, half = (low + high) / 2, float(np.linalg.norm(high - low)) / 2
+    return points[np.linalg.norm(points - middle, axis=1) < half + MARGIN]
 
 
 def _pins(scene: PlanScene) -> list[tuple[str, Array, Colour]]:

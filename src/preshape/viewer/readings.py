@@ -185,7 +185,6 @@ def fact_rows(document: Document, answer: Document) -> list[tuple[str, str]]:
             ("press", f"{press(answer):.1f} N in all"),
             ("mass", mass_words(answer)),
             ("scene", scene_words(document)),
-            *([("rules", rules_words(document))] if rules_words(document) else []),
             ("refused", refused(answer))
             if refused(answer)
             else ("clearance", f"{1000 * grip['clearance']:.1f} mm to the object on the way in"),
@@ -193,6 +192,8 @@ def fact_rows(document: Document, answer: Document) -> list[tuple[str, str]]:
             *([("type", type_words(answer))] if type_words(answer) else []),
             ("touching", fingers_words(answer)),
         ]
+    if rules_words(document):
+        rows.append(("rules", rules_words(document)))
     if answer.get("verified"):
         rows.append(("physics", str(answer["verified"]["reason"])))
     if answer.get("cloud"):

@@ -180,11 +180,13 @@ class SurfaceQuery:
             threads=usable_threads(device),
         )
 
-    def closest(self, points: ArrayLike) -> Closest:
+    def closest(self, points: ArrayLike, *, within: float = math.inf) -> Closest:
         """The nearest surface point of each point.
 
         Args:
             points: (n, 3) in the mesh frame [m].
+            within: Points that are farther away than this get an infinite distance and triangle -1 [m]; a
+                small value is faster.
 
         Raises:
             InputError: The points are not n×3 finite numbers.
@@ -192,7 +194,7 @@ class SurfaceQuery:
         where = frozen_array(points, (None, 3), "points")
         with self._closest.lock:
             self._given.put(where)
-            self._closest(len(where), {"reach": self._beyond(where)})
+            self._closest(len(where), {"reach": min(self._beyond(where), within)})
             distance, point, normal_out, triangle = (rows.get(len(where)) for rows in self._found.values())
         return Closest(
             distance=read_only(distance.astype(np.float64)),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -66,28 +67,30 @@ def complete(
             table with the object on it.
         InputError: The camera is among the points, or cannot have seen them.
     """
-    points = cloud.echoes
+    points, table = cloud.echoes, None
     check_enough(name, len(points), "points")
     if cut_table is not False:
-        points = _without_table(name, points, cut=cut_table is True)
+        points, table = _without_table(name, points, cut=cut_table is True)
     place = _camera(name, points, cloud, camera)
     clean = cleaned(name, points, place)
     if place is None:
-        return _from_all_round(name, len(points), clean)
-    return _from_one_side(name, len(points), clean, place)
+        made = _from_all_round(name, len(points), clean)
+    else:
+        made = _from_one_side(name, len(points), clean, place)
+    return replace(made, scan=replace(made.scan, table=table))
 
 
-def _without_table(name: str, points: Array, *, cut: bool) -> Array:
-    """The points of what stands on a table, or all points if there is no table.
+def _without_table(name: str, points: Array, *, cut: bool) -> tuple[Array, Array | None]:
+    """The points of what stands on a table, and its plane (4,); all points if there is no table.
 
     Raises:
         ObjectError: There is a table, and it is not to be cut off.
     """
     table = find_table(points)
     if table is None:
-        return points
+        return points, None
     if cut:
-        return points[table.above]
+        return points[table.above], table.plane
     sides = " × ".join(f"{1000 * side:.0f}" for side in table.sides)
     raise ObjectError(
         f"{name}: {100 * table.share:.0f} % of the points lie on one plane of {sides} mm that the others "

@@ -41,6 +41,8 @@ class Scan:
         seen: (m,) whether each triangle was seen; the others are guessed.
         seen_share: Share of the surface that was seen, by area.
         guess: How the rest was guessed, for display.
+        table: (4,) the table that was cut off, as unit normal, which is up, and offset d of the plane n·x = d
+            [m]; ``None`` if none was.
     """
 
     points: int
@@ -48,9 +50,12 @@ class Scan:
     seen: BoolArray
     seen_share: float
     guess: str
+    table: Array | None = None
 
     def __post_init__(self) -> None:
         if not 0.0 <= self.seen_share <= 1.0:
             raise InputError(f"the seen share of a surface must be in 0..1, got {self.seen_share}")
         camera = None if self.camera is None else frozen_array(self.camera, (3,), "camera position")
+        table = None if self.table is None else frozen_array(self.table, (4,), "the table")
+        freeze(self, table=table)
         freeze(self, camera=camera, seen=read_only(np.array(self.seen, dtype=bool)))

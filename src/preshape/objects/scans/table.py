@@ -35,13 +35,16 @@ class TablePlane:
         share: Share of the points that lie on the plane.
         sides: (2,) sides of the rectangle that they fill [m].
         above: (n,) whether each point of the cloud belongs to what stands on the table.
+        plane: (4,) unit normal, towards the object, and offset d of the plane n·x = d [m].
     """
 
     share: float
     sides: Array
     above: BoolArray
+    plane: Array
 
     def __post_init__(self) -> None:
+        freeze(self, plane=frozen_array(self.plane, (4,), "plane of the table"))
         freeze(self, sides=frozen_array(self.sides, (2,), "sides of the table"))
 
 
@@ -91,4 +94,10 @@ def find_table(points: Array, seed: int = 0) -> TablePlane | None:
     inside = bool((rest[0] > table[0]).all() and (rest[1] < table[1]).all())
     if not inside or ratios.min() < WIDER or ratios.prod() < LARGER:
         return None
-    return TablePlane(share=float(on.mean()), sides=np.ptp(table, axis=0), above=above)
+    normal = side * axes[-1]
+    return TablePlane(
+        share=float(on.mean()),
+        sides=np.ptp(table, axis=0),
+        above=above,
+        plane=np.append(normal, middle @ normal),
+    )
