@@ -197,9 +197,9 @@ def test_the_rules_bind() -> None:
 def test_wraps_obey(hand: str) -> None:
     case, made = can(), analyser(hand, "can", wraps=1200)
     demand, options = made.demand(parse_task("lift").q), FinishOptions(count=4)
-    wrapped, tally = made._wraps(np.random.default_rng(0), ALL, demand, options)
+    wrapped, closed = made._wraps(np.random.default_rng(0), ALL, demand, options)
     assert len(wrapped)
-    assert tally[4] > 0  # some were refused
+    assert closed.tally[4] > 0  # some were refused
     for grip in made.grips(parse_task("lift").q, wrapped):
         assert len(grip.contacts.points) >= 3
         obeys(hand, grip, case)

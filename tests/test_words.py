@@ -15,7 +15,7 @@ from preshape.exceptions import InputError, UnknownTask
 from preshape.hiis.critic import judge
 from preshape.memory import Memory
 from preshape.planning.document import lacking
-from preshape.tasks import family_names, parse_task
+from preshape.tasks import OTHER_NAMES, family_names, parse_task
 from preshape.types import told_apart, two_digits
 from preshape.viewer import words
 
@@ -69,7 +69,10 @@ def test_a_margin_is_never_shown_as_nothing(margin: float) -> None:
 )
 def test_common_words_lead_to_a_task(asked: str, task: str) -> None:
     assert task in UnknownTask(asked, family_names()).nearest()
-    if asked != "hand over":
+    meant = OTHER_NAMES.get(asked.replace(" ", "_"))
+    if meant is not None:
+        assert parse_task(asked).name == meant
+    elif asked != "hand over":
         with pytest.raises(UnknownTask, match=f"did you mean .*{task}.*Known: lift, push"):
             parse_task(asked)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..hands.hand import Hand
-from ..kernels.closing.host import Candidates, ClosingKernel, Closings
+from ..kernels.closing.host import Candidates, ClosingKernel, Closings, Obstacles
 from ..kernels.tables import HandTables
 from ..types import Array, BoolArray
 from .contact_places import ContactPlaces
@@ -16,6 +16,8 @@ from .settings import ClosureSettings
 OPENED, ROOM = 0.8, 0.002
 """The hand must be clear of table, boxes and kept-off parts when closed, and when closed by only the first
 share. The second number is the least distance from table and boxes [m] [C]."""
+ABOVE = 0.0005
+"""Distance beyond ``ROOM`` to which a hand is lifted off the table [m] [C]."""
 GRID_ERROR = 0.25
 """Largest error of a contact of the search, which is read from the grid of distances, in cells."""
 
@@ -85,6 +87,22 @@ class Blockers:
         if len(self.kept_off):
             clear &= ~self.kept_off.near(hands.place, hands.turn, hands.start).any(axis=1)
         return clear
+
+    def above_table(self, hands: Candidates, grasp: Array) -> Array:
+        """(k, 3) how far hands must be moved away from the table to be just clear of it [m].
+
+        Args:
+            hands: The hands.
+            grasp: (k, j) their joint angles when they are closed [rad].
+        """
+        table = Obstacles(planes=self.obstacles.planes[:1])
+        begin, end = (q @ self._tables.command.T for q in (hands.start, grasp))
+        apart = [
+            self._kernel.clearances(hands.place, hands.turn, posture_of(self._tables, q), table)[1]
+            for q in (end, begin + OPENED * (end - begin))
+        ]
+        short = np.maximum(ROOM + ABOVE - np.minimum(*apart), 0.0)
+        return np.asarray(short[:, None] * table.planes[0, :3])
 
     def _near(self, hands: Candidates, posture: Array) -> BoolArray:
         """(k, m) which blockers links of hands in postures (k, j) [rad] collide with or are too near to."""

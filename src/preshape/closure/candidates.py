@@ -24,6 +24,8 @@ REACH = 0.85
 """Aim points lie within this fraction of the object's half-extents."""
 _BATCH = 64
 """Number of candidates whose distances are computed in one batch."""
+CANDIDATE_ARRAYS = ("place", "turn", "start", "mask")
+"""The arrays of :class:`~preshape.kernels.closing.host.Candidates`, one row for each."""
 _DRAWN, _RANKED = ("plane", "flip", "value", "preshape"), ("score", "task", "hold")
 
 
@@ -202,12 +204,12 @@ def concatenated(*batches: DrawnCandidates) -> DrawnCandidates:
     """Several batches as one."""
     candidates = [batch.candidates for batch in batches]
     return DrawnCandidates(
-        candidates=Candidates(**_columns(candidates, ("place", "turn", "start", "mask"))),
-        **_columns(batches, _DRAWN),
+        candidates=Candidates(**columns(candidates, CANDIDATE_ARRAYS)),
+        **columns(batches, _DRAWN),
     )
 
 
-def _columns(batches: Sequence[object], names: Sequence[str]) -> dict[str, Any]:
+def columns(batches: Sequence[object], names: Sequence[str]) -> dict[str, Any]:
     """Each of the named arrays of all batches, one batch after the other."""
     return {name: np.concatenate([getattr(batch, name) for batch in batches]) for name in names}
 
@@ -217,8 +219,8 @@ def merged(*batches: RankedCandidates, most: int | None = None) -> RankedCandida
     parts = [batch for batch in batches if len(batch)] or [batches[0]]
     together = RankedCandidates(
         drawn=concatenated(*(part.drawn for part in parts)),
-        closings=Closings(**_columns([part.closings for part in parts], CLOSING_ARRAYS)),
-        **_columns(parts, _RANKED),
+        closings=Closings(**columns([part.closings for part in parts], CLOSING_ARRAYS)),
+        **columns(parts, _RANKED),
         tally=np.sum([batch.tally for batch in batches], axis=0),
     )
     order = np.argsort(-together.score, kind="stable")

@@ -8,11 +8,12 @@ import numpy as np
 
 from ..hiis.analyser import PALM
 from ..kernels.chains import joint_frames, rotations
-from ..kernels.closing.host import Candidates, Closings, Fate
+from ..kernels.closing.host import CLOSING_ARRAYS, Candidates, Closings, Fate
 from ..kernels.field.host import SurfaceQuery
 from ..kernels.margin.host import MOST_CONTACTS
 from ..kernels.tables import HandTables
 from ..types import Array, BoolArray, IntArray, value
+from .candidates import CANDIDATE_ARRAYS, columns
 
 SUNK, OUTSIDE = 0.003, 1e-5
 """Largest penetration of a touching sphere, which is the error of a grid that resolves the object, and least
@@ -75,6 +76,14 @@ class ClosedCandidates(NamedTuple):
         """The hands with these indices, in that order."""
         closings, candidates = self.closings.take(rows), self.candidates.take(rows)
         return ClosedCandidates(self.rows[rows], closings, candidates, self.grasp[rows], self.links[rows])
+
+    def joined(self, other: ClosedCandidates) -> ClosedCandidates:
+        """These hands, then the others."""
+        return ClosedCandidates(
+            closings=Closings(**columns((self.closings, other.closings), CLOSING_ARRAYS)),
+            candidates=Candidates(**columns((self.candidates, other.candidates), CANDIDATE_ARRAYS)),
+            **columns((self, other), ("rows", "grasp", "links")),
+        )
 
 
 def closed_hands(

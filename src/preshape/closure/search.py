@@ -22,7 +22,7 @@ from ..kernels.hand_spheres import COARSE
 from ..kernels.margin.host import CONTACTS, MarginKernel
 from ..kernels.tables import HandTables
 from ..objects.mesh import TriangleMesh
-from ..types import Array
+from ..types import Array, BoolArray
 from .blockers import Blockers
 from .candidates import DrawnCandidates, RankedCandidates, Region, concatenated, distinct, merged
 from .closed import WRAP, ClosedCandidates, ClosedHands, closed_hands, touching_spheres
@@ -44,6 +44,8 @@ DECAY = 0.6
 WRAP_GAP, WRAP_NEAR, WRAP_BACK = 5e-4, 1.5e-3, 0.012
 """Distance from the surface at which links of a wrap stop in the search, largest distance that counts as
 contact, and distance from the object at which a wrap begins to move in [m] [C]."""
+LIFTED = 0.02
+"""Largest distance by which a hand is lifted off the table [m] [C]."""
 WRAP_DRAWS = 6
 """Largest number of wraps drawn for each one wanted, where table or boxes are in the way of some [C]."""
 
@@ -139,7 +141,8 @@ class ClosureSearch:
         """Close candidates and rank those that close on the object.
 
         1. Close every candidate, and drop those that do not close on the object, or close on a lid.
-        2. Drop those that collide with table or boxes, or break a contact rule.
+        2. Lift fingertip grips that reach into the table by little off it, and close them again. Drop those
+           that collide with table or boxes, or break a contact rule.
         3. Compute the strengths of their contacts, as far as the motors' torques allow, and sort by score.
 
         Args:
@@ -152,6 +155,8 @@ class ClosureSearch:
         hands = self._closed(drawn.candidates)
         closed = len(hands.rows)
         hits = self.blockers.refuse(hands.closings, hands.candidates, hands.grasp)
+        if blocked is None and len(self.settings.obstacles.planes) == 1 and not wraps(drawn):
+            hands, hits = self._lifted(hands, hits)
         hands = hands.take(np.flatnonzero(~hits.any(axis=1) if blocked is None else hits[:, blocked]))
         task, hold = self.strengths(hands.closings, demand, ranking=True, least=max(least, 0.0))
         score = self._torques.score(hands, self.score(task, hold, demand), demand, least=max(least, 0.0))
@@ -167,6 +172,29 @@ class ClosureSearch:
             tally=np.array([len(drawn), closed, len(hands.rows), (score > 0).sum(), *hits.sum(axis=0)]),
         )
         return found.take(np.argsort(-score, kind="stable"))
+
+    def _lifted(self, hands: ClosedCandidates, hits: BoolArray) -> tuple[ClosedCandidates, BoolArray]:
+        """The hands, those that only the table refuses moved away from it where that makes them clear.
+
+        Contacts on a thin object lie so near to the table that hardly a hand that is drawn around them is
+        clear of it.
+
+        Args:
+            hands: k hands that closed.
+            hits: (k, m) the blockers that refuse each; the table is the first.
+        """
+        rows = np.flatnonzero(hits[:, 0] & ~hits[:, 1:].any(axis=1))
+        low = hands.take(rows)
+        shift = self.blockers.above_table(low.candidates, low.grasp)
+        near = np.flatnonzero((shift**2).sum(axis=1) < LIFTED**2)
+        low, rows = low.take(near), rows[near]
+        again = self._closed(replace(low.candidates, place=low.candidates.place + shift[near]))
+        refused = self.blockers.refuse(again.closings, again.candidates, again.grasp)
+        clear = np.flatnonzero(~refused.any(axis=1))
+        again, replaced = again.take(clear), rows[again.rows[clear]]
+        again = again._replace(rows=hands.rows[replaced])
+        kept = np.setdiff1d(np.arange(len(hits)), replaced)
+        return hands.take(kept).joined(again), np.concatenate([hits[kept], refused[clear]])
 
     def _closed(self, candidates: Candidates) -> ClosedCandidates:
         """The candidates that close on the object, none of whose contacts is on a lid."""
