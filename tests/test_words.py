@@ -69,7 +69,7 @@ def test_a_margin_is_never_shown_as_nothing(margin: float) -> None:
 )
 def test_common_words_lead_to_a_task(asked: str, task: str) -> None:
     assert task in UnknownTask(asked, family_names()).nearest()
-    meant = OTHER_NAMES.get(asked.replace(" ", "_"))
+    meant = OTHER_NAMES.get(asked.lower().replace(" ", "_"))
     if meant is not None:
         assert parse_task(asked).name == meant
     elif asked != "hand over":

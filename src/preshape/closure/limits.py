@@ -149,8 +149,8 @@ def heaviest_mass(search: ClosureSearch, grip: Grip, demand: Demand) -> float:
     """Heaviest mass for which the grip would still be good enough for the task [kg].
 
     The grip is good enough if the strongest press that the settings and the motors' torques allow balances
-    the load: strength · press / weight ≥ 1. The joints limit the press, so a heavier object takes a larger share
-    of it and the strength falls. Therefore the mass is found by bisection.
+    the load: strength · press / weight ≥ 1. The joints limit the press, so a heavier object takes a larger
+    share of it and the strength falls. Therefore the mass is found by bisection.
 
     Args:
         search: The search that found the grip.

@@ -42,6 +42,7 @@ class PhysicsHand:
         gains: (m,) gains of the motors [N m/rad], in the order of :class:`~preshape.hands.hand.Hand`'s, where
             they differ from those of the hand that plans; a squeeze is aimed again for them.
         own_gains: Whether squeezes are aimed for the gains of the model, so that no test may replace them.
+        damping: Damping of the position servos that replaces the model's [N m s/rad]; ``None`` keeps it.
     """
 
     name: str
@@ -54,6 +55,7 @@ class PhysicsHand:
     order: tuple[tuple[str, str], ...] = ()
     gains: Array | None = None
     own_gains: bool = False
+    damping: float | None = None
 
     def __post_init__(self) -> None:
         if self.gains is not None:
@@ -64,7 +66,7 @@ class PhysicsHand:
     @property
     def digest(self) -> str:
         """Hash of the content; hands with equal digests behave identically."""
-        content = self.mjcf, self.root, self.joints, self.own_gains, *self.order
+        content = self.mjcf, self.root, self.joints, self.own_gains, self.damping, *self.order
         state = hashlib.sha256(repr(content).encode())
         for name, asset in self.assets:
             state.update(name.encode() + b"\0" + hashlib.sha256(asset).digest())

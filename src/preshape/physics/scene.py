@@ -135,6 +135,8 @@ def _add_hand(spec: Any, hand: PhysicsHand, protocol: HoldProtocol) -> None:
         if protocol.gain is not None and not hand.own_gains:
             actuator.gainprm[0] = protocol.gain
             actuator.biasprm[1] = -protocol.gain
+        if hand.damping is not None:
+            actuator.biasprm[2] = -hand.damping
         if not protocol.torque_limits:
             actuator.forcelimited = False
     for geom in child.geoms:
