@@ -1,5 +1,5 @@
 # preshape: two commands are enough.
-#   make demo   sets up what running needs and plans grasps of real objects
+#   make demo   sets up what running needs, takes a mug from a table and pours, in simulation
 #   make test   sets everything up and runs all tests
 
 SHELL := /bin/bash
@@ -43,13 +43,13 @@ $(BIN)/python:
 	  echo "no virtual environment could be made: on Debian, apt-get install python3-venv"; rm -rf $(VENV); exit 3; }
 
 demo: $(RUNTIME)
-	@echo; echo '$$ preshape plan mug --task pour --count 3 --memory $(OUT)/demo/memory.sqlite --out $(OUT)/demo'
-	@$(BIN)/preshape plan mug --task pour --count 3 --memory $(OUT)/demo/memory.sqlite --out $(OUT)/demo
-	@echo; echo '$$ preshape plan mug --task pour --hand shadow --memory $(OUT)/demo/memory.sqlite --out $(OUT)/demo/shadow'
-	@$(BIN)/preshape plan mug --task pour --hand shadow --memory $(OUT)/demo/memory.sqlite --out $(OUT)/demo/shadow
-	@echo; echo "Look at $(OUT)/demo/plan.png and $(OUT)/demo/shadow/plan.html, then try:"
-	@echo "  $(BIN)/preshape view $(OUT)/demo/shadow/plan.json    why this plane, and steer it, in the browser"
-	@echo "  $(BIN)/preshape plan hammer --task strike"
+	@$(call show,plan mug --task pour --hand shadow --table --verify --memory $(OUT)/demo/memory.sqlite --out $(OUT)/demo/mug)
+	@$(call show,simulate $(OUT)/demo/mug/plan.json --out $(OUT)/demo/mug)
+	@$(call show,plan hammer --task strike --hand shadow --memory $(OUT)/demo/memory.sqlite --out $(OUT)/demo/hammer)
+	@echo; echo "Look at $(OUT)/demo/mug/run.gif and $(OUT)/demo/hammer/plan.png, then try:"
+	@echo "  $(BIN)/preshape view $(OUT)/demo/mug/plan.json                  why this grasp, and steer it, in the browser"
+	@echo "  $(BIN)/preshape plan FILE.stl --unit mm --task lift --hand leap   an object and a hand of yours"
+show = echo; echo '$$ preshape $(1)'; $(BIN)/preshape $(1)
 
 # The tests of the browser app need a browser; Debian's is installed where we may.
 browser:
