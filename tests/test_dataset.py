@@ -131,7 +131,8 @@ def test_contacts_forces_and_postures_of_a_row_fit_each_other_and_the_object(tes
         assert np.abs(surface.closest(points).point - points).max() < 1e-7
         assert np.abs(np.linalg.norm(normals, axis=1) - 1).max() < 1e-6
         pressed = np.einsum("ni,ni->n", forces, normals)
-        assert (pressed > 0).all()
+        assert (pressed >= 0).all()  # a link of a wrap may touch without a share of the load
+        assert (pressed > 0).sum() >= 2
         assert math.isclose(pressed.sum(), row["press"], rel_tol=1e-9)
         assert np.linalg.norm(forces - pressed[:, None] * normals, axis=1).max() <= 0.6 * pressed.max()
         assert np.linalg.norm(forces.sum(axis=0)) < 0.03 * row["press"]

@@ -381,7 +381,7 @@ def test_asking_again_never_gives_a_worse_grip(session: Session, name: str) -> N
             if first.grasp is not None:
                 assert again.grasp is not None, (task, again.decision.reason)
                 # A wrap is closed again from a little outside, and stops within its tolerance.
-                assert again.grasp.judged >= first.grasp.judged - 5e-3, task
+                assert again.grasp.judged >= first.grasp.judged - 2e-2, task
 
 
 def test_a_session_answers_as_if_each_request_were_its_first(tmp_path: Path) -> None:

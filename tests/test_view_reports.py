@@ -218,7 +218,9 @@ def gripped(document) -> dict:
         "avoid": [[0.2, 0, 0, 0.3, 0.1, 0.1]],
     }
     load = {"mass": 0.31, "mass_source": "given", "heaviest_mass": 0.74}
-    made |= {"tfvadi": 1.74, "grip": grip, "request": request, "missing_motion": "", **load}
+    lowest = float(load_object("hammer").bounds[0, 2])
+    scene = {**made["scene"], "table": [0.0, 0.0, 1.0, lowest]}
+    made |= {"tfvadi": 1.74, "grip": grip, "request": request, "scene": scene, "missing_motion": "", **load}
     made["alternatives"] = []
     return made
 

@@ -31,7 +31,7 @@ def widget() -> SimpleNamespace:
 @pytest.fixture
 def panel() -> Any:
     names = ("progress", "cancel", "run", "teach", "headline", "memory", "reset")
-    return SimpleNamespace(**{name: widget() for name in names})
+    return SimpleNamespace(**{name: widget() for name in names}, show_parts=lambda *_: None)
 
 
 def test_the_seconds_are_told_until_the_answer_comes(panel: Any) -> None:
