@@ -150,7 +150,7 @@ def test_contacts_forces_and_postures_of_a_row_fit_each_other_and_the_object(tes
                 centres = frames[0, joint] + spheres[:, :3] @ turns[0, joint].T
                 distance = np.linalg.norm(np.array(palm[:3]) + centres @ R.T - point, axis=1)
                 gaps += (distance - spheres[:, 3]).tolist()
-            assert -1e-4 < min(gaps) < 5e-4
+            assert -1e-4 < min(gaps) < 1e-3  # fingertips touch; a link of a wrap may be up to 1 mm away
 
 
 def _rotation(wxyz: list[float]) -> np.ndarray:

@@ -302,7 +302,7 @@ def test_the_parent_link_may_be_any_link_that_stands_still_or_one_of_the_robot()
     ]
     flange = messages_of(CLOSURE, parent_link="flange", mount=mount)[0]
     np.testing.assert_allclose(pose_of(flange) @ spatial.pose_from_seven(mount), pose_of(default), atol=1e-12)
-    with pytest.raises(InputError, match=r"rh_ffdistal moves with the fingers; .*: rh_wrist, rh_forearm, rh_palm"):
+    with pytest.raises(InputError, match=r"rh_ffdistal moves .*: rh_wrist, rh_forearm, rh_palm"):
         messages_of(CLOSURE, parent_link="rh_ffdistal")
     with pytest.raises(InputError, match=r"no link 'rh_plam', only rh_wrist, rh_forearm, rh_palm; .*--mount"):
         messages_of(CLOSURE, parent_link="rh_plam")

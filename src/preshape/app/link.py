@@ -8,7 +8,7 @@ import subprocess
 import sys
 import threading
 from collections.abc import Callable
-from typing import Any
+from typing import IO, Any
 
 from ..exceptions import EnvironmentFailure
 
@@ -42,8 +42,10 @@ class PlannerLink:
     def ask(self, do: str, **content: Any) -> bool:
         """Send a message; returns False if the planner is still working on another one.
 
+        A planner that has ended replies with an error.
+
         Raises:
-            EnvironmentFailure: The planner cannot be reached.
+            EnvironmentFailure: The system refuses another process.
         """
         with self._lock:
             if self.busy or not self._open:
@@ -53,13 +55,9 @@ class PlannerLink:
             assert self._process.stdin is not None
             self._number += 1
             self.busy = True
-            try:
-                self._process.stdin.write(json.dumps({"do": do, "id": self._number, **content}) + "\n")
-                self._process.stdin.flush()
-            except OSError as error:
-                self.busy = False
-                self._stop()
-                raise EnvironmentFailure(f"the planner cannot be reached ({error}); try again") from error
+            line = json.dumps({"do": do, "id": self._number, **content}) + "\n"
+            # A pipe takes 64 KB at once. A planner that does not read must not keep anybody from cancelling.
+            threading.Thread(target=_write, args=(self._process.stdin, line), daemon=True).start()
         return True
 
     def cancel(self) -> bool:
@@ -124,3 +122,10 @@ class PlannerLink:
         process.wait()
         if died:
             self._heard({"error": "the planner stopped (too little memory?); it restarts, please try again"})
+
+
+def _write(pipe: IO[str], line: str) -> None:
+    """Write a line to a planner; if the planner ends, the thread that listens to it says so."""
+    with contextlib.suppress(OSError, ValueError):
+        pipe.write(line)
+        pipe.flush()
