@@ -324,7 +324,9 @@ def test_impossible_rules_say_what_each_cost() -> None:
     assert not len(found)
     assert "against the rule to hold on head (" in found.reason
     assert "to keep off front (" in found.reason
-    assert found.reason.endswith("another part or no rules (--rules none) would help")
+    assert found.reason.endswith(
+        "another part, or --rules none for rules that were not asked for, would help"
+    )
     assert found.miss is not None
     assert found.miss.refused.startswith("it would break the rule to ")
     everything = ContactRules(keep_off=(cut(case.mesh, "all of it", (0, 0, 1), (0, 0, -1.0)),))
@@ -342,7 +344,7 @@ def test_a_weak_answer_says_what_the_rules_cost() -> None:
     assert (
         f"of {tally[1]} hands that closed, {tally[4]} break the rule to hold on handle and {tally[5]}" in said
     )
-    assert said.endswith("another part or no rules (--rules none) may help")
+    assert said.endswith("another part, or --rules none for rules that were not asked for, may help")
     assert "--rules" not in analyser("shadow", "hammer", mass=3.0, rules=ContactRules()).shortfall(
         q, found.grips[0]
     )
@@ -393,8 +395,8 @@ def test_rays_obey_and_count() -> None:
     none = RayAnalyser(case.mesh, layout, rules=ContactPlaces(nowhere)).explore(parse_task("lift").q, aim)
     assert not len(none)
     assert none.reason.endswith(
-        f"where they may touch it; refused were {len(free)} for the rule to keep off all of it: another part "
-        "or no rules (--rules none) may help"
+        f"may touch it; refused were {len(free)} for the rule to keep off all of it: another part, "
+        "or --rules none for rules that were not asked for, may help"
     )
 
 

@@ -425,7 +425,7 @@ def test_a_deadlock_names_mass_shortfall_and_remedy_and_carries_the_best(
     assert document["best"]["executable"] is False
     assert document["best"]["hand"]["squeeze"]["q"]
     assert document["best"]["heaviest_mass"] < 3.0
-    for word in ("3.0 kg", "--mass", "--friction"):
+    for word in ("3.00 kg", "--mass", "--friction"):
         assert word in document["reason"]
     assert "the best that was found" in str(plan)
     monkeypatch.setattr(Session, "run", lambda self, request: plan)

@@ -231,6 +231,7 @@ def test_a_wrong_driver_is_refused_by_what_is_wrong(text: str, said: str, tmp_pa
         (["--driver", "missing.toml"], 3, "missing.toml cannot be read"),
         (["--driver", "."], 2, "no driver '.'"),
         (["--duration", "0"], 2, "the duration must be"),
+        (["--duration", "1e6"], 2, "the duration must be at most 600 s"),
         (["--out", "t.txt"], 2, "the ending says what is written"),
     ],
 )

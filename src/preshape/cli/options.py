@@ -163,7 +163,7 @@ def object_options(command: Command) -> Command:
             "grasp_type",
             default="any",
             metavar="power|precision|any",
-            help="power: wraps of the whole hand only; precision: fingertips only.  [default: any]",
+            help="power: only wraps, with the palm or several links of a finger; precision: only fingertips.",
         ),
         click.option("--seed", type=int, default=0, help="Seed of every random draw."),
         click.option(

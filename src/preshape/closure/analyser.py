@@ -49,9 +49,6 @@ RECALL_EXAMINED, RECALL_FINISHED = 8, 2
 """Number of recalled grips that are examined, and of the best of these that are finished [C]."""
 REFUSED_EXAMINED = 24
 """Number of refused candidates that are examined to show the best of them [C]."""
-CLEAR, CLEAR_SHIFT, CLEAR_TURN = 200, 0.02, 0.3
-"""Number of hands that are clear of the obstacles around which more are drawn, and the standard deviations of
-the position [m] and rotation [rad] of these [C]."""
 ENOUGH_MARGIN, ENOUGH_CLOSED = 1.5, 100
 """Limits of a poor search [C]. More candidates are drawn if the best margin is below the first number, or if
 fewer than the second closed. The best are refined again while the margin is below the first number."""
@@ -457,16 +454,8 @@ class ClosureAnalyser:
             enough = best * self.settings.strongest >= ENOUGH_MARGIN * self.settings.weight
             if enough and len(found) >= ENOUGH_CLOSED:
                 break
-            count = 2 * self.settings.everywhere
-            if len(self.settings.obstacles) and len(found):
-                # Few hands are clear of a table under a flat object, and those around them often are too.
-                count //= 2
-                clear = found.take(rng.permutation(len(found))[:CLEAR])
-                near = self.search.perturbed(
-                    rng, clear, max(1, count // len(clear)), 1.0, shift=CLEAR_SHIFT, turn=CLEAR_TURN
-                )
-                found = merged(found, self.search.evaluate(near, demand))
-            found = merged(found, self.search.evaluate(self._draw(rng, aim, count), demand))
+            drawn = self._draw(rng, aim, 2 * self.settings.everywhere)
+            found = merged(found, self.search.evaluate(self.search.half_clear(rng, drawn, found), demand))
         return found
 
     def _draw(self, rng: np.random.Generator, aim: Aim, count: int) -> DrawnCandidates:

@@ -23,7 +23,7 @@ LOAD, WAY_IN = "the load", "the way in"
 """What refuses candidates, beside obstacles and contact rules by name."""
 OBSTACLE = "keep off the obstacle "
 """Begin of the name of an obstacle from a file, which is a rule to the search."""
-NO_RULES = "another part or no rules (--rules none)"
+NO_RULES = "another part, or --rules none for rules that were not asked for,"
 """What helps against a contact rule."""
 HALVINGS = 7
 """Steps of the bisection for the heaviest mass; the result is within 1 % or better."""
@@ -209,7 +209,7 @@ def shortfall(search: ClosureSearch, grip: Grip, demand: Demand) -> str:
         )
     limit = strongest_press(grip, search.hand)
     bound = "the motors' torques allow" if limit <= settings.strongest else "at this mass the planner allows"
-    held, asked = told_apart(most, mass, digits=1)
+    held, asked = told_apart(most, mass)
     return (
         f"the best grip would hold {held} kg, and {asked} kg is asked: {bound} a press of "
         f"{min(limit, settings.strongest):.0f} N; a lighter object (--mass), more friction (--friction) or a "

@@ -44,6 +44,9 @@ DECAY = 0.6
 WRAP_GAP, WRAP_NEAR, WRAP_BACK = 5e-4, 1.5e-3, 0.012
 """Distance from the surface at which links of a wrap stop in the search, largest distance that counts as
 contact, and distance from the object at which a wrap begins to move in [m] [C]."""
+CLEAR, CLEAR_SHIFT, CLEAR_TURN = 200, 0.02, 0.3
+"""Number of hands that are clear of the obstacles around which more are drawn, and the standard deviations of
+the position [m] and rotation [rad] of these [C]."""
 LIFTED = 0.02
 """Largest distance by which a hand is lifted off the table [m] [C]."""
 WRAP_DRAWS = 6
@@ -320,6 +323,26 @@ class ClosureSearch:
     def score(self, task: Array, hold: Array, demand: Demand) -> Array:
         """(n,) strength divided by expected load; the smaller of the task's and plain holding's ratio."""
         return np.minimum(task / demand.load, hold / self.settings.hold)
+
+    def half_clear(
+        self, rng: np.random.Generator, drawn: DrawnCandidates, found: RankedCandidates
+    ) -> DrawnCandidates:
+        """Where there are obstacles, replace half of new candidates by some around hands clear of them.
+
+        Few hands are clear of a table under a flat object, and those around them often are too.
+
+        Args:
+            rng: Random generator.
+            drawn: New candidates.
+            found: Candidates that are clear, with any score.
+        """
+        if not len(self.settings.obstacles) or not len(found):
+            return drawn
+        half = len(drawn) // 2
+        clear = found.take(rng.permutation(len(found))[:CLEAR])
+        children = max(1, half // len(clear))
+        near = self.perturbed(rng, clear, children, 1.0, shift=CLEAR_SHIFT, turn=CLEAR_TURN)
+        return concatenated(near, drawn.take(rng.permutation(len(drawn))[:half]))
 
     def perturbed(
         self,

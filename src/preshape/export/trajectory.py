@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from ..exceptions import InputError
 from ..types import Array, freeze, frozen_array, positive_number, value
 from .drivers import Driver
 from .moveit import joint_trajectory, trajectory_point
@@ -17,6 +18,8 @@ STAGES = (("pregrasp", 0.0), ("touch", 1.0), ("squeeze", 0.5), ("lift", 2.0))
 """The stages, with the time from the one before [s]; those of the pick test."""
 DURATION = sum(seconds for _, seconds in STAGES)
 """Time from the pregrasp to the end of the lift [s]."""
+LONGEST = 600.0
+"""Longest duration [s]."""
 STEP = 0.01
 """Time between two samples [s]."""
 
@@ -82,9 +85,11 @@ def motor_trajectory(
         duration: Time from the pregrasp to the end of the lift [s].
 
     Raises:
-        InputError: The duration is not positive, or the driver does not fit the hand.
+        InputError: The duration is not positive or too long, or the driver does not fit the hand.
     """
     duration = positive_number(duration, "the duration")
+    if duration > LONGEST:
+        raise InputError(f"the duration must be at most {LONGEST:g} s, got {duration:g}")
     times = np.cumsum([seconds for _, seconds in STAGES]) * (duration / DURATION)
     postures = np.stack([grasp.pregrasp, grasp.grasp, grasp.squeeze, grasp.squeeze])
     commands = grasp.hand.controls(postures)

@@ -244,7 +244,7 @@ class RayAnalyser:
             return ""
         counts = zip(self._rules.names, refused.tolist(), strict=True)
         costs = " and ".join(f"{count} for the rule to {name}" for name, count in counts if count)
-        helps = "another part or no rules (--rules none) may help"
+        helps = "another part, or --rules none for rules that were not asked for, may help"
         return f" where they may touch it; refused were {costs}: {helps}"
 
     def virtual_grasp(self, q: Array, number: int, flip: bool, v: float, fingers: int) -> VirtualGrasp:

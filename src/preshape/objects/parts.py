@@ -188,7 +188,10 @@ def find_part(mesh: TriangleMesh, text: str) -> ObjectPart:
     folded = {_folded(name): part for name, part in named.items()}
     part = named.get(text) or folded.get(_folded(text)) or part_of_text(text)
     if part is None:
-        raise InputError(f"{mesh.name} has no part {shown(text)}; {listed([p.name for p in mesh.parts])}")
+        raise InputError(
+            f"{mesh.name} has no part {shown(text)}; {listed([p.name for p in mesh.parts])}; a half-space is "
+            'written as "z>0.05" (x, y or z, > or <, metres), a box as six numbers'
+        )
     if not part_pieces(mesh, part.region).area > 0:
         low, high = (" ".join(f"{1000 * x:.3g}" for x in corner) for corner in mesh.bounds)
         raise InputError(

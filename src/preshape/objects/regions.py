@@ -247,7 +247,9 @@ def box(low: ArrayLike, high: ArrayLike) -> SurfaceRegion:
     """
     lower, upper = (frozen_array(corner, (3,), "a corner of a box") for corner in (low, high))
     if not (lower < upper).all():
-        raise InputError(f"a box is its lower corner, then its upper, got {[*lower, *upper]}")
+        raise InputError(
+            f"a box is its lower corner, then its upper, got {[*lower.tolist(), *upper.tolist()]}"
+        )
     axes = np.eye(3)
     sides = [HalfSpace(normal=axes[k], offset=float(lower[k])) for k in range(3)]
     sides += [HalfSpace(normal=-axes[k], offset=-float(upper[k])) for k in range(3)]

@@ -29,7 +29,7 @@ from ..exceptions import EnvironmentFailure, InputError, ObjectError, shown
 from ..files import MOST_OF_TOML, read_file
 from ..types import Array, finite_number, freeze, positive_number, value
 from .mesh import UP_AXES, TriangleMesh
-from .parts import SIDECAR, ObjectPart, listed
+from .parts import SIDECAR, ObjectPart, listed, part_of_text
 from .regions import HalfSpace, SurfaceRegion, box, cylinder
 
 SUFFIX = ".preshape.toml"
@@ -122,6 +122,13 @@ def with_sidecar(mesh: TriangleMesh, path: Path) -> TriangleMesh:
     sidecar = read_sidecar(path)
     if sidecar is None:
         return mesh
+    low, high = mesh.bounds
+    if sidecar.com is not None and not ((sidecar.com >= low) & (sidecar.com <= high)).all():
+        raise ObjectError(
+            f"{sidecar_path(path)}: com must lie within the object, which reaches from "
+            f"{' '.join(f'{x:.4g}' for x in low)} to {' '.join(f'{x:.4g}' for x in high)} m, got "
+            f"{shown(sidecar.com.tolist())}: is it in another unit?"
+        )
     known, parts = {part.name: part.region for part in mesh.parts}, list(sidecar.parts)
     for name, group in sidecar.groups:
         if group not in known:
@@ -176,6 +183,8 @@ def _part(entry: dict[str, Any], number: int) -> tuple[str, SurfaceRegion | str]
     name = entry.get("name")
     if not isinstance(name, str) or not name.strip():
         raise InputError(f"part {number} needs a name, got {shown(name)}")
+    if part_of_text(name) is not None:
+        raise InputError(f"the name of a part must not read as a region, got {shown(name)}; rename it")
     kinds = [key for key in _REGIONS if key in entry]
     if len(kinds) != 1:
         raise InputError(
