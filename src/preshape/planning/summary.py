@@ -100,9 +100,7 @@ def _what(document: Document) -> Table:
 def _answer(answer: Document) -> Table:
     grip, hand = answer["grip"], answer["hand"]
     named = words.fingers_words(answer)
-    touching = {c["finger"] for c in answer["contacts"]}
-    counted = f"{len(touching - {'palm'})}{' and the palm' if 'palm' in touching else ''}"
-    fingers = f"{counted}: {named}" if touching else named
+    fingers = f"{''.join(words.touching_words(answer))}: {named}" if answer["contacts"] else named
     way = f"{words.way_in_words(answer)}; {_plane(answer)}"
     rows: list[Row]
     if grip:

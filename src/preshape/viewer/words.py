@@ -233,8 +233,16 @@ def type_words(answer: Document) -> str:
 def answer_words(answer: Document) -> str:
     """One line about an answer: plane, fingers, score, and whether the hand reaches it."""
     state = answer["hand"]["status"] or "not tried"
-    fingers = len({c["finger"] for c in answer["contacts"]}) if answer.get("grip") else answer["fingers"]
-    return f"plane {answer['plane']}, {fingers} fingers, {score_name(answer)} {score(answer):.2f}, {state}"
+    fingers, palm = touching_words(answer) if answer.get("grip") else (str(answer["fingers"]), "")
+    return (
+        f"plane {answer['plane']}, {fingers} fingers{palm}, {score_name(answer)} {score(answer):.2f}, {state}"
+    )
+
+
+def touching_words(answer: Document) -> tuple[str, str]:
+    """Number of fingers that touch, and `` and the palm`` if it touches too."""
+    parts = {c["finger"] for c in answer["contacts"]}
+    return str(len(parts - {"palm"})), " and the palm" if "palm" in parts else ""
 
 
 def refused(answer: Document) -> str:
