@@ -19,6 +19,7 @@ from .hands.kinematics import hand_geometry
 from .hiis.planes import PLANES, ApproachPlane, plane
 from .objects.mesh import TriangleMesh
 from .objects.parts import part_pieces, surface_of, whole_surface
+from .objects.resting import upright
 from .tasks import task_from_numbers
 from .types import FRICTION, Array, frozen_array
 from .viewer import words
@@ -166,7 +167,7 @@ def plan_picture_of(
 
 
 def parts_picture_of(mesh: TriangleMesh, path: Path) -> None:
-    """Write a picture of an object's parts as PNG, each in its colour and with its name.
+    """Write a picture of an object's parts as PNG, upright, each in its colour and with its name.
 
     Where parts overlap, the smaller one is drawn.
 
@@ -185,8 +186,9 @@ def parts_picture_of(mesh: TriangleMesh, path: Path) -> None:
         inside, rest = part.region.split(rest)
         if len(inside.corners):
             pieces.append((part.name, inside))
+    turn = upright(mesh.up).T
     shown = [
-        PartPiece(name=name, vertices=surface.vertices, triangles=surface.triangles)
+        PartPiece(name=name, vertices=surface.vertices @ turn, triangles=surface.triangles)
         for name, surface in [(name, surface_of(name or "rest", p)) for name, p in [*pieces, ("", rest)]]
     ]
     size = " × ".join(f"{1000 * x:.3g}" for x in mesh.extents)
