@@ -142,15 +142,22 @@ def test_contacts_forces_and_postures_of_a_row_fit_each_other_and_the_object(tes
         frames, turns = joint_frames(tables, np.array([row["grasp_q"]]))
         palm = row["grasp_palm"]
         R = _rotation(palm[3:])
+        # Fingertips touch. A link of a wrap may be 1 mm away, and its spheres fill its pieces to 1 mm.
+        most = 5e-4 if len({*row["fingers"]}) == len(points) and "palm" not in row["fingers"] else 2e-3
         for finger, point in zip(row["fingers"], points, strict=True):
-            index = tables.fingers.index(finger)
             gaps = []
+            if finger == "palm":
+                distance = np.linalg.norm(np.array(palm[:3]) + tables.palm[:, :3] @ R.T - point, axis=1)
+                gaps += (distance - tables.palm[:, 3]).tolist()
+                assert -1e-4 < min(gaps) < most
+                continue
+            index = tables.fingers.index(finger)
             for joint in range(int(tables.joint_start[index]), int(tables.joint_start[index + 1])):
                 spheres = tables.sphere[int(tables.sphere_start[joint]) : int(tables.sphere_start[joint + 1])]
                 centres = frames[0, joint] + spheres[:, :3] @ turns[0, joint].T
                 distance = np.linalg.norm(np.array(palm[:3]) + centres @ R.T - point, axis=1)
                 gaps += (distance - spheres[:, 3]).tolist()
-            assert -1e-4 < min(gaps) < 1e-3  # fingertips touch; a link of a wrap may be up to 1 mm away
+            assert -1e-4 < min(gaps) < most
 
 
 def _rotation(wxyz: list[float]) -> np.ndarray:
