@@ -307,10 +307,11 @@ class ClosureAnalyser:
         strong = _best_margin(finished) >= ENOUGH_MARGIN and not (settings.both and not one_plane)
         if power or (settings.wraps and not precision and not at_estimate and not strong):
             wrapped, closed = self._wraps(rng, aim, demand, options)
-            tried, tally = tried + closed.tried, tally + closed.tally
+            tally = tally + closed.tally
             if power:
                 found = source = closed
-                tried -= closed.tried
+            else:
+                tried += closed.tried
         # 7. Firm press.
         if not power and not unexplored and max(_best_margin(finished), _best_margin(wrapped)) < 1.0:
             finished = self.finisher.finish(source, demand, replace(options, by_joints=True, firm=True))

@@ -66,9 +66,7 @@ class Blockers:
         )
         if not len(hands) or not (len(self.obstacles) or len(self.kept_off)):
             return refused
-        begin, end = (q @ self._tables.command.T for q in (hands.start, grasp))
-        for share in (1.0, OPENED):
-            posture = posture_of(self._tables, begin + share * (end - begin))
+        for posture in self._closed_and_opened(hands, grasp):
             refused |= self._near(hands, posture)
         return refused
 
@@ -96,13 +94,17 @@ class Blockers:
             grasp: (k, j) their joint angles when they are closed [rad].
         """
         table = Obstacles(planes=self.obstacles.planes[:1])
-        begin, end = (q @ self._tables.command.T for q in (hands.start, grasp))
         apart = [
-            self._kernel.clearances(hands.place, hands.turn, posture_of(self._tables, q), table)[1]
-            for q in (end, begin + OPENED * (end - begin))
+            self._kernel.clearances(hands.place, hands.turn, posture, table)[1]
+            for posture in self._closed_and_opened(hands, grasp)
         ]
         short = np.maximum(ROOM + ABOVE - np.minimum(*apart), 0.0)
         return np.asarray(short[:, None] * table.planes[0, :3])
+
+    def _closed_and_opened(self, hands: Candidates, grasp: Array) -> list[Array]:
+        """Postures (k, j) [rad] of hands that closed to ``grasp`` (k, j): closed, and a little opened."""
+        begin, end = (q @ self._tables.command.T for q in (hands.start, grasp))
+        return [posture_of(self._tables, begin + share * (end - begin)) for share in (1.0, OPENED)]
 
     def _near(self, hands: Candidates, posture: Array) -> BoolArray:
         """(k, m) which blockers links of hands in postures (k, j) [rad] collide with or are too near to."""
