@@ -104,7 +104,9 @@ def test_cubes_of_any_points_are_closed_and_hold_them() -> None:
 
 def test_the_request_keeps_them_and_the_scene_tells_them_apart(tmp_path: Path) -> None:
     file = saved(tmp_path, WALL)
-    asked = PlanRequest(source="box", task="lift", hand="leap", obstacle=[f"{file}@0.1,0,0,1,0,0,0"])
+    asked = PlanRequest(
+        source="box", task="lift", hand="leap", obstacle=[f"{file}@0.1,0,0,1,0,0,0"], table=None
+    )
     document = asked.to_json()
     assert document["obstacle"] == [f"{file}@0.1,0,0,1,0,0,0"]
     assert PlanRequest.from_json(document).to_json() == document
@@ -125,7 +127,7 @@ def test_the_hand_stays_away_from_a_wall(lesson: Callable[[str], Path], tmp_path
     hand = load_hand("allegro")
     made = plan(
         "box", "lift", hand="allegro", memory=lesson("allegro"), learn=False, closure=quick,
-        obstacle=f"{file}@-0.07,0,0,1,0,0,0",
+        obstacle=f"{file}@-0.07,0,0,1,0,0,0", table=None,
     )  # fmt: skip
     best = made.answer or made.best
     assert best is not None

@@ -227,7 +227,9 @@ def test_what_is_asked_comes_on_top_and_none_leaves_it_alone() -> None:
 
 
 def test_a_request_keeps_its_rules_in_json_and_old_ones_have_none() -> None:
-    asked = PlanRequest(source="mug", task="pour", hand="shadow", hold_on="handle", keep_off=["z<0", "rim"])
+    asked = PlanRequest(
+        source="mug", task="pour", hand="shadow", hold_on="handle", keep_off=["z<0", "rim"], table=None
+    )
     document = asked.to_json()
     again = PlanRequest.from_json(document)
     assert (again.hold_on, again.keep_off, again.rules) == (("handle",), ("z<0", "rim"), "task")
@@ -249,7 +251,7 @@ def test_rules_are_part_of_the_scene_so_that_lessons_are_not_mixed() -> None:
     assert scene("strike", rules="none") == ""
     assert scene("lift", hold_on="handle", keep_off="head") == scene("strike")
     assert scene("lift", keep_off="head") != scene("lift", keep_off="face")
-    rays = PlanRequest(source=hammer, task="strike")
+    rays = PlanRequest(source=hammer, task="strike", hand="utah_mit")
     assert rays.analyser == "rays"
     assert rays.scene(hammer) == scene("strike")
 

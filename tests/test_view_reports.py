@@ -180,7 +180,7 @@ def test_reports_and_plans_share_one_style(tmp_path: Path, document: dict, monke
 
 @pytest.fixture(scope="module")
 def document() -> dict:
-    return preshape.plan_to_json(preshape.plan("hammer", "lift", memory=":memory:", count=4))
+    return preshape.plan_to_json(preshape.plan("hammer", "lift", memory=":memory:", count=4, hand="utah_mit"))
 
 
 def words(html: str) -> str:
@@ -366,7 +366,7 @@ def test_every_unusual_word_of_the_readings_is_explained(document) -> None:
 @pytest.mark.parametrize("task", ["lift:+z", "1 1 .1 .05 .8 .05"])
 @pytest.mark.parametrize("version", [1, 2])
 def test_a_plan_is_opened_with_its_own_task(task: str, version: int, tmp_path: Path) -> None:
-    plan = preshape.plan("cube", task, memory=":memory:", scale=1.5)
+    plan = preshape.plan("cube", task, memory=":memory:", scale=1.5, hand="utah_mit")
     written = preshape.plan_to_json(plan)
     if version == 1:
         for key in ("schema", "request", "mass", "way_in"):
@@ -415,7 +415,7 @@ def test_a_plan_is_opened_with_its_own_request(document, tmp_path: Path) -> None
 def test_a_plan_of_a_mesh_in_memory_is_opened_with_the_file_beside_it(tmp_path: Path) -> None:
     cube = load_object("cube")
     part = TriangleMesh(name="mug", vertices=cube.vertices, triangles=cube.triangles)  # no library mug
-    preshape.plan(part, "1 1 .1 .05 .8 .05", memory=":memory:").save(tmp_path)
+    preshape.plan(part, "1 1 .1 .05 .8 .05", memory=":memory:", hand="utah_mit").save(tmp_path)
     opened = start_of_plan(tmp_path / "plan.json").request
     assert opened.source == str(tmp_path / "mug-surface.obj")
     assert np.allclose(load_object(opened.source, scale=opened.scale).extents, cube.extents, rtol=1e-5)

@@ -1,7 +1,7 @@
 """The planner's public face: keyword arguments become a request, and one session answers it.
 
 >>> from preshape import plan
->>> answer = plan("cube", "1 1 .1 .05 .8 .05", memory=":memory:")
+>>> answer = plan("cube", "1 1 .1 .05 .8 .05", hand="utah_mit", memory=":memory:")
 >>> answer.grasp.plane.index, answer.decision.mode
 (5, 0)
 """
@@ -21,8 +21,9 @@ from .memory import Memory
 from .objects.load import mesh_from
 from .objects.mesh import TriangleMesh
 from .planning.plan import Plan
-from .planning.request import RAY_HAND, PlanRequest
+from .planning.request import HAND, PlanRequest
 from .planning.session import Session
+from .planning.standing import DEFAULT
 from .tasks import Task
 from .types import whole_number
 
@@ -34,7 +35,7 @@ def plan(
     thing: str | Path | TriangleMesh | trimesh.Trimesh,
     task: str | Sequence[float] | Task,
     *,
-    hand: str | Hand = RAY_HAND,
+    hand: str | Hand = HAND,
     analyser: str | None = None,
     scale: float = 1.0,
     unit: str = "m",
@@ -48,7 +49,7 @@ def plan(
     grasp_type: str = "any",
     settings: Settings | None = None,
     closure: ClosureSettings | None = None,
-    table: float | str | None = None,
+    table: float | str | None = DEFAULT,
     avoid: Sequence[Sequence[float]] = (),
     verify: bool = False,
     view: Sequence[float] | str | None = None,
@@ -80,8 +81,8 @@ def plan(
             closure only.
         settings: Thresholds, membership functions and contact coefficients.
         closure: Size and safety of the closure search.
-        table: ``auto`` for a table that the object rests on, or the height of one along ``up`` [m]; closure
-            only.
+        table: ``auto`` for a table that the object rests on, the height of one along ``up`` [m], or ``None``
+            for free space; closure only. By default ``auto`` for a real hand, else free space.
         avoid: Boxes that hand and fingers stay out of, six numbers each: lower and upper corner in the mesh
             frame [m]; closure only.
         verify: Whether the best answers go through the holding test in physics; the first that holds is

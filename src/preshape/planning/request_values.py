@@ -14,7 +14,7 @@ from ..objects.obstacle import placed_file
 from ..objects.scans.complete import ALL_ROUND
 from ..tasks.task import axis_vector
 from ..types import LONGEST_NAME, Array, finite_number, frozen_array
-from .standing import AUTO
+from .standing import AUTO, DEFAULT
 
 FARTHEST = 1e6
 """Largest coordinate of a table or a box to avoid [m]; the kernels count nothing beyond it as solid."""
@@ -123,13 +123,19 @@ def checked_rest(rest: object) -> Array | None:
     return frozen_array(quaternion if abs(length - 1.0) < 1e-15 else quaternion / length, (4,), "rest")
 
 
-def checked_table(table: float | str | None) -> float | str | None:
+def checked_table(table: float | str | None, default: str | None) -> float | str | None:
     """The table as a height [m] or ``auto``; ``None`` and ``none`` are free space.
+
+    Args:
+        table: What was asked for.
+        default: The table that ``default`` means.
 
     Raises:
         InputError: The value is anything else.
     """
-    wanted = "its height in metres, auto or none"
+    wanted = "its height in metres, auto, none or default"
+    if isinstance(table, str) and table.strip().lower() == DEFAULT:
+        return default
     if table is None or (isinstance(table, str) and table.strip().lower() == "none"):
         return None
     if isinstance(table, str) and table.strip().lower() == AUTO:
