@@ -76,7 +76,7 @@ def test_a_request_with_a_key_missing_is_refused(missing: str) -> None:
     ("changes", "words"),
     [
         ({"count": 0}, "at least 1"),
-        ({"table": "high"}, "height in metres, auto or none"),
+        ({"table": "high"}, "height in metres, auto, none or default"),
         ({"table": float("nan")}, "height in metres"),
         ({"avoid": [[0, 0, 0, 1, 1]]}, "a box to avoid"),
         ({"avoid": [[0, 0, 0, 1, 1, -1]]}, "lower corner"),
