@@ -4,7 +4,8 @@ import numpy as np
 
 import preshape
 
-# The box lies on a table. The closure analyser serves every hand but utah_mit, such as "allegro:left" or "my_hand.toml".
+# The box lies on a table. The closure analyser serves every hand but utah_mit, such as "allegro:left"
+# or "my_hand.toml".
 plan = preshape.plan("box", "lift", hand="allegro", memory=":memory:", learn=False)
 grip, hand = plan.grasp, plan.hand_result
 assert isinstance(grip, preshape.Grip)

@@ -19,6 +19,7 @@ from preshape.objects.obstacle import REACH, PlacedFile, cube_edge, cubes, obsta
 from preshape.physics.task.instances import mesh_text
 from preshape.planner import plan
 from preshape.planning.request import PlanRequest
+from preshape.planning.sizes import misplaced_obstacles
 
 WALL = box_mesh("wall", np.array([0.02, 0.3, 0.3]))
 NEAR = np.array([[-0.05, -0.05, -0.05], [0.05, 0.05, 0.05]])
@@ -137,3 +138,18 @@ def test_the_hand_stays_away_from_a_wall(lesson: Callable[[str], Path], tmp_path
             reach = part.corners[:, 0].min() - part.radius
             beside = np.abs(part.corners[:, 1:]).min(axis=0) < 0.15
             assert reach > -0.06 or not beside.all()
+
+
+def test_an_obstacle_that_is_far_away_or_overlaps_the_object_is_named(tmp_path: Path) -> None:
+    box = box_mesh("carton", np.array([0.04, 0.05, 0.12]))
+    file = saved(tmp_path, box)
+
+    def words(pose: str) -> list[str]:
+        return misplaced_obstacles(PlanRequest(source=box, task="lift", obstacle=file + pose), box)
+
+    for pose, said in (("", "100% of the object's surface lies in"), ("@3,0,0,1,0,0,0", "more than 500 mm")):
+        (sentence,) = words(pose)
+        assert said in sentence
+        assert file in sentence
+    assert words("@0.041,0,0,1,0,0,0") == []
+    assert words("@0,0,-0.1198,1,0,0,0") == []  # the object stands on it, 0.2 mm deep

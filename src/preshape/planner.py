@@ -22,6 +22,7 @@ from .objects.load import mesh_from
 from .objects.mesh import TriangleMesh
 from .planning.plan import Plan
 from .planning.request import HAND, PlanRequest
+from .planning.request_values import checked_parts
 from .planning.session import Session
 from .planning.standing import DEFAULT
 from .tasks import Task
@@ -54,8 +55,8 @@ def plan(
     verify: bool = False,
     view: Sequence[float] | str | None = None,
     cut_table: bool | None = None,
-    hold_on: str | Sequence[str] = (),
-    keep_off: str | Sequence[str] = (),
+    hold_on: str | Sequence[str | Sequence[float]] = (),
+    keep_off: str | Sequence[str | Sequence[float]] = (),
     rules: str = "task",
     up: str | None = None,
     rest: Sequence[float] | None = None,
@@ -135,8 +136,8 @@ def plan(
         verify=verify,
         settings=chosen,
         search=ClosureSettings() if closure is None else closure,
-        hold_on=hold_on,
-        keep_off=keep_off,
+        hold_on=checked_parts(hold_on, "hold_on"),
+        keep_off=checked_parts(keep_off, "keep_off"),
         rules=rules,
         memory=_file_of(memory),
     )

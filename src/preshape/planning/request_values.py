@@ -151,6 +151,13 @@ def checked_table(table: float | str | None, default: str | None) -> float | str
     return height
 
 
+def _box_text(item: Any, wanted: str) -> Any:
+    """The six numbers of a box as text; anything but numbers as it is."""
+    if isinstance(item, str) or not isinstance(item, Iterable):
+        return item
+    return " ".join(repr(number) for number in _numbers(item, 6, wanted))
+
+
 def checked_parts(given: object, name: str) -> tuple[str, ...]:
     """Names or descriptions of parts, each once.
 
@@ -160,7 +167,7 @@ def checked_parts(given: object, name: str) -> tuple[str, ...]:
     wanted = f"{name} must be texts, each a part's name, a half-space such as z>0.05, or a box of six numbers"
     if not isinstance(given, str | list | tuple):
         raise InputError(f"{wanted}, got {shown(given)}")
-    texts = [given] if isinstance(given, str) else given
+    texts = [given] if isinstance(given, str) else [_box_text(item, wanted) for item in given]
     for text in texts:
         if not isinstance(text, str) or not text.strip() or len(text) > LONGEST_NAME:
             raise InputError(f"{wanted}, got {shown(text)}")
