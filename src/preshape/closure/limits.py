@@ -135,7 +135,7 @@ def rules_cost(tally: IntArray | None, settings: ClosureSettings) -> str:
     costs += [f"{hits[name]} break the rule to {name}" for name in rules if hits[name]]
     helps = [OFF_THE_TABLE] if "the table" in obstacles and hits["the table"] else []
     helps += ["other boxes (--avoid)"] if any(hits[name] for name in obstacles if name != "the table") else []
-    helps += [NO_RULES.removesuffix(",")] if any(hits[name] for name in rules) else []
+    helps += [NO_RULES] if any(hits[name] for name in rules) else []
     return f"; of {tally[1]} hands that closed, {_listed(costs)}: {', or '.join(helps)} may help"
 
 
