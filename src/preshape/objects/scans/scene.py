@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ...exceptions import EnvironmentFailure, InputError, ObjectError, shown
-from ...files import MOST_OF_MESH, read_file
+from ...files import MOST_OF_MESH, arrays_in, read_file
 from ...types import Array, BoolArray, freeze, frozen_array, value
 from .cleaning import LEAST
 from .scan import RawCloud
@@ -64,9 +64,8 @@ def read_npz(name: str, data: bytes) -> RawCloud:
         ObjectError: The file is no NPZ file of numbers, or an array is missing or has the wrong shape.
     """
     try:
-        with np.load(io.BytesIO(data), allow_pickle=False) as archive:
-            arrays = {key: archive[key] for key in archive.files}
-    except Exception as error:  # zip and NumPy raise many kinds
+        arrays = arrays_in(data)
+    except ValueError as error:
         raise ObjectError(f"{name}: expected an NPZ file of arrays, it holds none ({error!s:.80})") from error
     found = {what: next((arrays[key] for key in keys if key in arrays), None) for what, keys in _KEYS.items()}
     for what, array in found.items():
