@@ -55,6 +55,7 @@ from .request_values import (
     checked_rest,
     checked_table,
     checked_view,
+    refuse_what_rays_ignore,
 )
 from .rules import FOLLOW, MODES, NONE, TaskRules, task_rules
 from .standing import AUTO, DEFAULT, Standing, lowest_point, standing
@@ -95,7 +96,6 @@ _KINDS: tuple[tuple[str, Any, str], ...] = (
     ("up", str | None, f"one of {', '.join(UP_AXES)}, or None for the file's own"),
 )
 """Types of fields, and what the message asks for; :class:`PlanRequest` says what they mean."""
-_REAL_HAND = "a real hand (--hand shadow, leap or allegro) or the closure analyser (--analyser closure)"
 _ALIGNED = 0.9998
 """Cosine of the angle up to which two directions are the same, 1° [C]."""
 
@@ -229,22 +229,7 @@ class PlanRequest:
             if (given := getattr(self, name)) is not None:
                 freeze(self, **{name: positive_number(given, name)})
         if self.analyser == "rays":
-            self._refuse_what_rays_ignore()
-
-    def _refuse_what_rays_ignore(self) -> None:
-        """Refuse obstacles and loads for the ray analyser, which would ignore them without notice."""
-        if self.table is not None or self.avoid or self.obstacle:
-            raise InputError(
-                f"a table, boxes to avoid and obstacles need {_REAL_HAND}; the analyser of {self.hand_name} "
-                "here is rays"
-            )
-        if self.grasp_type != "any":
-            raise InputError(f"a grasp type needs {_REAL_HAND}; {self.hand_name} is analysed by rays here")
-        if not self.verify and (self.stated_mass is not None or not self._usual_friction):
-            raise InputError(
-                f"friction and mass need {_REAL_HAND}, or a test in physics (--verify); "
-                f"the analyser of {self.hand_name} here is rays"
-            )
+            refuse_what_rays_ignore(self)
 
     @property
     def asked(self) -> Task:
@@ -293,7 +278,8 @@ class PlanRequest:
         return self.search.friction if self.friction is None else self.friction
 
     @property
-    def _usual_friction(self) -> bool:
+    def usual_friction(self) -> bool:
+        """Whether the friction is the field's 0.6."""
         # The float32 of 0.6 counts as the float64.
         return abs(self.stated_friction - FRICTION) < 1e-6
 
@@ -384,7 +370,7 @@ class PlanRequest:
         stated, own = self.stated_mass, object_mass(mesh).kg
         if stated is not None and abs(stated - own) > 0.01 * own:
             load = [f"load {stated:.3g} kg"]
-        if not self._usual_friction:
+        if not self.usual_friction:
             load.append(f"friction {self.stated_friction:.3g}")
         centre = [*mesh.cog.tolist(), *mesh.cog.tolist()]
         corners = sorted(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Set
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -16,8 +16,12 @@ from ..tasks.task import axis_vector
 from ..types import LONGEST_NAME, Array, finite_number, frozen_array
 from .standing import AUTO, DEFAULT
 
+if TYPE_CHECKING:
+    from .request import PlanRequest
+
 FARTHEST = 1e6
 """Largest coordinate of a table or a box to avoid [m]; the kernels count nothing beyond it as solid."""
+_REAL_HAND = "a real hand (--hand shadow, leap or allegro) or the closure analyser (--analyser closure)"
 _SIX = "six numbers (lower, then upper corner, in metres)"
 
 
@@ -188,3 +192,23 @@ def checked_parts(given: object, name: str) -> tuple[str, ...]:
         if not isinstance(text, str) or not text.strip() or len(text) > LONGEST_NAME:
             raise InputError(f"{wanted}, got {shown(text)}")
     return tuple(dict.fromkeys(text.strip() for text in texts))
+
+
+def refuse_what_rays_ignore(request: PlanRequest) -> None:
+    """Refuse obstacles and loads for the ray analyser, which would ignore them without notice.
+
+    Raises:
+        InputError: The request has one of them.
+    """
+    if request.table is not None or request.avoid or request.obstacle:
+        raise InputError(
+            f"a table, boxes to avoid and obstacles need {_REAL_HAND}; the analyser of {request.hand_name} "
+            "here is rays"
+        )
+    if request.grasp_type != "any":
+        raise InputError(f"a grasp type needs {_REAL_HAND}; {request.hand_name} is analysed by rays here")
+    if not request.verify and (request.stated_mass is not None or not request.usual_friction):
+        raise InputError(
+            f"friction and mass need {_REAL_HAND}, or a test in physics (--verify); "
+            f"the analyser of {request.hand_name} here is rays"
+        )
