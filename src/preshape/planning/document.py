@@ -142,6 +142,7 @@ def request_of(document: Document, **changes: Any) -> PlanRequest:
             "task": str(task["name"]) if known else [float(x) for x in task["q"]],
             "hand": hand,
             "analyser": analyser,
+            "table": None,
             "mass": FIELD_MASS if analyser == "closure" else None,
             "settings": Settings(thresholds=Thresholds(**limits)),
         }
