@@ -85,7 +85,7 @@ FORMATS = ("moveit", "trajectory", "mjcf", "npz")
     "--duration",
     type=float,
     metavar="SECONDS",
-    help="trajectory: time from the pregrasp to the end of the lift; default 3.5.",
+    help="trajectory: time from the first point to the end of the lift; default 3.5, or what the arm takes.",
 )
 @click.option("--objects", metavar="DIR", help="mjcf, npz: folder of the objects that are not built in.")
 @json_option
@@ -113,8 +113,8 @@ def export(
     """Write PLAN for other programs. PLAN is a plan.json, or - for standard input.
 
     moveit: moveit_msgs/msg/Grasp, one for each answer, the plan's own first (docs/ros.md). trajectory:
-    commands of the motors from the open hand to the lift. mjcf: a MuJoCo scene with hand and object at the
-    grasp. npz: grasp arrays (docs/grasp-file.md).
+    commands of the motors, and of the arm's joints where the plan has an arm, from the open hand to the lift.
+    mjcf: a MuJoCo scene with hand and object at the grasp. npz: grasp arrays (docs/grasp-file.md).
 
     Exit code 0: written. 2: bad input, such as a plan whose hand has no posture. 3: a file or a package is
     missing.
@@ -241,7 +241,7 @@ def _trajectory(
     from ..export.drivers import load_driver
     from ..export.moveit import messages_yaml
     from ..export.trajectory import (
-        DURATION,
+        arm_message,
         motor_trajectory,
         trajectory_arrays,
         trajectory_csv,
@@ -250,12 +250,14 @@ def _trajectory(
     from ..files import write_arrays, write_text
 
     chosen = None if driver is None else load_driver(driver)
-    found = motor_trajectory(grasp, chosen, DURATION if duration is None else duration)
-    message = trajectory_message(found)
-    stages = ", ".join(f"{stage} {time:g} s" for stage, time in zip(found.stages, found.times, strict=True))
+    found = motor_trajectory(grasp, chosen, duration)
+    message, arm = trajectory_message(found), arm_message(found)
+    ends = dict(zip(found.stages, found.times.tolist(), strict=True))
+    stages = ", ".join(f"{stage} {time:.4g} s" for stage, time in ends.items())
+    whose = f"the hand {grasp.hand.name}" + ("" if arm is None else ", then of its arm on the same clock")
     text = messages_yaml(
-        [message],
-        f"trajectory_msgs/msg/JointTrajectory of the hand {grasp.hand.name}\n"
+        [message] if arm is None else [message, arm],
+        f"trajectory_msgs/msg/JointTrajectory of {whose}\n"
         f"from {escaped_line(Path(file).name)} by preshape {__version__}\n"
         f"planned for {grasp.mass:g} kg, friction {grasp.friction:g}\n"
         f"positions in {found.unit}; {stages}\n"
@@ -271,10 +273,11 @@ def _trajectory(
     return text, {
         "driver": None if chosen is None else chosen.name,
         "unit": found.unit,
-        "stages": dict(zip(found.stages, found.times.tolist(), strict=True)),
+        "stages": ends,
         "efforts": found.efforts.tolist(),
         "cut": list(found.cut),
         "trajectory": message,
+        "arm_trajectory": arm,
     }
 
 
