@@ -76,6 +76,10 @@ REFUSED: dict[str, list[tuple[Any, str]]] = {
     "up": [(5, "one of x, y, z"), ("+z", "one of x, y"), ("", "one of x, y"), (["y"], "one of x, y")],
     "rest": [(5, "quaternion"), ([1, 0, 0], "quaternion"), ([0, 0, 0, 0], "quaternion"),
              ("wxyz", "quaternion"), ([1, 0, 0, NAN], "finite")],
+    "arm": [(5, "URDF"), ("", "URDF"), (["a.urdf"], "URDF"), ("a.urdf", "link that carries the hand")],
+    "arm_tip": [("tip", "belongs to an arm"), (5, "belongs to an arm")],
+    "mount": [([0, 0, 0, 1, 0, 0, 0], "belongs to an arm"), ("x", "belongs to an arm")],
+    "base_pose": [([0, 0, 0, 1, 0, 0, 0], "belongs to an arm"), (5, "belongs to an arm")],
 }  # fmt: skip
 """For each field of a request, values that are refused, and a word of the sentence."""
 

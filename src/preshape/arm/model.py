@@ -143,13 +143,28 @@ def _check_tip(spec: Any, tip: str, path: Path) -> None:
     """Refuse a tip that the model does not have."""
     names = [body.name for body in spec.bodies if body.name != "world"]
     if tip in names:
-        return
+        return _check_joints(spec.body(tip), tip, path)
     import difflib
 
     near = difflib.get_close_matches(tip, names, n=3, cutoff=0.4)
     guess = f"did you mean {' or '.join(near)}? It has" if near else "it has"
     listed = ", ".join(printable(name, 60) for name in names[:40])
     raise ArmError(f"{path}: the arm has no link {shown(tip)} for --arm-tip; {guess} {listed}")
+
+
+def _check_joints(body: Any, tip: str, path: Path) -> None:
+    """Refuse joints that no motor of an arm turns or slides."""
+    import mujoco
+
+    kinds = mujoco.mjtJoint
+    while body.name != "world":
+        for joint in body.joints:
+            if joint.type not in (kinds.mjJNT_HINGE, kinds.mjJNT_SLIDE):
+                raise ArmError(
+                    f"{path}: the joint {shown(joint.name)} between the base and {tip} is floating or a "
+                    "ball; give an arm whose joints are revolute, continuous or prismatic, and its base fixed"
+                )
+        body = body.parent
 
 
 def _joint_laws(spec: Any) -> dict[str, str]:
@@ -193,17 +208,10 @@ def _described(
     """The arm of a compiled model."""
     import mujoco
 
-    kinds = mujoco.mjtJoint
     chain = _chain(model, model.body(tip).id)
     moving = [int(j) for body in chain for j in np.flatnonzero(model.jnt_bodyid == body)]
     names = [model.joint(j).name for j in moving]
-    for j, name in zip(moving, names, strict=True):
-        kind = int(model.jnt_type[j])
-        if kind not in (kinds.mjJNT_HINGE, kinds.mjJNT_SLIDE):
-            raise ArmError(
-                f"{path}: the joint {shown(name)} between the base and {tip} is floating or a ball; give an "
-                "arm whose joints are revolute, continuous or prismatic, with its base fixed"
-            )
+    for name in names:
         if name in laws:
             raise ArmError(
                 f"{path}: the joint {shown(name)} between the base and {tip} mimics {shown(laws[name])}; "
@@ -220,7 +228,7 @@ def _described(
     data.qpos[columns] = 0.0
     mujoco.mj_kinematics(model, data)
     limited = np.array([bool(model.jnt_limited[j]) for j in moving])
-    hinges = model.jnt_type[moving] == kinds.mjJNT_HINGE
+    hinges = model.jnt_type[moving] == mujoco.mjtJoint.mjJNT_HINGE
     limits = np.where(limited[:, None], model.jnt_range[moving], [-np.inf, np.inf])
     free = ~limited & ~hinges
     limits[free] = [-_SLIDE_METRES, _SLIDE_METRES]

@@ -34,6 +34,7 @@ JOINT_SPEED, SLIDE_SPEED, TIP_SPEED = 0.5, 0.1, 0.1
 _NEAR_LIMIT = math.radians(0.5)
 _ROOM_ENOUGH = math.radians(10.0)
 """Distance from a limit beyond which more counts for nothing [C]."""
+_FREE_STARTS = 8  # without limits, for each grasp that no posture within them reaches [C]
 _MOST_TESTED = 6  # usable postures of a grasp that are tested for collisions [C]
 
 
@@ -176,12 +177,13 @@ def reach(
         every = conditions(arm, q[whole].reshape(-1, q.shape[2])).reshape(-1, q.shape[1])
         condition[whole] = every.max(axis=1)
     room = _limit_room(arm, q).min(axis=1)
+    lost = sorted(set(range(len(paths))) - set(owner.tolist()))
+    why = dict(zip(lost, _unsolved(arm, poses[lost, g], tried, lost, seed), strict=True))
     results = []
     for row, path in enumerate(paths):
         mine = np.flatnonzero(owner == row)
         if not len(mine):
-            first = row * STARTS
-            results.append(_unsolved(arm, poses[row, g], tried, slice(first, first + STARTS), seed))
+            results.append(why[row])
             continue
         usable = mine[whole[mine] & (condition[mine] < SINGULAR)]
         if not len(usable):
@@ -233,35 +235,48 @@ def _first_free(
                 condition=float(condition[row]),
             )
         hits.append(hit)
-    # The posture that came farthest says what is in the way.
-    hit = max(hits, key=lambda hit: hit.at)
+    # The posture that came farthest says what is in the way, and none that the arm itself makes impossible.
+    hit = max(hits, key=lambda hit: (not hit.itself, hit.at))
     where = _where(path, hit.at, ways)
     status = ArmStatus.SELF_COLLISION if hit.itself else ArmStatus.COLLISION
     return refused(status, f"{where}, {hit.one} would hit {hit.other}")
 
 
-def _unsolved(arm: Arm, target: Array, tried: Solutions, rows: slice, seed: int) -> ArmReach:
-    """Why no posture brings the tip to a grasp."""
-    starts = random_starts(arm, STARTS, np.random.default_rng(seed))
-    free = solve(arm, np.repeat(target[None], STARTS, axis=0), starts, limited=False)
-    if free.solved.any():
-        q = free.q[free.solved]
-        turned = np.where(arm.hinges, np.remainder(q + np.pi, 2 * np.pi) - np.pi, q)
-        over = np.maximum(arm.limits[:, 0] - turned, turned - arm.limits[:, 1])
-        least = over[np.argmin(over.max(axis=1))]
-        joint = int(least.argmax())
-        beyond = math.degrees(least[joint]) if arm.hinges[joint] else 1000 * least[joint]
-        unit = "°" if arm.hinges[joint] else " mm"
-        return refused(
-            ArmStatus.JOINT_LIMIT,
-            f"{arm.joints[joint]} would have to turn {beyond:.0f}{unit} beyond its limit",
-        )
-    away, turn = tried.away[rows], tried.turned[rows]
-    nearest = int(np.argmin(away + 0.1 * turn))
-    apart = f"{100 * away[nearest]:.0f} cm" if away[nearest] > 0.005 else ""
-    tilt = f"{math.degrees(turn[nearest]):.0f}°" if turn[nearest] > math.radians(1) else ""
-    by = " and ".join(part for part in (apart, tilt) if part) or "a little"
-    return refused(ArmStatus.OUT_OF_REACH, f"its nearest posture leaves the hand {by} off")
+def _unsolved(arm: Arm, targets: Array, tried: Solutions, rows: Sequence[int], seed: int) -> list[ArmReach]:
+    """Why no posture brings the tip to some of the grasps: a limit, or how far the nearest one is off."""
+    if not rows:
+        return []
+    starts = random_starts(arm, _FREE_STARTS, np.random.default_rng(seed))
+    free = solve(
+        arm, np.repeat(targets, _FREE_STARTS, axis=0), np.tile(starts, (len(rows), 1)), limited=False
+    )
+    results = []
+    for k, row in enumerate(rows):
+        mine = slice(k * _FREE_STARTS, (k + 1) * _FREE_STARTS)
+        q = free.q[mine][free.solved[mine]]
+        if len(q):
+            results.append(refused(ArmStatus.JOINT_LIMIT, _beyond(arm, q)))
+            continue
+        mine = slice(row * STARTS, (row + 1) * STARTS)
+        away, turn = tried.away[mine], tried.turned[mine]
+        nearest = int(np.argmin(away + 0.1 * turn))
+        apart = f"{100 * away[nearest]:.0f} cm" if away[nearest] > 0.005 else ""
+        tilt = f"{math.degrees(turn[nearest]):.0f}°" if turn[nearest] > math.radians(1) else ""
+        by = " and ".join(part for part in (apart, tilt) if part) or "a little"
+        results.append(refused(ArmStatus.OUT_OF_REACH, f"its nearest posture leaves the hand {by} off"))
+    return results
+
+
+def _beyond(arm: Arm, q: Array) -> str:
+    """Which joint of postures (b, n) without limits is least beyond its own, and by how much."""
+    turns = 2 * np.pi * np.arange(-3, 4)[:, None, None]
+    every = np.where(arm.hinges, np.remainder(q, 2 * np.pi) + turns, q)
+    over = np.maximum(arm.limits[:, 0] - every, every - arm.limits[:, 1]).min(axis=0)
+    least = over[np.argmin(over.max(axis=1))]
+    joint = int(least.argmax())
+    far = float(least[joint])
+    by = f"turn {math.degrees(far):.0f}°" if arm.hinges[joint] else f"slide {1000 * far:.0f} mm"
+    return f"{arm.joints[joint]} would have to {by} beyond its limit"
 
 
 def _broken(arm: Arm, path: HandPath, q: Array, back: int, up: int, ways: Ways) -> ArmReach:

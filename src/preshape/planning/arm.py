@@ -27,14 +27,9 @@ WAY_IN, LIFT = 0.12, 0.2
 """Length of the straight way in, and of the lift [m]; those of the pick test."""
 _BELOW = 0.01
 """Depth of the base below the table from which the table is taken to end before it [m] [C]."""
-_SHIFTS = (
-    ("10 cm nearer to the object", (0.1, 0, 0)), ("10 cm farther from it", (-0.1, 0, 0)),
-    ("20 cm nearer to the object", (0.2, 0, 0)), ("20 cm farther from it", (-0.2, 0, 0)),
-    ("20 cm higher", (0, 0, 0.2)), ("20 cm lower", (0, 0, -0.2)),
-    ("20 cm to the left", (0, 0.2, 0)), ("20 cm to the right", (0, -0.2, 0)),
-    ("40 cm nearer to the object", (0.4, 0, 0)), ("40 cm higher", (0, 0, 0.4)),
-)  # fmt: skip
-"""Places of the base that are tried when it reaches nothing: towards the object, to the left, up [m] [C]."""
+_DISTANCES, _HEIGHTS = (0.6, 0.45, 0.75), (0.0, 0.2, -0.2)
+"""Places of the base that are tried when it serves nothing: distance from the object, in lengths of the arm,
+and height above where it is [m] [C]."""
 _ADVISED_ON = 6  # answers for which these are tried
 
 
@@ -203,25 +198,26 @@ def _advice(plan: PlanRecord, arm: Arm, paths: Sequence[HandPath], fallen: Seque
     T_world_object = pose_from_seven(plan.standing.pose)
     ahead = (T_world_object[:3, :3] @ plan.mesh.cog - T_world_base[:3, 3]) * [1, 1, 0]
     ahead = ahead / max(float(np.linalg.norm(ahead)), 1e-9)
-    frame = np.stack([ahead, [-ahead[1], ahead[0], 0.0], [0.0, 0.0, 1.0]], axis=1)
-    most, best, place = 0, "", T_world_base
-    for words, shift in _SHIFTS:
-        moved = T_world_base.copy()
-        moved[:3, 3] += frame @ shift
-        ways = ways_of(arm, paths, inverse(moved) @ T_world_object)
-        ends = ways.poses[:, [0, ways.at_grasp, -1]].reshape(-1, 4, 4)
-        count = int(reached_from(arm, ends, plan.settings.seed).reshape(-1, 3).all(axis=1).sum())
-        if count > most:
-            most, best, place = count, words, moved
+    most, words, place = 0, "", T_world_base
+    for height in _HEIGHTS:
+        for share in _DISTANCES:
+            moved, distance = T_world_base.copy(), share * arm.length
+            moved[:2, 3] = (T_world_object[:3, :3] @ plan.mesh.cog - distance * ahead)[:2]
+            moved[2, 3] += height
+            ways = ways_of(arm, paths, inverse(moved) @ T_world_object)
+            ends = ways.poses[:, [0, ways.at_grasp, -1]].reshape(-1, 4, 4)
+            count = int(reached_from(arm, ends, plan.settings.seed).reshape(-1, 3).all(axis=1).sum())
+            if count > most:
+                most, place, words = count, moved, f"{100 * distance:.0f} cm from the object"
+                words += (
+                    f" and {100 * abs(height):.0f} cm {'higher' if height > 0 else 'lower'}" if height else ""
+                )
     if not most:
-        return (
-            "another --base-pose, --mount or --approach would help; a base up to 40 cm nearer, farther, "
-            "higher or aside reaches none either"
-        )
+        return "another --base-pose, --mount or --approach would help"
     x, y, z = place[:3, 3]
-    rest = " ".join(f"{part:.4g}" for part in plan.request.base_pose[3:])
+    rest = " ".join(f"{part:.6g}" for part in plan.request.base_pose[3:])
     return (
-        f'with the base {best}, --base-pose "{x:.3g} {y:.3g} {z:.3g} {rest}", it would reach {most} of '
+        f'with its base {words}, --base-pose "{x:.3g} {y:.3g} {z:.3g} {rest}", it would reach {most} of '
         f"{len(paths)}, collisions aside"
     )
 
