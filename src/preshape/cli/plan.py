@@ -11,6 +11,8 @@ import click
 from ..exceptions import InputError, shown
 from .options import (
     TableCommand,
+    arm_from,
+    arm_options,
     check_folder,
     closure_options,
     hand_from,
@@ -48,6 +50,7 @@ if TYPE_CHECKING:
 @click.option("--task", required=True, metavar="TASK", help='A name (preshape tasks) or "Tx Ty Tz Rx Ry Rz".')
 @object_options
 @closure_options
+@arm_options
 @memory_option
 @click.option("--no-learn", is_flag=True, help="Do not write to the memory.")
 @click.option(
@@ -112,6 +115,7 @@ def plan(
             count=count,
             learn=not no_learn,
             verify=verify,
+            **arm_from(options),
         )
         from ..files import make_folder
         from ..planning.document import plan_to_json
