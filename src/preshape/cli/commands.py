@@ -15,6 +15,7 @@ _COMMANDS = {
     "hands": ("hands", "List the hands, or check one of your own."),
     "memory": ("memory", "Show, export, import or reset what was learnt."),
     "view": ("view", "Show a plan in the browser and change it."),
+    "serve": ("serve", "Answer requests over HTTP, for robots and other programs."),
     "simulate": ("simulate", "Execute a plan in simulated physics and show what happens."),
     "dataset": ("dataset", "Write many grasps as Parquet, on all cores or on a cluster."),
     "bench": ("bench", "Measure grasps, planners and metrics in simulated physics."),
