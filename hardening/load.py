@@ -22,6 +22,7 @@ import time
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
+from itertools import permutations
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +30,8 @@ from preshape.files import write_json
 
 OBJECTS = ("box", "mug", "bottle", "cube")
 HAND = "shadow"
+ORDERS = [",".join(order) for order in permutations(("+x", "-x", "+y", "-y", "+z", "-z"))]
+"""All approaches in every order: requests that mean the same and are each computed."""
 MOST_GROWTH = 0.03
 """Largest growth of the memory of all processes from the second quarter of the time to the last one."""
 MB = 2**20
@@ -118,8 +121,7 @@ def one_client(server: Served, requests: int = 40) -> dict[str, float]:
     """Times of one client alone: the same request again, and one that must be computed [ms]."""
     client = Client(server.port)
     same = [client.plan(object="box")[0] for _ in range(requests)]
-    # Another threshold is another request about the same prepared object.
-    computed = [client.plan(object="box", estimation_threshold=2.9 + 0.001 * k)[0] for k in range(requests)]
+    computed = [client.plan(object="box", approaches=ORDERS[k])[0] for k in range(requests)]
     return {
         "same_ms": round(1e3 * statistics.median(same), 2),
         "same_slowest_ms": round(1e3 * max(same), 2),
@@ -137,7 +139,7 @@ def many_clients(server: Served, clients: int, seconds: float) -> dict[str, Any]
         client, k = Client(server.port), number
         while time.monotonic() < end:
             k += 1
-            changed = {"estimation_threshold": 2.9 + 0.0001 * k} if k % 10 == 0 else {}
+            changed = {"approaches": ORDERS[k % len(ORDERS)]} if k % 10 == 0 else {}
             try:
                 took, how = client.plan(object=OBJECTS[k % len(OBJECTS)], **changed)
             except (OSError, http.client.HTTPException, ValueError) as error:

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 Say = Callable[[dict[str, Any]], None]
 SESSIONS, ANSWERS = 16, 16
-"""Number of objects, each with hand and task, that stay prepared in a process, and of the answers for each."""
+"""Number of objects, each with hand and task, that stay prepared in a process, and of answers for each."""
 MOST_ANSWERS, MOST_THREADS, MOST_CANDIDATES = 100, 256, 100_000
 """Largest numbers that a request may ask for: what takes more memory is for the command line."""
 _USED = (
