@@ -6,6 +6,7 @@ file.
 
 from __future__ import annotations
 
+import logging
 import math
 from collections.abc import Sequence
 from dataclasses import replace
@@ -33,6 +34,8 @@ from .preshapes import Preshapes, motor_ranges, posture_at, posture_of, preshape
 from .settings import ClosureSettings
 from .torque_limits import TorqueLimits
 from .wrapping import Wrapper, wraps
+
+_log = logging.getLogger("preshape.search")
 
 MIN_CONTACTS = 2
 """Least number of contacts of a candidate, thumb included; its margin decides whether they are enough."""
@@ -173,6 +176,15 @@ class ClosureSearch:
             task=task,
             hold=hold,
             tally=np.array([len(drawn), closed, len(hands.rows), (score > 0).sum(), *hits.sum(axis=0)]),
+        )
+        counts, kind = found.tally[:4].tolist(), "wraps" if wraps(drawn) else "candidates"
+        best = f"; best margin {score.max():.2f}" if len(score) else ""
+        _log.info(
+            "%d %s: %d closed, %d clear of blockers, %d balance the load%s",
+            counts[0],
+            kind,
+            *counts[1:],
+            best,
         )
         return found.take(np.argsort(-score, kind="stable"))
 
