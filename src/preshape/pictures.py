@@ -13,12 +13,13 @@ from typing import Any
 
 import numpy as np
 
-from .exceptions import InputError
+from .exceptions import InputError, PreshapeError
 from .hands.hand import Hand
 from .hands.kinematics import hand_geometry
 from .hiis.planes import PLANES, ApproachPlane, plane
 from .objects.mesh import TriangleMesh
-from .objects.parts import part_pieces, surface_of, whole_surface
+from .objects.obstacle import obstacle_surface, placed_file
+from .objects.parts import PartSurface, part_pieces, surface_of, whole_surface
 from .objects.resting import upright
 from .tasks import task_from_numbers
 from .types import FRICTION, Array, frozen_array
@@ -100,6 +101,7 @@ def plan_scene(
             ],
             **_table(document, mesh, table),
             "boxes": np.array(request.get("avoid") or [], dtype=np.float64).reshape(-1, 2, 3),
+            "obstacles": _obstacles(tuple(request.get("obstacle") or ()), mesh),
         }
         if answer is not None:
             drawn |= _answer(mesh, document, answer, rays)
@@ -264,6 +266,20 @@ def _table(document: Document, mesh: TriangleMesh, table: float | str | None) ->
     if scene is None:
         return {"table": float(mesh.bounds[0, 2]) if table == "auto" else table}
     return {"table": None if scene["table"] is None else float(scene["table"][3]), "up": scene["up"]}
+
+
+def _obstacles(texts: tuple[str, ...], mesh: TriangleMesh) -> tuple[PartSurface, ...]:
+    """The obstacles near the object, reduced for a browser; files that are gone are left out."""
+    found = []
+    for text in texts:
+        try:
+            body = obstacle_surface(placed_file(text), mesh.bounds)
+        except PreshapeError:
+            continue
+        if body is not None:
+            vertices, triangles = reduced(body.vertices, body.triangles)
+            found.append(replace(body, vertices=vertices, triangles=triangles))
+    return tuple(found)
 
 
 def _pose(posed: Document) -> tuple[Array, Array]:

@@ -133,7 +133,8 @@ def object_options(command: Command) -> Command:
     options = (
         click.option(
             "--hand",
-            default="utah_mit",
+            default="shadow",
+            show_default=True,
             metavar="HAND",
             help="A name (see preshape hands), or the URDF, MJCF or TOML file of your own hand.",
         ),
@@ -233,8 +234,9 @@ def closure_options(command: Command) -> Command:
             metavar="[HEIGHT|none]",
             is_flag=False,
             flag_value="auto",
+            default="default",
             help="A table that the object rests on; with a number, a table at this height along up [m], and "
-            "the object as it is modelled.",
+            "the object as it is modelled; none for free space.  [default: a table, for a real hand]",
         ),
         click.option(
             "--obstacle",

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 @click.command(
     cls=TableCommand,
-    epilog="Example: preshape plan mug --task pour --hand shadow, or "
+    epilog="Example: preshape plan mug --task pour --hand leap, or "
     'preshape plan part.stl --unit mm --task "1 1 .1 .05 .8 .05"',
 )
 @click.argument("thing", metavar="OBJECT")

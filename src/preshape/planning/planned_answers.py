@@ -112,7 +112,7 @@ class PlannedPicks:
 
     def work(self, thing: PickObject) -> TaskMotion | None:
         """Motion and load of the task for an object, as in its answer."""
-        asked = PlanRequest(source=thing.name, task=self.task, hand=self.hand, scale=thing.scale, table=AUTO)
+        asked = PlanRequest(source=thing.name, task=self.task, hand=self.hand, scale=thing.scale)
         return work_of(asked, asked.load())
 
 

@@ -56,13 +56,15 @@ from .request_values import (
     checked_view,
 )
 from .rules import FOLLOW, MODES, NONE, TaskRules, task_rules
-from .standing import Standing, lowest_point, standing
+from .standing import AUTO, DEFAULT, Standing, lowest_point, standing
 
 SCHEMA = 2
 """Version of plan.json. Version 1 is a plan without the key ``schema``; it does not contain its request."""
 ANALYSERS = ("rays", "closure")
+HAND = "shadow"
+"""The hand of a request that names none."""
 RAY_HAND = "utah_mit"
-"""The paper's hand. Its default analyser is the paper's; for every other hand the default is closure."""
+"""The paper's hand. It defaults to rays and free space, other hands to closure and a table."""
 VERIFIED = 6
 """Number of answers that are tested in physics; ``count`` if that is larger."""
 ON_CLOUDS = 8
@@ -115,7 +117,8 @@ class PlanRequest:
         mass: Mass of the object [kg]; ``None`` takes the object's own, or an estimate from its volume.
         friction: Friction coefficient between hand and object; ``None`` is the field's 0.6.
         table: ``auto`` for a table that the object rests on, the height of a table along ``up`` above which
-            the object is as it is modelled [m], or ``None`` for free space. Closure only.
+            the object is as it is modelled [m], or ``None`` for free space; closure only. ``default`` is
+            ``auto`` for a real hand that closure analyses, unless ``gravity`` is stated, and else ``None``.
         avoid: Boxes that the hand stays out of, six numbers each: lower and upper corner in the mesh frame
             [m]. Closure only.
         gravity: (3,) unit direction of gravity along the axes of the task; zeros mean none; ``None`` takes
@@ -149,7 +152,7 @@ class PlanRequest:
 
     source: str | Path | TriangleMesh
     task: Task | str | Sequence[float]
-    hand: str | Hand = RAY_HAND
+    hand: str | Hand = HAND
     analyser: str = ""
     unit: str = "m"
     scale: float = 1.0
@@ -157,7 +160,7 @@ class PlanRequest:
     cut_table: bool | None = None
     mass: float | None = None
     friction: float | None = None
-    table: float | str | None = None
+    table: float | str | None = DEFAULT
     avoid: Sequence[Sequence[float]] = ()
     gravity: Sequence[float] | Array | None = None
     approaches: str | None = None
@@ -186,10 +189,11 @@ class PlanRequest:
         if not isinstance(task, Task):
             task = parse_task(task) if isinstance(task, str) else task_from_numbers(task)
         freeze(self, task=task, analyser=analyser_of(self.analyser, self.hand))
+        rests = self.gravity is None and self.analyser == "closure" and not _is_paper_hand(self.hand)
         freeze(self, gravity=task.gravity if self.gravity is None else checked_gravity(self.gravity))
         freeze(
             self,
-            table=checked_table(self.table),
+            table=checked_table(self.table, AUTO if rests else None),
             avoid=checked_boxes(self.avoid),
             view=checked_view(self.view),
         )
@@ -511,6 +515,9 @@ def analyser_of(analyser: str | None, hand: str | Hand) -> str:
     Raises:
         InputError: There is no analyser of that name.
     """
-    name = hand.removesuffix(":right") if isinstance(hand, str) else hand.name
-    chosen = analyser or ("rays" if name == RAY_HAND else "closure")
+    chosen = analyser or ("rays" if _is_paper_hand(hand) else "closure")
     return one_of(chosen, "analyser", ANALYSERS)
+
+
+def _is_paper_hand(hand: str | Hand) -> bool:
+    return (hand.removesuffix(":right") if isinstance(hand, str) else hand.name) == RAY_HAND

@@ -14,7 +14,7 @@ from ..objects.obstacle import placed_file
 from ..objects.scans.complete import ALL_ROUND
 from ..tasks.task import axis_vector
 from ..types import LONGEST_NAME, Array, finite_number, frozen_array
-from .standing import AUTO
+from .standing import AUTO, DEFAULT
 
 FARTHEST = 1e6
 """Largest coordinate of a table or a box to avoid [m]; the kernels count nothing beyond it as solid."""
@@ -123,13 +123,19 @@ def checked_rest(rest: object) -> Array | None:
     return frozen_array(quaternion if abs(length - 1.0) < 1e-15 else quaternion / length, (4,), "rest")
 
 
-def checked_table(table: float | str | None) -> float | str | None:
+def checked_table(table: float | str | None, default: str | None) -> float | str | None:
     """The table as a height [m] or ``auto``; ``None`` and ``none`` are free space.
+
+    Args:
+        table: What was asked for.
+        default: The table that ``default`` means.
 
     Raises:
         InputError: The value is anything else.
     """
-    wanted = "its height in metres, auto or none"
+    wanted = "its height in metres, auto, none or default"
+    if isinstance(table, str) and table.strip().lower() == DEFAULT:
+        return default
     if table is None or (isinstance(table, str) and table.strip().lower() == "none"):
         return None
     if isinstance(table, str) and table.strip().lower() == AUTO:
@@ -145,6 +151,13 @@ def checked_table(table: float | str | None) -> float | str | None:
     return height
 
 
+def _box_text(item: Any, wanted: str) -> Any:
+    """The six numbers of a box as text; anything but numbers as it is."""
+    if isinstance(item, str) or not isinstance(item, Iterable):
+        return item
+    return " ".join(repr(number) for number in _numbers(item, 6, wanted))
+
+
 def checked_parts(given: object, name: str) -> tuple[str, ...]:
     """Names or descriptions of parts, each once.
 
@@ -154,7 +167,7 @@ def checked_parts(given: object, name: str) -> tuple[str, ...]:
     wanted = f"{name} must be texts, each a part's name, a half-space such as z>0.05, or a box of six numbers"
     if not isinstance(given, str | list | tuple):
         raise InputError(f"{wanted}, got {shown(given)}")
-    texts = [given] if isinstance(given, str) else given
+    texts = [given] if isinstance(given, str) else [_box_text(item, wanted) for item in given]
     for text in texts:
         if not isinstance(text, str) or not text.strip() or len(text) > LONGEST_NAME:
             raise InputError(f"{wanted}, got {shown(text)}")

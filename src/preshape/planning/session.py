@@ -37,7 +37,7 @@ from .controllers import closure_controller, layout_of, ray_controller
 from .hand_simulation import execute
 from .plan import Plan
 from .request import PlanRequest
-from .sizes import out_of_reach, refuse_absurd_size
+from .sizes import misplaced_obstacles, out_of_reach, refuse_absurd_size
 
 if TYPE_CHECKING:
     pass
@@ -153,7 +153,7 @@ class Session:
         refuse_absurd_size(mesh, hand)
         mass = object_mass(mesh, request.stated_mass)
         warnings = [*mesh.notes, *([mass.warning] if mass.warning else [])]
-        warnings += out_of_reach(request, mesh, hand)
+        warnings += [*out_of_reach(request, mesh, hand), *misplaced_obstacles(request, mesh)]
         stands = request.standing(mesh)
         warnings += [f"{mesh.name} {stands.warning}"] if stands.warning else []
         loaded = time.perf_counter()

@@ -305,8 +305,8 @@ def _turned(scene: Document) -> str:
     """How the object lies at rest, if it is turned from how it is modelled."""
     if float(scene.get("turned", 0.0)) < TURNED:
         return ""
-    x, y, z = scene["up"]
-    return f", on which it lies turned by {scene['turned']:.0f}°: up is {x:.2g}, {y:.2g}, {z:.2g}"
+    up = ", ".join(f"{round(x, 2) + 0.0:g}" for x in scene["up"])
+    return f", on which it lies turned by {scene['turned']:.0f}°: up is {up}"
 
 
 def _angle(a: Sequence[float], b: Sequence[float]) -> float:
