@@ -32,7 +32,7 @@ from preshape.serve.shelf import Shelf
 from preshape.serve.worker import WarmPlanner
 
 ROOT = Path(__file__).parent.parent
-CUBE = {"object": "cube", "task": "1 1 .1 .05 .8 .05"}
+CUBE = {"object": "cube", "task": "1 1 .1 .05 .8 .05", "hand": "utah_mit"}
 # A planner process that imports nothing: it echoes, sleeps as many seconds as the seed says, or ends.
 PLANNER = """
 import json, os, sys, time
@@ -418,7 +418,7 @@ def test_the_answers_are_those_of_the_command_line(process, tmp_path):
     jsonschema.validate(got, document()["components"]["schemas"]["Plan"])
     shutil.copy(process.folder / "memory.sqlite", tmp_path)
     with Session(tmp_path / "memory.sqlite") as session:
-        own = plan_to_json(session.run(PlanRequest(source="cube", task=CUBE["task"])))
+        own = plan_to_json(session.run(PlanRequest(source="cube", task=CUBE["task"], hand="utah_mit")))
     assert without_times(got) == without_times(own)
     status, again = ask(process, body=got["request"])
     assert without_times(again) == without_times(got)
@@ -432,7 +432,7 @@ def test_a_mesh_that_was_sent_keeps_its_name(process):
     content += "f 1 2 4 3\nf 5 7 8 6\nf 1 5 6 2\nf 3 4 8 7\nf 1 3 7 5\nf 2 6 8 4\n"
     status, kept = ask(process, path="/objects?name=my%20part.obj", body=content)
     assert status == 201
-    status, got = ask(process, body={"object": kept["object"], "task": "lift"})
+    status, got = ask(process, body={**CUBE, "object": kept["object"]})
     assert status == 200, got
     assert got["object"]["source"] == got["request"]["object"]["source"] == "my_part.obj"
     assert "/preshape-" not in json.dumps(got)
@@ -441,10 +441,12 @@ def test_a_mesh_that_was_sent_keeps_its_name(process):
 def test_the_examples_ask_the_server(process, tmp_path):
     address = f"http://127.0.0.1:{process.port}"
     done = subprocess.run(
-        [sys.executable, ROOT / "examples" / "serve" / "client.py", address], capture_output=True, text=True
+        [sys.executable, ROOT / "examples" / "serve" / "client.py", address, json.dumps(CUBE)],
+        capture_output=True,
+        text=True,
     )
     assert done.returncode == 0, done.stderr
-    assert "mug" in done.stdout
+    assert "cube answer" in done.stdout
     compiler = shutil.which("g++") or shutil.which("clang++")
     if compiler is None:
         pytest.skip("there is no compiler of C++")
@@ -453,10 +455,12 @@ def test_the_examples_ask_the_server(process, tmp_path):
         [compiler, "-std=c++17", "-Wall", "-Werror", source, "-o", tmp_path / "client"], check=True
     )
     done = subprocess.run(
-        [tmp_path / "client", "127.0.0.1", str(process.port)], capture_output=True, text=True
+        [tmp_path / "client", "127.0.0.1", str(process.port), json.dumps(CUBE)],
+        capture_output=True,
+        text=True,
     )
     assert done.returncode == 0, done.stderr
-    assert json.loads(done.stdout)["object"]["name"] == "mug"
+    assert json.loads(done.stdout)["object"]["name"] == "cube"
 
 
 def test_sigterm_ends_the_server_and_its_planners_at_once(process):

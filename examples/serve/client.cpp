@@ -1,11 +1,11 @@
-// Asks a running `preshape serve` for a grasp of a mug and prints plan.json: client HOST PORT
+// Asks a running `preshape serve` for a plan and prints plan.json: client HOST PORT [REQUEST]
 #include <netdb.h>
 #include <unistd.h>
 #include <iostream>
 #include <string>
 
 int main(int count, char** given) {
-    const std::string body = R"({"object": "mug", "task": "pour"})";
+    const std::string body = count > 3 ? given[3] : R"({"object": "mug", "task": "pour", "hand": "shadow"})";
     addrinfo hints{}, *found = nullptr;
     hints.ai_socktype = SOCK_STREAM;
     if (count < 3 || getaddrinfo(given[1], given[2], &hints, &found)) return 2;

@@ -1,14 +1,15 @@
-"""Ask a running ``preshape serve`` for a grasp of a mug: python client.py [ADDRESS [TOKEN]]."""
+"""Ask a running ``preshape serve`` for a plan: python client.py [ADDRESS [REQUEST [TOKEN]]]."""
 
 import json
 import sys
 import urllib.error
 import urllib.request
 
-address, token = [*sys.argv[1:], "http://localhost:8090", ""][:2] if len(sys.argv) < 3 else sys.argv[1:3]
+usual = ["http://localhost:8090", '{"object": "mug", "task": "pour", "hand": "shadow"}', ""]
+address, asked, token = [*sys.argv[1:], *usual[len(sys.argv) - 1 :]]
 request = urllib.request.Request(
     f"{address}/plan",
-    data=json.dumps({"object": "mug", "task": "pour"}).encode(),
+    data=asked.encode(),
     headers={"Content-Type": "application/json", "Authorization": f"Bearer {token}"},
 )
 try:

@@ -80,7 +80,10 @@ def _run(arguments: list[str]) -> int:
     except click.exceptions.Exit as stop:
         sys.stdout.flush()
         return int(stop.exit_code)
-    except (SystemExit, BrokenPipeError):
+    except (SystemExit, BrokenPipeError) as stop:
+        if isinstance(stop, SystemExit) and not stop.code:  # the shell has asked for completions
+            sys.stdout.flush()
+            return 0
         # The reader has closed the pipe, as `| head` does; click turns the error into SystemExit.
         streams.silence_output()
         return 0

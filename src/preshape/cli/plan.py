@@ -13,15 +13,19 @@ from .options import (
     TableCommand,
     check_folder,
     closure_options,
+    complete_object,
+    complete_task,
     hand_from,
     json_option,
     memory_option,
     numbers_in,
     object_options,
     request_from,
+    verbose_option,
 )
 from .printing import emit, name_files, say
-from .progress import waiting
+from .progress import narrated, waiting
+from .settings_file import name_settings
 
 if TYPE_CHECKING:
     from ..planning.document import Document
@@ -32,8 +36,14 @@ if TYPE_CHECKING:
     epilog="Example: preshape plan mug --task pour --hand leap, or "
     'preshape plan part.stl --unit mm --task "1 1 .1 .05 .8 .05"',
 )
-@click.argument("thing", metavar="OBJECT")
-@click.option("--task", required=True, metavar="TASK", help='A name (preshape tasks) or "Tx Ty Tz Rx Ry Rz".')
+@click.argument("thing", metavar="OBJECT", shell_complete=complete_object)
+@click.option(
+    "--task",
+    required=True,
+    metavar="TASK",
+    shell_complete=complete_task,
+    help='A name (preshape tasks) or "Tx Ty Tz Rx Ry Rz".',
+)
 @object_options
 @closure_options
 @memory_option
@@ -65,6 +75,7 @@ if TYPE_CHECKING:
     "--explain", is_flag=True, help="Also show the paper's indices and the match of each component."
 )
 @click.option("--out", metavar="DIR", help="Also write plan.json, plan.png and plan.html there.")
+@verbose_option
 @json_option
 def plan(
     thing: str,
@@ -76,6 +87,7 @@ def plan(
     cut_table: bool | None,
     explain: bool,
     out: str | None,
+    verbose: bool,
     as_json: bool,
     **options: Any,
 ) -> int:
@@ -85,7 +97,9 @@ def plan(
     grasp that holds); the JSON then has the best grasp found and why it is not enough. 2: bad input.
     """
     check_folder(out)
-    with waiting() as told:
+    if not as_json:
+        name_settings()
+    with narrated() if verbose else waiting() as told:
         request = request_from(
             thing,
             task,

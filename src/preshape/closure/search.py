@@ -177,15 +177,10 @@ class ClosureSearch:
             hold=hold,
             tally=np.array([len(drawn), closed, len(hands.rows), (score > 0).sum(), *hits.sum(axis=0)]),
         )
-        counts, kind = found.tally[:4].tolist(), "wraps" if wraps(drawn) else "candidates"
+        kind = "wraps" if wraps(drawn) else "candidates"
         best = f"; best margin {score.max():.2f}" if len(score) else ""
-        _log.info(
-            "%d %s: %d closed, %d clear of blockers, %d balance the load%s",
-            counts[0],
-            kind,
-            *counts[1:],
-            best,
-        )
+        words = f"%d {kind}: %d closed, %d clear of obstacles and rules, %d balance the load{best}"
+        _log.info(words, *found.tally[:4])
         return found.take(np.argsort(-score, kind="stable"))
 
     def _lifted(self, hands: ClosedCandidates, hits: BoolArray) -> tuple[ClosedCandidates, BoolArray]:

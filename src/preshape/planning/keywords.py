@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Mapping
 from typing import Any
 
 from ..closure.settings import ClosureSettings
-from ..exceptions import InputError, shown
+from ..exceptions import InputError, UnknownKey, shown
 from ..hiis.critic import Thresholds
 from ..hiis.decision import Settings
 from ..tasks.task import from_json as task_from_json
@@ -43,9 +42,7 @@ def request_from_keywords(data: object, **changes: Any) -> PlanRequest:
         return PlanRequest.from_json(data, **changes)
     for key in data:
         if key not in KEYWORDS:
-            near = difflib.get_close_matches(str(key), KEYWORDS, n=2)
-            hint = f"did you mean {' or '.join(near)}? Known" if near else "known"
-            raise InputError(f"a request has no key {shown(key)}; {hint}: {', '.join(KEYWORDS)}")
+            raise UnknownKey(key, KEYWORDS)
     for key in ("object", "task"):
         if key not in data:
             raise InputError(f"a request needs the key {key}; its keys are {', '.join(KEYWORDS)}")
