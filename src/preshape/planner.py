@@ -55,6 +55,7 @@ def plan(
     verify: bool = False,
     view: Sequence[float] | str | None = None,
     cut_table: bool | None = None,
+    mask: str | Path | int | None = None,
     hold_on: str | Sequence[str | Sequence[float]] = (),
     keep_off: str | Sequence[str | Sequence[float]] = (),
     rules: str = "task",
@@ -92,6 +93,8 @@ def plan(
             round; by default what the file says, else its origin where that can be.
         cut_table: Whether a table in a point cloud is cut off; ``False`` keeps it as part of the object. By
             default a cloud with a table is refused.
+        mask: Which points of a depth camera's scene are the object's: a file (.npy, .png) with a number for
+            each point or pixel, not zero for the object, or the number of a label in an NPZ file.
         hold_on: Parts of the object to hold, any of them: names (``preshape objects NAME`` lists them),
             half-spaces such as ``z>0.05``, or boxes of six numbers [m].
         keep_off: Parts that contacts and links stay away from.
@@ -122,6 +125,7 @@ def plan(
         unit=unit,
         view=view,
         cut_table=cut_table,
+        mask=None if mask is None else str(mask),
         up=up,
         obstacle=obstacle,
         rest=rest,

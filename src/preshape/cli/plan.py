@@ -36,7 +36,19 @@ if TYPE_CHECKING:
     epilog="Example: preshape plan mug --task pour --hand leap, or "
     'preshape plan part.stl --unit mm --task "1 1 .1 .05 .8 .05"',
 )
-@click.argument("thing", metavar="OBJECT", shell_complete=complete_object)
+@click.argument("thing", metavar="OBJECT", required=False, shell_complete=complete_object)
+@click.option(
+    "--scene",
+    metavar="FILE",
+    help="In place of OBJECT: a depth image (.npz with depth and K) or a point cloud, of which --mask says "
+    "what the object is. The rest is in the hand's way.",
+)
+@click.option(
+    "--mask",
+    metavar="FILE|N",
+    help="With --scene: a .npy or .png file with a number for each point or pixel, not zero for the object, "
+    "or the number of a label in the scene's file.",
+)
 @click.option(
     "--task",
     required=True,
@@ -78,8 +90,10 @@ if TYPE_CHECKING:
 @verbose_option
 @json_option
 def plan(
-    thing: str,
+    thing: str | None,
     task: str,
+    scene: str | None,
+    mask: str | None,
     no_learn: bool,
     count: int,
     verify: bool,
@@ -97,16 +111,18 @@ def plan(
     grasp that holds); the JSON then has the best grasp found and why it is not enough. 2: bad input.
     """
     check_folder(out)
+    source = _object(thing, scene, mask)
     if not as_json:
         name_settings()
     with narrated() if verbose else waiting() as told:
         request = request_from(
-            thing,
+            source,
             task,
             hand=hand_from(options),
             options=options,
             view=_view(view),
             cut_table=cut_table,
+            mask=mask,
             count=count,
             learn=not no_learn,
             verify=verify,
@@ -137,6 +153,23 @@ def plan(
         _show(document, written, explain=explain)
     failed = made.verified is not None and not made.verified.held
     return 0 if made.answer is not None and not failed else 1
+
+
+def _object(thing: str | None, scene: str | None, mask: str | None) -> str:
+    """The object's file or name, or the scene's file.
+
+    Raises:
+        UsageError: There is neither or both.
+        InputError: There is a scene without a mask, or a mask without a scene.
+    """
+    if thing is not None and scene is not None:
+        raise click.UsageError(f"give OBJECT or --scene, not both: {shown(thing)} and {shown(scene)}")
+    if (scene is None) != (mask is None):
+        given, other = ("--mask", "--scene FILE") if scene is None else ("--scene", "--mask FILE|N")
+        raise InputError(f"{given} needs {other}: the mask says which points of the scene are the object's")
+    if thing is None and scene is None:
+        raise click.UsageError("Missing argument 'OBJECT'.")
+    return str(scene if thing is None else thing)
 
 
 def _show(document: Document, written: list[Path], *, explain: bool) -> None:

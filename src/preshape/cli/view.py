@@ -197,5 +197,12 @@ def _found(document: dict[str, Any], folder: Path, changes: dict[str, Any]) -> P
     size = object_extent(source, None)
     if size is None:
         raise InputError(f"the plan's object {source!r} is neither here nor built in; run from its folder")
-    place = {"source": source, "unit": "m", "scale": extent / size, "view": None, "cut_table": None}
+    place = {
+        "source": source,
+        "unit": "m",
+        "scale": extent / size,
+        "view": None,
+        "cut_table": None,
+        "mask": None,
+    }
     return request_of(document, **(changes | place))

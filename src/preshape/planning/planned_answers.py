@@ -61,6 +61,7 @@ class PlannedAnswers:
             analyser=self.analyser,
             scale=instance.scale,
             mass=self.mass if self.analyser == "closure" else None,
+            table=None,
             settings=Settings(seed=instance.seed),
             rules=NONE,
         )

@@ -29,7 +29,7 @@ from ..objects.checks import metres
 from ..objects.load import IN_MEMORY, load_object, stored_source
 from ..objects.mass import object_mass
 from ..objects.mesh import UP_AXES, TriangleMesh
-from ..objects.obstacle import obstacle_surface, placed_file
+from ..objects.obstacle import obstacle_surface, placed_file, rest_of_scene
 from ..objects.parts import PartSurface
 from ..objects.resting import upright
 from ..tasks import Task, parse_task, task_from_numbers
@@ -50,6 +50,7 @@ from .request_values import (
     checked_boxes,
     checked_files,
     checked_gravity,
+    checked_mask,
     checked_parts,
     checked_rest,
     checked_table,
@@ -114,6 +115,8 @@ class PlanRequest:
             the points show the object from all sides; ``None`` reads the position from the file.
         cut_table: Whether a table in a point cloud is cut off; ``False`` keeps it as part of the object, and
             ``None`` refuses a cloud with a table.
+        mask: Which points of a scene are the object's: a file (.npy, .png), or the number of a label in an
+            NPZ file; ``None`` if all are. The other points are obstacles.
         mass: Mass of the object [kg]; ``None`` takes the object's own, or an estimate from its volume.
         friction: Friction coefficient between hand and object; ``None`` is the field's 0.6.
         table: ``auto`` for a table that the object rests on, the height of a table along ``up`` above which
@@ -158,6 +161,7 @@ class PlanRequest:
     scale: float = 1.0
     view: Sequence[float] | str | None = None
     cut_table: bool | None = None
+    mask: str | None = None
     mass: float | None = None
     friction: float | None = None
     table: float | str | None = DEFAULT
@@ -217,6 +221,8 @@ class PlanRequest:
             raise InputError("a TriangleMesh is in metres at its final size: unit and scale are for files")
         if isinstance(self.source, TriangleMesh) and self.cut_table is not None:
             raise InputError("a TriangleMesh has no points to cut off: cut_table is for files of points")
+        if self.mask is not None:
+            freeze(self, mask=checked_mask(self.mask, self.source, self.cut_table))
         one_of(self.grasp_type, "grasp type", GRASP_TYPES)
         freeze(self, count=whole_number(self.count, "count, the number of answers,", 1))
         for name in ("mass", "friction"):
@@ -268,7 +274,12 @@ class PlanRequest:
         if isinstance(self.source, TriangleMesh):
             return self.source
         return load_object(
-            self.source, unit=self.unit, scale=self.scale, view=self.view, cut_table=self.cut_table
+            self.source,
+            unit=self.unit,
+            scale=self.scale,
+            view=self.view,
+            cut_table=self.cut_table,
+            mask=self.mask,
         )
 
     @property
@@ -319,13 +330,14 @@ class PlanRequest:
         return Obstacles(planes=np.zeros((0, 4)) if table is None else table[None], boxes=boxes)
 
     def obstacle_surfaces(self, mesh: TriangleMesh) -> tuple[PartSurface, ...]:
-        """The obstacles from files, as far as the hand can come near them.
+        """The obstacles from files, and the rest of the object's scene, as far as the hand can come near.
 
         Raises:
             ObjectError: A file cannot be used.
             EnvironmentFailure: A file cannot be read.
         """
-        found = (obstacle_surface(placed_file(text), mesh.bounds) for text in self.obstacle)
+        found = [obstacle_surface(placed_file(text), mesh.bounds) for text in self.obstacle]
+        found += [rest_of_scene(mesh)] if self.analyser == "closure" else []
         return tuple(surface for surface in found if surface is not None)
 
     def rules_for(self, mesh: TriangleMesh) -> TaskRules:
@@ -426,6 +438,7 @@ class PlanRequest:
                 "scale": self.scale * scale,
                 "view": list(view) if isinstance(view, tuple) else view,
                 "cut_table": self.cut_table,
+                "mask": self.mask,
             },
             "task": task_to_json(self.asked),
             "hand": self.hand_name,
@@ -480,7 +493,7 @@ class PlanRequest:
             )
             read: dict[str, Any] = {
                 **{name: thing[name] for name in ("source", "unit", "scale", "view")},
-                "cut_table": thing.get("cut_table"),
+                **{name: thing.get(name) for name in ("cut_table", "mask")},
                 "task": task_from_json(data["task"]),
                 "settings": settings,
                 "search": ClosureSettings(**{name: data["search"][name] for name in _SEARCH}),

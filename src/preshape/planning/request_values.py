@@ -79,6 +79,22 @@ def checked_files(given: object) -> tuple[str, ...]:
     return tuple(found)
 
 
+def checked_mask(mask: object, source: object, cut_table: bool | None) -> str:
+    """A mask as text; a file gets its absolute path, so that it means the same anywhere.
+
+    Raises:
+        InputError: It is no text, or the object is not a file of points.
+    """
+    if not isinstance(mask, str | Path | int) or isinstance(mask, bool) or not str(mask).strip():
+        raise InputError(f"a mask is a .npy or .png file, or the number of a label, got {shown(mask)}")
+    if not isinstance(source, str | Path):
+        raise InputError("a TriangleMesh has no points: a mask is for files of points")
+    if cut_table is not None:
+        raise InputError("with a mask the table is found among the other points: leave cut_table out")
+    text = str(mask).strip()
+    return text if text.isdecimal() else str(Path(text).absolute())
+
+
 def checked_gravity(gravity: object) -> Array:
     """(3,) direction of gravity; zeros mean none.
 

@@ -373,8 +373,8 @@ def _file_key(request: PlanRequest) -> tuple[Any, ...]:
     """Key of a loaded object in the cache; with a new file or a new sidecar it is another object."""
     source = str(request.source)
     path = split_part(source)[0]
-    state = file_state(path), file_state(sidecar_path(path))
-    return source, request.unit, request.scale, request.view, request.cut_table, state
+    state = tuple(file_state(file) for file in (path, sidecar_path(path), request.mask or ""))
+    return source, request.unit, request.scale, request.view, request.cut_table, request.mask, state
 
 
 _ELEMENT_KEYS = (

@@ -280,6 +280,8 @@ def scene_words(document: Document) -> str:
             words.append(f"table {height}{_turned(document.get('scene') or {})}")
         if boxes:
             words.append(f"{boxes} box{'es' if boxes > 1 else ''} to avoid")
+    if (request.get("object") or {}).get("mask") is not None:
+        words.append("the rest of the scene in the way")
     if request.get("obstacle"):
         words += [f"obstacle {text.replace(chr(92), '/').rpartition('/')[2]}" for text in request["obstacle"]]
     if request.get("approaches"):
