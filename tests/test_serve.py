@@ -463,6 +463,65 @@ def test_the_examples_ask_the_server(process, tmp_path):
     assert json.loads(done.stdout)["object"]["name"] == "cube"
 
 
+def command(process: Any, *words: str, **environment: str) -> tuple[int, str, str]:
+    """The command line in the server's environment, and what it has imported besides."""
+    done = subprocess.run(
+        [sys.executable, "-X", "importtime", "-m", "preshape", *words],
+        capture_output=True,
+        text=True,
+        cwd=process.folder,
+        env={
+            **os.environ,
+            "TMPDIR": str(process.folder),
+            "XDG_RUNTIME_DIR": str(process.folder),
+            **environment,
+        },
+    )
+    imported = [line for line in done.stderr.splitlines() if line.startswith("import time:")]
+    said = "".join(f"{line}\n" for line in done.stderr.splitlines() if line not in imported)
+    process.alone = any(line.endswith(" numpy") for line in imported)
+    return done.returncode, done.stdout, said
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("plan", "cube", "--task", CUBE["task"], "--hand", "utah_mit", "--json"),
+        ("plan", "cube", "--task", CUBE["task"], "--hand", "utah_mit", "--explain"),
+        ("plan", "cueb", "--task", "lift", "--json"),
+        ("plan", "cube", "--task", "lift", "--hnad", "x"),
+    ],
+    ids=["json", "text", "wrong", "usage"],
+)
+def test_the_command_line_asks_the_server_and_prints_the_same(process, words):
+    words = (*words, "--memory", "memory.sqlite")
+    code, out, err = command(process, *words)
+    assert not process.alone
+    own = command(process, *words, PRESHAPE_SERVE="off")
+    assert process.alone or code == 2
+    if code == 0 and "--json" in words:
+        assert without_times(json.loads(out)) == without_times(json.loads(own[1]))
+        own = (own[0], out, own[2])
+    assert (code, out, err) == own
+
+
+def test_a_server_of_another_memory_or_environment_is_not_asked(process, tmp_path):
+    words = ("plan", "cube", "--task", CUBE["task"], "--hand", "utah_mit", "--json", "--memory")
+    for memory, environment in (
+        ("other.sqlite", {}),
+        (":memory:", {}),
+        ("memory.sqlite", {"PRESHAPE_CACHE": str(tmp_path)}),
+        ("memory.sqlite", {"XDG_RUNTIME_DIR": str(tmp_path)}),
+    ):
+        code, out, _ = command(process, *words, memory, **environment)
+        assert (code, json.loads(out)["status"], process.alone) == (0, "answer", True)
+    folder = process.folder / "preshape"
+    folder.chmod(0o755)  # somebody else could have put a socket there
+    assert command(process, *words, "memory.sqlite")[0] == 0
+    assert process.alone
+    folder.chmod(0o700)
+
+
 def test_sigterm_ends_the_server_and_its_planners_at_once(process):
     """The last test with this process."""
     planners = subprocess.run(
@@ -476,4 +535,4 @@ def test_sigterm_ends_the_server_and_its_planners_at_once(process):
         == "interrupted; everything that was acknowledged is kept"
     )
     assert settled(lambda: not any(Path(f"/proc/{number}").exists() for number in planners))
-    assert not list(process.folder.rglob("my_part.obj"))
+    assert not [*process.folder.rglob("my_part.obj"), *process.folder.rglob("*.sock")]

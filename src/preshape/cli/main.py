@@ -31,20 +31,30 @@ def main(arguments: list[str] | None = None) -> None:
     given = sys.argv[1:]
     streams.prepare()
     interrupts.install("--json" in given)
-    code = run(given)
+    code = run(given, forward=True)
     interrupts.finished()
     sys.exit(code)
 
 
-def run(arguments: list[str]) -> int:
-    """Run the command line and return the exit code. No traceback reaches the user."""
+def run(arguments: list[str], *, forward: bool = False) -> int:
+    """Run the command line and return the exit code. No traceback reaches the user.
+
+    Args:
+        arguments: The arguments.
+        forward: Whether a running server may do the work.
+    """
     import click
 
     from ..exceptions import Cancelled, PreshapeError
 
     as_json = "--json" in arguments
     try:
-        return _run(arguments)
+        code = None
+        if forward:
+            from .forward import forwarded
+
+            code = forwarded(arguments)
+        return _run(arguments) if code is None else code
     except (KeyboardInterrupt, click.Abort) as stop:
         return _report(str(stop) or INTERRUPTED, EXIT_INTERRUPTED, as_json)
     except Exception as error:

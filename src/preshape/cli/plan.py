@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -29,6 +31,18 @@ from .settings_file import name_settings
 
 if TYPE_CHECKING:
     from ..planning.document import Document
+    from ..planning.request import PlanRequest
+    from ..planning.session import Progress, Session
+
+
+def _own_session(request: PlanRequest, learn: bool, told: Progress) -> AbstractContextManager[Session]:
+    from ..planning.session import Session
+
+    return Session(request.memory, learn=learn, progress=told)
+
+
+session_for: Callable[[PlanRequest, bool, Progress], AbstractContextManager[Session]] = _own_session
+"""Gives the session that answers a request; a planner process of the server lends one that is warm."""
 
 
 @click.command(
@@ -129,11 +143,10 @@ def plan(
         )
         from ..files import make_folder
         from ..planning.document import plan_to_json
-        from ..planning.session import Session
 
         if out is not None:
             make_folder(Path(out))
-        with Session(request.memory, learn=not no_learn, progress=told) as session:
+        with session_for(request, not no_learn, told) as session:
             made = session.run(request)
     document = plan_to_json(made)
     given = 1 + len(made.alternatives)

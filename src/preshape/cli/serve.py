@@ -44,7 +44,8 @@ def serve(
     code 130 and keeps what was learnt.
     """
     from ..hands.load import load_hand
-    from ..memory import Memory
+    from ..memory import Memory, default_path
+    from ..serve.place import server_key
     from ..serve.server import WILDCARDS, PlanServer
 
     if memory == ":memory:":
@@ -64,6 +65,7 @@ def serve(
             workers=workers,
             seconds=timeout,
             files=None if files is None else Path(files),
+            key=server_key(kept or str(default_path())),
         )
         try:
             say(f"preshape serve is at {server.address} (Ctrl-C ends it)", err=True)

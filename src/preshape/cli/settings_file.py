@@ -8,11 +8,11 @@ from __future__ import annotations
 import os
 from typing import Any, NamedTuple
 
-import click
-from click.core import ParameterSource
-
 from ..exceptions import EnvironmentFailure, InputError, UnknownKey, shown
-from .printing import say
+
+TYPE_CHECKING = False
+if TYPE_CHECKING:
+    import click
 
 NAME = "preshape.toml"
 KEYS = ("hand", "table", "mass", "memory")
@@ -106,6 +106,11 @@ def apply_settings(context: click.Context, command: str) -> None:
 
 def name_settings() -> None:
     """Say on standard error which file's settings the current command uses, if it uses any."""
+    import click
+    from click.core import ParameterSource
+
+    from .printing import say
+
     context = click.get_current_context()
     if context.obj is None:
         return

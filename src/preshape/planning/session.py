@@ -110,7 +110,7 @@ class Session:
         # The path as it was given: a link in it may later lead to another file.
         self._file = Path(default_path() if memory is None else str(memory)).expanduser().absolute()
         self._place = file_place(self._file)
-        self._progress, self._cancel = progress, cancel
+        self.progress, self._cancel = progress, cancel
         self._hand: Hand | None = None
         self._mesh: tuple[Any, TriangleMesh] | None = None
         self._controller: tuple[Any, Controller] | None = None
@@ -365,8 +365,8 @@ class Session:
     def _tell(self, words: str, share: float) -> None:
         if self._cancel is not None and self._cancel.is_set():
             raise Cancelled("cancelled; everything that was acknowledged is kept")
-        if self._progress is not None:
-            self._progress(words, share)
+        if self.progress is not None:
+            self.progress(words, share)
 
 
 def _file_key(request: PlanRequest) -> tuple[Any, ...]:

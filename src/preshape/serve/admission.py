@@ -49,6 +49,9 @@ class Admission:
             admitted["object"] = self._object(thing, names)
         if isinstance(hand := data.get("hand"), str):
             admitted["hand"] = self._hand(hand)
+        for owner in (admitted, admitted.get("object")):
+            if isinstance(owner, dict) and isinstance(mask := owner.get("mask"), str) and not mask.isdigit():
+                owner["mask"] = self._ending(mask, _PART, {})
         if isinstance(around := data.get("obstacle"), str | list):
             around = [around] if isinstance(around, str) else around
             admitted["obstacle"] = [

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import io
 import json
+import math
 import select
 import socket
 import time
-from collections.abc import Callable, Generator, Iterator
+from collections.abc import Callable, Iterator
 from contextlib import closing, suppress
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler
@@ -217,7 +218,8 @@ class Handler(BaseHTTPRequestHandler):
         if not self.server.trusted:
             data, names = self.desk.admission.admit(data)
         key = json.dumps([data.get("object"), data.get("hand"), data.get("task")])
-        *_, reply = self._replies({"do": "plan", "request": data, "names": names}, key)
+        message, desk = {"do": "plan", "request": data, "names": names}, self.desk
+        *_, reply = desk.pool.replies(message, key=key, seconds=desk.seconds, gone=self._gone)
         if "error" in reply:
             self._refuse(_status(reply.get("exit", 3)), reply["error"])
         else:
@@ -226,8 +228,12 @@ class Handler(BaseHTTPRequestHandler):
     def _command(self) -> None:
         """Run a command of the command line for the same user, and send its output as it comes."""
         data = self._object()
-        arguments = json.dumps(data.get("arguments"))
-        with closing(self._replies({"do": "command", "command": data}, arguments)) as replies:
+        if data.pop("key", None) != self.desk.key:
+            raise Refusal(HTTPStatus.CONFLICT, "this server has another version, memory or environment")
+        message, desk = {"do": "command", "command": data}, self.desk
+        with closing(
+            desk.pool.replies(message, key="", seconds=math.inf, gone=self._gone, waits=False)
+        ) as replies:
             first = next(replies)  # before it, the request may still be refused
             self.send_response(HTTPStatus.OK)
             self.send_header("Connection", "close")
@@ -235,9 +241,6 @@ class Handler(BaseHTTPRequestHandler):
             for reply in chain([first], replies):
                 self.wfile.write(json.dumps(reply).encode() + b"\n")
                 self.wfile.flush()
-
-    def _replies(self, message: dict[str, Any], key: str) -> Generator[dict[str, Any]]:
-        return self.desk.pool.replies(message, key=key, seconds=self.desk.seconds, gone=self._gone)
 
     def _keep(self) -> None:
         named = parse_qs(urlsplit(self.path).query).get("name", [])

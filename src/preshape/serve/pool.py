@@ -71,7 +71,13 @@ class PlannerPool:
             return {"workers": len(self._seats), "busy": busy, "waiting": self._waiting}
 
     def replies(
-        self, message: dict[str, Any], *, key: str, seconds: float, gone: Callable[[], bool]
+        self,
+        message: dict[str, Any],
+        *,
+        key: str,
+        seconds: float,
+        gone: Callable[[], bool],
+        waits: bool = True,
     ) -> Generator[Reply]:
         """The replies to a message, the last with ``done`` or ``error``.
 
@@ -82,6 +88,7 @@ class PlannerPool:
             key: What the message is about; a process that has it prepared is preferred.
             seconds: Time limit for waiting and work together [s].
             gone: Whether the client has left.
+            waits: Whether to wait if no process is free.
 
         Raises:
             PoolBusy: There is no free process in time, and too many wait.
@@ -90,7 +97,7 @@ class PlannerPool:
             EnvironmentFailure: The system refuses another process.
         """
         end = time.monotonic() + seconds
-        with self._seat(key, end, gone) as seat:
+        with self._seat(key, end, gone, self._most_waiting if waits else 0) as seat:
             number, last = seat.link.ask(**message), False
             try:
                 while not last:
@@ -113,12 +120,12 @@ class PlannerPool:
                     seat.prepared.clear()
 
     @contextmanager
-    def _seat(self, key: str, end: float, gone: Callable[[], bool]) -> Iterator[_Seat]:
+    def _seat(self, key: str, end: float, gone: Callable[[], bool], most: int) -> Iterator[_Seat]:
         """A free process for the length of a ``with`` block."""
         seat = self._free(key)
         if seat is None:
             with self._changed:
-                if self._waiting >= self._most_waiting:
+                if self._waiting >= most:
                     raise PoolBusy(
                         f"{self._waiting} requests are waiting, which is the limit; ask again later"
                     )

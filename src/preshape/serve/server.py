@@ -16,6 +16,7 @@ from ..exceptions import EnvironmentFailure, InputError
 from ..processes import process_count
 from .admission import Admission
 from .handler import Handler
+from .place import socket_path
 from .pool import PlannerPool
 from .shelf import Shelf
 
@@ -34,12 +35,14 @@ class Desk:
         shelf: The meshes that clients have sent.
         admission: What requests may name.
         seconds: Time limit of a request [s].
+        key: What a command line must have in common with the server; see :mod:`.place`.
     """
 
     def __init__(
-        self, gate: Gate, pool: PlannerPool, shelf: Shelf, admission: Admission, seconds: float
+        self, gate: Gate, pool: PlannerPool, shelf: Shelf, admission: Admission, seconds: float, key: str
     ) -> None:
-        self.gate, self.pool, self.shelf, self.admission, self.seconds = gate, pool, shelf, admission, seconds
+        self.gate, self.pool, self.shelf, self.admission = gate, pool, shelf, admission
+        self.seconds, self.key = seconds, key
 
 
 class _Threads(socketserver.ThreadingMixIn, socketserver.TCPServer):
@@ -87,7 +90,8 @@ class PlanServer:
         workers: Number of planner processes; ``None`` for one for each core.
         seconds: Time limit of a request [s].
         files: Folder whose files requests may name; ``None`` for none.
-        local: Path of a socket file for this user's own programs, which are trusted; ``None`` for none.
+        key: What command lines must have in common with the server that it runs commands for, through a
+            socket file (:mod:`.place`); empty for none.
 
     Raises:
         InputError: The port is not in 0..65535, or another number is too small.
@@ -103,7 +107,7 @@ class PlanServer:
         workers: int | None = None,
         seconds: float = 300.0,
         files: Path | None = None,
-        local: Path | None = None,
+        key: str = "",
     ) -> None:
         if not 0 <= port <= 65535:
             raise InputError(f"a port must be 0 to 65535, got {port}")
@@ -123,13 +127,13 @@ class PlanServer:
         self.port = int(self._servers[0].server_address[1])
         self._gate, self._shelf = Gate(host, self.port, CONNECTIONS), Shelf()
         try:
-            own = None if local is None else _on_file(local)
+            own = _on_file(local) if key and (local := socket_path(key, make=True)) else None
             self._servers += [own] if own is not None else []
             self._pool = PlannerPool(program, count, WAITING)
         except EnvironmentFailure:
             self._close_sockets()
             raise
-        desk = Desk(self._gate, self._pool, self._shelf, Admission(self._shelf, files), seconds)
+        desk = Desk(self._gate, self._pool, self._shelf, Admission(self._shelf, files), seconds, key)
         for server in self._servers:
             server.desk = desk
             threading.Thread(target=server.serve_forever, args=(0.1,), daemon=True).start()
@@ -157,7 +161,7 @@ class PlanServer:
                     os.unlink(str(server.server_address))
 
 
-def _on_file(path: Path) -> _Threads | None:
+def _on_file(path: str) -> _Threads | None:
     """A server on a socket file that only this user can open; ``None`` where another one uses it.
 
     Without it the command line does its work by itself.
@@ -165,10 +169,11 @@ def _on_file(path: Path) -> _Threads | None:
     before = os.umask(0o177)
     try:
         with socket.socket(socket.AF_UNIX) as probe:
-            if probe.connect_ex(str(path)) == 0:
+            if probe.connect_ex(path) == 0:
                 return None
-        path.unlink(missing_ok=True)
-        return _Threads(str(path), socket.AF_UNIX, trusted=True)
+        with contextlib.suppress(FileNotFoundError):
+            os.unlink(path)
+        return _Threads(path, socket.AF_UNIX, trusted=True)
     except OSError:
         return None
     finally:

@@ -79,9 +79,8 @@ class WarmPlanner:
 
         request = request_from_keywords(data, memory=self.memory)
         _check_size(request)
-        asked = request.to_json()
-        warm = self.session(request, asked)
-        key, before = json.dumps([asked, names]), warm.session.inputs(request)
+        warm = self.session(request)
+        key, before = json.dumps([request.to_json(), names]), warm.session.inputs(request)
         known = warm.answers.pop(key, None)
         if known is not None and before is not None and known[0] == before:
             warm.answers[key] = known
@@ -100,15 +99,11 @@ class WarmPlanner:
                 warm.answers.popitem(last=False)
         return text
 
-    def session(self, request: PlanRequest, asked: dict[str, Any]) -> _Warm:
-        """The session that last answered for this object, hand and task, or a new one; its memory stays open.
-
-        Args:
-            request: The request.
-            asked: The same as JSON.
-        """
+    def session(self, request: PlanRequest) -> _Warm:
+        """The session of the last answer for this object, hand and task, or a new one."""
         from ..planning.session import Session
 
+        asked = request.to_json()
         key = json.dumps([asked[name] for name in ("object", "hand", "analyser", "task", "learn", "memory")])
         found = self._sessions.pop(key, None)
         if found is None:
