@@ -89,7 +89,7 @@ fuzz: setup
 
 harden: setup
 	@$(BIN)/python -m hardening.kill
-	@for one in server signals streams kernel_cache memories files odd_objects clutter; do \
+	@for one in server load signals streams kernel_cache memories files odd_objects clutter; do \
 	  echo "hardening.$$one"; $(BIN)/python -m hardening.$$one $(ARGS) || exit 1; done
 	@$(BIN)/python -m hardening.grips $(OBJECTS)
 	@test -z "$(OBJECTS)" || $(BIN)/python -m hardening.objects $(OBJECTS)

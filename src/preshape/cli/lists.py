@@ -8,12 +8,12 @@ from typing import Any
 import click
 
 from ..exceptions import InputError
-from .options import check_folder, json_option
+from .options import check_folder, complete_object, json_option
 from .printing import emit, name_files, print_rows, say
 
 
 @click.command(epilog="Example: preshape objects, or preshape objects hammer --out out/hammer")
-@click.argument("thing", metavar="[OBJECT]", required=False)
+@click.argument("thing", metavar="[OBJECT]", required=False, shell_complete=complete_object)
 @click.option("--scale", type=float, default=1.0, help="Factor on the object's size.")
 @click.option("--unit", default="m", metavar="m|cm|mm|in", help="Unit of the file.")
 @click.option("--out", metavar="DIR", help="Folder for a picture of the object's parts, with their names.")

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,18 +17,34 @@ from .options import (
     arm_options,
     check_folder,
     closure_options,
+    complete_object,
+    complete_task,
     hand_from,
     json_option,
     memory_option,
     numbers_in,
     object_options,
     request_from,
+    verbose_option,
 )
 from .printing import emit, name_files, say
-from .progress import waiting
+from .progress import narrated, waiting
+from .settings_file import name_settings
 
 if TYPE_CHECKING:
     from ..planning.document import Document
+    from ..planning.request import PlanRequest
+    from ..planning.session import Progress, Session
+
+
+def _own_session(request: PlanRequest, learn: bool, told: Progress) -> AbstractContextManager[Session]:
+    from ..planning.session import Session
+
+    return Session(request.memory, learn=learn, progress=told)
+
+
+session_for: Callable[[PlanRequest, bool, Progress], AbstractContextManager[Session]] = _own_session
+"""Gives the session that answers a request; a planner process of the server lends one that is warm."""
 
 
 @click.command(
@@ -34,7 +52,7 @@ if TYPE_CHECKING:
     epilog="Example: preshape plan mug --task pour --hand leap, or "
     'preshape plan part.stl --unit mm --task "1 1 .1 .05 .8 .05"',
 )
-@click.argument("thing", metavar="OBJECT", required=False)
+@click.argument("thing", metavar="OBJECT", required=False, shell_complete=complete_object)
 @click.option(
     "--scene",
     metavar="FILE",
@@ -47,7 +65,13 @@ if TYPE_CHECKING:
     help="With --scene: a .npy or .png file with a number for each point or pixel, not zero for the object, "
     "or the number of a label in the scene's file.",
 )
-@click.option("--task", required=True, metavar="TASK", help='A name (preshape tasks) or "Tx Ty Tz Rx Ry Rz".')
+@click.option(
+    "--task",
+    required=True,
+    metavar="TASK",
+    shell_complete=complete_task,
+    help='A name (preshape tasks) or "Tx Ty Tz Rx Ry Rz".',
+)
 @object_options
 @closure_options
 @arm_options
@@ -80,6 +104,7 @@ if TYPE_CHECKING:
     "--explain", is_flag=True, help="Also show the paper's indices and the match of each component."
 )
 @click.option("--out", metavar="DIR", help="Also write plan.json, plan.png and plan.html there.")
+@verbose_option
 @json_option
 def plan(
     thing: str | None,
@@ -93,6 +118,7 @@ def plan(
     cut_table: bool | None,
     explain: bool,
     out: str | None,
+    verbose: bool,
     as_json: bool,
     **options: Any,
 ) -> int:
@@ -103,7 +129,9 @@ def plan(
     """
     check_folder(out)
     source = _object(thing, scene, mask)
-    with waiting() as told:
+    if not as_json:
+        name_settings()
+    with narrated() if verbose else waiting() as told:
         request = request_from(
             source,
             task,
@@ -119,11 +147,10 @@ def plan(
         )
         from ..files import make_folder
         from ..planning.document import plan_to_json
-        from ..planning.session import Session
 
         if out is not None:
             make_folder(Path(out))
-        with Session(request.memory, learn=not no_learn, progress=told) as session:
+        with session_for(request, not no_learn, told) as session:
             made = session.run(request)
     document = plan_to_json(made)
     given = 1 + len(made.alternatives)
