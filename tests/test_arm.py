@@ -454,7 +454,8 @@ def test_an_mjcf_with_a_floor_keyframes_and_any_shape_is_an_arm(tmp_path: Path) 
       <body name="a"><geom type="capsule" size=".05 .1"/><joint name="j1" axis="0 0 1" range="-2 2"/>
       <body name="b" pos="0 0 .3"><geom type="ellipsoid" size=".05 .06 .1"/><joint name="j2" axis="0 1 0"/>
       <body name="tip" pos="0 0 .3"><geom type="cylinder" size=".05 .1"/><joint name="j3" axis="0 1 0"/>
-      </body></body></body></worldbody><asset><hfield name="hills" nrow="3" ncol="3" size="1 1 .1 .1"/></asset>
+      </body></body></body></worldbody>
+      <asset><hfield name="hills" nrow="3" ncol="3" size="1 1 .1 .1"/></asset>
       <actuator><position joint="j1"/></actuator><keyframe><key qpos="0 0 0"/></keyframe></mujoco>"""
     arm = read_arm(arm_models.written(tmp_path, text, "arm.xml"), "tip", HAND, np.eye(4))
     assert arm.joints == ("j1", "j2", "j3")
@@ -463,8 +464,9 @@ def test_an_mjcf_with_a_floor_keyframes_and_any_shape_is_an_arm(tmp_path: Path) 
     scene = ArmScene(arm, np.eye(4))
     floor = scene.first_hit(np.array([[0.0, 0.1, 0.1]]), HAND.posture("open")[None], np.array([False]))
     assert floor is None or floor.other not in ("world", "the table")
-    folded = scene.first_hit(np.array([[0.0, 0.0, 3.1]]), HAND.posture("open")[None], np.array([False]))
+    folded = scene.first_hit(np.array([[0.0, 3.1, 0.0]]), HAND.posture("open")[None], np.array([False]))
     assert folded is not None
+    assert folded.itself
 
 
 def test_a_joint_without_end_has_no_limit(tmp_path: Path) -> None:

@@ -167,7 +167,7 @@ def _check_joints(body: Any, tip: str, path: Path) -> None:
             low, high = (float(bound) for bound in joint.range)
             if low > high:
                 raise ArmError(
-                    f"{path}: the limits of the joint {shown(joint.name)} are reversed: from {low:g} to {high:g}"
+                    f"{path}: the limits of the joint {shown(joint.name)} are reversed: {low:g} to {high:g}"
                 )
         body = body.parent
 
