@@ -12,7 +12,8 @@
     │   └── UnknownName           an unknown name; the message lists the nearest known names
     │       ├── UnknownObject
     │       ├── UnknownTask
-    │       └── UnknownHand
+    │       ├── UnknownHand
+    │       └── UnknownKey        a key of a request or of preshape.toml
     ├── EnvironmentFailure   3    a file, the disk or the environment; the input may be right
     └── Cancelled          130    the caller stopped the work; acknowledged results are kept
 
@@ -161,6 +162,12 @@ class UnknownHand(UnknownName):
 
     noun = "hand"
     more = " (NAME:left for a left hand, or a TOML file of your own)"
+
+
+class UnknownKey(UnknownName):
+    """There is no key of that name in a request or in a file of settings."""
+
+    noun = "key"
 
 
 class EnvironmentFailure(PreshapeError):

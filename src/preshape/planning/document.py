@@ -142,6 +142,7 @@ def request_of(document: Document, **changes: Any) -> PlanRequest:
             "task": str(task["name"]) if known else [float(x) for x in task["q"]],
             "hand": hand,
             "analyser": analyser,
+            "table": None,
             "mass": FIELD_MASS if analyser == "closure" else None,
             "settings": Settings(thresholds=Thresholds(**limits)),
         }
@@ -193,6 +194,7 @@ def obstacles_of(document: Document) -> str:
     boxes = len(request.get("avoid") or ())
     parts = ["the table"] if request.get("table") is not None else []
     parts += [f"{boxes} box{'es' if boxes > 1 else ''}"] if boxes else []
+    parts += ["the rest of the scene"] if (request.get("object") or {}).get("mask") is not None else []
     files = len(request.get("obstacle") or ())
     parts += [f"{files} obstacle{'s' if files > 1 else ''}"] if files else []
     return " and ".join(parts)

@@ -21,7 +21,7 @@ from ..closure.rules import KEEP_OFF
 from ..exceptions import Cancelled, EnvironmentFailure, InputError, shown
 from ..files import file_place, file_state
 from ..hands.hand import Hand
-from ..hands.load import load_hand
+from ..hands.load import is_description, is_model, load_hand
 from ..hiis.analyser import Analyser, Grasp
 from ..hiis.controller import Controller
 from ..hiis.critic import of_this_object
@@ -41,7 +41,7 @@ from .controllers import closure_controller, layout_of, ray_controller
 from .hand_simulation import execute
 from .plan import Plan
 from .request import PlanRequest
-from .sizes import out_of_reach, refuse_absurd_size
+from .sizes import misplaced_obstacles, out_of_reach, refuse_absurd_size
 
 Progress = Callable[[str, float], None]
 """Called with the name of the current step and the total progress in percent."""
@@ -117,7 +117,7 @@ class Session:
         # The path as it was given: a link in it may later lead to another file.
         self._file = Path(default_path() if memory is None else str(memory)).expanduser().absolute()
         self._place = file_place(self._file)
-        self._progress, self._cancel = progress, cancel
+        self.progress, self._cancel = progress, cancel
         self._hand: Hand | None = None
         self._mesh: tuple[Any, TriangleMesh] | None = None
         self._controller: tuple[Any, Controller] | None = None
@@ -162,7 +162,7 @@ class Session:
         refuse_absurd_size(mesh, hand)
         mass = object_mass(mesh, request.stated_mass)
         warnings = [*mesh.notes, *([mass.warning] if mass.warning else [])]
-        warnings += out_of_reach(request, mesh, hand)
+        warnings += [*out_of_reach(request, mesh, hand), *misplaced_obstacles(request, mesh)]
         stands = request.standing(mesh)
         warnings += [f"{mesh.name} {stands.warning}"] if stands.warning else []
         loaded = time.perf_counter()
@@ -260,6 +260,23 @@ class Session:
         decision = ready.controller.teach(ready.element, ready.task, approaches=request.approaches)
         ready.controller.reset()
         return self._executed(ready, decision, started, None)
+
+    def inputs(self, request: PlanRequest) -> tuple[Any, ...] | None:
+        """A value that changes whenever the answer to a request may: the state of memory and files.
+
+        Returns:
+            The value, or ``None`` if the answer also depends on files that the request does not name.
+        """
+        self._open_again()
+        path = split_part(request.object_name)[0].lower()
+        if (
+            is_model(request.hand_name)
+            or is_description(request.hand_name)
+            or path.endswith((".gltf", ".glb"))
+        ):
+            return None
+        place, thing = (*(self._place or ()), *self.memory.state()), _file_key(request)
+        return (*place, *thing, *_obstacle_states(request))
 
     def hand(self, request: PlanRequest) -> Hand:
         """The request's hand."""
@@ -420,16 +437,16 @@ class Session:
     def _tell(self, words: str, share: float) -> None:
         if self._cancel is not None and self._cancel.is_set():
             raise Cancelled("cancelled; everything that was acknowledged is kept")
-        if self._progress is not None:
-            self._progress(words, share)
+        if self.progress is not None:
+            self.progress(words, share)
 
 
 def _file_key(request: PlanRequest) -> tuple[Any, ...]:
     """Key of a loaded object in the cache; with a new file or a new sidecar it is another object."""
     source = str(request.source)
     path = split_part(source)[0]
-    state = file_state(path), file_state(sidecar_path(path))
-    return source, request.unit, request.scale, request.view, request.cut_table, state
+    state = tuple(file_state(file) for file in (path, sidecar_path(path), str(request.mask or "")))
+    return source, request.unit, request.scale, request.view, request.cut_table, request.mask, state
 
 
 _ELEMENT_KEYS = (
@@ -443,6 +460,10 @@ def _element_key(request: PlanRequest, hand: Hand, mesh: TriangleMesh, mass: Obj
     """Key of controller and analyser in the cache: everything they depend on besides the object."""
     document, rules = request.to_json(), request.rules_for(mesh).key
     wanted = (request.wanted(mesh), request.count > 1) if request.analyser == "closure" else 0
-    # The file of an obstacle may have changed under its name.
-    files = [repr(file_state(split_part(placed_file(text).file)[0])) for text in request.obstacle]
-    return (hand, mass.kg, wanted, rules, *(repr(document[name]) for name in _ELEMENT_KEYS), *files)
+    values = (repr(document[name]) for name in _ELEMENT_KEYS)
+    return (hand, mass.kg, wanted, rules, *values, *_obstacle_states(request))
+
+
+def _obstacle_states(request: PlanRequest) -> list[str]:
+    """The states of the files of obstacles, which may change under their names."""
+    return [repr(file_state(split_part(placed_file(text).file)[0])) for text in request.obstacle]

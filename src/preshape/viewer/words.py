@@ -306,6 +306,8 @@ def scene_words(document: Document) -> str:
             words.append(f"table {height}{_turned(document.get('scene') or {})}")
         if boxes:
             words.append(f"{boxes} box{'es' if boxes > 1 else ''} to avoid")
+    if (request.get("object") or {}).get("mask") is not None:
+        words.append("the rest of the scene in the way")
     if request.get("obstacle"):
         words += [f"obstacle {text.replace(chr(92), '/').rpartition('/')[2]}" for text in request["obstacle"]]
     if request.get("approaches"):
@@ -331,8 +333,8 @@ def _turned(scene: Document) -> str:
     """How the object lies at rest, if it is turned from how it is modelled."""
     if float(scene.get("turned", 0.0)) < TURNED:
         return ""
-    x, y, z = scene["up"]
-    return f", on which it lies turned by {scene['turned']:.0f}°: up is {x:.2g}, {y:.2g}, {z:.2g}"
+    up = ", ".join(f"{round(x, 2) + 0.0:g}" for x in scene["up"])
+    return f", on which it lies turned by {scene['turned']:.0f}°: up is {up}"
 
 
 def _angle(a: Sequence[float], b: Sequence[float]) -> float:
