@@ -111,6 +111,16 @@ def test_without_an_answer_in_reach_the_best_says_why_and_what_would_help(unserv
     assert "does not reach it" in " ".join(summary_text(unserved).split())
 
 
+def test_terminal_and_page_say_what_the_arm_makes_of_it(served: Plan, unserved: Plan) -> None:
+    from preshape.viewer.readings import facts
+
+    document, other = plan_to_json(served), plan_to_json(unserved)
+    assert "arm reaches it" in " ".join(summary_text(served).split())
+    assert "The arm reaches no answer" in summary_text(unserved)
+    assert '<div class="step good"><b>Arm</b><br>arm reaches it' in facts(document, document)
+    assert '<div class="step bad"><b>Arm</b><br>arm does not reach it' in facts(other, other["best"])
+
+
 def test_the_advice_is_followed_and_helps(six: str) -> None:
     far = made(six, [-1.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
     assert far.answer is None

@@ -122,6 +122,11 @@ class PlanRecord:
     arm: ArmOutcome | None = None
 
     @property
+    def arm_tested(self) -> int:
+        """Number of answers that were tested with the arm."""
+        return 0 if self.arm is None else self.arm.tested
+
+    @property
     def source(self) -> str:
         """The object as documents state it; see :func:`~preshape.objects.load.stored_source`."""
         return stored_source(self.request.source)[0]

@@ -398,10 +398,15 @@ class PlanRequest:
         many = f"{len(boxes)} boxes{f' and {len(rules)} rules' if rules else ''} {digest}"
         return "; ".join([*table, many, *load, *kind])
 
-    def wanted(self, mesh: TriangleMesh) -> int:
-        """Number of answers to compute; physics, or the seen part of a cloud, selects among them."""
-        scan = mesh.scan is not None
-        return max(self.count, VERIFIED * self.verify, ON_CLOUDS * scan, BY_ARM * (self.arm is not None))
+    def wanted(self, mesh: TriangleMesh, *, by_arm: bool = True) -> int:
+        """Number of answers to compute; physics, the seen part of a cloud, or the arm selects among them.
+
+        Args:
+            mesh: The object.
+            by_arm: Whether to count those among which the arm selects if it does not serve the first ones.
+        """
+        scan, arm = mesh.scan is not None, by_arm and self.arm is not None
+        return max(self.count, VERIFIED * self.verify, ON_CLOUDS * scan, BY_ARM * arm)
 
     def closure(self, mesh: TriangleMesh, mass: float) -> ClosureSettings:
         """The settings of the closure analyser for this request.

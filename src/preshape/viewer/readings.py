@@ -15,6 +15,7 @@ from .words import (
     Document,
     answer_words,
     answers_of,
+    arm_words,
     correction_words,
     figures,
     fingers_words,
@@ -222,6 +223,9 @@ def facts(document: Document, answer: Document) -> str:
         f"{escape(hand['reason'] or '')}</div>"
     )
     notes = "".join(f'<div class="step warn">{escape(w)}</div>' for w in answer.get("warnings", []))
+    if arm := arm_words(answer):
+        kind = "good" if answer["arm"]["path"] else "bad"
+        tried += f'<div class="step {kind}"><b>Arm</b><br>{escape(arm)}</div>'
     return f"<h3>This answer</h3>{_table(fact_rows(document, answer))}{tried}{notes}"
 
 
