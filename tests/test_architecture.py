@@ -24,7 +24,7 @@ LEVELS = (
     "exceptions types files processes spatial _version",
     "metrics objects report tasks",
     "hands kernels memory",
-    "hiis viewer",
+    "arm hiis viewer",
     "closure physics pictures",
     "planning planner",
     "dataset export",

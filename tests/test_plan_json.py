@@ -45,8 +45,20 @@ PROMISED = {
     "seconds", "version",
 }  # fmt: skip
 LATER = {
-    (): ("known", "length_unit", "scene", "rules"),
-    ("request",): ("finger_rule", "up", "rest", "hold_on", "keep_off", "rules", "obstacle"),
+    (): ("known", "length_unit", "scene", "rules", "arm"),
+    ("request",): (
+        "finger_rule",
+        "up",
+        "rest",
+        "hold_on",
+        "keep_off",
+        "rules",
+        "obstacle",
+        "arm",
+        "arm_tip",
+        "mount",
+        "base_pose",
+    ),
 }
 """Keys that were added after version 2 first came out, and where they stand."""
 SCHEMA = plan_schema()

@@ -45,6 +45,7 @@ REFUSED: dict[str, list[tuple[Any, str]]] = {
     "unit": [("yard", "known: m"), (5, "known: m"), (["m"], "known: m"), (None, "known: m")],
     "scale": [(0, "scale"), (-1.0, "scale"), (NAN, "scale"), ("2", "scale"), (HUGE, "scale"), (1j, "scale"),
               (True, "scale"), (None, "scale")],
+    "mask": [(True, "a mask is"), ("", "a mask is"), ([1], "a mask is"), (1.5, "a mask is")],
     "cut_table": [(1, "True, False or None"), ("yes", "True, False or None")],
     "view": [("left", "camera"), (5, "camera"), ([1, 2], "camera"), ([1, 2, NAN], "camera"), ({}, "camera")],
     "mass": [(0, "mass"), (-1.0, "mass"), (NAN, "mass"), ("1", "mass"), (True, "mass"), (HUGE, "mass"),
@@ -76,6 +77,10 @@ REFUSED: dict[str, list[tuple[Any, str]]] = {
     "up": [(5, "one of x, y, z"), ("+z", "one of x, y"), ("", "one of x, y"), (["y"], "one of x, y")],
     "rest": [(5, "quaternion"), ([1, 0, 0], "quaternion"), ([0, 0, 0, 0], "quaternion"),
              ("wxyz", "quaternion"), ([1, 0, 0, NAN], "finite")],
+    "arm": [(5, "URDF"), ("", "URDF"), (["a.urdf"], "URDF"), ("a.urdf", "link that carries the hand")],
+    "arm_tip": [("tip", "belongs to an arm"), (5, "belongs to an arm")],
+    "mount": [([0, 0, 0, 1, 0, 0, 0], "belongs to an arm"), ("x", "belongs to an arm")],
+    "base_pose": [([0, 0, 0, 1, 0, 0, 0], "belongs to an arm"), (5, "belongs to an arm")],
 }  # fmt: skip
 """For each field of a request, values that are refused, and a word of the sentence."""
 

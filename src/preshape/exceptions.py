@@ -7,6 +7,7 @@
     │   ├── ObjectError           an object file or mesh
     │   ├── TaskError             a task
     │   ├── HandError             a hand description
+    │   ├── ArmError              an arm's model, or how it carries the hand
     │   ├── MemoryFileError       a file that is no memory, or one of a newer version
     │   └── UnknownName           an unknown name; the message lists the nearest known names
     │       ├── UnknownObject
@@ -68,6 +69,10 @@ class TaskError(InputError):
 
 class HandError(InputError):
     """A hand description that is incomplete or contradicts itself."""
+
+
+class ArmError(InputError):
+    """An arm's model that cannot carry the hand, or a link that it does not have."""
 
 
 class MemoryFileError(InputError):

@@ -62,6 +62,10 @@ def plan(
     up: str | None = None,
     rest: Sequence[float] | None = None,
     obstacle: str | Sequence[str] = (),
+    arm: str | Path | None = None,
+    arm_tip: str | None = None,
+    mount: Sequence[float] | None = None,
+    base_pose: Sequence[float] | None = None,
 ) -> Plan:
     """Plan a preshape.
 
@@ -105,6 +109,11 @@ def plan(
             by default the object's own, or else it is settled.
         obstacle: Meshes or point clouds that hand and fingers stay away from by 3 mm, each ``FILE`` or
             ``FILE@x,y,z,qw,qx,qy,qz``, its pose in the mesh frame [m]; closure only.
+        arm: URDF of the arm that carries the hand; answers that it does not reach are left out.
+        arm_tip: Link of the arm that carries the hand.
+        mount: (7,) pose of the hand's root on that link, xyz [m] and wxyz; by default the link's own.
+        base_pose: (7,) pose of the arm's base in the world, whose z is up and whose origin is that of the
+            mesh frame, xyz [m] and wxyz.
 
     Raises:
         InputError: An argument that cannot be used; the message says what to change.
@@ -125,9 +134,13 @@ def plan(
         unit=unit,
         view=view,
         cut_table=cut_table,
-        mask=None if mask is None else str(mask),
+        mask=mask,
         up=up,
         obstacle=obstacle,
+        arm=arm,
+        arm_tip=arm_tip,
+        mount=mount,
+        base_pose=base_pose,
         rest=rest,
         mass=mass,
         friction=friction,

@@ -291,6 +291,36 @@ def closure_options(command: Command) -> Command:
     return command
 
 
+def arm_options(command: Command) -> Command:
+    """``--arm --arm-tip --mount --base-pose``: the arm that carries the hand."""
+    pose = '"X Y Z W X Y Z"'
+    options = (
+        click.option(
+            "--arm", metavar="URDF", help="Arm that carries the hand; answers that it reaches only."
+        ),
+        click.option("--arm-tip", metavar="LINK", help="Link of the arm that carries the hand."),
+        click.option(
+            "--mount", metavar=pose, help="Pose of the hand's root on that link [m].  [default: the link's]"
+        ),
+        click.option(
+            "--base-pose",
+            metavar=pose,
+            help="Pose of the arm's base in a world with z up and the origin of the object's file [m].",
+        ),
+    )
+    for option in reversed(options):
+        command = option(command)
+    return command
+
+
+def arm_from(options: dict[str, Any]) -> dict[str, Any]:
+    """The fields of a request that say which arm carries the hand."""
+    poses = {
+        name: None if options[name] is None else numbers_in(options[name]) for name in ("mount", "base_pose")
+    }
+    return {"arm": options["arm"], "arm_tip": options["arm_tip"], **poses}
+
+
 def numbers_in(text: str) -> list[float]:
     """The numbers in a text, separated by spaces or commas; empty if a part is no number."""
     try:

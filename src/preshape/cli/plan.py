@@ -15,6 +15,8 @@ from ..exceptions import InputError, shown
 from ..files import make_folder
 from .options import (
     TableCommand,
+    arm_from,
+    arm_options,
     check_folder,
     closure_options,
     complete_object,
@@ -75,6 +77,7 @@ session_for: Callable[[PlanRequest, bool, Progress], AbstractContextManager[Sess
 )
 @object_options
 @closure_options
+@arm_options
 @memory_option
 @click.option("--no-learn", is_flag=True, help="Do not write to the memory.")
 @click.option(
@@ -143,6 +146,7 @@ def plan(
             count=count,
             learn=not no_learn,
             verify=verify,
+            **arm_from(options),
         )
         if out is not None:
             make_folder(Path(out))

@@ -124,10 +124,15 @@ def surface_of_points(name: str, points: Array, near: Array) -> PartSurface | No
     return PartSurface(name=name, vertices=vertices, triangles=triangles, solid=True)
 
 
-def rest_of_scene(mesh: TriangleMesh) -> PartSurface | None:
-    """What else a depth camera saw around an object; ``None`` if there is nothing."""
+def rest_of_scene(mesh: TriangleMesh, near: Array | None = None) -> PartSurface | None:
+    """What else a depth camera saw around an object; ``None`` if there is nothing.
+
+    Args:
+        mesh: The object.
+        near: (2, 3) as in :func:`surface_of_points`; by default the object's bounding box [m].
+    """
     rest = None if mesh.scan is None else mesh.scan.rest
-    return None if rest is None else surface_of_points(REST, rest, mesh.bounds)
+    return None if rest is None else surface_of_points(REST, rest, mesh.bounds if near is None else near)
 
 
 def cube_edge(points: Array) -> float:

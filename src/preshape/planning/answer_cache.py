@@ -33,7 +33,7 @@ def object_state(request: PlanRequest) -> tuple[Any, ...]:
     """Names a loaded object; with a new file or a new sidecar it is another object."""
     source = str(request.source)
     path = split_part(source)[0]
-    state = tuple(file_state(file) for file in (path, sidecar_path(path), request.mask or ""))
+    state = tuple(file_state(file) for file in (path, sidecar_path(path), str(request.mask or "")))
     return source, request.unit, request.scale, request.view, request.cut_table, request.mask, state
 
 
@@ -45,8 +45,10 @@ def obstacle_states(request: PlanRequest) -> list[str]:
 def names_all_files(request: PlanRequest) -> bool:
     """Whether the request names every file that its answer depends on.
 
-    A hand's file names meshes, and a glTF file others with its vertices.
+    The file of a hand or an arm names meshes, and a glTF file others with its vertices.
     """
+    if request.arm is not None:
+        return False
     files = [request.object_name, *(placed_file(text).file for text in request.obstacle)]
     named = any(split_part(file)[0].lower().endswith((".gltf", ".glb")) for file in files)
     return not named and not is_model(request.hand_name) and not is_description(request.hand_name)

@@ -16,7 +16,7 @@ _OF_SETTINGS = ("seed", "estimation_threshold", "recognition_threshold")
 _SAME = (
     "hand", "analyser", "unit", "scale", "view", "cut_table", "mass", "friction", "table", "avoid",
     "obstacle", "gravity", "approaches", "grasp_type", "count", "learn", "verify", "hold_on", "keep_off",
-    "rules", "up", "rest", "mask",
+    "rules", "up", "rest", "mask", "arm", "arm_tip", "mount", "base_pose",
 )  # fmt: skip
 KEYWORDS = ("object", "task", *_SAME, *_OF_SETTINGS, "search")
 """The keys of a request in its short form."""

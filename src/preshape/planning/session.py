@@ -10,10 +10,12 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
-from typing import TYPE_CHECKING, Any, Self
+from typing import Any, Self
 
+from ..arm.model import Arm
 from ..closure.contact_places import part_mesh
 from ..closure.rules import KEEP_OFF
 from ..exceptions import Cancelled, EnvironmentFailure, InputError, shown
@@ -24,6 +26,7 @@ from ..hiis.analyser import Analyser, Grasp
 from ..hiis.controller import Controller
 from ..hiis.critic import of_this_object
 from ..hiis.decision import Decision
+from ..hiis.planes import AXIS_NAMES
 from ..memory import Memory, default_path
 from ..objects.load import split_part
 from ..objects.mass import ObjectMass, object_mass
@@ -32,19 +35,21 @@ from ..tasks import Task
 from ..types import an_instance, value
 from .answer_cache import names_all_files, object_state, obstacle_states
 from .answers import Answer, seen_first
+from .arm import arm_of, failed_axes, with_arm
 from .controllers import closure_controller, layout_of, ray_controller
 from .hand_simulation import execute
 from .plan import Plan
 from .request import PlanRequest
 from .sizes import misplaced_obstacles, out_of_reach, refuse_absurd_size
 
-if TYPE_CHECKING:
-    pass
-
 Progress = Callable[[str, float], None]
 """Called with the name of the current step and the total progress in percent."""
 Partial = Callable[[Plan], None]
 """Called with the plan so far: first with the answer alone, then with each further answer."""
+
+
+ARM_ROUNDS = 2
+"""Further searches along other approaches if the arm serves no answer [C]."""
 
 
 @value
@@ -63,6 +68,7 @@ class Prepared:
         seconds: Time of ``load`` and ``prepare`` [s].
         known: Whether the memory holds an experience of this object (5 % of scale) and of this model of the
             hand, of any task and scene.
+        arm: The arm with the hand; ``None`` without one.
     """
 
     request: PlanRequest
@@ -75,6 +81,7 @@ class Prepared:
     warnings: tuple[str, ...]
     seconds: dict[str, float]
     known: bool
+    arm: Arm | None = None
 
 
 class Session:
@@ -114,6 +121,7 @@ class Session:
         self._mesh: tuple[Any, TriangleMesh] | None = None
         self._controller: tuple[Any, Controller] | None = None
         self._element: tuple[Any, Analyser] | None = None
+        self._arm: tuple[Any, Arm] | None = None
 
     def __enter__(self) -> Self:
         return self
@@ -149,6 +157,7 @@ class Session:
         self._tell("reading object, task and hand", 5)
         self._open_again()
         hand, mesh = self.hand(request), self.mesh(request)
+        arm = self.arm(request, hand)
         refuse_absurd_size(mesh, hand)
         mass = object_mass(mesh, request.stated_mass)
         warnings = [*mesh.notes, *([mass.warning] if mass.warning else [])]
@@ -174,6 +183,7 @@ class Session:
             warnings=tuple(warnings),
             seconds={"load": loaded - start, "prepare": time.perf_counter() - loaded},
             known=bool(of_this_object(controller.knowledge.own, mesh)),
+            arm=arm,
         )
 
     def run(self, request: PlanRequest, *, partial: Partial | None = None) -> Plan:
@@ -203,10 +213,13 @@ class Session:
         )
         # A deadlock concerns this request only, not the next one.
         ready.controller.reset()
-        chosen_later = ready.mesh.scan is not None or request.verify
+        chosen_later = ready.mesh.scan is not None or request.verify or ready.arm is not None
         plan = self._executed(ready, decision, started, None if chosen_later else partial)
+        keep = request.count if not request.verify else wanted
         if ready.mesh.scan is not None:
-            plan = seen_first(plan, keep=request.count if not request.verify else wanted)
+            plan = seen_first(plan, keep=keep if ready.arm is None else wanted)
+        if ready.arm is not None:
+            plan = self._on_arm(ready, ready.arm, plan, keep=keep, started=started)
         if request.verify:
             from .verify import verified_plan
 
@@ -272,6 +285,15 @@ class Session:
             self._hand = last = hand
         return last
 
+    def arm(self, request: PlanRequest, hand: Hand) -> Arm | None:
+        """The request's arm with the hand on it; the last one is used again if its file has not changed."""
+        if request.arm is None:
+            return None
+        key = (file_state(request.arm), request.arm, request.arm_tip, request.mount, hand)
+        if self._arm is None or self._arm[0] != key:
+            self._arm = key, arm_of(request, hand)
+        return self._arm[1]
+
     def mesh(self, request: PlanRequest) -> TriangleMesh:
         """The request's object [m]."""
         if isinstance(request.source, TriangleMesh):
@@ -318,6 +340,43 @@ class Session:
             if partial is not None:
                 partial(plan)
         assert plan is not None
+        return plan
+
+    def _on_arm(self, ready: Prepared, arm: Arm, plan: Plan, *, keep: int, started: float) -> Plan:
+        """The plan with the answers that the arm serves; if it serves none, other approaches are searched.
+
+        The further searches teach nothing: a lesson that was restricted to some approaches would mislead
+        plans without an arm.
+        """
+        request = ready.request
+        self._tell(f"the arm {arm.name} tries the answers", 90 if not request.verify else 40)
+        plan = with_arm(plan, arm, keep=keep)
+        for _ in range(ARM_ROUNDS):
+            assert plan.arm is not None
+            allowed = set((request.approaches or ",".join(AXIS_NAMES)).replace(" ", "").split(","))
+            rest = sorted(allowed - failed_axes(plan.arm.refused))
+            if plan.answer is not None or not plan.arm.tested or not rest:
+                break
+            self._tell(f"the arm reaches none: looking for grasps along {', '.join(rest)}", 92)
+            decision = ready.controller.run(
+                ready.element,
+                ready.task,
+                approaches=",".join(rest),
+                count=request.wanted(ready.mesh),
+                may_learn=False,
+            )
+            ready.controller.reset()
+            if decision.grasp is None:
+                break
+            further = replace(self._executed(ready, decision, started, None), arm=plan.arm)
+            if ready.mesh.scan is not None:
+                further = seen_first(further, keep=request.wanted(ready.mesh))
+            further = with_arm(further, arm, keep=keep)
+            if further.answer is None:
+                further = replace(
+                    further, best=plan.best, decision=replace(further.decision, best=plan.decision.best)
+                )
+            plan = further
         return plan
 
     def _answer(self, ready: Prepared, grasp: Grasp) -> Answer:

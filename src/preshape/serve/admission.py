@@ -49,6 +49,8 @@ class Admission:
             admitted["object"] = self._object(thing, names)
         if isinstance(hand := data.get("hand"), str):
             admitted["hand"] = self._hand(hand)
+        if isinstance(arm := data.get("arm"), str):
+            admitted["arm"] = self._inside(arm, "an arm is a URDF")
         for owner in (admitted, admitted.get("object")):
             if isinstance(owner, dict) and isinstance(mask := owner.get("mask"), str) and not mask.isdigit():
                 owner["mask"] = self._ending(mask, _PART, {})

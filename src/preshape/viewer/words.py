@@ -265,6 +265,24 @@ def mass_words(answer: Document) -> str:
     return words if most is None else f"{words}; this grip holds up to {most:.2g} kg at its strongest press"
 
 
+def arm_words(answer: Document) -> str:
+    """What the arm makes of an answer; empty without an arm.
+
+    >>> arm_words({"arm": {"name": "ur5", "status": "collision", "reason": "it would hit the table"}})
+    'ur5 does not reach it: it would hit the table'
+    """
+    arm = answer.get("arm")
+    if not arm or arm["status"] is None:
+        return ""
+    if not arm["path"]:
+        return f"{arm['name']} does not reach it: {arm['reason']}"
+    room = (
+        "" if arm["limit_room"] is None else f"{math.degrees(arm['limit_room']):.0f}° from its joint limits, "
+    )
+    seconds = arm["path"]["times"][-1]
+    return f"{arm['name']} reaches it: {room}condition {arm['condition']:.0f}, {seconds:.1f} s on its way"
+
+
 def scene_words(document: Document) -> str:
     """Friction, table, boxes and allowed approaches used in planning; empty if planning used none of them."""
     request = document.get("request") or {"friction": FRICTION}
