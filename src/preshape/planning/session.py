@@ -19,7 +19,7 @@ from ..arm.model import Arm
 from ..closure.contact_places import part_mesh
 from ..closure.rules import KEEP_OFF
 from ..exceptions import Cancelled, EnvironmentFailure, InputError, shown
-from ..files import file_place
+from ..files import file_place, file_state
 from ..hands.hand import Hand
 from ..hands.load import load_hand
 from ..hiis.analyser import Analyser, Grasp
