@@ -27,7 +27,7 @@ FEW_FRAMES = """
 window.requestAnimationFrame = draw => setTimeout(() => draw(performance.now()), 150);
 window.cancelAnimationFrame = clearTimeout;
 """
-"""Software takes tens of milliseconds of processor time for a frame, and no test needs 60 of them a second."""
+"""Software takes tens of milliseconds of processor time for a frame, and no test needs 60 a second."""
 HARMLESS = ("GPU stall", "GL Driver Message", "THREE.Clock", "KHR_parallel_shader_compile")
 
 
