@@ -133,14 +133,16 @@ def apart(part: PartSurface, points: Array) -> Array:
     return gap
 
 
+BALL = np.array(trimesh.creation.icosphere(1).vertices)
+
+
 def surface(shape: LinkShape, count: int = 150) -> Array:
     """Points of a link's shape: all over it, and its corners."""
     if shape.kind in ("box", "hull"):
         solid = trimesh.convex.convex_hull(shape.corners)
         return np.concatenate([trimesh.sample.sample_surface(solid, count, seed=0)[0], solid.vertices])
-    ball = trimesh.creation.icosphere(1).vertices * shape.radius
     along = shape.p0 + np.linspace(0, 1, 8)[:, None] * (shape.p1 - shape.p0)
-    return (along[:, None] + ball).reshape(-1, 3)
+    return (along[:, None] + BALL * shape.radius).reshape(-1, 3)
 
 
 def links(hand: str, grip: Grip, share: float, back: float = 0.0) -> Array:
@@ -156,15 +158,14 @@ def obeys(hand: str, grip: Grip, case: Case) -> None:
     points = grip.contacts.points
     if case.hold:
         assert np.min([distance(part, points) for part in case.hold], axis=0).max() < 0.0006
+    ends = [links(hand, grip, share) for share in (1.0, 0.0)]
+    # On the way, spheres are checked: half a millimetre and the error of the grid are allowed.
+    way = [links(hand, grip, 0.0, back) for back in (0.02, 0.06, 0.12)]
+    way += [links(hand, grip, share) for share in (0.3, 0.6, 0.9)]
     for part in case.off:
         assert apart(part, points).min() > KEEP_OFF
-        for share in (1.0, 0.0):
-            assert apart(part, links(hand, grip, share)).min() > KEEP_OFF - 1e-5, part.name
-        # On the way, spheres are checked: half a millimetre and the error of the grid are allowed.
-        for back in (0.02, 0.06, 0.12):
-            assert apart(part, links(hand, grip, 0.0, back)).min() > KEEP_OFF - 5e-4
-        for share in (0.3, 0.6, 0.9):
-            assert apart(part, links(hand, grip, share)).min() > KEEP_OFF - 5e-4
+        assert all(apart(part, found).min() > KEEP_OFF - 1e-5 for found in ends), part.name
+        assert all(apart(part, found).min() > KEEP_OFF - 5e-4 for found in way), part.name
 
 
 @pytest.mark.parametrize("hand", ["shadow", "allegro", "leap"])
