@@ -95,10 +95,8 @@ def test_an_answer_that_depends_on_other_files_is_not_kept(ask, tmp_path):
     assert answer_key(PlanRequest(source="box.gltf", **named)) is None
     assert answer_key(PlanRequest(source="box.obj", obstacle="wall.glb", **named)) is None
     assert answer_key(PlanRequest(source="box.obj", hand="own.toml", **named)) is None
-    assert answer_key(PlanRequest(source="box.obj", task="lift", memory=":memory:", hand="utah_mit")) is None
-    assert (
-        answer_key(PlanRequest(source="box.obj", task="lift", memory="none.sqlite", hand="utah_mit")) is None
-    )
+    assert answer_key(PlanRequest(source="box.obj", task="lift", memory=":memory:")) is None
+    assert answer_key(PlanRequest(source="box.obj", task="lift", memory="none.sqlite")) is None
     wall = PlanRequest(source="box.obj", obstacle="wall.obj", **named)
     before = answer_key(wall)
     (tmp_path / "wall.obj").write_text(BOX)

@@ -68,7 +68,7 @@ def memory_of(folder: Path, asked: dict[str, Any], lesson: Callable[[str], Path]
         shutil.copy(first, file)
     with Session(file) as session:
         for name in ("box", "bottle"):
-            session.teach(PlanRequest(source=name, task="lift", hand=hand, table=None))
+            session.teach(PlanRequest(source=name, task="lift", hand=hand))
     return file
 
 

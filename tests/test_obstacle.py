@@ -145,9 +145,7 @@ def test_an_obstacle_that_is_far_away_or_overlaps_the_object_is_named(tmp_path: 
     file = saved(tmp_path, box)
 
     def words(pose: str) -> list[str]:
-        return misplaced_obstacles(
-            PlanRequest(source=box, task="lift", obstacle=file + pose, hand="utah_mit"), box
-        )
+        return misplaced_obstacles(PlanRequest(source=box, task="lift", obstacle=file + pose), box)
 
     for pose, said in (("", "100% of the object's surface lies in"), ("@3,0,0,1,0,0,0", "more than 500 mm")):
         (sentence,) = words(pose)

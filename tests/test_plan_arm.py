@@ -150,7 +150,7 @@ def test_the_request_comes_back_from_the_document(served: Plan) -> None:
 
 
 def test_a_plan_without_an_arm_has_none_in_its_document() -> None:
-    document = plan_to_json(plan("cube", "lift", memory=":memory:", hand="utah_mit"))
+    document = plan_to_json(plan("cube", "lift", memory=":memory:"))
     valid(document)
     assert document["arm"] is None
     assert document["request"]["arm"] is None
@@ -249,17 +249,10 @@ def test_bad_input_is_one_sentence(options: list[str], said: str, six: str) -> N
 
 def test_a_request_keeps_a_rounded_quaternion_as_a_unit_one(six: str) -> None:
     base = [0, 0, 0, 0.7071, 0, 0, 0.7071]
-    request = PlanRequest(source="cube", task="lift", arm=six, arm_tip="tip", base_pose=base, hand="utah_mit")
+    request = PlanRequest(source="cube", task="lift", arm=six, arm_tip="tip", base_pose=base)
     assert math.dist(request.base_pose[3:], (0, 0, 0, 0)) == pytest.approx(1.0, abs=1e-15)  # type: ignore[index]
     assert request.mount == (0, 0, 0, 1, 0, 0, 0)
     again = PlanRequest.from_json(json.loads(json.dumps(request.to_json())))
     assert again.base_pose == request.base_pose
     with pytest.raises(InputError, match="length"):
-        PlanRequest(
-            source="cube",
-            task="lift",
-            arm=six,
-            arm_tip="tip",
-            base_pose=[0, 0, 0, 0.7, 0, 0, 0],
-            hand="utah_mit",
-        )
+        PlanRequest(source="cube", task="lift", arm=six, arm_tip="tip", base_pose=[0, 0, 0, 0.7, 0, 0, 0])

@@ -257,16 +257,16 @@ def test_rules_are_part_of_the_scene_so_that_lessons_are_not_mixed() -> None:
 
 
 def test_a_box_may_be_given_as_numbers() -> None:
-    asked = PlanRequest(source="hammer", task="lift", hold_on=[[-1, -1, -1, 1, 1, 0]], hand="utah_mit")  # type: ignore[list-item]
+    asked = PlanRequest(source="hammer", task="lift", hold_on=[[-1, -1, -1, 1, 1, 0]])  # type: ignore[list-item]
     assert asked.hold_on == ("-1.0 -1.0 -1.0 1.0 1.0 0.0",)
-    same = PlanRequest(source="hammer", task="lift", hold_on="-1 -1 -1 1 1 0", hand="utah_mit")
+    same = PlanRequest(source="hammer", task="lift", hold_on="-1 -1 -1 1 1 0")
     hammer = library.load_library_object("hammer")
     ours, theirs = (request.rules_for(hammer).applied for request in (asked, same))
     assert (
         [rule.words for rule in ours] == [rule.words for rule in theirs] == ["hold on the box -1 -1 -1 1 1 0"]
     )
     with pytest.raises(InputError, match="a box of six numbers, got 2 items"):
-        PlanRequest(source="hammer", task="lift", keep_off=[[1, 2]], hand="utah_mit")  # type: ignore[list-item]
+        PlanRequest(source="hammer", task="lift", keep_off=[[1, 2]])  # type: ignore[list-item]
 
 
 def test_equal_rules_have_equal_keys() -> None:

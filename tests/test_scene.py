@@ -169,4 +169,4 @@ def test_the_command_line_takes_a_scene_in_place_of_an_object(
     with pytest.raises(InputError, match="a mask is for a point cloud"):
         load_object("cylinder", mask="1")
     with pytest.raises(InputError, match="leave cut_table out"):
-        PlanRequest(source=str(scene), task="lift", mask="1", cut_table=True, hand="utah_mit")
+        PlanRequest(source=str(scene), task="lift", mask="1", cut_table=True)

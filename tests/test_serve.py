@@ -317,19 +317,19 @@ def test_limits_of_time_and_of_the_queue(program):
         return list(pool.replies(message, key="", seconds=seconds, gone=lambda: False))[-1]
 
     try:
-        first = json.loads(plan(0, 20, hand="utah_mit")["text"])["process"]
+        first = json.loads(plan(0, 20)["text"])["process"]
         with pytest.raises(preshape.EnvironmentFailure, match="no answer within"):
-            plan(60, 0.3, hand="utah_mit")
-        assert json.loads(plan(0, 20, hand="utah_mit")["text"])["process"] != first
-        assert "the planner stopped" in plan(0, 20, "end", hand="utah_mit")["error"]
-        assert "text" in plan(0, 20, hand="utah_mit")
+            plan(60, 0.3)
+        assert json.loads(plan(0, 20)["text"])["process"] != first
+        assert "the planner stopped" in plan(0, 20, "end")["error"]
+        assert "text" in plan(0, 20)
         with ThreadPoolExecutor(2) as others:
             works = others.submit(plan, 1.0, 20)
             assert settled(lambda: pool.state["busy"] == 1)
             waits = others.submit(plan, 0, 20)
             assert settled(lambda: pool.state["waiting"] == 1)
             with pytest.raises(PoolBusy, match="the limit"):
-                plan(0, 20, hand="utah_mit")
+                plan(0, 20)
             assert works.result()["done"]
             assert waits.result()["done"]
     finally:

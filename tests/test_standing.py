@@ -153,7 +153,7 @@ def test_a_real_hand_plans_for_an_object_on_a_table_and_the_papers_hand_in_free_
     def table(**asked: object) -> object:
         return PlanRequest(source=BOX, task="lift", **asked).table  # type: ignore[arg-type]
 
-    assert PlanRequest(source=BOX, task="lift", hand="utah_mit").hand == "shadow"
+    assert PlanRequest(source=BOX, task="lift").hand == "shadow"
     assert table() == AUTO
     assert table(hand="leap:left") == AUTO
     assert table(table=None) is None
@@ -166,5 +166,5 @@ def test_a_real_hand_plans_for_an_object_on_a_table_and_the_papers_hand_in_free_
         {"gravity": [0, 1, 0]},  # a stated gravity is a scene of its own
     ):
         assert table(**words) is None
-    free = PlanRequest(source=BOX, task="lift", table=None, hand="utah_mit").to_json()
+    free = PlanRequest(source=BOX, task="lift", table=None).to_json()
     assert PlanRequest.from_json(free, source=BOX).table is None
