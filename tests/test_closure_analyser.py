@@ -13,7 +13,7 @@ from preshape.closure.analyser import ClosureAnalyser, GripExploration
 from preshape.closure.candidates import RankedCandidates, without_failed
 from preshape.closure.demand import inner_centre
 from preshape.closure.finish import FinishOptions
-from preshape.closure.settings import ClosureSettings, table_below
+from preshape.closure.settings import FRICTION_SHARE, ClosureSettings, table_below
 from preshape.exceptions import InputError
 from preshape.hands.load import load_hand
 from preshape.hiis.analyser import Aim, wrist_distance
@@ -206,7 +206,7 @@ def _sized(mesh: TriangleMesh, factor: float) -> Attributes:
 def test_hands_like_those_that_cannot_be_executed_are_not_refined_again(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    element = analyser(solid("sphere"), persistence=2, wraps=0)
+    element = analyser(solid("sphere"), persistence=2, wraps=0, bold_share=FRICTION_SHARE)
     rounds: list[Candidates] = []
 
     def refuse(found: RankedCandidates, demand: object, options: FinishOptions) -> list[object]:
@@ -229,7 +229,7 @@ def test_hands_like_those_that_cannot_be_executed_are_not_refined_again(
 
 def test_beside_keeps_what_is_nearer_to_a_hand_that_can_be_executed(sphere: ClosureAnalyser) -> None:
     ranked = sphere.search.evaluate(
-        sphere._draw(np.random.default_rng(3), EVERYWHERE, 300), sphere.demand(LIFT)
+        sphere.draws.grips(np.random.default_rng(3), EVERYWHERE, 300), sphere.demand(LIFT)
     )
     looked_at = ranked.take(np.array([0, 1]))
     assert len(without_failed(ranked, looked_at, [0, 1])) == len(ranked)
