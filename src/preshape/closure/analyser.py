@@ -181,7 +181,6 @@ class ClosureAnalyser:
         own = [e for e in lessons if e.grip is not None and len(e.grip) == 8 + len(self.hand.joints)]
         if not own:
             return []
-        bolder = self._bolder
         task = frozen_array(q, (6,), "task Q")
         demand, unexplored = self.demand(task), not self._is_explored(task)
         options = FinishOptions(count=len(own), unexplored=unexplored, firm=not unexplored)
@@ -189,8 +188,8 @@ class ClosureAnalyser:
         for family in self._wanted(on_object(own, self.mesh, self.hand)):
             finished += self.finisher.finish(self.search.evaluate(family, demand), demand, options)
         found = self.grips(task, finished)
-        if not unexplored and bolder is not None and _best_quality(found) < ENOUGH:
-            found = [*_just_enough(bolder.recall(q, lessons)), *found]
+        if not unexplored and _best_quality(found) < ENOUGH and self._bolder is not None:
+            found = [*_just_enough(self._bolder.recall(q, lessons)), *found]
         return found
 
     @property
