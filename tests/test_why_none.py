@@ -54,7 +54,7 @@ def test_the_table() -> None:
 
 def test_the_costliest_of_several_boxes() -> None:
     """Of three boxes, the first is far away, the second is beside the object and the third is around it."""
-    boxes = [[[9.0, 9, 9], [10, 10, 10]], [[0.1, -1, -1], [1, 1, 1]], [[-0.5, -0.5, 0.012], [0.5, 0.5, 0.5]]]
+    boxes = [[[9.0, 9, 9], [10, 10, 10]], [[0.1, -1, -1], [1, 1, 1]], [[0.03, -0.5, 0.012], [0.5, 0.5, 0.5]]]
     around = Obstacles(
         planes=table_below(-0.012).planes, boxes=np.array([*boxes, [[-1, -1, -1], [1, 1, 0.0]]])
     )

@@ -2,20 +2,29 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from ..hiis.analyser import MAX_FINGERS, Aim
+from ..hiis.planes import APPROACH_AXES
 from ..objects.mesh import TriangleMesh
 from .candidates import DrawnCandidates, RankedCandidates, Region, concatenated, draw_candidates, merged
 from .contact_places import AllowedSurface
 from .demand import Demand
 from .pinching import PINCHED, Pincher
 from .recall import FEW_VALUES
-from .search import ClosureSearch
+from .search import LIFTED, ClosureSearch
 
 ENOUGH_MARGIN, ENOUGH_CLOSED = 1.5, 100
 """Limits of a poor search [C]. More candidates are drawn if the best margin is below the first number, or if
 fewer than the second closed. The best are refined again while the margin is below the first number."""
+
+GRIP_DRAWS = 3
+"""Largest number of fingertip grips drawn for each one wanted, where a table is in the way of some [C]."""
+
+STEEP = 0.5
+"""Least share of an approach axis along up or down for a plane from below or from above [C]."""
 
 
 class AimDraws:
@@ -38,15 +47,47 @@ class AimDraws:
         numbers = range(2, len(self.search.hand.fingers) + 1)
         fingers = [n for n in numbers if min(n, MAX_FINGERS) in aim.fingers]
         return Region(
-            planes=aim.planes,
+            planes=self._planes(aim),
             flips=aim.flips,
             values=list(aim.values) if len(aim.values) <= FEW_VALUES else None,
             fingers=fingers or None,
             box=self.allowed.box if self.allowed else None,
         )
 
+    def _planes(self, aim: Aim) -> Sequence[int]:
+        """The aim's planes; with a table none from below it, if there are others, and those from above more.
+
+        Hardly a hand that comes in along a table is clear of it where the object is flat.
+        """
+        tables = self.search.settings.obstacles.planes
+        if not len(tables):
+            return aim.planes
+        rises = APPROACH_AXES[np.asarray(aim.planes) - 1] @ tables[0, :3]
+        level = [plane for plane, rise in zip(aim.planes, rises, strict=True) if abs(rise) <= STEEP]
+        above = [plane for plane, rise in zip(aim.planes, rises, strict=True) if rise < -STEEP]
+        times = max(1, len(level) // max(len(above), 1))
+        return [*level, *times * above] or aim.planes
+
     def grips(self, rng: np.random.Generator, aim: Aim, count: int) -> DrawnCandidates:
-        """Draw fingertip grips: pinches where the object fits between fingers, else preshaped hands."""
+        """Draw fingertip grips: pinches where the object fits between fingers, else preshaped hands.
+
+        With a table, hands that reach into it by more than they could be lifted off are left out, if not all
+        do, and up to ``GRIP_DRAWS`` times as many are drawn for that.
+        """
+        drawn = self._grips(rng, aim, count)
+        if not len(self.search.settings.obstacles.planes) or not count:
+            return drawn
+        found: list[DrawnCandidates] = []
+        for k in range(GRIP_DRAWS):
+            more = self._grips(rng, aim, count) if k else drawn
+            found.append(more.take(np.flatnonzero(self.search.blockers.liftable(more.candidates, LIFTED))))
+            if sum(map(len, found)) >= count:
+                break
+        clear = concatenated(*found)
+        return clear.take(rng.permutation(len(clear))[:count]) if len(clear) else drawn
+
+    def _grips(self, rng: np.random.Generator, aim: Aim, count: int) -> DrawnCandidates:
+        """Draw fingertip grips, those in obstacles among them."""
         region = self.region(aim)
         pinching = self.pincher.draw(rng, int(PINCHED * count), region)
         half, rest = self.mesh.extents / 2, count - len(pinching)
