@@ -45,7 +45,7 @@ $(BIN)/python:
 demo: $(RUNTIME)
 	@$(call show,plan mug --task pour --verify --memory $(OUT)/demo/memory.sqlite --out $(OUT)/demo/mug)
 	@$(call show,simulate $(OUT)/demo/mug/plan.json --out $(OUT)/demo/mug)
-	@$(call show,plan hammer --task strike --table none --memory $(OUT)/demo/memory.sqlite --out $(OUT)/demo/hammer)
+	@$(call show,plan hammer --task strike --memory $(OUT)/demo/memory.sqlite --out $(OUT)/demo/hammer)
 	@echo; echo "Look at $(OUT)/demo/mug/run.gif and $(OUT)/demo/hammer/plan.png, then try:"
 	@echo "  $(BIN)/preshape view $(OUT)/demo/mug/plan.json                  why this grasp, and steer it, in the browser"
 	@echo "  $(BIN)/preshape plan FILE.stl --unit mm --task lift --hand leap   an object and a hand of yours"
