@@ -55,8 +55,6 @@ class Admission:
         for owner in (admitted, admitted.get("object")):
             if isinstance(owner, dict) and isinstance(mask := owner.get("mask"), str) and not mask.isdigit():
                 owner["mask"] = self._ending(mask, _PART, {})
-        if isinstance(arm := data.get("arm"), str):
-            admitted["arm"] = self._inside(arm, "an arm must be left out")
         if isinstance(around := data.get("obstacle"), str | list):
             around = [around] if isinstance(around, str) else around
             admitted["obstacle"] = [
