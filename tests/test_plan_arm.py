@@ -140,6 +140,7 @@ def test_the_reason_says_which_answers_fell(six: str) -> None:
     kept = {id(a.grasp) for a in (far.answer, *far.alternatives) if a is not None}
     assert not kept & {id(a.grasp) for a in far.arm.refused}
     assert len(kept) == far.arm.tested - len(far.arm.refused)
+    assert far.decision.grasp is far.grasp
 
 
 def test_the_request_comes_back_from_the_document(served: Plan) -> None:
