@@ -208,6 +208,16 @@ def test_all_formats_have_the_arms_joints(served: Plan, tmp_path: Path) -> None:
     assert json.loads(out)["arm_trajectory"] == arm
 
 
+def test_the_link_of_the_arm_has_the_planned_mount_in_an_export(served: Plan, tmp_path: Path) -> None:
+    file = tmp_path / "plan.json"
+    file.write_text(json.dumps(plan_to_json(served)))
+    words = ["export", str(file), "--format", "isaac", "--parent-link", "tip"]
+    code, out, _ = run(*words)
+    assert code == 0
+    assert run(*words, "--mount", " ".join(map(str, MOUNT)))[1] == out
+    assert run(*words[:-1], "other")[0] == 2
+
+
 def test_the_command_plans_with_an_arm(six: str, tmp_path: Path) -> None:
     words = [
         *("plan", "cube", "--task", "lift", "--memory", ":memory:", "--arm", six, "--arm-tip", "tip"),
