@@ -15,11 +15,11 @@ OUT ?= out
 # Compiled modules are kept beside their sources: the tests start hundreds of interpreters.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help setup demo browser test lint format bench reproduce pictures docs fuzz harden mutants clean
+.PHONY: help setup demo browser test lint format bench reproduce pictures dist docs fuzz harden mutants clean
 
 help:
 	@sed -n '1,/^$$/p' Makefile | sed 's/^# \{0,1\}//'
-	@echo "  make lint | bench | reproduce | pictures | docs | fuzz | harden | mutants | clean"
+	@echo "  make lint | bench | reproduce | pictures | dist | docs | fuzz | harden | mutants | clean"
 
 setup: $(STAMP)
 
@@ -96,6 +96,18 @@ harden: setup
 
 mutants: setup
 	@$(BIN)/python -m hardening.mutants $(ARGS)
+
+# The wheel and the source package, checked, and the wheel installed where nothing else is.
+dist: setup
+	@rm -rf dist build $(OUT)/fresh
+	@mkdir -p $(OUT)
+	@$(BIN)/python -m build --outdir dist . >$(OUT)/build.log 2>&1 || { cat $(OUT)/build.log; exit 1; }
+	@$(BIN)/python -m twine --no-color check --strict dist/*
+	@$(BIN)/python -m venv $(OUT)/fresh
+	@$(OUT)/fresh/bin/pip install --quiet --disable-pip-version-check -c constraints.txt dist/*.whl
+	@cd $(OUT)/fresh && bin/preshape plan mug --task lift --memory :memory: --json >plan.json && \
+	  echo "the wheel, installed alone in $(OUT)/fresh, plans for a mug"
+	@rm -rf build $(OUT)/fresh
 
 docs: setup
 	@$(BIN)/python -c 'import sphinx, furo' 2>/dev/null || \

@@ -1,9 +1,11 @@
 from __future__ import annotations
 
 import os
+import pickle
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -92,6 +94,33 @@ def lesson(once: Callable[[str, Callable[[Path], object]], Path]) -> Callable[[s
         return once(f"{name}.sqlite", make)
 
     return taught
+
+
+@pytest.fixture(scope="session", autouse=True)
+def first_lessons() -> Iterator[None]:
+    """A worker makes the first lesson of a real hand once, and not for every memory that begins empty.
+
+    The lesson takes seconds and depends on the hand and the settings alone: ``test_plan_closure`` makes one
+    again and compares.
+    """
+    from preshape.closure.analyser import ClosureAnalyser
+    from preshape.closure.hand_tables import digest
+    from preshape.hiis import knowledge
+
+    make, made = knowledge.seed_experiences, dict[bytes, Any]()
+
+    def once(analyser: Any, sets: Any, **more: Any) -> Any:
+        if not isinstance(analyser, ClosureAnalyser):
+            return make(analyser, sets, **more)
+        told = [analyser.settings, analyser.coefficients, analyser.sets, analyser.gravity, analyser.seed]
+        key = pickle.dumps((digest(analyser.hand, ""), analyser.layout, *told, sets, more))
+        if key not in made:
+            made[key] = make(analyser, sets, **more)
+        return list(made[key])
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(knowledge, "seed_experiences", once)
+        yield
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

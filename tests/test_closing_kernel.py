@@ -83,8 +83,18 @@ def shape_distance(shape: LinkShape, points: Array) -> Array:
 # Kernel and plain version
 
 
-@pytest.mark.parametrize("hand", HANDS)
-@pytest.mark.parametrize("name", ["mug", "ring", "cube"])
+@pytest.mark.parametrize(
+    ("hand", "name"),
+    [
+        ("shadow", "mug"),
+        ("shadow", "ring"),
+        ("allegro", "ring"),
+        ("leap", "cube"),
+        ("leap", "mug"),
+        ("utah_mit", "mug"),
+        ("shadow:left", "cube"),
+    ],
+)
 def test_kernel_and_plain_version_close_alike(hand: str, name: str) -> None:
     tables, field, count = hand_tables(load_hand(hand)), field_of(name), 150
     fast = closed(hand, name, count)
@@ -304,8 +314,10 @@ def test_no_sphere_moves_faster_than_its_bound(hand: str) -> None:
 # What closing means
 
 
-@pytest.mark.parametrize("hand", HANDS)
-@pytest.mark.parametrize("name", ["mug", "ring"])
+@pytest.mark.parametrize(
+    ("hand", "name"),
+    [("shadow", "mug"), ("allegro", "ring"), ("leap", "mug"), ("utah_mit", "ring"), ("shadow:left", "ring")],
+)
 def test_fingers_stop_at_their_first_touch(hand: str, name: str) -> None:
     tables, field = hand_tables(load_hand(hand)), field_of(name)
     every, found = candidates(hand, name, 200), closed(hand, name, 200)

@@ -133,14 +133,16 @@ def apart(part: PartSurface, points: Array) -> Array:
     return gap
 
 
+BALL = np.array(trimesh.creation.icosphere(1).vertices)
+
+
 def surface(shape: LinkShape, count: int = 150) -> Array:
     """Points of a link's shape: all over it, and its corners."""
     if shape.kind in ("box", "hull"):
         solid = trimesh.convex.convex_hull(shape.corners)
         return np.concatenate([trimesh.sample.sample_surface(solid, count, seed=0)[0], solid.vertices])
-    ball = trimesh.creation.icosphere(1).vertices * shape.radius
     along = shape.p0 + np.linspace(0, 1, 8)[:, None] * (shape.p1 - shape.p0)
-    return (along[:, None] + ball).reshape(-1, 3)
+    return (along[:, None] + BALL * shape.radius).reshape(-1, 3)
 
 
 def links(hand: str, grip: Grip, share: float, back: float = 0.0) -> Array:
@@ -156,15 +158,14 @@ def obeys(hand: str, grip: Grip, case: Case) -> None:
     points = grip.contacts.points
     if case.hold:
         assert np.min([distance(part, points) for part in case.hold], axis=0).max() < 0.0006
+    ends = [links(hand, grip, share) for share in (1.0, 0.0)]
+    # On the way, spheres are checked: half a millimetre and the error of the grid are allowed.
+    way = [links(hand, grip, 0.0, back) for back in (0.02, 0.06, 0.12)]
+    way += [links(hand, grip, share) for share in (0.3, 0.6, 0.9)]
     for part in case.off:
         assert apart(part, points).min() > KEEP_OFF
-        for share in (1.0, 0.0):
-            assert apart(part, links(hand, grip, share)).min() > KEEP_OFF - 1e-5, part.name
-        # On the way, spheres are checked: half a millimetre and the error of the grid are allowed.
-        for back in (0.02, 0.06, 0.12):
-            assert apart(part, links(hand, grip, 0.0, back)).min() > KEEP_OFF - 5e-4
-        for share in (0.3, 0.6, 0.9):
-            assert apart(part, links(hand, grip, share)).min() > KEEP_OFF - 5e-4
+        assert all(apart(part, found).min() > KEEP_OFF - 1e-5 for found in ends), part.name
+        assert all(apart(part, found).min() > KEEP_OFF - 5e-4 for found in way), part.name
 
 
 @pytest.mark.parametrize("hand", ["shadow", "allegro", "leap"])
@@ -187,7 +188,7 @@ def test_the_rules_bind() -> None:
     for name, case in (("hammer", hammer()), ("mug", mug()), ("can", can())):
         made = analyser("shadow", name, rules=ContactRules())
         places = ContactPlaces(case.rules)
-        drawn = made._draw(np.random.default_rng(0), ALL, 600)
+        drawn = made.draws.grips(np.random.default_rng(0), ALL, 600)
         found = made.search.evaluate(drawn, made.demand(parse_task("lift").q))
         broken = places.broken_by(found.closings.points, found.closings.counts)
         assert broken.any(axis=0).all(), name
@@ -216,12 +217,12 @@ def test_a_small_part_is_drawn_as_densely_as_a_bare_one() -> None:
     )
     shares = []
     for one in (made, alone):
-        drawn = one._draw(np.random.default_rng(0), ALL, 1500)
+        drawn = one.draws.grips(np.random.default_rng(0), ALL, 1500)
         clear = one.search.evaluate(drawn, one.demand(parse_task("lift").q))
         shares.append(int(clear.tally[2]))
     assert shares[0] > 0.5 * shares[1]
-    assert len(made.pincher.patches) > 0.6 * len(alone.pincher.patches)
-    assert not ContactPlaces(case.rules).broken(made.pincher.patches.middle + 0.0).any(axis=1).all()
+    assert len(made.draws.pincher.patches) > 0.6 * len(alone.draws.pincher.patches)
+    assert not ContactPlaces(case.rules).broken(made.draws.pincher.patches.middle + 0.0).any(axis=1).all()
 
 
 def test_allowed_points_are_spread_over_what_may_be_touched() -> None:

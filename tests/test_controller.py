@@ -283,16 +283,17 @@ def test_the_same_object_exported_anew_is_known(name, critics, tmp_path, monkeyp
     without_offers(monkeypatch)
     mesh = prepared(name).mesh
     variants = {
-        "OBJ": load_object(write_obj(tmp_path / "again.obj", mesh)),
-        "STL": load_object(write_stl(tmp_path / "again.stl", mesh)),
-        "subdivided": subdivided(mesh),
-        "moved": moved(mesh),
-        "decimated": decimated(mesh),
-        "inside out": replace(mesh, triangles=mesh.triangles[:, ::-1]),
+        "OBJ": lambda: load_object(write_obj(tmp_path / "again.obj", mesh)),
+        "STL": lambda: load_object(write_stl(tmp_path / "again.stl", mesh)),
+        "subdivided": lambda: subdivided(mesh),
+        "moved": lambda: moved(mesh),
+        "decimated": lambda: decimated(mesh),
+        "inside out": lambda: replace(mesh, triangles=mesh.triangles[:, ::-1]),
     }
     reasons = {}
-    for variant, again in variants.items():
-        decision = mode_2(critics[name], again)
+    # Objects take turns: each is met in three of the six ways, and in each way twenty objects are met.
+    for variant in np.roll(list(variants), names().index(name))[:3]:
+        decision = mode_2(critics[name], variants[variant]())
         if decision.transitions[2].outcome != "known":
             reasons[variant] = decision.transitions[2].reason
         else:

@@ -220,7 +220,7 @@ REFERENCES = {
 
 @pytest.mark.parametrize("name", REFERENCES)
 def test_no_link_collides_that_does_not_in_the_file(name: str, reference: Path, tmp_path: Path) -> None:
-    """Over 200 random postures, against the file's own shapes with every pair of bodies free to collide."""
+    """Over 80 random postures, against the file's own shapes with every pair of bodies free to collide."""
     path = reference / "hands" / name / REFERENCES[name]
     source = read_model(path)
     if path.suffix == ".urdf":
@@ -242,7 +242,7 @@ def test_no_link_collides_that_does_not_in_the_file(name: str, reference: Path, 
     data = mujoco.MjData(m)
     columns = [int(m.jnt_qposadr[m.joint(joint).id]) for joint in hand.joints]
     collisions = 0
-    for q in hand.lawful(np.random.default_rng(1).uniform(*hand.limits.T, (200, len(hand.joints)))):
+    for q in hand.lawful(np.random.default_rng(1).uniform(*hand.limits.T, (80, len(hand.joints)))):
         k.set_posture(q)
         ours = {
             frozenset(k.model.body(int(k.model.geom(link).bodyid[0])).name for link in hit[:2])
@@ -259,7 +259,7 @@ def test_no_link_collides_that_does_not_in_the_file(name: str, reference: Path, 
         }
         assert ours <= theirs
         collisions += bool(ours)
-    assert collisions > 10
+    assert collisions > 3
 
 
 def test_bodies_to_ignore_and_visual_shapes(tmp_path: Path) -> None:

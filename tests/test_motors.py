@@ -13,6 +13,7 @@ from coupled_hands import BENT, CUBIC, EXAMPLE, GEAR, TENDON, coupled_hand
 from preshape.closure.candidates import Region, draw_candidates
 from preshape.closure.hand_tables import hand_tables
 from preshape.closure.preshapes import posture_at, preshapes
+from preshape.closure.settings import ClosureSettings
 from preshape.exceptions import HandError
 from preshape.hands.compiled import read_model
 from preshape.hands.hand import Hand
@@ -27,6 +28,7 @@ from preshape.objects.library import load_library_object
 from preshape.physics.hand import published_hand
 from preshape.planning.document import plan_to_json
 
+QUICK = ClosureSettings(everywhere=1000, wraps=300, elite=16, rounds=1, finished=4)
 LAWFUL = 1e-6
 """Largest deviation from a law [rad]."""
 
@@ -332,7 +334,7 @@ def test_a_couple_that_locks_is_one_gear_train_until_its_joint_is_blocked() -> N
 @pytest.mark.parametrize("kind", ["shadow", "bent", "tendon", "locking"])
 def test_an_answer_moves_and_presses_as_the_motors_can(kind: str) -> None:
     hand = coupled_hand(kind)
-    plan = preshape.plan("cube", "lift", hand=hand, count=2, seed=1, mass=0.1, table=None)
+    plan = preshape.plan("cube", "lift", hand=hand, count=2, seed=1, mass=0.1, closure=QUICK, table=None)
     document = plan_to_json(plan)
     assert document["status"] == "answer"
     told = document["hand"]["motors"]

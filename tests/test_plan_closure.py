@@ -16,6 +16,7 @@ from preshape.closure.settings import ClosureSettings
 from preshape.exceptions import InputError
 from preshape.files import dumps
 from preshape.hands.load import load_hand
+from preshape.hiis import knowledge, learning
 from preshape.hiis.analyser import Aim, Grip
 from preshape.hiis.critic import Thresholds
 from preshape.hiis.decision import Settings, Status
@@ -219,6 +220,20 @@ def test_the_same_seed_gives_the_same_plan_on_one_thread_and_two(memory: Path) -
     assert np.array_equal(first, pose(0, 1))
     assert np.array_equal(first, pose(0, 2))
     assert not np.array_equal(first[0], pose(1, 1)[0])
+
+
+def test_a_first_lesson_is_the_same_on_any_number_of_threads(taught: Path, monkeypatch: Any) -> None:
+    """Other tests of the suite use one lesson for many memories (``conftest.first_lessons``)."""
+    monkeypatch.setattr(knowledge, "seed_experiences", learning.seed_experiences)
+    hand, gravity, quick = load_hand("shadow"), parse_task("lift").gravity, replace(QUICK, threads=2)
+    with Memory.open(taught, read_only=True) as old, Memory.open(":memory:") as new:
+        closure_controller(new, hand, settings=Settings(), closure=quick, gravity=gravity)
+        before, again = ([e for e in store.experiences() if e.kind == "seed"] for store in (old, new))
+    assert len(before) == len(again) > 40
+    for a, b in zip(before, again, strict=True):
+        assert (a.plane, a.flip, a.fingers) == (b.plane, b.flip, b.fingers)
+        assert np.array_equal(a.task, b.task)
+        assert np.array_equal(a.grip, b.grip)  # type: ignore[arg-type]
 
 
 def test_answers_stand_apart(memory: Path) -> None:

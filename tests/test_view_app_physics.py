@@ -107,7 +107,7 @@ def test_an_answer_without_a_grasp_is_not_simulated(planned) -> None:
         )
 
 
-def test_a_run_is_asked_for_read_and_played(opened) -> None:
+def test_a_run_is_cancelled_asked_for_again_played_and_dropped_with_its_answer(opened, tmp_path) -> None:
     page = opened("hammer", "lift").page
     tab(page, "Physics")
     simulate = page.get_by_role("button", name="Simulate this answer")
@@ -115,11 +115,27 @@ def test_a_run_is_asked_for_read_and_played(opened) -> None:
     tab(page, "Plan")
     plan(page)
     tab(page, "Physics")
+    rows = page.locator("tr:has(td:text-matches('^force [+-][xyz]$'))")
+    cancel = page.get_by_role("button", name="Cancel")
+
+    # a run is cancelled in its midst
+    (planner,) = _planners(tmp_path)
+    os.kill(planner, signal.SIGSTOP)  # however fast the machine is, the run does not end now
+    simulate.click()
+    cancel.wait_for()
+    press(page, "Cancel")
+    saw(page, "Everything that was learnt before is kept")
+    cancel.wait_for(state="hidden")
+    until(page, lambda: planner not in _planners(tmp_path))
+    assert rows.count() == 0
+    assert page.get_by_role("button", name="Play the run").count() == 0
+
+    # the next one works, and is read and played
     simulate.click()
     saw(page, "Each push is 3.5 N for 2 s")
-    rows = page.locator("tr:has(td:text-matches('^force [+-][xyz]$'))")
     assert sorted(rows.locator("td:first-child").all_text_contents()) == SIX
     saw(page, "Grasp found")
+    cancel.wait_for(state="hidden")
     keep(page, "app-physics")
     scene = page.locator("canvas").first
     shown = scene.screenshot()
@@ -132,52 +148,28 @@ def test_a_run_is_asked_for_read_and_played(opened) -> None:
     until(page, lambda: float(moment.input_value()) == 1.0)
 
     # another answer has no run yet
-    tab(page, "Answers")
-    page.get_by_role("button", name="2 · plane").click()
+    _choose_answer(page, 2)
     tab(page, "Physics")
     until(page, lambda: rows.count() == 0)
     until(page, lambda: page.get_by_role("button", name="Play the run").count() == 0)
 
-
-def test_a_run_is_cancelled_in_its_midst_and_the_next_one_works(opened, tmp_path) -> None:
-    page = opened("hammer", "lift").page
-    plan(page)
-    tab(page, "Physics")
-    rows = page.locator("tr:has(td:text-matches('^force [+-][xyz]$'))")
-    cancel = page.get_by_role("button", name="Cancel")
-    (planner,) = _planners(tmp_path)
-    os.kill(planner, signal.SIGSTOP)  # however fast the machine is, the run does not end now
-    press(page, "Simulate this answer")
-    cancel.wait_for()
-    press(page, "Cancel")
-    saw(page, "Everything that was learnt before is kept")
-    cancel.wait_for(state="hidden")
-    until(page, lambda: planner not in _planners(tmp_path))
-    assert rows.count() == 0
-    assert page.get_by_role("button", name="Play the run").count() == 0
-
-    press(page, "Simulate this answer")
-    saw(page, "Each push is 3.5 N for 2 s")
-    assert sorted(rows.locator("td:first-child").all_text_contents()) == SIX
-    saw(page, "Grasp found")
-    cancel.wait_for(state="hidden")
-
-
-def test_a_run_that_comes_after_another_answer_was_chosen_is_not_shown_with_it(opened, tmp_path) -> None:
-    page = opened("hammer", "lift").page
-    plan(page)
-    tab(page, "Physics")
+    # a run that comes after another answer was chosen is not shown with it
     (planner,) = _planners(tmp_path)
     os.kill(planner, signal.SIGSTOP)  # a fast machine would end the run before another answer is chosen
-    press(page, "Simulate this answer")
-    page.get_by_role("button", name="Cancel").wait_for()
-    tab(page, "Answers")
-    page.get_by_role("button", name="2 · plane").click()
-    page.get_by_role("button", name="2 · plane").and_(page.locator("[style*=blue]")).wait_for()
+    simulate.click()
+    cancel.wait_for()
+    _choose_answer(page, 1)
     os.kill(planner, signal.SIGCONT)
     saw(page, "The answer that was simulated is no longer shown")
     tab(page, "Physics")
     assert page.get_by_role("button", name="Play the run").count() == 0
+
+
+def _choose_answer(page, number: int) -> None:
+    tab(page, "Answers")
+    button = page.get_by_role("button", name=f"{number} · plane")
+    button.click()
+    button.and_(page.locator("[style*=blue]")).wait_for()
 
 
 def _planners(folder: Path) -> list[int]:

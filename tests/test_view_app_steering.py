@@ -38,8 +38,8 @@ def numbers(page) -> list[float]:
     return [float(box_beside(page, name).input_value()) for name in ("Tx", "Ty", "Tz", "Rx", "Ry", "Rz")]
 
 
-def test_the_task_is_dragged_in_the_scene(opened) -> None:
-    page = opened("cube", ".1 .1 .1 .05 .05 .05").page
+def test_task_and_curves_are_dragged_and_used(opened) -> None:
+    page = opened("cube", ".1 .1 .1 .05 .05 .05", size={"width": 640, "height": 800}).page
     page.get_by_text("The task as six numbers").click()
     saw(page, "T = (0, 0, 0) mm · R = none")
     before = numbers(page)
@@ -64,19 +64,7 @@ def test_the_task_is_dragged_in_the_scene(opened) -> None:
     plan(page)
     assert numbers(page) == [0.1, 0.1, 1.0, 0.05, 0.05, 0.05]
 
-
-def test_each_part_of_the_object_is_offered_and_a_plan_keeps_to_the_choice(opened) -> None:
-    page = opened("hammer", "lift", "--hold-on", "handle", "--keep-off", "z>0.07").page
-    until(page, lambda: box_beside(page, "handle").input_value() == "hold here")
-    assert [box_beside(page, name).input_value() for name in ("head", "face")] == ["may be touched"] * 2
-    plan(page)
-    tab(page, "Why")
-    saw(page, "hold on handle, keep off z > 0.07 (as asked)")
-
-
-def test_curves_are_dragged_reset_and_used(opened) -> None:
-    page = opened("cube", "1 1 .1 .05 .8 .05", size={"width": 640, "height": 800}).page
-    plan(page)
+    # a corner of a membership function
     tab(page, "Why")
     match = page.get_by_text(re.compile(r"of 6, 3 is enough")).inner_text()
     tab(page, "Tune")
@@ -158,9 +146,14 @@ def test_on_a_phone_the_panel_leaves_the_scene_and_goes_away(opened) -> None:
     saw(page, "Grasp found")
 
 
-def test_nothing_overlaps_at_a_laptop_s_size(opened) -> None:
-    page = opened("mug", "pour", size={"width": 1280, "height": 800}).page
+def test_parts_are_offered_kept_to_and_nothing_overlaps_at_a_laptop_s_size(opened) -> None:
+    asked = ("hammer", "lift", "--hold-on", "handle", "--keep-off", "z>0.07")
+    page = opened(*asked, size={"width": 1280, "height": 800}).page
+    until(page, lambda: box_beside(page, "handle").input_value() == "hold here")
+    assert [box_beside(page, name).input_value() for name in ("head", "face")] == ["may be touched"] * 2
     plan(page)
+    tab(page, "Why")
+    saw(page, "hold on handle, keep off z > 0.07 (as asked)")
     scene = page.locator("canvas").first.bounding_box()
     for name in ("Plan", "Why", "Answers", "Physics", "Tune", "Memory", "Show"):
         tab(page, name)

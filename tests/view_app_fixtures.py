@@ -21,6 +21,7 @@ FLAGS = [
     "--use-angle=swiftshader",
     "--enable-unsafe-swiftshader",
     "--disable-gpu-rasterization",  # the software renderer draws the 3D only
+    "--disable-gpu-compositing",
     "--no-sandbox",
 ]
 SERVE = "import sys; from preshape.cli.view import view; view(sys.argv[1:], standalone_mode=False)"

@@ -23,6 +23,11 @@ NO_NOTICE = """addEventListener('DOMContentLoaded', () => {
   document.head.append(style);
 })"""
 """The notice that software draws the scene is this machine's, and covers what a test presses."""
+FEW_FRAMES = """
+window.requestAnimationFrame = draw => setTimeout(() => draw(performance.now()), 150);
+window.cancelAnimationFrame = clearTimeout;
+"""
+"""Software takes tens of milliseconds of processor time for a frame, and no test needs 60 a second."""
 HARMLESS = ("GPU stall", "GL Driver Message", "THREE.Clock", "KHR_parallel_shader_compile")
 
 
@@ -33,6 +38,7 @@ class Watched:
         self.page = context.new_page()
         self.page.set_default_timeout(PATIENCE)
         self.page.add_init_script(NO_NOTICE)
+        self.page.add_init_script(FEW_FRAMES)
         self.asked: list[str] = []
         self.complaints: list[str] = []
         self.page.on("request", lambda request: self.asked.append(request.url))

@@ -21,7 +21,7 @@ from ..closure.rules import KEEP_OFF
 from ..exceptions import Cancelled, EnvironmentFailure, InputError, shown
 from ..files import file_place, file_state
 from ..hands.hand import Hand
-from ..hands.load import is_description, is_model, load_hand
+from ..hands.load import load_hand
 from ..hiis.analyser import Analyser, Grasp
 from ..hiis.controller import Controller
 from ..hiis.critic import of_this_object
@@ -31,10 +31,9 @@ from ..memory import Memory, default_path
 from ..objects.load import split_part
 from ..objects.mass import ObjectMass, object_mass
 from ..objects.mesh import TriangleMesh
-from ..objects.obstacle import placed_file
-from ..objects.sidecar import sidecar_path
 from ..tasks import Task
 from ..types import an_instance, value
+from .answer_cache import names_all_files, object_state, obstacle_states
 from .answers import Answer, answers_of, seen_first
 from .arm import advised, arm_of, failed_axes, with_arm
 from .controllers import closure_controller, layout_of, ray_controller
@@ -268,15 +267,10 @@ class Session:
             The value, or ``None`` if the answer also depends on files that the request does not name.
         """
         self._open_again()
-        path = split_part(request.object_name)[0].lower()
-        if (
-            is_model(request.hand_name)
-            or is_description(request.hand_name)
-            or path.endswith((".gltf", ".glb"))
-        ):
+        if not names_all_files(request):
             return None
-        place, thing = (*(self._place or ()), *self.memory.state()), _file_key(request)
-        return (*place, *thing, *_obstacle_states(request))
+        place, thing = (*(self._place or ()), *self.memory.state()), object_state(request)
+        return (*place, *thing, *obstacle_states(request))
 
     def hand(self, request: PlanRequest) -> Hand:
         """The request's hand."""
@@ -304,7 +298,7 @@ class Session:
         """The request's object [m]."""
         if isinstance(request.source, TriangleMesh):
             return request.source
-        key, last = _file_key(request), self._mesh
+        key, last = object_state(request), self._mesh
         # A glTF file may name files with its vertices, which may have changed instead.
         file = split_part(request.source)[0].lower()
         if last is None or last[0] != key or file.endswith((".gltf", ".glb")):
@@ -441,14 +435,6 @@ class Session:
             self.progress(words, share)
 
 
-def _file_key(request: PlanRequest) -> tuple[Any, ...]:
-    """Key of a loaded object in the cache; with a new file or a new sidecar it is another object."""
-    source = str(request.source)
-    path = split_part(source)[0]
-    state = tuple(file_state(file) for file in (path, sidecar_path(path), str(request.mask or "")))
-    return source, request.unit, request.scale, request.view, request.cut_table, request.mask, state
-
-
 _ELEMENT_KEYS = (
     "analyser", "friction", "table", "avoid", "gravity", "seed", "thresholds", "sets", "finger_rule",
     "coefficients", "up", "rest", "obstacle", "search", "grasp_type",
@@ -461,9 +447,4 @@ def _element_key(request: PlanRequest, hand: Hand, mesh: TriangleMesh, mass: Obj
     document, rules = request.to_json(), request.rules_for(mesh).key
     wanted = (request.wanted(mesh), request.count > 1) if request.analyser == "closure" else 0
     values = (repr(document[name]) for name in _ELEMENT_KEYS)
-    return (hand, mass.kg, wanted, rules, *values, *_obstacle_states(request))
-
-
-def _obstacle_states(request: PlanRequest) -> list[str]:
-    """The states of the files of obstacles, which may change under their names."""
-    return [repr(file_state(split_part(placed_file(text).file)[0])) for text in request.obstacle]
+    return (hand, mass.kg, wanted, rules, *values, *obstacle_states(request))
