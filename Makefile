@@ -25,7 +25,7 @@ setup: $(STAMP)
 
 # HASHES=1, as in CI: what is installed must have the hashes of constraints-hashed.txt.
 $(STAMP): pyproject.toml constraints.txt constraints-hashed.txt | $(BIN)/python
-	@echo "installing preshape, its packages and those of its tests into $(VENV) (1.7 GB, some minutes; nothing outside it) ..."
+	@echo "installing preshape, its packages and those of its tests into $(VENV) (2.1 GB, some minutes; nothing outside it) ..."
 	@test -z "$(HASHES)" || $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps \
 	  --require-hashes -r constraints-hashed.txt
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev]'

@@ -140,6 +140,7 @@ def test_the_reason_says_which_answers_fell(six: str) -> None:
     kept = {id(a.grasp) for a in (far.answer, *far.alternatives) if a is not None}
     assert not kept & {id(a.grasp) for a in far.arm.refused}
     assert len(kept) == far.arm.tested - len(far.arm.refused)
+    assert far.decision.grasp is far.grasp
 
 
 def test_the_request_comes_back_from_the_document(served: Plan) -> None:
@@ -205,6 +206,16 @@ def test_all_formats_have_the_arms_joints(served: Plan, tmp_path: Path) -> None:
     assert list(yaml.safe_load_all(out)) == [message, arm]
     code, out, _ = run("export", str(file), "--format", "trajectory", "--json")
     assert json.loads(out)["arm_trajectory"] == arm
+
+
+def test_the_link_of_the_arm_has_the_planned_mount_in_an_export(served: Plan, tmp_path: Path) -> None:
+    file = tmp_path / "plan.json"
+    file.write_text(json.dumps(plan_to_json(served)))
+    words = ["export", str(file), "--format", "isaac", "--parent-link", "tip"]
+    code, out, _ = run(*words)
+    assert code == 0
+    assert run(*words, "--mount", " ".join(map(str, MOUNT)))[1] == out
+    assert run(*words[:-1], "other")[0] == 2
 
 
 def test_the_command_plans_with_an_arm(six: str, tmp_path: Path) -> None:

@@ -81,17 +81,15 @@ def with_arm(plan: P, arm: Arm, *, keep: int) -> P:
     outcome = _outcome(plan, arm, len(tested), fallen, notes, seconds)
     if not served:
         return _unserved(replace(plan, arm=outcome), tested[0])
-    plan = replace(plan, arm=outcome, answer=served[0], alternatives=tuple(served[1:keep]))
+    best, first = served[0].grasp, plan.decision.grasp
+    decision = replace(plan.decision, grasp=best)
+    plan = replace(plan, arm=outcome, answer=served[0], alternatives=tuple(served[1:keep]), decision=decision)
     if not fallen:
         return plan
-    why = fallen_words(fallen, len(tested))
-    if served[0].grasp is not plan.decision.grasp:
-        why = f"{served[0].grasp.score_text}: the first answer that the arm reaches; {why}"
-    else:
-        why = f"{plan.decision.reason}; {why}"
-    last = Transition(mode=plan.decision.mode, outcome="reward", reason=why)
-    steps = (*plan.decision.transitions, last)
-    return replace(plan, decision=replace(plan.decision, reason=why, transitions=steps))
+    why = decision.reason if best is first else f"{best.score_text}: the first answer that the arm reaches"
+    why = f"{why}; {fallen_words(fallen, len(tested))}"
+    steps = (*decision.transitions, Transition(mode=decision.mode, outcome="reward", reason=why))
+    return replace(plan, decision=replace(decision, reason=why, transitions=steps))
 
 
 def advised(plan: P, arm: Arm) -> P:
