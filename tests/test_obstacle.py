@@ -21,6 +21,7 @@ from preshape.planner import plan
 from preshape.planning.request import PlanRequest
 from preshape.planning.sizes import misplaced_obstacles
 
+QUICK = ClosureSettings(everywhere=2000, persistence=0, finished=3)
 WALL = box_mesh("wall", np.array([0.02, 0.3, 0.3]))
 NEAR = np.array([[-0.05, -0.05, -0.05], [0.05, 0.05, 0.05]])
 
@@ -153,3 +154,12 @@ def test_an_obstacle_that_is_far_away_or_overlaps_the_object_is_named(tmp_path: 
         assert file in sentence
     assert words("@0.041,0,0,1,0,0,0") == []
     assert words("@0,0,-0.1198,1,0,0,0") == []  # the object stands on it, 0.2 mm deep
+
+
+def test_a_hand_does_not_lift_into_a_shelf(tmp_path: Path) -> None:
+    box = box_mesh("carton", np.array([0.04, 0.05, 0.12]))
+    shelf = f"{saved(tmp_path, box_mesh('shelf', np.array([0.5, 0.5, 0.01])))}@0,0,0.15,1,0,0,0"
+    asked = {"hand": "leap", "memory": ":memory:", "learn": False, "closure": QUICK, "mass": 0.1}
+    for alone in ({"obstacle": shelf, "table": None}, {}):  # in free space, and without the shelf
+        assert plan(box, "lift", **asked, **alone).answer is not None  # type: ignore[arg-type]
+    assert plan(box, "lift", obstacle=shelf, **asked).answer is None  # type: ignore[arg-type]

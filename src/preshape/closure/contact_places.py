@@ -76,10 +76,11 @@ class PartQuery:
     Attributes:
         mesh: The part's triangles.
         solid: Whether its inside belongs to it.
+        beside: Whether it stays where it is when the object is lifted.
     """
 
     def __init__(self, part: PartSurface, device: str = "cpu") -> None:
-        self.mesh, self.solid = part_mesh(part), part.solid
+        self.mesh, self.solid, self.beside = part_mesh(part), part.solid, part.beside
         self._query = SurfaceQuery(self.mesh, device=device)
 
     def nearer(self, points: Array, than: float) -> BoolArray:

@@ -65,6 +65,11 @@ class KeptOff:
     def __len__(self) -> int:
         return len(self._parts)
 
+    @property
+    def beside(self) -> BoolArray:
+        """(m,) which parts stay where they are when the object is lifted."""
+        return np.array([part.beside for part in self._parts], dtype=bool)
+
     def near(self, place: Array, turn: Array, posture: Array) -> BoolArray:
         """Whether the spheres of hands are within ``BY_SPHERES`` of each part.
 

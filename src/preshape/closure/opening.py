@@ -31,6 +31,8 @@ BACK = 0.008
 """Distance by which the opened hand of a wrap stands back [m] [C]."""
 WAY_IN, STRIDE = 0.12, 0.006
 """Length of the straight approach that is checked, and the step of that check [m] [C]."""
+LIFT, RISE = 0.2, 0.01
+"""Height to which the closed hand lifts the object off a table, and the step of that check [m] [C]."""
 
 KEPT_OFF = "a part to keep off"
 """What a part that is kept off is called beside the table and the boxes."""
@@ -105,6 +107,7 @@ class Opener:
            and in step 2, the links' spheres keep off what the rules name; the opened hand does so exactly.
         2. Test the straight approach along the candidate's approach axis.
         3. If that is blocked, test the directions of fingers and palm that follow an allowed plane.
+        4. On a table, test the closed hand on its way up, where boxes or obstacles may be above it.
 
         Args:
             candidates: n candidates.
@@ -135,16 +138,24 @@ class Opener:
                 found, clear = self._way_in(candidates, rows[blocked], pregrasp[blocked], other[blocked])
                 blocked, found = blocked[clear], found[clear]
                 approach[blocked], clearance[blocked], free[blocked] = other[blocked], found, True
+        rises = self._lift(candidates, rows, grasp)  # 4.
         table = "the table, " if len(self.obstacles.planes) else ""
         box = "a box to avoid, " if len(self.obstacles.boxes) else ""
         names = f"{table}{box}{KEPT_OFF + ', ' if len(self.kept_off) else ''}the object"
         names = " or ".join(names.rsplit(", ", 1))
-        clauses = np.select(
-            [~opens, free],
-            [f"the hand cannot open clear of {names}", ""],
-            f"{names} is in the open hand's way",
+        above = " or ".join(
+            filter(None, [box.removesuffix(", "), "an obstacle" if self.kept_off.beside.any() else ""])
         )
-        free |= anyway
+        clauses = np.select(
+            [~opens, ~free, ~rises],
+            [
+                f"the hand cannot open clear of {names}",
+                f"{names} is in the open hand's way",
+                f"{above} is in the closed hand's way when it lifts the object",
+            ],
+            "",
+        )
+        free = (free & rises) | anyway
         return Openings(
             row=rows[free],
             pregrasp=pregrasp[free],
@@ -203,3 +214,23 @@ class Opener:
         if len(self.kept_off):
             free &= ~self.kept_off.near(*hands).any(axis=1)
         return least, (least > 0.3 * NEAREST) & free.reshape(k, n).all(axis=1)
+
+    def _lift(self, candidates: Candidates, rows: IntArray, grasp: Array) -> BoolArray:
+        """(k,) whether closed hands are free of boxes and obstacles while they lift off a table."""
+        k, beside = len(rows), self.kept_off.beside
+        if not k or not len(self.obstacles.planes) or not (len(self.obstacles.boxes) or beside.any()):
+            return np.ones(k, dtype=bool)
+        heights = np.arange(RISE, LIFT + RISE / 2, RISE)
+        n, up = len(heights), self.obstacles.planes[0, :3]
+        place = candidates.place[rows, None] + heights[:, None] * up
+        hands = (
+            place.reshape(k * n, 3),
+            np.repeat(candidates.turn[rows], n, axis=0),
+            np.repeat(grasp[rows], n, axis=0),
+        )
+        free = np.ones(k * n, dtype=bool)
+        if len(self.obstacles.boxes):
+            free &= self.kernel.clearances(*hands, Obstacles(boxes=self.obstacles.boxes))[1] > 0
+        if beside.any():
+            free &= ~self.kept_off.near(*hands)[:, beside].any(axis=1)
+        return np.asarray(free.reshape(k, n).all(axis=1))

@@ -106,7 +106,9 @@ def obstacle_surface(placed: PlacedFile, near: Array) -> PartSurface | None:
         body = TriangleMesh(name="obstacle", vertices=vertices, triangles=triangles)
         triangles = oriented_triangles(body)
     used, inverse = np.unique(triangles if closed else triangles[close], return_inverse=True)
-    return PartSurface(name=name, vertices=vertices[used], triangles=inverse.reshape(-1, 3), solid=closed)
+    return PartSurface(
+        name=name, vertices=vertices[used], triangles=inverse.reshape(-1, 3), solid=closed, beside=True
+    )
 
 
 def surface_of_points(name: str, points: Array, near: Array) -> PartSurface | None:
@@ -121,7 +123,7 @@ def surface_of_points(name: str, points: Array, near: Array) -> PartSurface | No
     if not len(points):
         return None
     vertices, triangles = cubes(points, cube_edge(points))
-    return PartSurface(name=name, vertices=vertices, triangles=triangles, solid=True)
+    return PartSurface(name=name, vertices=vertices, triangles=triangles, solid=True, beside=True)
 
 
 def rest_of_scene(mesh: TriangleMesh, near: Array | None = None) -> PartSurface | None:

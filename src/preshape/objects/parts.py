@@ -37,6 +37,7 @@ class PartSurface:
         vertices: (n, 3) positions in the mesh frame [m].
         triangles: (m, 3) vertex indices; for a solid, outward (right-hand rule).
         solid: Whether the triangles bound a closed volume, whose inside belongs to the part too.
+        beside: Whether it stands beside the object, and stays there when the object is lifted.
 
     Raises:
         InputError: The name is empty, an array has the wrong shape, or an index is out of range.
@@ -46,6 +47,7 @@ class PartSurface:
     vertices: Array
     triangles: IntArray
     solid: bool = False
+    beside: bool = False
 
     def __post_init__(self) -> None:
         if not isinstance(self.name, str) or not self.name.strip():
