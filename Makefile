@@ -43,9 +43,9 @@ $(BIN)/python:
 	  echo "no virtual environment could be made: on Debian, apt-get install python3-venv"; rm -rf $(VENV); exit 3; }
 
 demo: $(RUNTIME)
-	@$(call show,plan mug --task pour --hand shadow --table --verify --memory $(OUT)/demo/memory.sqlite --out $(OUT)/demo/mug)
+	@$(call show,plan mug --task pour --verify --memory $(OUT)/demo/memory.sqlite --out $(OUT)/demo/mug)
 	@$(call show,simulate $(OUT)/demo/mug/plan.json --out $(OUT)/demo/mug)
-	@$(call show,plan hammer --task strike --hand shadow --memory $(OUT)/demo/memory.sqlite --out $(OUT)/demo/hammer)
+	@$(call show,plan hammer --task strike --table none --memory $(OUT)/demo/memory.sqlite --out $(OUT)/demo/hammer)
 	@echo; echo "Look at $(OUT)/demo/mug/run.gif and $(OUT)/demo/hammer/plan.png, then try:"
 	@echo "  $(BIN)/preshape view $(OUT)/demo/mug/plan.json                  why this grasp, and steer it, in the browser"
 	@echo "  $(BIN)/preshape plan FILE.stl --unit mm --task lift --hand leap   an object and a hand of yours"
@@ -89,7 +89,7 @@ fuzz: setup
 
 harden: setup
 	@$(BIN)/python -m hardening.kill
-	@for one in server signals streams kernel_cache memories files odd_objects; do \
+	@for one in server load signals streams kernel_cache memories files odd_objects clutter; do \
 	  echo "hardening.$$one"; $(BIN)/python -m hardening.$$one $(ARGS) || exit 1; done
 	@$(BIN)/python -m hardening.grips $(OBJECTS)
 	@test -z "$(OBJECTS)" || $(BIN)/python -m hardening.objects $(OBJECTS)

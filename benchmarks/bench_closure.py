@@ -23,7 +23,7 @@ ALL_PLANES = Aim(values=np.linspace(-1.0, 1.0, 71))
 
 def run() -> list[dict[str, Any]]:
     mesh, name = scan()
-    request = PlanRequest(source=mesh, task="lift", hand="shadow", mass=FIELD_MASS)
+    request = PlanRequest(source=mesh, task="lift", hand="shadow", mass=FIELD_MASS, table=None)
     q = request.asked.q
     start = time.perf_counter()
     prepare_field(mesh, cache=None)

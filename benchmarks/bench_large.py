@@ -33,7 +33,7 @@ plan(name, "lift", hand="shadow", memory=memory)
 LARGE = """
 import resource, time
 from preshape import plan
-made = plan(name, "lift", hand="shadow", memory=memory, learn=False, mass=0.1)
+made = plan(name, "lift", hand="shadow", memory=memory, learn=False, mass=0.1, table=None)
 peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024) / 1e6
 points = made.grasp.contacts.points.tolist() if made.grasp is not None else []
 print(json.dumps([time.process_time(), peak, len(made.mesh.triangles), made.mesh.volume, points]))

@@ -21,7 +21,8 @@ def run() -> list[dict[str, Any]]:
     times: list[float] = []
     recalled = 0
     requests = [
-        PlanRequest(source=name, task=entry(name).tasks[0], learn=False) for name in names()[:OBJECTS]
+        PlanRequest(source=name, task=entry(name).tasks[0], hand="utah_mit", learn=False)
+        for name in names()[:OBJECTS]
     ]
     with tempfile.TemporaryDirectory() as folder, Session(Path(folder) / "memory.sqlite") as session:
         for request in requests:

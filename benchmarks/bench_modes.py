@@ -14,7 +14,7 @@ from .common import median_of, row, scan
 def run() -> list[dict[str, Any]]:
     mesh, name = scan()
     with Session(":memory:") as session:
-        ready = session.prepare(PlanRequest(source=mesh, task="lift"))
+        ready = session.prepare(PlanRequest(source=mesh, task="lift", hand="utah_mit"))
         controller, element, task = ready.controller, ready.element, ready.task
         assert isinstance(element, RayAnalyser)
         controller.teach(element, task)

@@ -19,7 +19,7 @@ from .common import median_of, row
 
 def run() -> list[dict[str, Any]]:
     with Session(":memory:") as session:
-        ready = session.prepare(PlanRequest(source="cube", task="lift"))
+        ready = session.prepare(PlanRequest(source="cube", task="lift", hand="utah_mit"))
     seeds = seed_experiences(ready.element, FuzzySets(), enough=3.0)
     x, y = training_set(seeds, ready.hand.u)
     weights = train(x, y)

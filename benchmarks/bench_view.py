@@ -64,7 +64,9 @@ def click_to_answer() -> dict[str, Any]:
     with tempfile.TemporaryDirectory() as folder:
         replies: list[dict[str, Any]] = []
         worker = Worker(replies.append)
-        request = PlanRequest(source="mug", task="pour", memory=str(Path(folder) / "m.sqlite")).to_json()
+        request = PlanRequest(
+            source="mug", task="pour", hand="utah_mit", memory=str(Path(folder) / "m.sqlite")
+        ).to_json()
         first: list[float] = []
 
         def ask() -> None:

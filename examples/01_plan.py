@@ -1,8 +1,8 @@
-"""From an object and a task to a preshape, in a few lines."""
+"""From an object and a task to a preshape of the paper's hand, in a few lines."""
 
 import preshape
 
-plan = preshape.plan("mug", "lift", memory=":memory:", count=2)
+plan = preshape.plan("mug", "lift", hand="utah_mit", memory=":memory:", count=2)
 grasp, hand = plan.grasp, plan.hand_result
 
 print(plan.decision.status.help)

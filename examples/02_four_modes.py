@@ -1,6 +1,6 @@
 """All four execution modes, task correction and a deadlock, with one memory.
 
-The same commands (add --memory FILE to each):
+The same commands (add --hand utah_mit --memory FILE to each):
 
     preshape plan box --task "1 1 .1 .05 .8 .05"            mode 0: the estimate of a fresh memory will do
     preshape plan prism --task lift                         mode 3: unknown object; explored, learnt, answered
@@ -21,11 +21,11 @@ QUESTIONS = (
 
 with preshape.Memory.open(":memory:") as memory:
     for name, task in QUESTIONS:
-        plan = preshape.plan(name, task, memory=memory)
+        plan = preshape.plan(name, task, hand="utah_mit", memory=memory)
         decision = plan.decision
         print(f"{name:<5} {task:<21} mode {decision.mode}, {decision.status.value}: {decision.reason}")
         for offer in decision.offers:
             print(f"{'':<24} fits: {offer.task.label}, TFVADI {offer.match:.2f}")
         if decision.offers:  # task correction: take the first offer
-            corrected = preshape.plan(name, decision.offers[0].task, memory=memory)
+            corrected = preshape.plan(name, decision.offers[0].task, hand="utah_mit", memory=memory)
             print(f"{'':<24} corrected: {corrected.decision.status.value} in mode {corrected.decision.mode}")

@@ -4,8 +4,9 @@ import numpy as np
 
 import preshape
 
-# The closure analyser serves every hand but utah_mit, such as "allegro:left" or "my_hand.toml".
-plan = preshape.plan("box", "lift", hand="allegro", memory=":memory:", learn=False, table="auto")
+# The box lies on a table. The closure analyser serves every hand but utah_mit, such as "allegro:left"
+# or "my_hand.toml".
+plan = preshape.plan("box", "lift", hand="allegro", memory=":memory:", learn=False)
 grip, hand = plan.grasp, plan.hand_result
 assert isinstance(grip, preshape.Grip)
 assert hand is not None

@@ -94,6 +94,7 @@ def look(file: str, factor: float, hand: str, task: str, count: int, seed: int) 
             hand=hand,
             analyser="closure",
             mass=FIELD_MASS,
+            table=None,
             memory=":memory:",
             learn=False,
             count=count,

@@ -74,7 +74,9 @@ def serve(hand: str, task: str, memory: str) -> None:
             _reset_peak()
             begin, work = time.perf_counter(), time.process_time()
             try:
-                made = plan(file, task, hand=hand, scale=factor, mass=mass, memory=store, learn=False)
+                made = plan(
+                    file, task, hand=hand, scale=factor, mass=mass, table=None, memory=store, learn=False
+                )
             except PreshapeError as error:
                 row |= {"outcome": REFUSED, "reason": str(error)}
             except Exception as error:
@@ -168,7 +170,7 @@ def run(rows: list[tuple[str, Path, float]], hand: str, task: str, out: Path) ->
     if not memory.exists():
         from preshape import plan
 
-        plan("cube", task, hand=hand, memory=memory)
+        plan("cube", task, hand=hand, table=None, memory=memory)
     server, begin, shown, before = Server(hand, task, memory), time.monotonic(), 0.0, len(done)
     try:
         with store.open("a") as file:

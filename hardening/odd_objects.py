@@ -146,7 +146,7 @@ def slender(rng: np.random.Generator, folder: Path) -> None:
     file = folder / "rod.stl"
     trimesh.creation.cylinder(width / 2, length, sections=24).export(file)
     hand = str(rng.choice(["shadow", "allegro", "leap"]))
-    made = plan(file, "lift", hand=hand, mass=0.1, memory=":memory:", verify=True)
+    made = plan(file, "lift", hand=hand, mass=0.1, table=None, memory=":memory:", verify=True)
     if made.answer is None or made.verified is None or not made.verified.held:
         raise Fault(f"{hand}, {1000 * length:.0f} × {1000 * width:.0f} mm: {made.decision.reason}")
 

@@ -105,8 +105,8 @@ def _records() -> dict[str, dict[str, bytes | str]]:
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "memory.sqlite"
         with Memory.open(file) as memory:
-            plan("cube", "lift", memory=memory)
-            document = plan_to_json(plan("cube", "lift", hand="shadow", memory=memory, count=2))
+            plan("cube", "lift", hand="utah_mit", memory=memory)
+            document = plan_to_json(plan("cube", "lift", hand="shadow", table=None, memory=memory, count=2))
             keep = memory.experiences()[-2:]
             weights = memory.weights(pincer.HAND)
         assert weights is not None

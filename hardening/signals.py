@@ -41,8 +41,19 @@ from .long_runs import show_progress
 
 COMMANDS = {
     "list": ("tasks",),
-    "plan": ("plan", "cylinder", "--task", "lift", "--memory", "{memory}", "--out", "{out}"),
-    "learn": ("learn", "box", "bottle", "--task", "lift", "--memory", "{memory}"),
+    "plan": (
+        "plan",
+        "cylinder",
+        "--task",
+        "lift",
+        "--hand",
+        "utah_mit",
+        "--memory",
+        "{memory}",
+        "--out",
+        "{out}",
+    ),
+    "learn": ("learn", "box", "bottle", "--task", "lift", "--hand", "utah_mit", "--memory", "{memory}"),
     "closure": ("plan", "cylinder", "--task", "lift", "--hand", "shadow", "--memory", "{memory}", "--verify"),
     "compile": ("plan", "sphere", "--task", "lift", "--hand", "allegro", "--memory", "{memory}"),
 }

@@ -24,11 +24,11 @@ LEVELS = (
     "exceptions types files processes spatial _version",
     "metrics objects report tasks",
     "hands kernels memory",
-    "hiis viewer",
+    "arm hiis viewer",
     "closure physics pictures",
     "planning planner",
     "dataset export",
-    "app cli studies __init__ __main__",
+    "app cli serve studies __init__ __main__",
 )
 """Modules and packages directly below ``preshape``; a file imports from lower levels only."""
 LEVEL = {unit: level for level, units in enumerate(LEVELS) for unit in units.split()}
@@ -40,6 +40,8 @@ BESIDE = {
     ("types", "exceptions"),
     ("planner", "planning"),
     ("cli", "app"),
+    ("cli", "serve"),
+    ("serve", "app"),
     ("cli", "studies"),
     ("__main__", "cli"),
 }

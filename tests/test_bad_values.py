@@ -158,5 +158,5 @@ def test_a_long_text_is_not_repeated_whole(name: str) -> None:
 
 @pytest.mark.parametrize("folder", [None, 3, "", "a\0b", "\ud800", ["x"], b"x"])
 def test_a_folder_that_is_no_path_is_refused(folder: Any) -> None:
-    plan = preshape.plan("cube", "lift", memory=":memory:", learn=False)
+    plan = preshape.plan("cube", "lift", memory=":memory:", learn=False, hand="utah_mit")
     assert "folder must be a path" in refused(lambda: plan.save(folder))

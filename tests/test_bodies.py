@@ -122,7 +122,9 @@ def test_specks_are_left_out_and_said(tmp_path: Path) -> None:
     assert mesh.notes == ("2 small pieces of the file, apart from the object, are left out",)
     assert mesh.attributes.triangles == len(mesh.triangles)
     with Session(":memory:", learn=False) as session:
-        ready = session.prepare(PlanRequest(source=mesh, task="lift", learn=False, memory=":memory:"))
+        ready = session.prepare(
+            PlanRequest(source=mesh, task="lift", learn=False, memory=":memory:", hand="utah_mit")
+        )
     assert ready.warnings[0] == mesh.notes[0]
 
 

@@ -19,6 +19,7 @@ import numpy as np
 import pytest
 from click.core import ParameterSource
 
+from papers_hand import of_the_papers_hand
 from preshape.cli import main as cli
 from preshape.cli.commands import app
 from preshape.exceptions import InputError
@@ -112,7 +113,7 @@ def run(capsys):
 
     def call(*arguments: str) -> tuple[int, str, str]:
         capsys.readouterr()
-        code = cli.run([str(a) for a in arguments])
+        code = cli.run(of_the_papers_hand(arguments))
         out, err = capsys.readouterr()
         assert "Traceback" not in out + err
         return code, out, err
@@ -147,7 +148,7 @@ def timeless(document: dict) -> dict:
 
 
 def process(*arguments: str, **options) -> subprocess.CompletedProcess:
-    command = [sys.executable, "-m", "preshape", *arguments]
+    command = [sys.executable, "-m", "preshape", *of_the_papers_hand(arguments)]
     return subprocess.run(
         command, capture_output=True, text=True, encoding="utf-8", timeout=300, **options, check=False
     )
@@ -581,7 +582,7 @@ def test_the_module_and_the_installed_command_do_the_same(run_json, own_memory, 
     installed = Path(sys.executable).with_name("preshape")
     if installed.exists():
         done = subprocess.run(
-            [installed, "plan", known_cube, "--task", UNFIT, "--json"],
+            [installed, "plan", "--hand", "utah_mit", known_cube, "--task", UNFIT, "--json"],
             capture_output=True,
             text=True,
             check=False,
@@ -625,7 +626,7 @@ def test_an_interrupted_lesson_loses_nothing_that_was_acknowledged(own_memory):
         "from preshape.cli.main import main; main()"
     )
     with subprocess.Popen(
-        [sys.executable, "-c", heeding, "learn", "ALL", "--memory", str(own_memory)],
+        [sys.executable, "-c", heeding, "learn", "ALL", "--hand", "utah_mit", "--memory", str(own_memory)],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,

@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from papers_hand import of_the_papers_hand
 from preshape.cli import main as cli
 from preshape.hands.load import load_hand
 from preshape.hiis.controller import Controller
@@ -78,7 +79,7 @@ def refused(capsys):
 
     def call(*arguments: str, code: int = 2) -> str:
         capsys.readouterr()
-        given = cli.run([str(a) for a in arguments])
+        given = cli.run(of_the_papers_hand(arguments))
         out, err = capsys.readouterr()
         assert given == code, (arguments, out, err)
         assert err.strip().startswith("error: ")
@@ -86,7 +87,7 @@ def refused(capsys):
         assert out == ""
         assert_clear(reason)
 
-        given = cli.run([*(str(a) for a in arguments), "--json"])
+        given = cli.run([*of_the_papers_hand(arguments), "--json"])
         out, err = capsys.readouterr()
         assert given == code
         document = json.loads(out)
@@ -138,7 +139,7 @@ def test_a_file_that_is_no_object(thing, says, refused):
 
 
 def test_the_good_mesh_of_these_tests_is_good(capsys):
-    assert cli.run(["plan", "good.obj", "--task", Q1, "--no-learn", "--json"]) in (0, 1)
+    assert cli.run(of_the_papers_hand(["plan", "good.obj", "--task", Q1, "--no-learn", "--json"])) in (0, 1)
     assert json.loads(capsys.readouterr().out)["status"] != "error"
 
 
@@ -205,7 +206,7 @@ def test_a_task_that_is_none(task, says, refused):
 
 
 def test_even_the_largest_finite_task_is_answered_or_not_but_no_fault(capsys):
-    assert cli.run(["plan", "mug", "--task", "1e308 1 1 1 1 -1e308", "--json"]) in (0, 1)
+    assert cli.run(of_the_papers_hand(["plan", "mug", "--task", "1e308 1 1 1 1 -1e308", "--json"])) in (0, 1)
     assert json.loads(capsys.readouterr().out)["status"] != "error"
 
 
@@ -465,13 +466,13 @@ def test_a_fault_of_ours_is_reported_in_a_sentence(capsys, monkeypatch):
 
     monkeypatch.delenv("PRESHAPE_DEBUG", raising=False)
     monkeypatch.setattr("preshape.planning.session.Session.run", fault)
-    assert cli.run(["plan", "cube", "--task", Q1, "--json"]) == 3
+    assert cli.run(of_the_papers_hand(["plan", "cube", "--task", Q1, "--json"])) == 3
     document = json.loads(capsys.readouterr().out)
     assert document["status"] == "error"
     assert "PRESHAPE_DEBUG" in document["reason"]
     monkeypatch.setenv("PRESHAPE_DEBUG", "1")
     with pytest.raises(ZeroDivisionError):
-        cli.run(["plan", "cube", "--task", Q1])
+        cli.run(of_the_papers_hand(["plan", "cube", "--task", Q1]))
 
 
 # -- as a process ----------------------------------------------------------------------------------------

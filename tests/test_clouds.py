@@ -489,7 +489,8 @@ def on_cloud(tmp_path_factory, lesson) -> tuple[Plan, np.ndarray]:
     _, points, camera = seen("cylinder")
     file = tmp_path_factory.mktemp("cloud") / "scan.npy"
     np.save(file, points)
-    options = {"hand": "shadow", "closure": QUICK, "memory": lesson("shadow"), "learn": False, "count": 4}
+    more = {"closure": QUICK, "memory": lesson("shadow"), "learn": False, "count": 4}
+    options = {"hand": "shadow", "table": None, **more}
     return plan(file, "lift", view=camera.tolist(), **options), points
 
 
@@ -553,13 +554,15 @@ def test_an_answer_at_trust_0_is_no_answer(on_cloud):
 
 def test_the_surface_that_was_planned_with_is_written_whole(tmp_path, box):
     _, points, camera = box
-    made = plan(completed("hull", "box", points, camera), "lift", memory=":memory:", learn=False)
+    made = plan(
+        completed("hull", "box", points, camera), "lift", memory=":memory:", learn=False, hand="utah_mit"
+    )
     file = tmp_path / "box-surface.obj"
     assert file in made.save(tmp_path)
     again = load_object(file)
     assert again.vertices == pytest.approx(made.mesh.vertices, abs=1e-15)
     assert again.scan is None
-    from_file = plan(file, "lift", memory=":memory:", learn=False)
+    from_file = plan(file, "lift", memory=":memory:", learn=False, hand="utah_mit")
     assert len(from_file.save(tmp_path / "again")) == 3  # no surface beside the plan
     assert "seen" in str(made)  # the summary says what is trusted
 

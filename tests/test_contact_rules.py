@@ -356,7 +356,14 @@ def test_what_the_memory_recalls_obeys_too(lesson: Callable[[str], Path]) -> Non
     case, where = hammer(), str(lesson("shadow"))
     small = {**QUICK, "finished": 2}
     free = plan(
-        case.mesh, "lift", hand="shadow", memory=where, closure=ClosureSettings(**small), mass=0.1, count=2
+        case.mesh,
+        "lift",
+        hand="shadow",
+        memory=where,
+        closure=ClosureSettings(**small),
+        mass=0.1,
+        count=2,
+        table=None,
     )
     assert free.answer is not None
     ruled = plan(
@@ -369,6 +376,7 @@ def test_what_the_memory_recalls_obeys_too(lesson: Callable[[str], Path]) -> Non
         count=2,
         hold_on="z<0.048",
         keep_off="z>0.048",
+        table=None,
     )
     answers = [a for a in (ruled.answer, *ruled.alternatives, ruled.best) if a is not None]
     assert answers

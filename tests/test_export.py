@@ -52,7 +52,7 @@ STORED = Path(__file__).parent / "data" / "shadow_mug_lift.json"
 
 if __name__ == "__main__":  # before the old file is read
     STORED.parent.mkdir(exist_ok=True)
-    made = plan("mug", "lift", hand="shadow", memory=":memory:", count=3)
+    made = plan("mug", "lift", hand="shadow", memory=":memory:", count=3, table=None)
     STORED.write_text(json.dumps(plan_to_json(made), indent=1) + "\n")
     raise SystemExit
 
@@ -661,7 +661,9 @@ def test_a_hand_from_a_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
     """The plan names the file of its hand, which could not be found by name."""
     for part in (ROOT / "examples" / "hands").glob("trident.*"):
         shutil.copy(part, tmp_path)
-    made = plan("box", "lift", hand=str(tmp_path / "trident.toml"), memory=":memory:", learn=False)
+    made = plan(
+        "box", "lift", hand=str(tmp_path / "trident.toml"), memory=":memory:", learn=False, table=None
+    )
     file = tmp_path / "plan.json"
     file.write_text(json.dumps(plan_to_json(made)))
     monkeypatch.chdir(ROOT)
@@ -764,7 +766,7 @@ def test_files_that_cannot_be_read_or_written(tmp_path: Path, stored: str) -> No
     code, _, err = run("export", stored, "--format", "npz")
     assert code == 2
     code, _, err = run("export", stored, "--format", "stl")
-    assert (code, "moveit, trajectory, mjcf, npz" in err) == (2, True)
+    assert (code, "moveit, trajectory, isaac, mjcf, npz" in err) == (2, True)
 
 
 def test_without_rosbags_the_sentence_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -50,8 +50,8 @@ def test_a_request_and_a_plan_name_the_file(planned: Path) -> None:
     source = document["hand"]["source"]
     assert (document["hand"]["name"], Path(source).is_absolute()) == ("trident", True)
     assert document["request"]["hand"] == source
-    assert PlanRequest(source="box", task="lift", hand="trident.toml").to_json()["hand"] == source
-    left = PlanRequest(source="box", task="lift", hand="trident.toml:left")
+    assert PlanRequest(source="box", task="lift", hand="trident.toml", table=None).to_json()["hand"] == source
+    left = PlanRequest(source="box", task="lift", hand="trident.toml:left", table=None)
     assert left.hand_name == f"{source}:left"
 
 

@@ -114,7 +114,7 @@ THICKER = {"tip_radius": "0.0105"}
 
 def asked(hand: Path, thing: str = "box", threshold: float = 3.0, **more: Any) -> PlanRequest:
     settings = Settings(thresholds=Thresholds(estimation=threshold))
-    given = {"task": LIFT, "hand": str(hand), "analyser": "closure", "search": QUICK, **more}
+    given = {"task": LIFT, "hand": str(hand), "analyser": "closure", "search": QUICK, "table": None, **more}
     return PlanRequest(source=thing, settings=settings, **given)
 
 

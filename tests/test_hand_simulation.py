@@ -215,7 +215,9 @@ def retracted(result, mesh, a):
 
 def test_a_squeeze_that_takes_every_joint_to_its_limit_is_found():
     with Session(":memory:") as session:
-        taught = session.teach(PlanRequest(source="hand_wheel", task="lift", approaches="+y,-y"))
+        taught = session.teach(
+            PlanRequest(source="hand_wheel", task="lift", approaches="+y,-y", hand="utah_mit")
+        )
     assert taught.hand_result is not None
     assert taught.hand_result.reached
     assert taught.hand_result.squeeze is not None

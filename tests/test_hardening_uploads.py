@@ -227,7 +227,7 @@ def test_the_app_answers_at_its_own_address(server: ViewServer) -> None:
 
 @pytest.fixture(scope="module")
 def server():
-    served = ViewServer(Start(request=PlanRequest(source="cube", task="lift")), port=0)
+    served = ViewServer(Start(request=PlanRequest(source="cube", task="lift", hand="utah_mit")), port=0)
     yield served
     served.stop()
 

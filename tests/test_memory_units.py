@@ -155,7 +155,7 @@ def test_grips_of_real_hands_stay_as_they_are(
 
 def test_the_scene_of_old_lessons_is_that_of_a_request_at_their_mass() -> None:
     hammer = load_library_object("hammer")
-    asked = PlanRequest(source="hammer", task=parse_task("lift"), hand="shadow", mass=FIELD_MASS)
+    asked = PlanRequest(source="hammer", task=parse_task("lift"), hand="shadow", mass=FIELD_MASS, table=None)
     assert asked.scene(hammer) == OLD_SCENE
 
 

@@ -19,6 +19,7 @@ from preshape.objects.obstacle import REACH, PlacedFile, cube_edge, cubes, obsta
 from preshape.physics.task.instances import mesh_text
 from preshape.planner import plan
 from preshape.planning.request import PlanRequest
+from preshape.planning.sizes import misplaced_obstacles
 
 WALL = box_mesh("wall", np.array([0.02, 0.3, 0.3]))
 NEAR = np.array([[-0.05, -0.05, -0.05], [0.05, 0.05, 0.05]])
@@ -104,7 +105,9 @@ def test_cubes_of_any_points_are_closed_and_hold_them() -> None:
 
 def test_the_request_keeps_them_and_the_scene_tells_them_apart(tmp_path: Path) -> None:
     file = saved(tmp_path, WALL)
-    asked = PlanRequest(source="box", task="lift", hand="leap", obstacle=[f"{file}@0.1,0,0,1,0,0,0"])
+    asked = PlanRequest(
+        source="box", task="lift", hand="leap", obstacle=[f"{file}@0.1,0,0,1,0,0,0"], table=None
+    )
     document = asked.to_json()
     assert document["obstacle"] == [f"{file}@0.1,0,0,1,0,0,0"]
     assert PlanRequest.from_json(document).to_json() == document
@@ -125,7 +128,7 @@ def test_the_hand_stays_away_from_a_wall(lesson: Callable[[str], Path], tmp_path
     hand = load_hand("allegro")
     made = plan(
         "box", "lift", hand="allegro", memory=lesson("allegro"), learn=False, closure=quick,
-        obstacle=f"{file}@-0.07,0,0,1,0,0,0",
+        obstacle=f"{file}@-0.07,0,0,1,0,0,0", table=None,
     )  # fmt: skip
     best = made.answer or made.best
     assert best is not None
@@ -135,3 +138,18 @@ def test_the_hand_stays_away_from_a_wall(lesson: Callable[[str], Path], tmp_path
             reach = part.corners[:, 0].min() - part.radius
             beside = np.abs(part.corners[:, 1:]).min(axis=0) < 0.15
             assert reach > -0.06 or not beside.all()
+
+
+def test_an_obstacle_that_is_far_away_or_overlaps_the_object_is_named(tmp_path: Path) -> None:
+    box = box_mesh("carton", np.array([0.04, 0.05, 0.12]))
+    file = saved(tmp_path, box)
+
+    def words(pose: str) -> list[str]:
+        return misplaced_obstacles(PlanRequest(source=box, task="lift", obstacle=file + pose), box)
+
+    for pose, said in (("", "100% of the object's surface lies in"), ("@3,0,0,1,0,0,0", "more than 500 mm")):
+        (sentence,) = words(pose)
+        assert said in sentence
+        assert file in sentence
+    assert words("@0.041,0,0,1,0,0,0") == []
+    assert words("@0,0,-0.1198,1,0,0,0") == []  # the object stands on it, 0.2 mm deep

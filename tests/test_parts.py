@@ -259,6 +259,13 @@ def test_a_sidecar_that_is_a_pipe_or_too_large_is_not_read(tmp_path) -> None:
         load_object(tmp_path / "block.obj")
 
 
+def test_a_sidecar_that_is_a_link_to_nothing_is_not_passed_over(tmp_path) -> None:
+    write_obj(tmp_path / "block.obj")
+    (tmp_path / "block.preshape.toml").symlink_to(tmp_path / "gone.toml")
+    with pytest.raises(ObjectError, match="a link to a file that does not exist"):
+        load_object(tmp_path / "block.obj")
+
+
 # --- the library -----------------------------------------------------------------------------------------
 
 every_object = pytest.mark.parametrize("name", library.names())

@@ -59,7 +59,7 @@ def memory(taught: Path, tmp_path: Path) -> Path:
 
 
 def made(memory: Path, thing: str | TriangleMesh, task: str = "lift", **more: Any) -> Plan:
-    given = {"hand": "shadow", "closure": QUICK, **more}
+    given = {"hand": "shadow", "closure": QUICK, "table": None, **more}
     return plan(thing, task, analyser="closure", memory=memory, **given)
 
 
@@ -265,10 +265,10 @@ def test_table_and_boxes_need_the_closure_analyser_and_make_sense(memory: Path) 
     with pytest.raises(InputError, match="lower corner"):
         made(memory, "cube", learn=False, avoid=[[1, 1, 1, 0, 0, 0]])
     with pytest.raises(InputError, match="closure"):
-        plan("cube", "lift", analyser="rays", memory=memory, learn=False, table="auto")
+        plan("cube", "lift", analyser="rays", memory=memory, learn=False, table="auto", hand="utah_mit")
     for load in (ClosureSettings(mass=50.0), ClosureSettings(friction=0.01)):
         with pytest.raises(InputError, match="closure"):
-            plan("cube", "lift", analyser="rays", memory=memory, learn=False, closure=load)
+            plan("cube", "lift", analyser="rays", memory=memory, learn=False, closure=load, hand="utah_mit")
 
 
 def test_off_a_table_the_hand_stays_above_it(memory: Path) -> None:

@@ -45,8 +45,20 @@ PROMISED = {
     "seconds", "version",
 }  # fmt: skip
 LATER = {
-    (): ("known", "length_unit", "scene", "rules"),
-    ("request",): ("finger_rule", "up", "rest", "hold_on", "keep_off", "rules", "obstacle"),
+    (): ("known", "length_unit", "scene", "rules", "arm"),
+    ("request",): (
+        "finger_rule",
+        "up",
+        "rest",
+        "hold_on",
+        "keep_off",
+        "rules",
+        "obstacle",
+        "arm",
+        "arm_tip",
+        "mount",
+        "base_pose",
+    ),
 }
 """Keys that were added after version 2 first came out, and where they stand."""
 SCHEMA = plan_schema()
@@ -65,11 +77,11 @@ def valid(document: object, schema: dict = SCHEMA) -> bool:
 
 
 def made(thing="mug", task="pour", **options) -> Plan:
-    return plan(thing, task, memory=":memory:", **options)
+    return plan(thing, task, memory=":memory:", **{"hand": "utah_mit", "table": None, **options})
 
 
 def example() -> dict:
-    """What the example holds: ``preshape plan mug --task pour --count 2 --memory :memory: --json``."""
+    """The example: ``preshape plan mug --task pour --hand utah_mit --count 2 --memory :memory: --json``."""
     return plan_to_json(made(count=2))
 
 
@@ -391,7 +403,7 @@ def test_a_first_plan_of_version_2_is_valid_and_read(tmp_path):
         "thresholds": {"estimation": 3.0, "recognition": 5.0},
         "sets": {"corners": [[-1, -1, 0, 0]] * 7, "shape": "triangle"},
         "coefficients": {"ka": 0.45, "ko": 0.3, "kn": 1.0, "mn": 0.8},
-        "search": PlanRequest(source="mug", task="lift").to_json()["search"], "memory": None,
+        "search": PlanRequest(source="mug", task="lift", hand="utah_mit").to_json()["search"], "memory": None,
     }  # fmt: skip
     document = {
         "schema": 2, "status": "no_grasp", "executable": False, "reason": "no grasp found", "mode": 3,

@@ -44,7 +44,7 @@ def block(name: str = "part", size: float = 1.0, **more: Any) -> TriangleMesh:
 
 
 def rays(source: Any = "cube", **changes: Any) -> PlanRequest:
-    return PlanRequest(**{"source": source, "task": Q1, **changes})
+    return PlanRequest(**{"source": source, "task": Q1, "hand": "utah_mit", **changes})
 
 
 # -- names in files -------------------------------------------------------------------------------------
@@ -64,7 +64,7 @@ def test_any_name_makes_a_file_name(name: str, stem: str) -> None:
 @pytest.mark.parametrize("name", ["../../up", ".."])
 def test_a_plan_of_a_mesh_of_any_name_stays_in_its_folder(name: str, tmp_path: Path) -> None:
     folder = tmp_path / "in" / "out"
-    files = preshape.plan(block(name), Q1, memory=":memory:").save(folder)
+    files = preshape.plan(block(name), Q1, memory=":memory:", hand="utah_mit").save(folder)
     assert files[-1] == folder / f"{file_stem(name)}-surface.obj"
     assert sorted(path for path in tmp_path.rglob("*") if path.is_file()) == sorted(files)
     document = json.loads((folder / "plan.json").read_text())
@@ -123,7 +123,7 @@ def test_the_folder_of_the_plan_comes_before_the_working_directory(
 
 def test_a_library_mesh_that_was_scaled_in_python_is_found_again(tmp_path: Path) -> None:
     mug = load_library_object("mug", scale=1.2)
-    made = preshape.plan(mug, "pour", memory=":memory:")
+    made = preshape.plan(mug, "pour", memory=":memory:", hand="utah_mit")
     document = plan_to_json(made)
     assert document["request"]["object"] == {
         "source": "mug",
@@ -151,7 +151,7 @@ def test_a_library_mesh_that_was_scaled_in_python_is_found_again(tmp_path: Path)
                  triangles=load_library_object("cube").triangles, mass=9.0),
 ])  # fmt: skip
 def test_a_mesh_in_memory_says_that_it_cannot_be_found_again(mesh: TriangleMesh, tmp_path: Path) -> None:
-    made = preshape.plan(mesh, Q1, memory=":memory:")
+    made = preshape.plan(mesh, Q1, memory=":memory:", hand="utah_mit")
     document = plan_to_json(made)
     with pytest.raises(InputError, match="was a mesh in Python"):
         request_of(document)
@@ -176,7 +176,7 @@ def test_view_plans_on_with_the_mass_of_a_mesh_in_memory(
     tmp_path: Path, lesson: Callable[[str], Path]
 ) -> None:
     made = preshape.plan(
-        block(mass=0.4), "lift", hand="leap", closure=QUICK, memory=lesson("leap"), learn=False
+        block(mass=0.4), "lift", hand="leap", closure=QUICK, memory=lesson("leap"), learn=False, table=None
     )
     made.save(tmp_path)
     request = start_of_plan(tmp_path / "plan.json").request
@@ -342,10 +342,12 @@ def test_a_session_sees_the_buffer_of_a_gltf_that_changed(tmp_path: Path) -> Non
 @pytest.mark.parametrize("hand", ["utah_mit", "leap"])
 def test_nothing_is_written_if_the_request_says_so(hand: str, tmp_path: Path) -> None:
     quick = {"search": QUICK} if hand == "leap" else {}
-    request = PlanRequest(source="box", task="lift", hand=hand, learn=False, **quick)
+    request = PlanRequest(source="box", task="lift", hand=hand, table=None, learn=False, **quick)
     with Memory.open(tmp_path / "m.sqlite") as memory:
         before = memory.state()
-        preshape.plan("box", "lift", hand=hand, memory=memory, learn=False, closure=quick.get("search"))
+        preshape.plan(
+            "box", "lift", hand=hand, memory=memory, learn=False, closure=quick.get("search"), table=None
+        )
         with Session(memory) as session:
             session.run(request)
             assert (memory.count(), memory.state()) == (0, before)
@@ -364,7 +366,7 @@ def test_weights_of_a_memory_that_grew_are_not_written_either(tmp_path: Path) ->
         memory.import_(tmp_path / "a.json")
         memory._connection.execute("DELETE FROM weights")
         before = memory.state()
-        preshape.plan("box", "lift", memory=memory, learn=False)
+        preshape.plan("box", "lift", memory=memory, learn=False, hand="utah_mit")
         assert memory.state() == before
 
 

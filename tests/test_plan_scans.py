@@ -27,11 +27,11 @@ def test_scan_gets_an_answer_or_a_reason(reference, memory, name):
     mesh = preshape.load_object(path)
     if mesh.extents.max() > 4 * 0.043:
         with pytest.raises(ObjectError, match="4U") as refusal:
-            preshape.plan(path, "lift", memory=memory)
+            preshape.plan(path, "lift", memory=memory, hand="utah_mit")
         assert "--scale" not in str(refusal.value)  # another size is another object
         assert "--analyser closure" in str(refusal.value)
         scale = 4 * 0.043 / mesh.extents.max()
-    plan = preshape.plan(path, "lift", memory=memory, scale=scale)
+    plan = preshape.plan(path, "lift", memory=memory, scale=scale, hand="utah_mit")
     decision = plan.decision
     assert decision.reason
     if decision.grasp is None:

@@ -45,13 +45,14 @@ REFUSED: dict[str, list[tuple[Any, str]]] = {
     "unit": [("yard", "known: m"), (5, "known: m"), (["m"], "known: m"), (None, "known: m")],
     "scale": [(0, "scale"), (-1.0, "scale"), (NAN, "scale"), ("2", "scale"), (HUGE, "scale"), (1j, "scale"),
               (True, "scale"), (None, "scale")],
+    "mask": [(True, "a mask is"), ("", "a mask is"), ([1], "a mask is"), (1.5, "a mask is")],
     "cut_table": [(1, "True, False or None"), ("yes", "True, False or None")],
     "view": [("left", "camera"), (5, "camera"), ([1, 2], "camera"), ([1, 2, NAN], "camera"), ({}, "camera")],
     "mass": [(0, "mass"), (-1.0, "mass"), (NAN, "mass"), ("1", "mass"), (True, "mass"), (HUGE, "mass"),
              ([1.0], "mass")],
     "friction": [(0, "friction"), (-1.0, "friction"), (INF, "friction"), ("1", "friction"), (1j, "friction")],
-    "table": [("high", "auto or none"), (NAN, "auto or none"), (True, "auto or none"),
-              ([0.0], "auto or none"), (HUGE, "auto or none"), (1e9, "at most")],
+    "table": [("high", "none or default"), (NAN, "none or default"), (True, "none or default"),
+              ([0.0], "none or default"), (HUGE, "none or default"), (1e9, "at most")],
     "avoid": [(5, "list of boxes"), ("x", "six numbers"), (None, "list of boxes"), ([5], "six numbers"),
               (BOX, "six numbers"), ([BOX[:5]], "six numbers"), ([[*BOX[:5], "a"]], "six numbers"),
               ([[*BOX[:5], NAN]], "finite"), ([BOX[::-1]], "lower corner"), ([[*BOX[:5], 1e9]], "at most")],
@@ -76,6 +77,10 @@ REFUSED: dict[str, list[tuple[Any, str]]] = {
     "up": [(5, "one of x, y, z"), ("+z", "one of x, y"), ("", "one of x, y"), (["y"], "one of x, y")],
     "rest": [(5, "quaternion"), ([1, 0, 0], "quaternion"), ([0, 0, 0, 0], "quaternion"),
              ("wxyz", "quaternion"), ([1, 0, 0, NAN], "finite")],
+    "arm": [(5, "URDF"), ("", "URDF"), (["a.urdf"], "URDF"), ("a.urdf", "link that carries the hand")],
+    "arm_tip": [("tip", "belongs to an arm"), (5, "belongs to an arm")],
+    "mount": [([0, 0, 0, 1, 0, 0, 0], "belongs to an arm"), ("x", "belongs to an arm")],
+    "base_pose": [([0, 0, 0, 1, 0, 0, 0], "belongs to an arm"), (5, "belongs to an arm")],
 }  # fmt: skip
 """For each field of a request, values that are refused, and a word of the sentence."""
 
@@ -117,7 +122,7 @@ def test_plan_refuses_a_bad_value(name: str, bad: Any, word: str) -> None:
 @pytest.mark.parametrize("settings", [None, Settings(seed=3)])
 def test_a_bad_seed_is_refused(seed: Any, settings: Settings | None) -> None:
     with pytest.raises(InputError, match="seed must be a whole number of at least 0, got"):
-        preshape.plan("mug", "lift", seed=seed, settings=settings, memory=":memory:")
+        preshape.plan("mug", "lift", seed=seed, settings=settings, memory=":memory:", hand="utah_mit")
 
 
 @pytest.mark.parametrize("name", list(REFUSED))

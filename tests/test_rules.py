@@ -227,7 +227,9 @@ def test_what_is_asked_comes_on_top_and_none_leaves_it_alone() -> None:
 
 
 def test_a_request_keeps_its_rules_in_json_and_old_ones_have_none() -> None:
-    asked = PlanRequest(source="mug", task="pour", hand="shadow", hold_on="handle", keep_off=["z<0", "rim"])
+    asked = PlanRequest(
+        source="mug", task="pour", hand="shadow", hold_on="handle", keep_off=["z<0", "rim"], table=None
+    )
     document = asked.to_json()
     again = PlanRequest.from_json(document)
     assert (again.hold_on, again.keep_off, again.rules) == (("handle",), ("z<0", "rim"), "task")
@@ -249,9 +251,22 @@ def test_rules_are_part_of_the_scene_so_that_lessons_are_not_mixed() -> None:
     assert scene("strike", rules="none") == ""
     assert scene("lift", hold_on="handle", keep_off="head") == scene("strike")
     assert scene("lift", keep_off="head") != scene("lift", keep_off="face")
-    rays = PlanRequest(source=hammer, task="strike")
+    rays = PlanRequest(source=hammer, task="strike", hand="utah_mit")
     assert rays.analyser == "rays"
     assert rays.scene(hammer) == scene("strike")
+
+
+def test_a_box_may_be_given_as_numbers() -> None:
+    asked = PlanRequest(source="hammer", task="lift", hold_on=[[-1, -1, -1, 1, 1, 0]])  # type: ignore[list-item]
+    assert asked.hold_on == ("-1.0 -1.0 -1.0 1.0 1.0 0.0",)
+    same = PlanRequest(source="hammer", task="lift", hold_on="-1 -1 -1 1 1 0")
+    hammer = library.load_library_object("hammer")
+    ours, theirs = (request.rules_for(hammer).applied for request in (asked, same))
+    assert (
+        [rule.words for rule in ours] == [rule.words for rule in theirs] == ["hold on the box -1 -1 -1 1 1 0"]
+    )
+    with pytest.raises(InputError, match="a box of six numbers, got 2 items"):
+        PlanRequest(source="hammer", task="lift", keep_off=[[1, 2]])  # type: ignore[list-item]
 
 
 def test_equal_rules_have_equal_keys() -> None:

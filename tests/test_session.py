@@ -47,7 +47,8 @@ def session(lesson: Callable[[str], Path], tmp_path: Path) -> Iterator[Session]:
 
 
 def asked(name: Any = "box", task: Any = "lift", **changes: Any) -> PlanRequest:
-    return PlanRequest(**{"source": name, "task": task, "hand": "shadow", "search": QUICK, **changes})
+    given = {"hand": "shadow", "search": QUICK, "table": None, **changes}
+    return PlanRequest(**{"source": name, "task": task, **given})
 
 
 # -- the request ----------------------------------------------------------------------------------------
@@ -76,7 +77,7 @@ def test_a_request_with_a_key_missing_is_refused(missing: str) -> None:
     ("changes", "words"),
     [
         ({"count": 0}, "at least 1"),
-        ({"table": "high"}, "height in metres, auto or none"),
+        ({"table": "high"}, "height in metres, auto, none or default"),
         ({"table": float("nan")}, "height in metres"),
         ({"avoid": [[0, 0, 0, 1, 1]]}, "a box to avoid"),
         ({"avoid": [[0, 0, 0, 1, 1, -1]]}, "lower corner"),
@@ -336,7 +337,7 @@ def asked_twice() -> list[tuple[preshape.Plan, preshape.Plan]]:
     with Session(":memory:") as one, pytest.MonkeyPatch.context() as patch:
         patch.setattr("preshape.planning.session.execute", executed)
         for name, task in PAIRS:
-            request = PlanRequest(source=name, task=task)
+            request = PlanRequest(source=name, task=task, hand="utah_mit")
             made.append((one.run(request), one.run(request)))
     return made
 
@@ -395,7 +396,7 @@ def test_a_session_answers_as_if_each_request_were_its_first(tmp_path: Path) -> 
         asked("box", "lift"),
         asked("box", "lift", table="auto"),
         asked("mug", "pour", mass=0.1),
-        PlanRequest(source="mug", task="pour"),
+        PlanRequest(source="mug", task="pour", hand="utah_mit"),
         asked("box", "lift", friction=1.0),
         asked("mug", "pour"),
     ]
@@ -442,24 +443,24 @@ def test_a_deadlock_names_mass_shortfall_and_remedy_and_carries_the_best(
 
 def test_an_answer_is_known_only_if_the_object_was_met_before() -> None:
     with Session(":memory:") as one:
-        first = one.run(PlanRequest(source="box", task="lift", learn=False))
-        one.teach(PlanRequest(source="box", task="lift"))
-        again = one.run(PlanRequest(source="box", task="lift"))
-        scaled = one.run(PlanRequest(source="box", task="lift", scale=0.9, learn=False))
+        first = one.run(PlanRequest(source="box", task="lift", learn=False, hand="utah_mit"))
+        one.teach(PlanRequest(source="box", task="lift", hand="utah_mit"))
+        again = one.run(PlanRequest(source="box", task="lift", hand="utah_mit"))
+        scaled = one.run(PlanRequest(source="box", task="lift", scale=0.9, learn=False, hand="utah_mit"))
         assert [made.known for made in (first, again, scaled)] == [False, True, False]
         assert again.decision.mode == 0
         assert "known (mode 0)" in str(again)
         assert plan_to_json(again)["known"] is True
         never_met = [made for made in (first, scaled) if made.decision.mode == 0]
         for other in names()[:12]:
-            made = one.run(PlanRequest(source=other, task="lift", learn=False))
+            made = one.run(PlanRequest(source=other, task="lift", learn=False, hand="utah_mit"))
             never_met += [made] * (made.decision.mode == 0 and not made.known)
         assert never_met
         assert all("estimated (mode 0)" in str(made) for made in never_met)
 
 
 def test_a_summary_states_the_scene_of_a_test_in_physics_and_explains_quality(session: Session) -> None:
-    loaded = PlanRequest(source="cube", task="lift", friction=0.45, verify=True)
+    loaded = PlanRequest(source="cube", task="lift", friction=0.45, verify=True, hand="utah_mit")
     untested = replace(loaded, verify=False, friction=None)
     scenes = [scene_words({"request": request.to_json()}) for request in (loaded, untested)]
     assert scenes == ["friction 0.45", ""]
@@ -570,7 +571,9 @@ def test_a_trimesh_is_an_object(tmp_path: Path) -> None:
 
     box = trimesh.creation.box(extents=(40, 60, 50))
     kept = box.vertices.copy()
-    plan = preshape.plan(box, "lift", hand="leap", unit="mm", mass=0.2, memory=":memory:", closure=QUICK)
+    plan = preshape.plan(
+        box, "lift", hand="leap", unit="mm", mass=0.2, memory=":memory:", closure=QUICK, table=None
+    )
     assert plan.mesh.extents == pytest.approx([0.04, 0.06, 0.05])
     assert plan.mass.kg == 0.2
     assert (box.vertices == kept).all()
@@ -579,18 +582,22 @@ def test_a_trimesh_is_an_object(tmp_path: Path) -> None:
     assert document["object"]["source"] == surface.name
     assert preshape.load_object(surface).extents == pytest.approx(plan.mesh.extents)
     with pytest.raises(ObjectError, match="refers to vertex"):
-        preshape.plan(trimesh.Trimesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 9]], process=False), "lift")
+        preshape.plan(
+            trimesh.Trimesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 9]], process=False),
+            "lift",
+            hand="utah_mit",
+        )
     with pytest.raises(InputError, match=r"trimesh\.Trimesh"):
-        preshape.plan(3, "lift")  # type: ignore[arg-type]
+        preshape.plan(3, "lift", hand="utah_mit")  # type: ignore[arg-type]
 
 
 def test_a_session_can_be_watched_and_cancelled() -> None:
     told: list[tuple[str, float]] = []
     stop = threading.Event()
     with Session(":memory:", progress=lambda words, share: told.append((words, share)), cancel=stop) as one:
-        one.run(PlanRequest(source="cube", task="lift"))
+        one.run(PlanRequest(source="cube", task="lift", hand="utah_mit"))
         shares = [share for _, share in told]
         assert shares == sorted(shares)
         stop.set()
         with pytest.raises(Cancelled):
-            one.run(PlanRequest(source="cube", task="lift"))
+            one.run(PlanRequest(source="cube", task="lift", hand="utah_mit"))

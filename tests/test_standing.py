@@ -147,3 +147,24 @@ def test_standing_of_a_mesh_with_y_up() -> None:
     gltf = replace(turned(BOX, "y"), up="y")
     assert standing(gltf, table=AUTO).up.tolist() == [0, 1, 0]
     assert standing(gltf, up="z", table=None).up.tolist() == [0, 0, 1]
+
+
+def test_a_real_hand_plans_for_an_object_on_a_table_and_the_papers_hand_in_free_space() -> None:
+    def table(**asked: object) -> object:
+        return PlanRequest(source=BOX, task="lift", **asked).table  # type: ignore[arg-type]
+
+    assert PlanRequest(source=BOX, task="lift").hand == "shadow"
+    assert table() == AUTO
+    assert table(hand="leap:left") == AUTO
+    assert table(table=None) is None
+    assert table(table="none") is None
+    assert table(table=-0.3) == -0.3
+    for words in (
+        {"hand": "utah_mit"},
+        {"hand": "utah_mit", "analyser": "closure"},
+        {"hand": "shadow", "analyser": "rays"},
+        {"gravity": [0, 1, 0]},  # a stated gravity is a scene of its own
+    ):
+        assert table(**words) is None
+    free = PlanRequest(source=BOX, task="lift", table=None).to_json()
+    assert PlanRequest.from_json(free, source=BOX).table is None

@@ -48,7 +48,8 @@ def fresh(lesson: Callable[[str], Path], tmp_path: Path) -> Callable[[], Abstrac
 
 
 def planned(memory: Memory, **how: Any) -> Plan:
-    return plan("box", "lift", hand="allegro", memory=memory, verify=True, **{"closure": QUICK, **how})
+    given = {"closure": QUICK, "table": None, **how}
+    return plan("box", "lift", hand="allegro", memory=memory, verify=True, **given)
 
 
 def outcomes(memory: Memory) -> list[str]:

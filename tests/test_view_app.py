@@ -146,7 +146,7 @@ def test_a_person_plans_reads_corrects_and_teaches(browser, serve, tmp_path: Pat
 
 @pytest.fixture(scope="module")
 def planned() -> preshape.Plan:
-    return preshape.plan("cube", "1 1 .1 .05 .8 .05", memory=":memory:", count=3)
+    return preshape.plan("cube", "1 1 .1 .05 .8 .05", memory=":memory:", count=3, hand="utah_mit")
 
 
 def test_the_report_opens_from_disk_without_a_network(browser, planned, tmp_path: Path) -> None:
@@ -195,7 +195,7 @@ def test_the_report_opens_from_disk_without_a_network(browser, planned, tmp_path
 
 
 def test_a_plan_is_opened_with_its_load_and_scene_in_panel_and_words(browser, serve, tmp_path: Path) -> None:
-    document = preshape.plan_to_json(preshape.plan("hammer", "lift", memory=":memory:"))
+    document = preshape.plan_to_json(preshape.plan("hammer", "lift", memory=":memory:", hand="utah_mit"))
     request = PlanRequest(
         source="hammer",
         task="lift",
@@ -314,7 +314,7 @@ def test_a_cancelled_planner_answers_the_next_request(tmp_path: Path) -> None:
     try:
         # the closing hand's first lesson takes many seconds; it is stopped in its midst
         memory = str(tmp_path / "m.sqlite")
-        cube = PlanRequest(source="cube", task="lift", hand="shadow", memory=memory)
+        cube = PlanRequest(source="cube", task="lift", hand="shadow", memory=memory, table=None)
         assert link.ask("plan", request=cube.to_json())
         wait("progress")
         assert not link.ask("load", request=cube.to_json())

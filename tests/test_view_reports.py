@@ -20,7 +20,8 @@ from preshape.cli.view import start_of_plan
 from preshape.exceptions import EnvironmentFailure, InputError
 from preshape.hands.load import load_hand
 from preshape.objects.load import load_object
-from preshape.objects.mesh import TriangleMesh
+from preshape.objects.mesh import TriangleMesh, box_mesh
+from preshape.physics.task.instances import mesh_text
 from preshape.pictures import plan_scene
 from preshape.planning.request import PlanRequest
 from preshape.report import Bullets, Chapter, Figure, Heading, Report, Table, write_report
@@ -180,7 +181,7 @@ def test_reports_and_plans_share_one_style(tmp_path: Path, document: dict, monke
 
 @pytest.fixture(scope="module")
 def document() -> dict:
-    return preshape.plan_to_json(preshape.plan("hammer", "lift", memory=":memory:", count=4))
+    return preshape.plan_to_json(preshape.plan("hammer", "lift", memory=":memory:", count=4, hand="utah_mit"))
 
 
 def words(html: str) -> str:
@@ -223,6 +224,22 @@ def gripped(document) -> dict:
     made |= {"tfvadi": 1.74, "grip": grip, "request": request, "scene": scene, "missing_motion": "", **load}
     made["alternatives"] = []
     return made
+
+
+def test_the_scenery_of_a_plan_is_drawn_as_it_stands(gripped, tmp_path: Path) -> None:
+    mesh, file, up = load_object("hammer"), tmp_path / "wall.obj", np.array([0.0, 0.6, 0.8])
+    file.write_text(mesh_text(box_mesh("wall", np.array([0.02, 0.3, 0.3]))))
+    tilted = {**gripped["scene"], "table": [*up, -0.1], "up": up.tolist()}
+    texts = [f"{file}@0.1,0,0,1,0,0,0", f"{file}@9,0,0,1,0,0,0", str(tmp_path / "gone.obj")]
+    plan = {**gripped, "scene": tilted, "request": {**gripped["request"], "obstacle": texts}}
+    canvas = RecordingCanvas()
+    draw_plan(plan_scene(plan, mesh), canvas)
+    drawn = {name: solid for name, solid in canvas.solids.items() if name.startswith("scene/")}
+    assert set(drawn) == {"scene/table", "scene/table-edge", "scene/box 1", "scene/obstacle 1"}
+    assert drawn["scene/obstacle 1"].vertices.mean(axis=0) == pytest.approx([0.1, 0, 0])
+    assert drawn["scene/table"].vertices @ up == pytest.approx([-0.1] * 4)
+    edge = drawn["scene/table-edge"].vertices @ up + 0.1
+    assert np.abs(edge).max() < 0.01  # its border lies in its plane
 
 
 def test_a_grip_is_told_by_what_decided_it_and_the_paper_s_indices_are_folded_last(document, gripped) -> None:
@@ -366,7 +383,7 @@ def test_every_unusual_word_of_the_readings_is_explained(document) -> None:
 @pytest.mark.parametrize("task", ["lift:+z", "1 1 .1 .05 .8 .05"])
 @pytest.mark.parametrize("version", [1, 2])
 def test_a_plan_is_opened_with_its_own_task(task: str, version: int, tmp_path: Path) -> None:
-    plan = preshape.plan("cube", task, memory=":memory:", scale=1.5)
+    plan = preshape.plan("cube", task, memory=":memory:", scale=1.5, hand="utah_mit")
     written = preshape.plan_to_json(plan)
     if version == 1:
         for key in ("schema", "request", "mass", "way_in"):
@@ -415,7 +432,7 @@ def test_a_plan_is_opened_with_its_own_request(document, tmp_path: Path) -> None
 def test_a_plan_of_a_mesh_in_memory_is_opened_with_the_file_beside_it(tmp_path: Path) -> None:
     cube = load_object("cube")
     part = TriangleMesh(name="mug", vertices=cube.vertices, triangles=cube.triangles)  # no library mug
-    preshape.plan(part, "1 1 .1 .05 .8 .05", memory=":memory:").save(tmp_path)
+    preshape.plan(part, "1 1 .1 .05 .8 .05", memory=":memory:", hand="utah_mit").save(tmp_path)
     opened = start_of_plan(tmp_path / "plan.json").request
     assert opened.source == str(tmp_path / "mug-surface.obj")
     assert np.allclose(load_object(opened.source, scale=opened.scale).extents, cube.extents, rtol=1e-5)

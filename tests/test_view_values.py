@@ -226,7 +226,7 @@ def test_a_panel_that_nobody_touched_asks_for_the_request_that_it_shows(name: st
 
 
 def test_what_is_typed_into_the_panel_is_what_is_asked_for() -> None:
-    first = PlanRequest(source="mug", task="lift", hand="shadow", mass=0.31, gravity=None)
+    first = PlanRequest(source="mug", task="lift", hand="shadow", mass=0.31, gravity=None, table=None)
     steering = steering_of(first)
     p = steering._panel
     p.mass.value, p.friction.value, p.task.value, p.axis.value = "  ", 0.4, "push", "+x"
@@ -275,7 +275,9 @@ def test_what_is_tuned_reaches_the_planner_and_the_object_is_analysed_again(tmp_
 
     def wrench(settings: Settings) -> tuple[list[float], float]:
         replies.clear()
-        request = PlanRequest(source="cube", task="1 1 .1 .05 .8 .05", settings=settings, memory=memory)
+        request = PlanRequest(
+            source="cube", task="1 1 .1 .05 .8 .05", settings=settings, memory=memory, hand="utah_mit"
+        )
         worker.answer({"do": "plan", "id": 1, "request": request.to_json()})
         assert replies[-1].get("done"), replies[-1]
         answer = next(reply["document"] for reply in replies if "document" in reply)
@@ -293,7 +295,7 @@ def test_what_is_tuned_reaches_the_planner_and_the_object_is_analysed_again(tmp_
 def test_at_most_so_many_triangles_are_sent_and_planning_keeps_them_all(tmp_path) -> None:
     replies: list[dict] = []
     worker = Worker(replies.append)
-    request = PlanRequest(source="dolphin", task="lift", memory=str(tmp_path / "m.sqlite"))
+    request = PlanRequest(source="dolphin", task="lift", memory=str(tmp_path / "m.sqlite"), hand="utah_mit")
     worker.answer({"do": "load", "id": 1, "request": request.to_json()})
     mesh = next(reply["mesh"] for reply in replies if "mesh" in reply)
     whole = load_object("dolphin")
@@ -312,7 +314,9 @@ def test_an_answer_is_simulated_with_its_own_mass_and_friction(tmp_path, monkeyp
     )
     replies: list[dict] = []
     worker = Worker(replies.append)
-    request = PlanRequest(source="cube", task="lift", hand="shadow", memory=str(tmp_path / "m.sqlite"))
+    request = PlanRequest(
+        source="cube", task="lift", hand="shadow", memory=str(tmp_path / "m.sqlite"), table=None
+    )
     hand = {"name": "shadow", "joints": []}
     new = {"schema": 2, "mass": 0.37, "request": {"friction": 0.41}, "hand": hand}
     for answer in (new, {"hand": hand}):

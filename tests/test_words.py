@@ -87,11 +87,11 @@ def test_what_rays_ignore_leads_to_a_real_hand(more: dict) -> None:
     with pytest.raises(
         InputError, match=r"a real hand \(--hand shadow, .*the analyser of utah_mit here is rays"
     ):
-        preshape.plan("mug", "lift", memory=":memory:", **more)
+        preshape.plan("mug", "lift", hand="utah_mit", memory=":memory:", **more)
 
 
 def test_answers_of_one_plan_are_told_apart() -> None:
-    plan = preshape.plan("mug", "pour", memory=":memory:", learn=False, count=4)
+    plan = preshape.plan("mug", "pour", memory=":memory:", learn=False, count=4, hand="utah_mit")
     document = preshape.plan_to_json(plan)
     lines = [words.place_words(answer) for answer in words.answers_of(document)]
     assert len(lines) > 2
@@ -108,7 +108,7 @@ def test_a_grip_is_told_from_another_by_its_palm() -> None:
 
 def test_the_repr_of_a_deadlock_says_what_was_best_and_why_it_is_not_enough() -> None:
     strict = preshape.Settings(thresholds=preshape.Thresholds(estimation=5.99))
-    plan = preshape.plan("dolphin", "pour", memory=":memory:", settings=strict)
+    plan = preshape.plan("dolphin", "pour", memory=":memory:", settings=strict, hand="utah_mit")
     shown = repr(plan)
     assert "\n" not in shown
     assert f"deadlock, the best is {plan.best.grasp.plane.label}, TFVADI" in shown

@@ -128,7 +128,9 @@ def test_on_a_table_every_drawn_wrap_has_room_for_the_open_hand() -> None:
 
 @pytest.mark.parametrize("kind", ["power", "precision"])
 def test_only_grips_of_the_asked_type_are_answers(kind: str) -> None:
-    plan = preshape.plan("bottle", "lift", hand="leap", grasp_type=kind, memory=":memory:", count=2)
+    plan = preshape.plan(
+        "bottle", "lift", hand="leap", grasp_type=kind, memory=":memory:", count=2, table=None
+    )
     document = plan_to_json(plan)
     Draft202012Validator(plan_schema()).validate(document)
     given = [document, *document["alternatives"]]
@@ -141,23 +143,23 @@ def test_only_grips_of_the_asked_type_are_answers(kind: str) -> None:
 
 
 def test_several_answers_are_of_both_types() -> None:
-    plan = preshape.plan("bottle", "lift", hand="leap", memory=":memory:", count=3)
+    plan = preshape.plan("bottle", "lift", hand="leap", memory=":memory:", count=3, table=None)
     given = [plan.answer, *plan.alternatives]
     assert {answer.grasp.whole_hand for answer in given if answer is not None} == {True, False}
 
 
 def test_an_unknown_type_and_a_type_for_rays_are_refused() -> None:
     with pytest.raises(InputError, match="known: any, power, precision"):
-        PlanRequest(source="bottle", task="lift", hand="leap", grasp_type="strong")
+        PlanRequest(source="bottle", task="lift", hand="leap", grasp_type="strong", table=None)
     with pytest.raises(InputError, match="grasp type needs a real hand"):
-        PlanRequest(source="bottle", task="lift", grasp_type="power")
+        PlanRequest(source="bottle", task="lift", grasp_type="power", hand="utah_mit")
 
 
 @pytest.mark.parametrize("hand", ["shadow", "allegro"])
 def test_bounds_of_contacts_are_those_of_the_motors_behind_them(hand: str) -> None:
     """Each bound equals that by the exact Jacobian of the squeeze, palm and couples included."""
     model, mesh = load_hand(hand), load_library_object("hammer")
-    analyser = closure_analyser(PlanRequest(source="hammer", task="lift", hand=hand), model, mesh)
+    analyser = closure_analyser(PlanRequest(source="hammer", task="lift", hand=hand, table=None), model, mesh)
     finisher, search = analyser.finisher, analyser.search
     drawn = search.wrapper.draw(np.random.default_rng(0), search.pool, mesh, 200, Region())
     hands = finisher.wrapped(drawn)
@@ -193,7 +195,7 @@ def hammer(memory: str) -> dict[str, Any]:
 
 
 def asked(memory: str) -> preshape.Plan:
-    return preshape.plan("hammer", "lift", hand="leap", mass=0.6, seed=0, memory=memory)
+    return preshape.plan("hammer", "lift", hand="leap", mass=0.6, seed=0, memory=memory, table=None)
 
 
 def test_a_heavy_hammer_is_wrapped(hammer: dict[str, Any]) -> None:
@@ -232,6 +234,6 @@ def test_a_wrap_is_known_the_next_time(hammer: dict[str, Any], memory: str) -> N
 
 def test_wraps_may_be_switched_off_and_light_things_need_none(memory: str) -> None:
     assert ClosureSettings(wraps=0).wraps == 0
-    light = plan_to_json(preshape.plan("cube", "lift", hand="leap", mass=0.05, memory=memory))
+    light = plan_to_json(preshape.plan("cube", "lift", hand="leap", mass=0.05, memory=memory, table=None))
     assert light["grip"]["type"]["power"] == "precision"
     assert light["grip"]["type"]["name"] in ("palmar pinch", "tripod", "quadpod", "precision disk")

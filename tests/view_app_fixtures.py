@@ -50,7 +50,8 @@ def serve(tmp_path: Path) -> Iterator[Callable[..., str]]:
 
     def start(thing: str, task: str, *more: str) -> str:
         memory = str(tmp_path / "memory.sqlite")
-        arguments = [thing, "--task", task, "--port", "0", "--memory", memory, *more]
+        hand = () if "--hand" in more or thing.endswith("plan.json") else ("--hand", "utah_mit")
+        arguments = [thing, "--task", task, "--port", "0", "--memory", memory, *hand, *more]
         process = subprocess.Popen(
             [sys.executable, "-c", SERVE, *arguments],
             stderr=subprocess.PIPE,

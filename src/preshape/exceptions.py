@@ -7,11 +7,13 @@
     │   ├── ObjectError           an object file or mesh
     │   ├── TaskError             a task
     │   ├── HandError             a hand description
+    │   ├── ArmError              an arm's model, or how it carries the hand
     │   ├── MemoryFileError       a file that is no memory, or one of a newer version
     │   └── UnknownName           an unknown name; the message lists the nearest known names
     │       ├── UnknownObject
     │       ├── UnknownTask
-    │       └── UnknownHand
+    │       ├── UnknownHand
+    │       └── UnknownKey        a key of a request or of preshape.toml
     ├── EnvironmentFailure   3    a file, the disk or the environment; the input may be right
     └── Cancelled          130    the caller stopped the work; acknowledged results are kept
 
@@ -67,6 +69,10 @@ class TaskError(InputError):
 
 class HandError(InputError):
     """A hand description that is incomplete or contradicts itself."""
+
+
+class ArmError(InputError):
+    """An arm's model that cannot carry the hand, or a link that it does not have."""
 
 
 class MemoryFileError(InputError):
@@ -156,6 +162,12 @@ class UnknownHand(UnknownName):
 
     noun = "hand"
     more = " (NAME:left for a left hand, or a TOML file of your own)"
+
+
+class UnknownKey(UnknownName):
+    """There is no key of that name in a request or in a file of settings."""
+
+    noun = "key"
 
 
 class EnvironmentFailure(PreshapeError):

@@ -7,18 +7,20 @@ take documents, meshes and hands, so a plan read from a file is drawn like one t
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from .exceptions import InputError
+from .exceptions import InputError, PreshapeError
 from .hands.hand import Hand
 from .hands.kinematics import hand_geometry
 from .hiis.planes import PLANES, ApproachPlane, plane
 from .objects.mesh import TriangleMesh
-from .objects.parts import part_pieces, surface_of, whole_surface
+from .objects.obstacle import obstacle_surface, placed_file, rest_of_scene
+from .objects.parts import PartSurface, part_pieces, surface_of, whole_surface
 from .objects.resting import upright
 from .tasks import task_from_numbers
 from .types import FRICTION, Array, frozen_array
@@ -43,12 +45,15 @@ def light_mesh(mesh: TriangleMesh) -> TriangleMesh:
     vertices, triangles = reduced(mesh.vertices, mesh.triangles)
     if vertices is mesh.vertices:
         return mesh
+    scan = mesh.scan
+    if scan is not None:  # which triangles were seen is not known of the reduced surface
+        scan = replace(scan, seen=np.zeros(len(triangles), dtype=bool))
     return replace(
         mesh,
         vertices=vertices,
         triangles=triangles,
         counts=None,
-        scan=None,
+        scan=scan,
         notes=(),
         lids=0,
         parts=(),
@@ -100,6 +105,7 @@ def plan_scene(
             ],
             **_table(document, mesh, table),
             "boxes": np.array(request.get("avoid") or [], dtype=np.float64).reshape(-1, 2, 3),
+            "obstacles": _obstacles(request.get("obstacle") or (), mesh),
         }
         if answer is not None:
             drawn |= _answer(mesh, document, answer, rays)
@@ -264,6 +270,16 @@ def _table(document: Document, mesh: TriangleMesh, table: float | str | None) ->
     if scene is None:
         return {"table": float(mesh.bounds[0, 2]) if table == "auto" else table}
     return {"table": None if scene["table"] is None else float(scene["table"][3]), "up": scene["up"]}
+
+
+def _obstacles(texts: Sequence[str], mesh: TriangleMesh) -> tuple[PartSurface, ...]:
+    """What is in the way near the object, reduced for a browser; files that are gone are left out."""
+    found = [rest_of_scene(mesh)]
+    for text in texts:
+        with suppress(PreshapeError):
+            found.append(obstacle_surface(placed_file(text), mesh.bounds))
+    light = [(body, *reduced(body.vertices, body.triangles)) for body in found if body is not None]
+    return tuple(replace(body, vertices=v, triangles=t) for body, v, t in light)
 
 
 def _pose(posed: Document) -> tuple[Array, Array]:

@@ -1,7 +1,7 @@
 """The planner's public face: keyword arguments become a request, and one session answers it.
 
 >>> from preshape import plan
->>> answer = plan("cube", "1 1 .1 .05 .8 .05", memory=":memory:")
+>>> answer = plan("cube", "1 1 .1 .05 .8 .05", hand="utah_mit", memory=":memory:")
 >>> answer.grasp.plane.index, answer.decision.mode
 (5, 0)
 """
@@ -21,8 +21,10 @@ from .memory import Memory
 from .objects.load import mesh_from
 from .objects.mesh import TriangleMesh
 from .planning.plan import Plan
-from .planning.request import RAY_HAND, PlanRequest
+from .planning.request import HAND, PlanRequest
+from .planning.request_values import checked_parts
 from .planning.session import Session
+from .planning.standing import DEFAULT
 from .tasks import Task
 from .types import whole_number
 
@@ -34,7 +36,7 @@ def plan(
     thing: str | Path | TriangleMesh | trimesh.Trimesh,
     task: str | Sequence[float] | Task,
     *,
-    hand: str | Hand = RAY_HAND,
+    hand: str | Hand = HAND,
     analyser: str | None = None,
     scale: float = 1.0,
     unit: str = "m",
@@ -48,17 +50,22 @@ def plan(
     grasp_type: str = "any",
     settings: Settings | None = None,
     closure: ClosureSettings | None = None,
-    table: float | str | None = None,
+    table: float | str | None = DEFAULT,
     avoid: Sequence[Sequence[float]] = (),
     verify: bool = False,
     view: Sequence[float] | str | None = None,
     cut_table: bool | None = None,
-    hold_on: str | Sequence[str] = (),
-    keep_off: str | Sequence[str] = (),
+    mask: str | Path | int | None = None,
+    hold_on: str | Sequence[str | Sequence[float]] = (),
+    keep_off: str | Sequence[str | Sequence[float]] = (),
     rules: str = "task",
     up: str | None = None,
     rest: Sequence[float] | None = None,
     obstacle: str | Sequence[str] = (),
+    arm: str | Path | None = None,
+    arm_tip: str | None = None,
+    mount: Sequence[float] | None = None,
+    base_pose: Sequence[float] | None = None,
 ) -> Plan:
     """Plan a preshape.
 
@@ -80,8 +87,8 @@ def plan(
             closure only.
         settings: Thresholds, membership functions and contact coefficients.
         closure: Size and safety of the closure search.
-        table: ``auto`` for a table that the object rests on, or the height of one along ``up`` [m]; closure
-            only.
+        table: ``auto`` for a table that the object rests on, the height of one along ``up`` [m], or ``None``
+            for free space; closure only. By default ``auto`` for a real hand, else free space.
         avoid: Boxes that hand and fingers stay out of, six numbers each: lower and upper corner in the mesh
             frame [m]; closure only.
         verify: Whether the best answers go through the holding test in physics; the first that holds is
@@ -90,6 +97,8 @@ def plan(
             round; by default what the file says, else its origin where that can be.
         cut_table: Whether a table in a point cloud is cut off; ``False`` keeps it as part of the object. By
             default a cloud with a table is refused.
+        mask: Which points of a depth camera's scene are the object's: a file (.npy, .png) with a number for
+            each point or pixel, not zero for the object, or the number of a label in an NPZ file.
         hold_on: Parts of the object to hold, any of them: names (``preshape objects NAME`` lists them),
             half-spaces such as ``z>0.05``, or boxes of six numbers [m].
         keep_off: Parts that contacts and links stay away from.
@@ -100,6 +109,11 @@ def plan(
             by default the object's own, or else it is settled.
         obstacle: Meshes or point clouds that hand and fingers stay away from by 3 mm, each ``FILE`` or
             ``FILE@x,y,z,qw,qx,qy,qz``, its pose in the mesh frame [m]; closure only.
+        arm: URDF of the arm that carries the hand; answers that it does not reach are left out.
+        arm_tip: Link of the arm that carries the hand.
+        mount: (7,) pose of the hand's root on that link, xyz [m] and wxyz; by default the link's own.
+        base_pose: (7,) pose of the arm's base in the world, whose z is up and whose origin is that of the
+            mesh frame, xyz [m] and wxyz.
 
     Raises:
         InputError: An argument that cannot be used; the message says what to change.
@@ -120,8 +134,13 @@ def plan(
         unit=unit,
         view=view,
         cut_table=cut_table,
+        mask=mask,
         up=up,
         obstacle=obstacle,
+        arm=arm,
+        arm_tip=arm_tip,
+        mount=mount,
+        base_pose=base_pose,
         rest=rest,
         mass=mass,
         friction=friction,
@@ -134,8 +153,8 @@ def plan(
         verify=verify,
         settings=chosen,
         search=ClosureSettings() if closure is None else closure,
-        hold_on=hold_on,
-        keep_off=keep_off,
+        hold_on=checked_parts(hold_on, "hold_on"),
+        keep_off=checked_parts(keep_off, "keep_off"),
         rules=rules,
         memory=_file_of(memory),
     )

@@ -178,7 +178,7 @@ class BrowserSession:
     def _changed(self, source: str, unit: str) -> PlanRequest:
         """The first request with another object."""
         asked = replace(self._start.request, hold_on=(), keep_off=())  # the parts of the first object
-        return replace(asked, source=source, unit=unit, scale=1.0, view=None, cut_table=None)
+        return replace(asked, source=source, unit=unit, scale=1.0, view=None, cut_table=None, mask=None)
 
     def _received(self, path: Path) -> None:
         """Load an upload, in a thread of its own: the caller is the server's event loop."""

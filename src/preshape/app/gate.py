@@ -15,7 +15,7 @@ import secrets
 from collections.abc import Iterator
 from html import escape
 from http import HTTPStatus
-from typing import Any
+from typing import Any, Literal
 from urllib.parse import parse_qs
 
 HEADERS = {
@@ -36,6 +36,12 @@ _ASK_FOR_TOKEN = (
     "preshape view prints its address with a token; open that address, or enter the token here.</p>"
     '<form action="/"><input name="token" aria-label="token" autofocus> <button>Open</button></form><p>'
 )
+_REFUSED = {
+    "host": ("Wrong address", "Open the address that preshape view has printed."),
+    "origin": ("Another page", "Only the app's own page may use the app."),
+    "token": ("A token is needed", _ASK_FOR_TOKEN),
+}
+Fault = Literal["host", "origin", "token"]
 
 
 class Gate:
@@ -79,16 +85,11 @@ class Gate:
             request: A ``websockets`` request for a page or a websocket.
         """
         headers = request.headers
-        named = [host.lower() for host in headers.get_all("Host")]
-        if len(named) != 1 or (self.token is None and not is_loopback(_name(named[0]))):
-            return _refusal("Wrong address", "Open the address that preshape view has printed.")
-        own = (f"http://{named[0]}", f"https://{named[0]}")
-        if any(origin.lower() not in own for origin in headers.get_all("Origin")):
-            return _refusal("Another page", "Only the app's own page may use the app.")
         query = request.path.partition("?")[2]
-        given = parse_qs(query).get("token", [])
-        if self.token is not None and not self._known([*given, *self._kept(headers)]):
-            return _refusal("A token is needed", _ASK_FOR_TOKEN)
+        given = [*parse_qs(query).get("token", []), *self._kept(headers)]
+        fault = self.fault(headers.get_all("Host"), headers.get_all("Origin"), given)
+        if fault is not None:
+            return _refusal(*_REFUSED[fault])
         if "Upgrade" in headers:
             return None  # a websocket that finds no room is told so after its handshake, and shows it
         if query:
@@ -102,6 +103,22 @@ class Gate:
             refresh = f'<meta http-equiv="refresh" content="{RETRY}">'
             return response(HTTPStatus.SERVICE_UNAVAILABLE, _page("Too many pages", words, refresh))
         return None
+
+    def fault(self, hosts: list[str], origins: list[str], tokens: list[str]) -> Fault | None:
+        """What a request is refused for: its name of this machine, its page, or its token; else ``None``.
+
+        Args:
+            hosts: The contents of the request's headers ``Host``.
+            origins: The contents of its headers ``Origin``.
+            tokens: The tokens that it carries.
+        """
+        named = [host.lower() for host in hosts]
+        if len(named) != 1 or (self.token is None and not is_loopback(_name(named[0]))):
+            return "host"
+        own = (f"http://{named[0]}", f"https://{named[0]}")
+        if any(origin.lower() not in own for origin in origins):
+            return "origin"
+        return "token" if self.token is not None and not self._known(tokens) else None
 
     def _kept(self, headers: Any) -> list[str]:
         """The tokens among a request's cookies."""

@@ -7,7 +7,7 @@ import json
 import subprocess
 import sys
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import IO, Any
 
 from ..exceptions import EnvironmentFailure
@@ -20,12 +20,16 @@ class PlannerLink:
 
     Args:
         heard: Called with every reply, in order of arrival, on a thread of this link.
+        program: Module that the process runs, and its arguments.
     """
 
-    def __init__(self, heard: Callable[[Reply], None]) -> None:
-        self._heard = heard
+    def __init__(
+        self, heard: Callable[[Reply], None], program: Sequence[str] = ("preshape.app.worker",)
+    ) -> None:
+        self._heard, self._program = heard, program
         self._lock = threading.Lock()
         self._process: subprocess.Popen[str] | None = None
+        self._listener: threading.Thread | None = None
         self._number = 0
         self._open = True
         self.busy = False
@@ -39,8 +43,8 @@ class PlannerLink:
         with self._lock:
             self._start()
 
-    def ask(self, do: str, **content: Any) -> bool:
-        """Send a message; returns False if the planner is still working on another one.
+    def ask(self, do: str, **content: Any) -> int:
+        """Send a message; returns its number ``id``, or 0 if the planner is still working on another one.
 
         A planner that has ended replies with an error.
 
@@ -49,7 +53,7 @@ class PlannerLink:
         """
         with self._lock:
             if self.busy or not self._open:
-                return False
+                return 0
             self._start()
             assert self._process is not None
             assert self._process.stdin is not None
@@ -58,7 +62,7 @@ class PlannerLink:
             line = json.dumps({"do": do, "id": self._number, **content}) + "\n"
             # A pipe takes 64 KB at once. A planner that does not read must not keep anybody from cancelling.
             threading.Thread(target=_write, args=(self._process.stdin, line), daemon=True).start()
-        return True
+            return self._number
 
     def cancel(self) -> bool:
         """Stop the work and prepare for the next message; returns False if there was no work."""
@@ -76,13 +80,16 @@ class PlannerLink:
         with self._lock:
             self._open = False
             self._stop()
+            listener = self._listener
+        if listener is not None and listener is not threading.current_thread():
+            listener.join(timeout=1)
 
     def _start(self) -> None:
         if not self._open or (self._process is not None and self._process.poll() is None):
             return
         try:
             self._process = subprocess.Popen(
-                [sys.executable, "-m", "preshape.app.worker"],
+                [sys.executable, "-m", *self._program],
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 stderr=subprocess.DEVNULL,
@@ -92,15 +99,14 @@ class PlannerLink:
             )
         except OSError as error:
             raise EnvironmentFailure(f"no planner can be started: {error.strerror or error}") from error
-        threading.Thread(target=self._listen, args=(self._process,), daemon=True).start()
+        self._listener = threading.Thread(target=self._listen, args=(self._process,), daemon=True)
+        self._listener.start()
 
     def _stop(self) -> None:
         if self._process is not None:
             self._process.kill()
             self._process.wait()
-            with contextlib.suppress(OSError):
-                if self._process.stdin is not None:
-                    self._process.stdin.close()
+            _close_input(self._process)
             self._process = None
 
     def _listen(self, process: subprocess.Popen[str]) -> None:
@@ -116,12 +122,21 @@ class PlannerLink:
                 self._heard(reply)
         with self._lock:
             died = process is self._process and self.busy and self._open
+            number = self._number
             if died:
                 self.busy = False
+                _close_input(process)
                 self._process = None
         process.wait()
         if died:
-            self._heard({"error": "the planner stopped (too little memory?); it restarts, please try again"})
+            words = "the planner stopped (too little memory?); it restarts, please try again"
+            self._heard({"error": words, "id": number})
+
+
+def _close_input(process: subprocess.Popen[str]) -> None:
+    with contextlib.suppress(OSError):
+        if process.stdin is not None:
+            process.stdin.close()
 
 
 def _write(pipe: IO[str], line: str) -> None:

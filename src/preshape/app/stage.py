@@ -102,7 +102,7 @@ class Stage:
             if self.scene is not None:
                 self.scene = self._with_scenery(self.scene)
                 with self._client.atomic():
-                    draw_scenery(self.scene.table, self.scene.boxes, self.scene, self._canvas)
+                    draw_scenery(self.scene, self._canvas)
                 self._moved()
 
     def _with_scenery(self, scene: PlanScene) -> PlanScene:

@@ -15,6 +15,7 @@ _COMMANDS = {
     "hands": ("hands", "List the hands, or check one of your own."),
     "memory": ("memory", "Show, export, import or reset what was learnt."),
     "view": ("view", "Show a plan in the browser and change it."),
+    "serve": ("serve", "Answer requests over HTTP, for robots and other programs."),
     "simulate": ("simulate", "Execute a plan in simulated physics and show what happens."),
     "dataset": ("dataset", "Write many grasps as Parquet, on all cores or on a cluster."),
     "bench": ("bench", "Measure grasps, planners and metrics in simulated physics."),
@@ -23,8 +24,25 @@ _COMMANDS = {
 }  # fmt: skip
 
 
+class CommandsWithSettings(LazyGroup):
+    """The group of all commands, whose defaults may be those of the user's file of settings."""
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        """The command of the first argument, after the settings have been read.
+
+        Its help needs none, and a file with a fault must not keep anybody from reading it.
+        """
+        if not ctx.resilient_parsing and not {"-h", "--help"} & set(args):
+            from .settings_file import apply_settings
+
+            apply_settings(ctx, args[0])
+        return super().resolve_command(ctx, args)
+
+
 @click.group(
-    cls=LazyGroup,
+    cls=CommandsWithSettings,
     commands_of=_COMMANDS,
     no_args_is_help=False,
     invoke_without_command=True,

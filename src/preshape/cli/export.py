@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from ..export.moveit import MoveItOptions
     from ..export.planned import PlannedGrasp
 
-FORMATS = ("moveit", "trajectory", "mjcf", "npz")
+FORMATS = ("moveit", "trajectory", "isaac", "mjcf", "npz")
 
 
 @click.command(
@@ -30,7 +30,7 @@ FORMATS = ("moveit", "trajectory", "mjcf", "npz")
     multiple=True,
     metavar="FILE",
     help="File to write; repeatable. moveit: .yaml, .mcap, or no ending for a ROS 2 bag; trajectory: .yaml, "
-    ".csv or .npz; default: text here.",
+    ".csv or .npz; isaac: .yaml; default: text here.",
 )
 @click.option(
     "--answer",
@@ -42,16 +42,16 @@ FORMATS = ("moveit", "trajectory", "mjcf", "npz")
 @click.option("--hand", metavar="HAND", help="Name or TOML file; default: the plan's hand.")
 @click.option("--mass", type=float, help="mjcf: mass of the object [kg]; default: the plan's.")
 @click.option("--friction", type=float, help="mjcf: friction coefficient; default: the plan's.")
-@click.option("--frame", default="object", help="moveit: name of the object's frame.")
+@click.option("--frame", default="object", help="moveit, isaac: name of the object's frame.")
 @click.option(
     "--parent-link",
     metavar="LINK",
-    help="moveit: link whose pose grasp_pose is; default: the hand's root body.",
+    help="moveit, isaac: link whose pose is written; default: the hand's root body.",
 )
 @click.option(
     "--mount",
     metavar='"X Y Z W X Y Z"',
-    help="moveit: pose of the hand's root in --parent-link, a link of your robot [m].",
+    help="moveit, isaac: pose of the hand's root in --parent-link, a link of your robot [m].",
 )
 @click.option(
     "--object-name",
@@ -85,7 +85,7 @@ FORMATS = ("moveit", "trajectory", "mjcf", "npz")
     "--duration",
     type=float,
     metavar="SECONDS",
-    help="trajectory: time from the pregrasp to the end of the lift; default 3.5.",
+    help="trajectory: time from the first point to the end of the lift; default 3.5, or what the arm takes.",
 )
 @click.option("--objects", metavar="DIR", help="mjcf, npz: folder of the objects that are not built in.")
 @json_option
@@ -113,8 +113,9 @@ def export(
     """Write PLAN for other programs. PLAN is a plan.json, or - for standard input.
 
     moveit: moveit_msgs/msg/Grasp, one for each answer, the plan's own first (docs/ros.md). trajectory:
-    commands of the motors from the open hand to the lift. mjcf: a MuJoCo scene with hand and object at the
-    grasp. npz: grasp arrays (docs/grasp-file.md).
+    commands of the motors, and of the arm's joints where the plan has an arm, from the open hand to the lift.
+    isaac: a grasp file of Isaac Sim's grasp editor. mjcf: a MuJoCo scene with hand and object at the grasp.
+    npz: grasp arrays (docs/grasp-file.md).
 
     Exit code 0: written. 2: bad input, such as a plan whose hand has no posture. 3: a file or a package is
     missing.
@@ -132,7 +133,7 @@ def export(
 
     seven: Any = None if mount is None else numbers_in(mount)
     options = MoveItOptions(
-        frame=frame,
+        frame="object" if kind == "isaac" else frame,  # there it may be a prim's path
         parent_link=parent_link or "",
         mount=seven,
         touch_objects=object_name,
@@ -172,6 +173,8 @@ def export(
         grasps = (first,)
         report["answers"] = [first.number]
         text, more = _trajectory(first, driver, duration, paths, file)
+    elif kind == "isaac":
+        text, more = _isaac(grasps, options, frame, paths, file)
     else:
         text, more = _other(kind, document, grasps, objects, paths, file)
     report |= {**more, "files": [str(path) for path in paths]}
@@ -192,6 +195,7 @@ def _paths(kind: str, out: tuple[str, ...]) -> list[Path]:
     endings = {
         "moveit": (".yaml", ".yml", ".mcap", ""),
         "trajectory": (".yaml", ".yml", ".csv", ".npz"),
+        "isaac": (".yaml", ".yml"),
         "mjcf": (".xml", ".mjcf"),
         "npz": (".npz",),
     }[kind]
@@ -234,6 +238,29 @@ def _moveit(
     return text, {"frame": options.frame, "parent_link": link, "grasps": messages}
 
 
+def _isaac(
+    grasps: tuple[PlannedGrasp, ...], options: MoveItOptions, frame: str, paths: list[Path], file: str
+) -> tuple[str, dict[str, Any]]:
+    from .._version import __version__
+    from ..export.isaac import isaac_grasps
+    from ..export.moveit import messages_yaml
+    from ..files import write_text
+
+    document = isaac_grasps(grasps, options, frame)
+    text = messages_yaml(
+        [document],
+        f"isaac_grasp of the hand {grasps[0].hand.name} on {grasps[0].object_name}\n"
+        f"from {escaped_line(Path(file).name)} by preshape {__version__}\n"
+        f"planned for {grasps[0].mass:g} kg, friction {grasps[0].friction:g}\n"
+        f"object frame: {frame}, that of the mesh file [m]\n"
+        "confidence: a sixth of a grip's quality or a virtual grasp's TFVADI; 0.5 is just enough\n"
+        f"{grasps[0].warning}",
+    )
+    for path in paths:
+        write_text(path, text)
+    return text, {"frame": frame, "parent_link": document["gripper_frame_link"], "isaac": document}
+
+
 def _trajectory(
     grasp: PlannedGrasp, driver: str | None, duration: float | None, paths: list[Path], file: str
 ) -> tuple[str, dict[str, Any]]:
@@ -241,7 +268,7 @@ def _trajectory(
     from ..export.drivers import load_driver
     from ..export.moveit import messages_yaml
     from ..export.trajectory import (
-        DURATION,
+        arm_message,
         motor_trajectory,
         trajectory_arrays,
         trajectory_csv,
@@ -250,12 +277,14 @@ def _trajectory(
     from ..files import write_arrays, write_text
 
     chosen = None if driver is None else load_driver(driver)
-    found = motor_trajectory(grasp, chosen, DURATION if duration is None else duration)
-    message = trajectory_message(found)
-    stages = ", ".join(f"{stage} {time:g} s" for stage, time in zip(found.stages, found.times, strict=True))
+    found = motor_trajectory(grasp, chosen, duration)
+    message, arm = trajectory_message(found), arm_message(found)
+    ends = dict(zip(found.stages, found.times.tolist(), strict=True))
+    stages = ", ".join(f"{stage} {time:.4g} s" for stage, time in ends.items())
+    whose = f"the hand {grasp.hand.name}" + ("" if arm is None else ", then of its arm on the same clock")
     text = messages_yaml(
-        [message],
-        f"trajectory_msgs/msg/JointTrajectory of the hand {grasp.hand.name}\n"
+        [message] if arm is None else [message, arm],
+        f"trajectory_msgs/msg/JointTrajectory of {whose}\n"
         f"from {escaped_line(Path(file).name)} by preshape {__version__}\n"
         f"planned for {grasp.mass:g} kg, friction {grasp.friction:g}\n"
         f"positions in {found.unit}; {stages}\n"
@@ -271,10 +300,11 @@ def _trajectory(
     return text, {
         "driver": None if chosen is None else chosen.name,
         "unit": found.unit,
-        "stages": dict(zip(found.stages, found.times.tolist(), strict=True)),
+        "stages": ends,
         "efforts": found.efforts.tolist(),
         "cut": list(found.cut),
         "trajectory": message,
+        "arm_trajectory": arm,
     }
 
 

@@ -10,6 +10,8 @@ import click
 from .options import (
     TableCommand,
     closure_options,
+    complete_object,
+    complete_task,
     hand_from,
     json_option,
     memory_option,
@@ -17,6 +19,7 @@ from .options import (
     request_from,
 )
 from .printing import emit
+from .settings_file import name_settings
 
 if TYPE_CHECKING:
     from ..planning.plan import Plan
@@ -24,12 +27,13 @@ if TYPE_CHECKING:
 
 
 @click.command(cls=TableCommand, epilog="Example: preshape learn mug bottle hammer --task lift --task pour")
-@click.argument("things", metavar="OBJECT...", nargs=-1, required=True)
+@click.argument("things", metavar="OBJECT...", nargs=-1, required=True, shell_complete=complete_object)
 @click.option(
     "--task",
     "tasks",
     multiple=True,
     metavar="TASK",
+    shell_complete=complete_task,
     help="Task to teach; repeatable. Default: the library object's own tasks, or lift.",
 )
 @object_options
@@ -55,6 +59,8 @@ def learn(things: tuple[str, ...], tasks: tuple[str, ...], as_json: bool, **opti
     from ..report.plain import escaped_line
     from ..report.terminal import terminal
 
+    if not as_json:
+        name_settings()
     model = load_hand(hand_from(options))
     lessons = [
         (task, request_from(name, task, hand=model, options=options))

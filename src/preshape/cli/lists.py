@@ -8,12 +8,12 @@ from typing import Any
 import click
 
 from ..exceptions import InputError
-from .options import check_folder, json_option
+from .options import check_folder, complete_object, json_option
 from .printing import emit, name_files, print_rows, say
 
 
 @click.command(epilog="Example: preshape objects, or preshape objects hammer --out out/hammer")
-@click.argument("thing", metavar="[OBJECT]", required=False)
+@click.argument("thing", metavar="[OBJECT]", required=False, shell_complete=complete_object)
 @click.option("--scale", type=float, default=1.0, help="Factor on the object's size.")
 @click.option("--unit", default="m", metavar="m|cm|mm|in", help="Unit of the file.")
 @click.option("--out", metavar="DIR", help="Folder for a picture of the object's parts, with their names.")
@@ -64,20 +64,27 @@ def _one_object(thing: str, *, scale: float, unit: str, out: str | None, as_json
         EnvironmentFailure: A file cannot be read or written.
     """
     from ..files import file_stem, make_folder
-    from ..objects.load import load_object
+    from ..objects.load import load_object, split_part
     from ..objects.mass import object_mass
     from ..objects.parts import part_pieces
+    from ..objects.sidecar import sidecar_path
     from ..tasks import parse_task
 
     check_folder(out)
     mesh = load_object(thing, scale=scale, unit=unit)
     mass = object_mass(mesh)
-    for task in mesh.tasks:
-        parse_task(task)  # a sidecar may name anything
+    beside = sidecar_path(split_part(thing)[0])
+    try:
+        for task in mesh.tasks:
+            parse_task(task)  # a sidecar may name anything
+    except InputError as error:
+        raise InputError(f"{beside}: tasks: {error}") from error
     parts: list[dict[str, Any]] = [
         {"name": part.name, "origin": part.origin, "area": part_pieces(mesh, part.region).area}
         for part in mesh.parts
     ]
+    notes = [*mesh.notes, *([mass.warning] if mass.warning else [])]
+    notes += [f"nothing of the surface lies in the part {p['name']}" for p in parts if not p["area"]]
     written = []
     if out is not None:
         from ..pictures import parts_picture_of
@@ -102,7 +109,7 @@ def _one_object(thing: str, *, scale: float, unit: str, out: str | None, as_json
             "area": mesh.area,
             "parts": parts,
             "rules": rules,
-            "notes": list(mesh.notes),
+            "notes": notes,
             "files": [str(path) for path in written],
         }
         emit({"status": "answer", "object": document})
@@ -114,7 +121,7 @@ def _one_object(thing: str, *, scale: float, unit: str, out: str | None, as_json
             say(f"{name}: {' '.join(f'{x:.4g}' for x in numbers + 0.0)}")
     if mesh.tasks:
         say(f"tasks: {' '.join(mesh.tasks)}")
-    for note in mesh.notes:
+    for note in notes:
         say(f"! {note}")
     for rule in mesh.rules:
         held = [f"hold on {' or '.join(rule.hold_on)}"] if rule.hold_on else []
@@ -122,19 +129,17 @@ def _one_object(thing: str, *, scale: float, unit: str, out: str | None, as_json
         say(f"to {', '.join(rule.tasks)}: {said}")
     if parts:
         say("")
+        origins = {"library": "the library", "file": "a group of the file", "sidecar": beside.name}
         print_rows(
             ("part", ">area [cm²]", ">share", "from"),
             [
-                (p["name"], f"{1e4 * p['area']:.1f}", f"{p['area'] / mesh.area:.0%}", _FROM[p["origin"]])
+                (p["name"], f"{1e4 * p['area']:.1f}", f"{p['area'] / mesh.area:.0%}", origins[p["origin"]])
                 for p in parts
             ],
         )
     else:
         say("no named parts: name them in NAME.preshape.toml beside the mesh, or describe them, as z>0.05")
     name_files(written)
-
-
-_FROM = {"library": "the library", "file": "a group of the file", "sidecar": "NAME.preshape.toml"}
 
 
 @click.command(epilog="Example: preshape tasks")

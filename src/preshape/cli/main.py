@@ -31,20 +31,30 @@ def main(arguments: list[str] | None = None) -> None:
     given = sys.argv[1:]
     streams.prepare()
     interrupts.install("--json" in given)
-    code = run(given)
+    code = run(given, forward=True)
     interrupts.finished()
     sys.exit(code)
 
 
-def run(arguments: list[str]) -> int:
-    """Run the command line and return the exit code. No traceback reaches the user."""
+def run(arguments: list[str], *, forward: bool = False) -> int:
+    """Run the command line and return the exit code. No traceback reaches the user.
+
+    Args:
+        arguments: The arguments.
+        forward: Whether a running server may do the work.
+    """
     import click
 
     from ..exceptions import Cancelled, PreshapeError
 
     as_json = "--json" in arguments
     try:
-        return _run(arguments)
+        code = None
+        if forward:
+            from .forward import forwarded
+
+            code = forwarded(arguments)
+        return _run(arguments) if code is None else code
     except (KeyboardInterrupt, click.Abort) as stop:
         return _report(str(stop) or INTERRUPTED, EXIT_INTERRUPTED, as_json)
     except Exception as error:
@@ -80,7 +90,10 @@ def _run(arguments: list[str]) -> int:
     except click.exceptions.Exit as stop:
         sys.stdout.flush()
         return int(stop.exit_code)
-    except (SystemExit, BrokenPipeError):
+    except (SystemExit, BrokenPipeError) as stop:
+        if isinstance(stop, SystemExit) and not stop.code:  # the shell has asked for completions
+            sys.stdout.flush()
+            return 0
         # The reader has closed the pipe, as `| head` does; click turns the error into SystemExit.
         streams.silence_output()
         return 0

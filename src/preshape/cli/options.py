@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
+from click.shell_completion import CompletionItem
 
 from ..exceptions import InputError, shown
 
@@ -42,6 +43,31 @@ scales_option = click.option("--scales", default="1", metavar="S,S", help="Facto
 workers_option = click.option(
     "--workers", type=int, metavar="N", help="Number of processes; default: one for each core."
 )
+
+
+def complete_object(context: click.Context, parameter: click.Parameter, typed: str) -> list[CompletionItem]:
+    """Built-in objects that begin with what was typed, for the shell; where there are none, files."""
+    from ..objects.library import names
+
+    return [CompletionItem(typed, type="file"), *_completed(names(), typed)]
+
+
+def complete_task(context: click.Context, parameter: click.Parameter, typed: str) -> list[CompletionItem]:
+    """Names of tasks that begin with what was typed, for the shell."""
+    from ..tasks import family_names
+
+    return _completed(family_names(), typed)
+
+
+def complete_hand(context: click.Context, parameter: click.Parameter, typed: str) -> list[CompletionItem]:
+    """Built-in hands that begin with what was typed, for the shell; where there are none, files."""
+    from ..hands.load import hand_names
+
+    return [CompletionItem(typed, type="file"), *_completed(hand_names(), typed)]
+
+
+def _completed(names: Iterable[str], typed: str) -> list[CompletionItem]:
+    return [CompletionItem(name) for name in names if name.startswith(typed)]
 
 
 class TableCommand(click.Command):
@@ -122,6 +148,12 @@ def memory_option(command: Command) -> Command:
     return click.option("--memory", metavar="FILE", help=text)(command)
 
 
+def verbose_option(command: Command) -> Command:
+    """``--verbose``."""
+    text = "Say on standard error what the search does, stage by stage."
+    return click.option("--verbose", is_flag=True, help=text)(command)
+
+
 def json_option(command: Command) -> Command:
     """``--json``."""
     text = "Print exactly one JSON document on standard output."
@@ -133,8 +165,10 @@ def object_options(command: Command) -> Command:
     options = (
         click.option(
             "--hand",
-            default="utah_mit",
+            default="shadow",
+            show_default=True,
             metavar="HAND",
+            shell_complete=complete_hand,
             help="A name (see preshape hands), or the URDF, MJCF or TOML file of your own hand.",
         ),
         motors_option,
@@ -233,8 +267,9 @@ def closure_options(command: Command) -> Command:
             metavar="[HEIGHT|none]",
             is_flag=False,
             flag_value="auto",
+            default="default",
             help="A table that the object rests on; with a number, a table at this height along up [m], and "
-            "the object as it is modelled.",
+            "the object as it is modelled; none for free space.  [default: a table, for a real hand]",
         ),
         click.option(
             "--obstacle",
@@ -254,6 +289,36 @@ def closure_options(command: Command) -> Command:
     for option in reversed(options):
         command = option(command)
     return command
+
+
+def arm_options(command: Command) -> Command:
+    """``--arm --arm-tip --mount --base-pose``: the arm that carries the hand."""
+    pose = '"X Y Z W X Y Z"'
+    options = (
+        click.option(
+            "--arm", metavar="URDF", help="Arm that carries the hand; answers that it reaches only."
+        ),
+        click.option("--arm-tip", metavar="LINK", help="Link of the arm that carries the hand."),
+        click.option(
+            "--mount", metavar=pose, help="Pose of the hand's root on that link [m].  [default: the link's]"
+        ),
+        click.option(
+            "--base-pose",
+            metavar=pose,
+            help="Pose of the arm's base in a world with z up and the origin of the object's file [m].",
+        ),
+    )
+    for option in reversed(options):
+        command = option(command)
+    return command
+
+
+def arm_from(options: dict[str, Any]) -> dict[str, Any]:
+    """The fields of a request that say which arm carries the hand."""
+    poses = {
+        name: None if options[name] is None else numbers_in(options[name]) for name in ("mount", "base_pose")
+    }
+    return {"arm": options["arm"], "arm_tip": options["arm_tip"], **poses}
 
 
 def numbers_in(text: str) -> list[float]:

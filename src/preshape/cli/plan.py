@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,31 +13,68 @@ import click
 from ..exceptions import InputError, shown
 from .options import (
     TableCommand,
+    arm_from,
+    arm_options,
     check_folder,
     closure_options,
+    complete_object,
+    complete_task,
     hand_from,
     json_option,
     memory_option,
     numbers_in,
     object_options,
     request_from,
+    verbose_option,
 )
 from .printing import emit, name_files, say
-from .progress import waiting
+from .progress import narrated, waiting
+from .settings_file import name_settings
 
 if TYPE_CHECKING:
     from ..planning.document import Document
+    from ..planning.request import PlanRequest
+    from ..planning.session import Progress, Session
+
+
+def _own_session(request: PlanRequest, learn: bool, told: Progress) -> AbstractContextManager[Session]:
+    from ..planning.session import Session
+
+    return Session(request.memory, learn=learn, progress=told)
+
+
+session_for: Callable[[PlanRequest, bool, Progress], AbstractContextManager[Session]] = _own_session
+"""Gives the session that answers a request; a planner process of the server lends one that is warm."""
 
 
 @click.command(
     cls=TableCommand,
-    epilog="Example: preshape plan mug --task pour --hand shadow, or "
+    epilog="Example: preshape plan mug --task pour --hand leap, or "
     'preshape plan part.stl --unit mm --task "1 1 .1 .05 .8 .05"',
 )
-@click.argument("thing", metavar="OBJECT")
-@click.option("--task", required=True, metavar="TASK", help='A name (preshape tasks) or "Tx Ty Tz Rx Ry Rz".')
+@click.argument("thing", metavar="OBJECT", required=False, shell_complete=complete_object)
+@click.option(
+    "--scene",
+    metavar="FILE",
+    help="In place of OBJECT: a depth image (.npz with depth and K) or a point cloud, of which --mask says "
+    "what the object is. The rest is in the hand's way.",
+)
+@click.option(
+    "--mask",
+    metavar="FILE|N",
+    help="With --scene: a .npy or .png file with a number for each point or pixel, not zero for the object, "
+    "or the number of a label in the scene's file.",
+)
+@click.option(
+    "--task",
+    required=True,
+    metavar="TASK",
+    shell_complete=complete_task,
+    help='A name (preshape tasks) or "Tx Ty Tz Rx Ry Rz".',
+)
 @object_options
 @closure_options
+@arm_options
 @memory_option
 @click.option("--no-learn", is_flag=True, help="Do not write to the memory.")
 @click.option(
@@ -65,10 +104,13 @@ if TYPE_CHECKING:
     "--explain", is_flag=True, help="Also show the paper's indices and the match of each component."
 )
 @click.option("--out", metavar="DIR", help="Also write plan.json, plan.png and plan.html there.")
+@verbose_option
 @json_option
 def plan(
-    thing: str,
+    thing: str | None,
     task: str,
+    scene: str | None,
+    mask: str | None,
     no_learn: bool,
     count: int,
     verify: bool,
@@ -76,6 +118,7 @@ def plan(
     cut_table: bool | None,
     explain: bool,
     out: str | None,
+    verbose: bool,
     as_json: bool,
     **options: Any,
 ) -> int:
@@ -85,25 +128,29 @@ def plan(
     grasp that holds); the JSON then has the best grasp found and why it is not enough. 2: bad input.
     """
     check_folder(out)
-    with waiting() as told:
+    source = _object(thing, scene, mask)
+    if not as_json:
+        name_settings()
+    with narrated() if verbose else waiting() as told:
         request = request_from(
-            thing,
+            source,
             task,
             hand=hand_from(options),
             options=options,
             view=_view(view),
             cut_table=cut_table,
+            mask=mask,
             count=count,
             learn=not no_learn,
             verify=verify,
+            **arm_from(options),
         )
         from ..files import make_folder
         from ..planning.document import plan_to_json
-        from ..planning.session import Session
 
         if out is not None:
             make_folder(Path(out))
-        with Session(request.memory, learn=not no_learn, progress=told) as session:
+        with session_for(request, not no_learn, told) as session:
             made = session.run(request)
     document = plan_to_json(made)
     given = 1 + len(made.alternatives)
@@ -123,6 +170,23 @@ def plan(
         _show(document, written, explain=explain)
     failed = made.verified is not None and not made.verified.held
     return 0 if made.answer is not None and not failed else 1
+
+
+def _object(thing: str | None, scene: str | None, mask: str | None) -> str:
+    """The object's file or name, or the scene's file.
+
+    Raises:
+        UsageError: There is neither or both.
+        InputError: There is a scene without a mask, or a mask without a scene.
+    """
+    if thing is not None and scene is not None:
+        raise click.UsageError(f"give OBJECT or --scene, not both: {shown(thing)} and {shown(scene)}")
+    if (scene is None) != (mask is None):
+        given, other = ("--mask", "--scene FILE") if scene is None else ("--scene", "--mask FILE|N")
+        raise InputError(f"{given} needs {other}: the mask says which points of the scene are the object's")
+    if thing is None and scene is None:
+        raise click.UsageError("Missing argument 'OBJECT'.")
+    return str(scene if thing is None else thing)
 
 
 def _show(document: Document, written: list[Path], *, explain: bool) -> None:

@@ -31,6 +31,9 @@ WINDOW, LEAST = 120.0, 10
 DELAY = 1.0
 """Work that takes less time than this shows nothing [s]."""
 
+PREPARED = 30.0
+"""Progress of a session from which it is no longer preparing [%]."""
+
 GOES_ON = "the same command goes on from there"
 
 
@@ -123,6 +126,42 @@ class TimeLeft:
         if not before < share < 100.0 or now - then < DELAY:
             return ""
         return f"about {duration((now - then) / (share - before) * (100.0 - share))} left: "
+
+
+@contextmanager
+def narrated() -> Iterator[Callable[[str, float], None]]:
+    """Print what planning and searching do, line by line with the seconds so far, on standard error.
+
+    Yields:
+        A function as that of :func:`waiting`.
+    """
+    import logging
+
+    start = time.perf_counter()
+
+    def line(words: str) -> None:
+        say(f"{time.perf_counter() - start:7.2f} s  {words}", err=True)
+
+    class StageLines(logging.Handler):
+        searching = False  # the first lesson with the cube would write hundreds of lines
+
+        def emit(self, record: logging.LogRecord) -> None:
+            if self.searching:
+                line(f"  {record.getMessage()}")
+
+        def told(self, words: str, share: float) -> None:
+            self.searching = share >= PREPARED
+            line(words)
+
+    log, handler = logging.getLogger("preshape"), StageLines(logging.INFO)
+    before = log.level
+    log.addHandler(handler)
+    log.setLevel(logging.INFO)
+    try:
+        yield handler.told
+    finally:
+        log.removeHandler(handler)
+        log.setLevel(before)
 
 
 @contextmanager

@@ -15,12 +15,15 @@ from .options import (
     TableCommand,
     boxes_from,
     closure_options,
+    complete_object,
+    complete_task,
     hand_from,
     memory_option,
     object_options,
     request_from,
 )
 from .printing import say
+from .settings_file import name_settings
 
 if TYPE_CHECKING:
     from ..app.browser_session import Start
@@ -33,8 +36,13 @@ FOR_PLANS = ("mass", "friction", "table", "avoid", "hold_on", "keep_off", "rules
 @click.command(
     cls=TableCommand, epilog="Example: preshape view mug --task pour, or preshape view out/demo/plan.json"
 )
-@click.argument("thing", metavar="[OBJECT | PLAN.json]", default="mug")
-@click.option("--task", metavar="TASK", help='A name (preshape tasks) or "Tx Ty Tz Rx Ry Rz".')
+@click.argument("thing", metavar="[OBJECT | PLAN.json]", default="mug", shell_complete=complete_object)
+@click.option(
+    "--task",
+    metavar="TASK",
+    shell_complete=complete_task,
+    help='A name (preshape tasks) or "Tx Ty Tz Rx Ry Rz".',
+)
 @object_options
 @closure_options
 @click.option(
@@ -56,9 +64,13 @@ def view(thing: str, task: str | None, host: str, port: int, sessions: int, **op
         raise InputError("the browser app needs a memory file, which it may open again; give --memory FILE")
     if thing.endswith(".json"):
         source = click.get_current_context().get_parameter_source
-        given = {name: options[name] for name in options if source(name) is not ParameterSource.DEFAULT}
+        # Of a file of settings, only the memory concerns a plan that exists.
+        usual = {name: {ParameterSource.DEFAULT, ParameterSource.DEFAULT_MAP} for name in options}
+        usual["memory"].discard(ParameterSource.DEFAULT_MAP)
+        given = {name: options[name] for name in options if source(name) not in usual[name]}
         start = start_of_plan(Path(thing), task, **given)
     else:
+        name_settings()
         hand = hand_from(options)
         start = start_of(request_from(thing, task or "lift", hand=hand, options=options))
     try:
@@ -185,5 +197,12 @@ def _found(document: dict[str, Any], folder: Path, changes: dict[str, Any]) -> P
     size = object_extent(source, None)
     if size is None:
         raise InputError(f"the plan's object {source!r} is neither here nor built in; run from its folder")
-    place = {"source": source, "unit": "m", "scale": extent / size, "view": None, "cut_table": None}
+    place = {
+        "source": source,
+        "unit": "m",
+        "scale": extent / size,
+        "view": None,
+        "cut_table": None,
+        "mask": None,
+    }
     return request_of(document, **(changes | place))

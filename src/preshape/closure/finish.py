@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import math
 from collections.abc import Sequence
 from functools import cache, partial
@@ -28,6 +29,8 @@ from .pressing import MAX_IMBALANCE, Squeezer, UnitSqueeze, turn_from_contact_er
 from .rules import breaks
 from .search import MIN_CONTACTS, ClosureSearch
 from .wrapping import Wrapper, wraps
+
+_log = logging.getLogger("preshape.search")
 
 GAP = 0.0001
 """Distance between finger and surface at which a finger stops closing in a finished grip [m] [C]."""
@@ -264,7 +267,9 @@ class Finisher:
         # 5. Firm grips.
         if options.firm and all(grip.quality < ENOUGH for grip in grips):
             firm = [self._grip(found, candidate, options, firm=True) for candidate in executable]
-            return [grip for grip in firm if grip is not None]
+            grips = [grip for grip in firm if grip is not None]
+        best = f"; best quality {max(grip.quality for grip in grips):.2f}" if grips else ""
+        _log.info("%d examined, %d sound, %d finished%s", len(found), len(rows), len(grips), best)
         return grips
 
     def _broken(self, hands: ClosedHands) -> BoolArray:

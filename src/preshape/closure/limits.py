@@ -21,10 +21,12 @@ NOTHING = 0.02
 """A grip that holds less than this share of the mass lacks contacts, not strength."""
 LOAD, WAY_IN = "the load", "the way in"
 """What refuses candidates, beside obstacles and contact rules by name."""
-OBSTACLE = "keep off the obstacle "
-"""Begin of the name of an obstacle from a file, which is a rule to the search."""
+OBSTACLE = "keep off the obstacle ", "keep off the rest of the scene"
+"""Begins of the names of obstacles from files, which are rules to the search."""
 NO_RULES = "another part, or --rules none for rules that were not asked for,"
 """What helps against a contact rule."""
+OFF_THE_TABLE = "another pose of the object on it (--up), free space (--table none)"
+"""What helps against the table."""
 HALVINGS = 7
 """Steps of the bisection for the heaviest mass; the result is within 1 % or better."""
 
@@ -53,7 +55,7 @@ def remedy(rules: Sequence[str], best: Grip | None = None) -> str:
     if rules[0] == LOAD:
         helps = "a lighter object (--mass), more friction (--friction), another task or another hand"
     elif rules[0] == "the table":
-        helps = "a lower table (--table HEIGHT) or another pose of the object on it"
+        helps = f"{OFF_THE_TABLE} or a lower table (--table HEIGHT)"
     elif rules[0] == WAY_IN:
         helps = "more approach axes (--approach), if they are restricted, or a smaller hand"
         if best is not None and KEPT_OFF in best.refused:
@@ -119,18 +121,26 @@ def _refusals(tally: IntArray, settings: ClosureSettings) -> tuple[str, str]:
 
 
 def rules_cost(tally: IntArray | None, settings: ClosureSettings) -> str:
-    """How many hands each contact rule refused, as the end of a sentence; empty if none did.
+    """How many hands the table, boxes and contact rules refused, as the end of a sentence; empty if none.
 
     Args:
         tally: The tally of the search of all planes, if there was one.
-        settings: The rules.
+        settings: Obstacles and rules.
     """
-    names = settings.rules.names
-    if tally is None or not names or not tally[-len(names) :].any():
+    obstacles, rules = settings.obstacles.names, settings.rules.names
+    if tally is None or not tally[4:].any():
         return ""
-    counts = zip(names, tally[-len(names) :].tolist(), strict=True)
-    costs = [f"{n} break the rule to {name}" for name, n in counts if n]
-    return f"; of {tally[1]} hands that closed, {' and '.join(costs)}: {NO_RULES} may help"
+    hits = dict(zip((*obstacles, *rules), tally[4:].tolist(), strict=True))
+    costs = [f"{hits[name]} are in collision with {name}" for name in obstacles if hits[name]]
+    costs += [f"{hits[name]} break the rule to {name}" for name in rules if hits[name]]
+    helps = [OFF_THE_TABLE] if "the table" in obstacles and hits["the table"] else []
+    helps += ["other boxes (--avoid)"] if any(hits[name] for name in obstacles if name != "the table") else []
+    helps += [NO_RULES] if any(hits[name] for name in rules) else []
+    return f"; of {tally[1]} hands that closed, {_listed(costs)}: {', or '.join(helps)} may help"
+
+
+def _listed(words: Sequence[str]) -> str:
+    return " and ".join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else words)
 
 
 def nothing_left(rules: ContactRules) -> str:

@@ -6,6 +6,7 @@ file.
 
 from __future__ import annotations
 
+import logging
 import math
 from collections.abc import Sequence
 from dataclasses import replace
@@ -33,6 +34,8 @@ from .preshapes import Preshapes, motor_ranges, posture_at, posture_of, preshape
 from .settings import ClosureSettings
 from .torque_limits import TorqueLimits
 from .wrapping import Wrapper, wraps
+
+_log = logging.getLogger("preshape.search")
 
 MIN_CONTACTS = 2
 """Least number of contacts of a candidate, thumb included; its margin decides whether they are enough."""
@@ -174,6 +177,10 @@ class ClosureSearch:
             hold=hold,
             tally=np.array([len(drawn), closed, len(hands.rows), (score > 0).sum(), *hits.sum(axis=0)]),
         )
+        kind = "wraps" if wraps(drawn) else "candidates"
+        best = f"; best margin {score.max():.2f}" if len(score) else ""
+        words = f"%d {kind}: %d closed, %d clear of obstacles and rules, %d balance the load{best}"
+        _log.info(words, *found.tally[:4])
         return found.take(np.argsort(-score, kind="stable"))
 
     def _lifted(self, hands: ClosedCandidates, hits: BoolArray) -> tuple[ClosedCandidates, BoolArray]:

@@ -69,6 +69,7 @@ def shard_grasps(
             hand=hand,
             analyser="closure",
             mass=settings.mass,
+            table=None,
             friction=settings.friction,
             count=count,
             settings=Settings(seed=seed + search),

@@ -21,6 +21,35 @@ FULL = 6.0
 
 
 @value
+class ArmPath:
+    """The way of the arm that carries the hand to a grasp, and up.
+
+    Attributes:
+        joints: (n,) Names of the arm's joints.
+        times: (k,) Time of each way point, which increases [s]; closing and squeezing take none here.
+        q: (k, n) Positions of the joints [rad or m].
+        at_grasp: Index of the way point of the grasp; those after it are the lift.
+
+    Raises:
+        InputError: An array has the wrong shape, or the times or the way points are in no order.
+    """
+
+    joints: tuple[str, ...]
+    times: Array
+    q: Array
+    at_grasp: int
+
+    def __post_init__(self) -> None:
+        times = frozen_array(self.times, (None,), "times of the arm")
+        q = frozen_array(self.q, (len(times), len(self.joints)), "way points of the arm")
+        freeze(self, times=times, q=q)
+        if len(times) < 2 or times[0] != 0.0 or (np.diff(times) <= 0).any():
+            raise InputError("the times of the arm's way points must begin at 0 and increase")
+        if not 0 <= self.at_grasp < len(times):
+            raise InputError("the arm's path has no way point at the grasp")
+
+
+@value
 class PlannedGrasp:
     """One grasp of a plan that the hand can execute; everything in the mesh frame.
 
@@ -44,6 +73,7 @@ class PlannedGrasp:
         lacking: Why the grasp must not be executed, if it is the best of a plan without an answer.
         forces: (n, 3) Force of each contact on the object in the squeeze [N]; ``None`` if the plan does not
             state it.
+        arm: Path of the arm; ``None`` without an arm, or one that does not reach the grasp.
         quality: Quality 0..1; at 0.5, the grasp just balances the load (see ``docs/ros.md``).
 
     Raises:
@@ -70,6 +100,7 @@ class PlannedGrasp:
     quality: float
     forces: Array | None = None
     lacking: str = ""
+    arm: ArmPath | None = None
 
     @property
     def motor_torques(self) -> Array:
@@ -200,11 +231,22 @@ def _planned(
             # The number that the critic judges: quality of a grip, TFVADI of a virtual grasp.
             quality=float(np.clip(float(grip.get("quality", answer["tfvadi"])) / FULL, 0.0, 1.0)),
             forces=grip.get("forces"),
+            arm=_arm_path(answer.get("arm")),
             **q,
             **facts,
         )
     except InputError as error:
         raise InputError(f"{name}: answer {number}: {error}") from error
+
+
+def _arm_path(arm: Document | None) -> ArmPath | None:
+    """The path of the ``arm`` of an answer."""
+    path = (arm or {}).get("path")
+    if arm is None or path is None:
+        return None
+    names = tuple(escaped_line(name) for name in arm["joints"])
+    at_grasp = list(path["stages"]).count("way_in") - 1
+    return ArmPath(joints=names, times=path["times"], q=path["q"], at_grasp=at_grasp)
 
 
 def motor_torques(hand: Hand, grasp: Array, squeeze: Array) -> Array:

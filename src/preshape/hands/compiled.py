@@ -98,19 +98,30 @@ def read_model(source: Path | str) -> CompiledModel:
         return _compiled(source)
 
 
+def read_spec(path: Path, notes: list[str], lost: list[str]) -> Any:
+    """The ``mujoco.MjSpec`` of a file, to be added to and compiled with :func:`compiled_spec`.
+
+    Args:
+        path: The file.
+        notes: What was mended is added to it.
+        lost: The names of meshes that do not exist are added to it; their shapes are left out.
+
+    Raises:
+        HandError: MuJoCo cannot read it.
+    """
+    with quiet_mujoco(), _told(str(path)):
+        _refuse_repetitions(path, str(path))
+        return _named_spec(path, notes, lost)
+
+
 def _compiled(source: Path | str) -> CompiledModel:
     import mujoco
 
     label = str(source) if isinstance(source, Path) else "the MJCF"
-    if (parts := _repetitions(source)) > _MOST_REPEATS:
-        raise HandError(f"{label}: it repeats a part {parts:.3g} times; at most {_MOST_REPEATS} are allowed")
-    try:
+    _refuse_repetitions(source, label)
+    with _told(label):
         notes: list[str] = []
-        spec = _spec_of(source, notes) if isinstance(source, Path) else mujoco.MjSpec.from_string(source)
-        if isinstance(source, Path):
-            _check_assets(spec, source.parent)
-        _name_all(spec)
-        spec.compiler.fusestatic = False
+        spec = _named_spec(source, notes, None)
         spec.compiler.boundmass, spec.compiler.boundinertia = _TINY, 1e-3 * _TINY
         degrees = np.pi / 180 if spec.compiler.degree else 1.0
         ranges = {}
@@ -122,24 +133,50 @@ def _compiled(source: Path | str) -> CompiledModel:
             ranges[joint.name] = (low * scale, high * scale)
             if low > high:
                 joint.range = [high, low]
-        model = _compiled_spec(spec)
+        model = compiled_spec(spec)
         if isinstance(source, Path):
             notes += use_visual_shapes(model)
         return _recorded(model, ranges, label, tuple(notes))
+
+
+def _refuse_repetitions(source: Path | str, label: str) -> None:
+    if (parts := _repetitions(source)) > _MOST_REPEATS:
+        raise HandError(f"{label}: it repeats a part {parts:.3g} times; at most {_MOST_REPEATS} are allowed")
+
+
+@contextmanager
+def _told(label: str) -> Iterator[None]:
+    """Turn what MuJoCo and the readers raise into errors that say what to change."""
+    try:
+        yield
     except UnicodeDecodeError as error:
         raise HandError(f"{label}: its text or a name in it is not UTF-8; save the model as UTF-8") from error
     except RecursionError as error:
-        raise HandError(f"{label}: its elements are nested too deep for a model of a hand") from error
+        raise HandError(f"{label}: its elements are nested too deep for a model") from error
     except (ValueError, ElementTree.ParseError, LookupError, OSError) as error:
         raise HandError(f"{label}: MuJoCo cannot read it: {reason(error)}") from error
 
 
-def _spec_of(path: Path, notes: list[str]) -> Any:
+def _named_spec(source: Path | str, notes: list[str], lost: list[str] | None) -> Any:
+    """The ``mujoco.MjSpec`` of a file, or of the text of an MJCF, in which every body has a name."""
+    import mujoco
+
+    if isinstance(source, Path):
+        spec = _spec_of(source, notes, lost)
+        _check_assets(spec, source.parent)
+    else:
+        spec = mujoco.MjSpec.from_string(source)
+    _name_all(spec)
+    spec.compiler.fusestatic = False
+    return spec
+
+
+def _spec_of(path: Path, notes: list[str], lost: list[str] | None) -> Any:
     """The ``mujoco.MjSpec`` of a file, mended; what was mended is added to ``notes``."""
     import mujoco
 
     try:
-        found = model_text(path)
+        found = model_text(path, lost)
     except ElementTree.ParseError:
         if path.suffix.lower() in (".urdf", ".xacro"):
             raise
@@ -152,7 +189,7 @@ def _spec_of(path: Path, notes: list[str]) -> Any:
     return spec
 
 
-def _compiled_spec(spec: Any) -> Any:
+def compiled_spec(spec: Any) -> Any:
     """The ``mujoco.MjModel``; flat meshes, which MuJoCo refuses as solids, count as shells."""
     import mujoco
 
@@ -238,7 +275,7 @@ def _repetitions(source: Path | str) -> float:
 
 
 def _model_text(path: Path) -> bytes:
-    return read_file(path, MOST_OF_MODEL, "model of a hand", refusal=HandError)
+    return read_file(path, MOST_OF_MODEL, "model", refusal=HandError)
 
 
 def _check_assets(spec: Any, folder: Path) -> None:

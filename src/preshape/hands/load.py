@@ -422,6 +422,11 @@ def split_motors(text: str) -> tuple[str, Path | None]:
     return file, Path(motors) if found else None
 
 
+def say_guesses_again() -> None:
+    """Say the guesses about each model again, because somebody else has asked."""
+    _said.clear()
+
+
 def _split_side(name: str, side: str | None) -> tuple[str, str | None]:
     for word in SIDES:
         if name.endswith(f":{word}"):

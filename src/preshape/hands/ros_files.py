@@ -58,22 +58,27 @@ class ModelText:
     notes: tuple[str, ...]
 
 
-def model_text(path: Path) -> ModelText:
+def model_text(path: Path, lost: list[str] | None = None) -> ModelText:
     """The text of a model's file, mended where it must be.
+
+    Args:
+        path: The file.
+        lost: If given, shapes of a URDF whose meshes are missing or cannot be read are left out, and the
+            names of the meshes are added to it.
 
     Raises:
         HandError: It is a xacro that cannot be expanded, or a mesh is missing or cannot be read.
         ElementTree.ParseError: It is not XML.
         OSError: The file cannot be read.
     """
-    content = read_file(path, MOST_OF_MODEL, "model of a hand", refusal=HandError)
+    content = read_file(path, MOST_OF_MODEL, "model", refusal=HandError)
     if path.suffix.lower() == ".xacro" or b"<xacro:" in content:
         content = _expanded(path)
     root = ElementTree.fromstring(content)
     if root.tag == "robot":
         _require_mimicked(root, path)
         assets: dict[str, bytes] = {}
-        notes: list[str] = [*_visual_shapes(root), *_resolved_meshes(root, path, assets)]
+        notes: list[str] = [*_visual_shapes(root), *_resolved_meshes(root, path, assets, lost)]
         return ModelText(text=_for_mujoco(root), urdf=True, whole=False, assets=assets, notes=tuple(notes))
     whole = root.tag == "mujoco"
     if root.tag == "mujocoinclude":
@@ -196,26 +201,44 @@ def use_visual_shapes(model: Any) -> list[str]:
 # -- meshes -----------------------------------------------------------------------------------------
 
 
-def _resolved_meshes(root: Element, path: Path, assets: dict[str, bytes]) -> list[str]:
+def _resolved_meshes(
+    root: Element, path: Path, assets: dict[str, bytes], lost: list[str] | None
+) -> list[str]:
     """Name the meshes' files by absolute paths, or by assets where MuJoCo cannot read them."""
     notes: dict[str, None] = {}
     settings = root.find("mujoco/compiler")
     meshdir = settings.get("meshdir", "") if settings is not None else ""
-    done: dict[str, str] = {}
-    for mesh in root.iter("mesh"):
-        name = mesh.get("filename", "")
-        if name not in done:
-            file = find_mesh(name, path, meshdir)
-            kind = _conversion(file)
-            if kind:
-                label = f"converted_{len(assets)}.obj"
-                assets[label] = _converted(file)
-                notes[f"{kind} meshes were converted"] = None
-                done[name] = label
+    done: dict[str, str | None] = {}
+    for link in root.iter("link"):
+        for shape in link.findall("collision"):
+            mesh = shape.find("geometry/mesh")
+            if mesh is None:
+                continue
+            name = mesh.get("filename", "")
+            if name not in done:
+                try:
+                    done[name] = _resolved(find_mesh(name, path, meshdir), assets, notes)
+                except HandError:
+                    if lost is None:
+                        raise
+                    lost.append(name)
+                    done[name] = None
+            if (file := done[name]) is None:
+                link.remove(shape)
             else:
-                done[name] = str(file)
-        mesh.set("filename", done[name])
+                mesh.set("filename", file)
     return list(notes)
+
+
+def _resolved(file: Path, assets: dict[str, bytes], notes: dict[str, None]) -> str:
+    """The absolute path of a mesh, or the name of the asset that it was converted to."""
+    kind = _conversion(file)
+    if not kind:
+        return str(file)
+    label = f"converted_{len(assets)}.obj"
+    assets[label] = _converted(file)
+    notes[f"{kind} meshes were converted"] = None
+    return label
 
 
 def find_mesh(name: str, path: Path, meshdir: str = "") -> Path:

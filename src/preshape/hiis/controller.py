@@ -42,7 +42,7 @@ from .critic import (
     recognise,
     recognise_shape,
 )
-from .decision import Decision, Offer, Settings, Status, Transition, decided, different_answers
+from .decision import Decision, Offer, Settings, Status, Transition, decided, different_answers, reached
 from .estimator import Estimate, InputKind, decode, inputs, predict
 from .knowledge import Knowledge
 from .learning import (
@@ -379,9 +379,9 @@ class Controller:
             miss = found.nearest_miss
             lacking = "" if miss is None else pa.shortfall(task.q, miss)
             reason = f"no grasp found on any allowed plane: {found.reason}{'; ' if lacking else ''}{lacking}"
-            steps.append(Transition(mode=3, outcome="no grasp", reason=reason))
+            steps.append(reached(3, "no grasp", reason))
             return decided(task, 3, Status.NO_GRASP, steps, None, best=miss)
-        steps.append(Transition(mode=3, outcome="explored", reason=discovery.summary))
+        steps.append(reached(3, "explored", discovery.summary))
         if isinstance(discovery.answer, Grip) and discovery.answer.judged < threshold - SLACK:
             searched = searched or self._self_test(pa, task.q, allowed)[0]
             if searched is not None and searched.judged > discovery.answer.judged:
@@ -392,7 +392,7 @@ class Controller:
             # A lesson learnt with restricted approaches would wrongly restrict later plans without them [C].
             whole = None if allowed.all() else self._explore(pa, task, None)
             learnt = self._learn(pa, task, whole or discovery)
-            steps.append(Transition(mode=3, outcome="learned", reason=learnt))
+            steps.append(reached(3, "learned", learnt))
             if allowed.all():
                 own, verdict = self._self_test(pa, task.q, allowed)
                 if own is not None and best.judged < threshold:
@@ -490,7 +490,7 @@ class Controller:
 
 
 def _step(mode: int, verdict: Verdict, *, met: str = "reward", missed: str = "penalty") -> Transition:
-    return Transition(mode=mode, outcome=met if verdict.reward else missed, reason=verdict.reason)
+    return reached(mode, met if verdict.reward else missed, verdict.reason)
 
 
 def _correction(recognition: Recognition, failure: str) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from dataclasses import field
 from enum import Enum
 
@@ -11,6 +12,8 @@ from .analyser import FINGER_RULES, Exploration, FingerRule, Grasp, Grip
 from .critic import Thresholds, judge
 from .estimator import Estimate
 from .fuzzy import FuzzySets
+
+_log = logging.getLogger("preshape.modes")
 
 
 class Status(Enum):
@@ -80,6 +83,12 @@ class Transition:
     mode: int
     outcome: str
     reason: str
+
+
+def reached(mode: int, outcome: str, reason: str) -> Transition:
+    """A step of the state machine, which is also logged."""
+    _log.info("mode %d, %s: %s", mode, outcome, reason)
+    return Transition(mode=mode, outcome=outcome, reason=reason)
 
 
 @value

@@ -10,6 +10,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -86,13 +87,13 @@ def polyhedron_spheres(solid: Polyhedron, protrusion: float, spacing: float) -> 
     from scipy.spatial import cKDTree
 
     points, normals = polyhedron_surface(solid, spacing)
+    parts = list(zip(_split(points), _split(normals), strict=True))
+    own = np.concatenate([_candidates(solid, *part, protrusion) for part in parts])
     # Samples with much room come first: their spheres are large and cover many others.
     room = np.concatenate(
-        [
-            _along(solid, some, facing, 0.5 * protrusion)[:, 3]
-            for some, facing in zip(_split(points), _split(normals), strict=True)
-        ]
+        [_along(solid, *part, _gaps(solid, part[0]), (0.5 * protrusion,)) for part in parts]
     )
+    room = room[:, 0, 3]
     tree = cKDTree(points)
     left, chosen = np.ones(len(points), dtype=bool), []
     for sample in np.argsort(-room, kind="stable"):
@@ -103,7 +104,7 @@ def polyhedron_spheres(solid: Polyhedron, protrusion: float, spacing: float) -> 
         around = np.array(tree.query_ball_point(points[sample], 2 * cover), dtype=np.int64)
         near = around[np.linalg.norm(points[around] - points[sample], axis=1) < min(cover, 4 * protrusion)]
         few = np.append(near[:: 1 + len(near) // _POOL], sample)
-        pool = _candidates(solid, points[few], normals[few], protrusion)
+        pool = own[few].transpose(1, 0, 2).reshape(-1, 4)
         away = np.linalg.norm(pool[:, :3] - points[sample], axis=1) - pool[:, 3]
         pool = pool[(pool[:, 3] > _LEAST_RADIUS) & (away <= protrusion)]
         if not len(pool):
@@ -118,8 +119,8 @@ def polyhedron_spheres(solid: Polyhedron, protrusion: float, spacing: float) -> 
 
 
 def _split(rows: Array) -> list[Array]:
-    """The rows in parts that are small enough for a table of their distances to every plane."""
-    return np.array_split(rows, 1 + len(rows) // 20_000)
+    """The rows in parts whose tables of distances to every plane stay in a processor's cache."""
+    return np.array_split(rows, 1 + len(rows) // 1_000)
 
 
 def _interior(solid: Polyhedron, spheres: Array) -> Array:
@@ -142,27 +143,30 @@ def _interior(solid: Polyhedron, spheres: Array) -> Array:
     return np.array(added).reshape(-1, 4)
 
 
+def _gaps(solid: Polyhedron, points: Array) -> Array:
+    """(n, k) distances of points (n, 3) on the surface to every plane [m]."""
+    return np.asarray(np.maximum(solid.planes[:, 3] - points @ solid.planes[:, :3].T, 0.0))
+
+
 def _candidates(solid: Polyhedron, points: Array, normals: Array, protrusion: float) -> Array:
-    """(n, 4) the largest spheres along a few directions from each sample."""
-    facing = solid.planes[:, :3]
-    gaps = np.maximum(solid.planes[:, 3] - points @ facing.T, 0.0)
-    directions = [normals]
+    """(n, k, 4) the largest spheres along a few directions from each sample, with a few slacks."""
+    gaps, directions = _gaps(solid, points), [normals]
     for near in (_ON, protrusion):
-        outward = (gaps <= near) @ facing
+        outward = (gaps <= near) @ solid.planes[:, :3]
         directions.append(outward / np.maximum(np.linalg.norm(outward, axis=1, keepdims=True), 1e-9))
-    return np.concatenate(
-        [_along(solid, points, outward, share * protrusion) for outward in directions for share in _SLACK]
-    )
+    slacks = [share * protrusion for share in _SLACK]
+    return np.concatenate([_along(solid, points, outward, gaps, slacks) for outward in directions], axis=1)
 
 
-def _along(solid: Polyhedron, points: Array, outward: Array, slack: float) -> Array:
-    """(n, 4) for each point, the largest sphere with its centre inwards that is at most ``slack`` away [m].
+def _along(solid: Polyhedron, points: Array, outward: Array, gaps: Array, slacks: Sequence[float]) -> Array:
+    """(n, k, 4) for each point, the largest spheres with centres inwards at most k slacks away [m].
 
     A sphere with centre p - t o has the radius r = min(gap + t n·o) over the planes with normals n, and is
     t - r away from p. So the slack bounds t by (slack + gap) / (1 - n·o) for every plane.
     """
-    facing = solid.planes[:, :3]
-    gaps = np.maximum(solid.planes[:, 3] - points @ facing.T, 0.0)
-    t = ((slack + gaps) / np.maximum(1.0 - outward @ facing.T, 1e-9)).min(axis=1)
-    centre = points - t[:, None] * outward
-    return np.column_stack([centre, solid.depth(centre)])
+    apart = np.maximum(1.0 - outward @ solid.planes[:, :3].T, 1e-9)
+    found = []
+    for slack in slacks:
+        centre = points - ((slack + gaps) / apart).min(axis=1)[:, None] * outward
+        found.append(np.column_stack([centre, solid.depth(centre)]))
+    return np.stack(found, axis=1)

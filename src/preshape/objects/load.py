@@ -23,6 +23,7 @@ from .read_text import printable, refuse_decimal_commas
 from .regions import TriangleSet
 from .scans.read_points import read_npy, read_pcd, read_xyz
 from .scans.scan import RawCloud
+from .scans.scene import object_mask, read_npz, scene_parts
 from .sidecar import with_sidecar
 
 _Reader = Callable[[str, bytes, Path], RawMesh | RawCloud]
@@ -43,6 +44,7 @@ _CLOUD_READERS: dict[str, _Reader] = {
     ".pcd": lambda name, data, path: read_pcd(name, data),
     ".xyz": lambda name, data, path: read_xyz(name, data),
     ".npy": lambda name, data, path: read_npy(name, data),
+    ".npz": lambda name, data, path: read_npz(name, data),
 }
 
 CLOUD_SUFFIXES = tuple(_CLOUD_READERS)
@@ -74,6 +76,7 @@ def load_object(
     scale: float = 1.0,
     view: Sequence[float] | Array | str | None = None,
     cut_table: bool | None = None,
+    mask: str | None = None,
 ) -> TriangleMesh:
     """Read an object from a file, or build one of the library.
 
@@ -85,15 +88,16 @@ def load_object(
     count once. If a file has no normals or does not state their number (PLY, OFF, STL, glTF), one normal is
     counted per vertex [C].
 
-    A point cloud (.pcd, .xyz, .npy, or a .ply without faces) becomes a closed surface whose unseen side is
-    guessed; ``scan`` says which side (:mod:`preshape.objects.scans.complete`).
+    A point cloud (.pcd, .xyz, .npy, or a .ply without faces) or depth image (.npz) becomes a closed surface
+    whose unseen side is guessed; ``scan`` says which side (:mod:`preshape.objects.scans.complete`). With a
+    mask it is a scene, of which one object is wanted (:mod:`preshape.objects.scans.scene`).
 
     Groups, objects and materials of OBJ and glTF become parts of the mesh. A file ``NAME.preshape.toml``
     beside it adds parts, mass, centre of mass, up, rest and tasks (:mod:`preshape.objects.sidecar`).
 
     Args:
-        source: File (.obj, .stl, .ply, .off, .glb, .gltf, .pcd, .xyz, .npy) or name of a library object. Of a
-            mesh file with several bodies, ``FILE#2`` is the second, and ``FILE#all`` all as one object.
+        source: File (.obj, .stl, .ply, .off, .glb, .gltf, .pcd, .xyz, .npy, .npz) or name of a library
+            object. Of a mesh file with several bodies, ``FILE#2`` is the second, and ``FILE#all`` all as one.
         unit: Unit of the file: m, cm, mm, in or inch; library objects are in metres.
         scale: Further factor on all lengths.
         view: For a point cloud, the position of the camera in the frame and unit of the file, or ``all`` for
@@ -101,13 +105,17 @@ def load_object(
             there could have seen all points; otherwise the points count as seen from all sides.
         cut_table: For a point cloud, whether a table that the object stands on is cut off; ``False`` keeps it
             as part of the object, and ``None`` refuses it. A cloud without a table does not change.
+        mask: For a cloud of a scene, which points are the object's: a file (.npy, .png) with a number for
+            each point or pixel, not zero for the object, or the number of a label in an NPZ file. The table
+            that the object stands on is found, and other points are in the hand's way (``scan.rest``).
 
     Returns:
         The mesh [m]; the mesh of a library object includes its mass [kg].
 
     Raises:
         InputError: The unit is unknown, the scale is not a positive, finite number, the view is not a
-            possible camera position, or ``view`` or ``cut_table`` is given for a mesh.
+            possible camera position, ``view``, ``cut_table`` or ``mask`` is given for a mesh, or the scene
+            has no such label.
         UnknownObject: There is neither a file nor a library object of that name.
         ObjectError: The file is missing, empty, a folder, not a mesh, or has an unknown suffix; a position is
             not finite; there are no faces or no area; the object is flat; an index is out of range; the size
@@ -118,7 +126,7 @@ def load_object(
     if not isinstance(source, str | Path):
         raise ObjectError(f"an object is a file or the name of a library object, got {shown(source)}")
     if not _is_file(source):
-        _check_mesh_options(str(source), view, cut_table)
+        _check_mesh_options(str(source), view, cut_table, mask)
         return _from_library(str(source), unit, float(scale))
     given, part = split_part(source)
     path, name = Path(given), given
@@ -130,9 +138,9 @@ def load_object(
         with np.errstate(all="ignore"):  # the checks find numbers that are not finite, and name them
             raw = _ALL_READERS[suffix](name, data, path)
             if isinstance(raw, RawCloud):
-                cloud = _from_cloud(name, _name_of(path), raw, unit, float(scale), view, cut_table)
+                cloud = _from_cloud(name, _name_of(path), raw, unit, float(scale), view, cut_table, mask)
                 return with_sidecar(cloud, path)
-            _check_mesh_options(name, view, cut_table)
+            _check_mesh_options(name, view, cut_table, mask)
             mesh = _finish(name, _name_of(path), raw, unit, float(scale), part)
             if suffix not in (".glb", ".gltf"):
                 return with_sidecar(mesh, path)
@@ -269,6 +277,8 @@ def _refuse_other_kinds(name: str, suffix: str, data: bytes) -> None:
     """Refuse a file whose content does not belong to its suffix, and name its format."""
     if suffix == ".stl" and read_trimesh.is_binary_stl(data):  # its first 80 bytes may hold anything
         return
+    if suffix == ".npz" and data.startswith(b"PK"):  # a ZIP archive by definition
+        return
     for start, kind in _SIGNATURES.items():
         if data.startswith(start):
             noun = _noun(suffix)
@@ -293,13 +303,13 @@ def _noun(suffix: str) -> str:
     return "point cloud" if suffix in CLOUD_SUFFIXES else "mesh"
 
 
-def _check_mesh_options(name: str, view: object, cut_table: bool | None) -> None:
+def _check_mesh_options(name: str, view: object, cut_table: bool | None, mask: str | None) -> None:
     """Refuse options of point clouds for a mesh.
 
     Raises:
         InputError: One of them is given.
     """
-    for given, what in ((view, "a view"), (cut_table, "cutting off a table")):
+    for given, what in ((view, "a view"), (cut_table, "cutting off a table"), (mask, "a mask")):
         if given is not None:
             raise InputError(f"{name}: {what} is for a point cloud, this is a mesh; leave it out")
 
@@ -312,27 +322,34 @@ def _from_cloud(
     scale: float,
     view: Sequence[float] | Array | str | None,
     cut_table: bool | None,
+    mask: str | None,
 ) -> TriangleMesh:
     """Scale a cloud and make a closed surface."""
     from .scans.complete import complete
 
     factor = checks.metres(unit, scale)
-    points = raw.points * factor
+    points, scene = raw.points * factor, None
+    camera = None if raw.camera is None else factor * raw.camera
+    if mask is not None:
+        whole = RawCloud(points=points, camera=camera)
+        scene = scene_parts(name, whole, object_mask(name, raw, mask))
+        points, cut_table = scene.points, False
     echoes = RawCloud(points=points).echoes
     if len(echoes) and np.ptp(echoes, axis=0).any():
         checks.size(name, np.ptp(echoes, axis=0), unit)
         checks.place(name, echoes.min(axis=0), echoes.max(axis=0))
     if view is not None and not isinstance(view, str):
         view = factor * frozen_array(view, (3,), "the camera's position")
-    camera = None if raw.camera is None else factor * raw.camera
-    made = complete(name, RawCloud(points=points, camera=camera), view, cut_table=cut_table)
+    known = None if scene is None else scene.table
+    made = complete(name, RawCloud(points=points, camera=camera), view, cut_table=cut_table, table=known)
+    scan = made.scan if scene is None else replace(made.scan, rest=scene.rest)
     return TriangleMesh(
         name=stem,
         vertices=made.vertices,
         triangles=made.triangles,
         scale=scale,
         unit=unit,
-        scan=made.scan,
+        scan=scan,
     )
 
 

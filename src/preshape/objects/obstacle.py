@@ -27,6 +27,8 @@ LEAST_CUBE, MOST_CUBE = 0.003, 0.02
 """Least and greatest edge of the cubes that points fill [m] [C]."""
 SPACINGS = 2.0
 """Edge of these cubes, in distances between neighbouring points [C]; there are no gaps in a surface."""
+REST = "the rest of the scene"
+"""Name of the obstacle that consists of a scene's other points."""
 _SAMPLED = 2000
 _WANTED = "FILE or FILE@x,y,z,qw,qx,qy,qz (position in metres and unit quaternion, in the mesh frame)"
 _SIDES = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]])
@@ -88,12 +90,7 @@ def obstacle_surface(placed: PlacedFile, near: Array) -> PartSurface | None:
     name = f"the obstacle {os.path.basename(split_part(placed.file)[0])}"
     low, high = near[0] - REACH, near[1] + REACH
     if isinstance(raw, RawCloud):
-        points = spatial.transform_points(placed.T_object_file, raw.echoes)
-        points = points[((points > low) & (points < high)).all(axis=1)]
-        if not len(points):
-            return None
-        vertices, triangles = cubes(points, cube_edge(points))
-        return PartSurface(name=name, vertices=vertices, triangles=triangles, solid=True)
+        return surface_of_points(name, spatial.transform_points(placed.T_object_file, raw.echoes), near)
     vertices, triangles = _merged(raw.vertices, raw.triangles)
     vertices = spatial.transform_points(placed.T_object_file, vertices)
     corners = vertices[triangles]
@@ -110,6 +107,32 @@ def obstacle_surface(placed: PlacedFile, near: Array) -> PartSurface | None:
         triangles = oriented_triangles(body)
     used, inverse = np.unique(triangles if closed else triangles[close], return_inverse=True)
     return PartSurface(name=name, vertices=vertices[used], triangles=inverse.reshape(-1, 3), solid=closed)
+
+
+def surface_of_points(name: str, points: Array, near: Array) -> PartSurface | None:
+    """The surface around cubes that points (n, 3) [m] fill; ``None`` if all are out of reach.
+
+    Args:
+        name: Name of the obstacle in sentences.
+        points: The points [m].
+        near: (2, 3) lower and upper corner of the object's bounding box [m].
+    """
+    points = points[((points > near[0] - REACH) & (points < near[1] + REACH)).all(axis=1)]
+    if not len(points):
+        return None
+    vertices, triangles = cubes(points, cube_edge(points))
+    return PartSurface(name=name, vertices=vertices, triangles=triangles, solid=True)
+
+
+def rest_of_scene(mesh: TriangleMesh, near: Array | None = None) -> PartSurface | None:
+    """What else a depth camera saw around an object; ``None`` if there is nothing.
+
+    Args:
+        mesh: The object.
+        near: (2, 3) as in :func:`surface_of_points`; by default the object's bounding box [m].
+    """
+    rest = None if mesh.scan is None else mesh.scan.rest
+    return None if rest is None else surface_of_points(REST, rest, mesh.bounds if near is None else near)
 
 
 def cube_edge(points: Array) -> float:

@@ -92,6 +92,10 @@ def read_sidecar(path: str | Path) -> Sidecar | None:
     try:
         content = read_file(file, MOST_OF_TOML, "sidecar file", refusal=ObjectError)
     except (FileNotFoundError, NotADirectoryError):
+        if file.is_symlink():
+            raise ObjectError(
+                f"{file}: this is a link to a file that does not exist; correct or remove it"
+            ) from None
         return None
     except OSError as error:
         raise EnvironmentFailure(

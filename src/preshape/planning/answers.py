@@ -7,6 +7,8 @@ from typing import TypeVar
 
 import numpy as np
 
+from ..arm.model import Arm
+from ..arm.reach import ArmReach
 from ..closure.finish import margin_of
 from ..hands.hand import Hand
 from ..hiis.analyser import Grasp, Grip
@@ -35,11 +37,13 @@ class Answer:
         hand_result: The hand's postures, or why the hand retracted.
         heaviest: Heaviest mass that the grip would still hold for this task [kg]; ``None`` for a virtual
             grasp, whose analysis has no loads.
+        arm: Whether the arm serves it, and its path; ``None`` without an arm.
     """
 
     grasp: Grasp
     hand_result: HandResult
     heaviest: float | None = None
+    arm: ArmReach | None = None
 
     @property
     def way_in(self) -> Array:
@@ -63,6 +67,25 @@ class Verified:
 
 
 @value
+class ArmOutcome:
+    """What the arm made of the answers.
+
+    Attributes:
+        arm: The arm with the hand.
+        tested: Number of answers that were tested.
+        refused: The answers that it does not serve, best first; each says why.
+        notes: What was assumed, each in one sentence.
+        seconds: Time of ``kinematics``, the inverse kinematics of all way points, and of ``total`` [s].
+    """
+
+    arm: Arm
+    tested: int
+    refused: tuple[Answer, ...]
+    notes: tuple[str, ...]
+    seconds: dict[str, float]
+
+
+@value
 class PlanRecord:
     """Everything about one run, as data; :class:`~preshape.planning.plan.Plan` also shows and saves it.
 
@@ -78,6 +101,7 @@ class PlanRecord:
         seconds: Time of ``load``, ``prepare``, ``search`` and ``total`` [s].
         warnings: What the caller should know about the request, such as an absurd density or a box out of
             reach.
+        arm: What the arm made of the answers; ``None`` without an arm.
         verified: Result of the holding test in physics; ``None`` if the request did not ask for the test.
         known: Whether the memory held an experience of this object and of this model of the hand, of any
             task and scene, before the run.
@@ -95,6 +119,7 @@ class PlanRecord:
     warnings: tuple[str, ...] = ()
     verified: Verified | None = None
     known: bool = False
+    arm: ArmOutcome | None = None
 
     @property
     def source(self) -> str:

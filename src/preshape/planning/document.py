@@ -142,6 +142,7 @@ def request_of(document: Document, **changes: Any) -> PlanRequest:
             "task": str(task["name"]) if known else [float(x) for x in task["q"]],
             "hand": hand,
             "analyser": analyser,
+            "table": None,
             "mass": FIELD_MASS if analyser == "closure" else None,
             "settings": Settings(thresholds=Thresholds(**limits)),
         }
@@ -193,6 +194,7 @@ def obstacles_of(document: Document) -> str:
     boxes = len(request.get("avoid") or ())
     parts = ["the table"] if request.get("table") is not None else []
     parts += [f"{boxes} box{'es' if boxes > 1 else ''}"] if boxes else []
+    parts += ["the rest of the scene"] if (request.get("object") or {}).get("mask") is not None else []
     files = len(request.get("obstacle") or ())
     parts += [f"{files} obstacle{'s' if files > 1 else ''}"] if files else []
     return " and ".join(parts)
@@ -248,6 +250,7 @@ def _answer(plan: PlanRecord, answer: Answer | None) -> Document:
         "grip": _grip(plan, answer.grasp) if answer else None,
         "verified": asdict(plan.verified) if plan.verified and answer is plan.answer else None,
         "cloud": _cloud(plan, answer),
+        "arm": _arm(plan, answer),
         "best": None,
         "alternatives": [],
         "offers": [
@@ -350,6 +353,40 @@ def _cloud(plan: PlanRecord, answer: Answer | None) -> Document | None:
         "contacts_seen": list(said.contacts_seen),
         "trust": said.trust,
         "sentence": said.sentence,
+    }
+
+
+def _arm(plan: PlanRecord, answer: Answer | None) -> Document | None:
+    """The arm on an answer, and what it made of all answers; ``None`` without an arm."""
+    if plan.arm is None:
+        return None
+    arm, found = plan.arm.arm, answer.arm if answer else None
+    path = None
+    if found is not None and found.reached:
+        path = {"stages": list(found.stages), "times": found.times.tolist(), "q": found.q.tolist()}
+    return {
+        "name": arm.name,
+        "tip": arm.tip,
+        "joints": list(arm.joints),
+        "status": found.status.name.lower() if found else None,
+        "reason": found.reason if found else None,
+        "path": path,
+        "limit_room": found.limit_room if found and math.isfinite(found.limit_room) and path else None,
+        "condition": found.condition if found and path else None,
+        "tested": plan.arm.tested,
+        "refused": [
+            {
+                "plane": other.grasp.plane.index,
+                "way_in": other.way_in.tolist(),
+                "score": other.grasp.judged,
+                "status": other.arm.status.name.lower(),
+                "reason": other.arm.reason,
+            }
+            for other in plan.arm.refused
+            if other.arm is not None
+        ],
+        "notes": list(plan.arm.notes),
+        "seconds": {name: round(second, 6) for name, second in plan.arm.seconds.items()},
     }
 
 

@@ -61,6 +61,7 @@ class PlannedAnswers:
             analyser=self.analyser,
             scale=instance.scale,
             mass=self.mass if self.analyser == "closure" else None,
+            table=None,
             settings=Settings(seed=instance.seed),
             rules=NONE,
         )
@@ -112,7 +113,7 @@ class PlannedPicks:
 
     def work(self, thing: PickObject) -> TaskMotion | None:
         """Motion and load of the task for an object, as in its answer."""
-        asked = PlanRequest(source=thing.name, task=self.task, hand=self.hand, scale=thing.scale, table=AUTO)
+        asked = PlanRequest(source=thing.name, task=self.task, hand=self.hand, scale=thing.scale)
         return work_of(asked, asked.load())
 
 

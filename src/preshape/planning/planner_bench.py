@@ -173,6 +173,7 @@ def plan_cases(
                     hand=hand,
                     analyser=analyser,
                     mass=mass if analyser == "closure" else None,
+                    table=None,
                     count=count,
                     learn=False,
                     settings=Settings(seed=seed),

@@ -29,7 +29,7 @@ from ..objects.checks import metres
 from ..objects.load import IN_MEMORY, load_object, stored_source
 from ..objects.mass import object_mass
 from ..objects.mesh import UP_AXES, TriangleMesh
-from ..objects.obstacle import obstacle_surface, placed_file
+from ..objects.obstacle import obstacle_surface, placed_file, rest_of_scene
 from ..objects.parts import PartSurface
 from ..objects.resting import upright
 from ..tasks import Task, parse_task, task_from_numbers
@@ -46,37 +46,35 @@ from ..types import (
     value,
     whole_number,
 )
-from .request_values import (
-    checked_boxes,
-    checked_files,
-    checked_gravity,
-    checked_parts,
-    checked_rest,
-    checked_table,
-    checked_view,
-)
+from . import request_values as values
 from .rules import FOLLOW, MODES, NONE, TaskRules, task_rules
-from .standing import Standing, lowest_point, standing
+from .standing import AUTO, DEFAULT, Standing, lowest_point, standing
 
 SCHEMA = 2
 """Version of plan.json. Version 1 is a plan without the key ``schema``; it does not contain its request."""
 ANALYSERS = ("rays", "closure")
+HAND = "shadow"
+"""The hand of a request that names none."""
 RAY_HAND = "utah_mit"
-"""The paper's hand. Its default analyser is the paper's; for every other hand the default is closure."""
+"""The paper's hand. It defaults to rays and free space, other hands to closure and a table."""
 VERIFIED = 6
 """Number of answers that are tested in physics; ``count`` if that is larger."""
 ON_CLOUDS = 8
 """Number of answers computed on a point cloud; those with contacts on seen surface are preferred."""
+BY_ARM = 12
+"""Number of answers computed for an arm, which then leaves out those that it does not reach [C]."""
 _SEARCH = (
     "torsion", "friction_share", "press_least", "press_most", "safety", "hold", "at_aim", "on_plane",
     "everywhere", "persistence", "elite", "children", "rounds", "finished", "device", "threads",
 )  # fmt: skip
 """The closure settings that belong to the search; friction, mass and obstacles belong to the request."""
+_CHOICES = ("approaches", "grasp_type", "count", "learn", "verify")
 _PLAIN = (
     "hand", "analyser", "mass", "friction", "table", "avoid", "gravity", "approaches", "count", "learn",
     "verify", "memory",
 )  # fmt: skip
 """The fields that stand in JSON as they are."""
+_ARM = ("arm", "arm_tip", "mount", "base_pose")
 _KINDS: tuple[tuple[str, Any, str], ...] = (
     ("source", str | TriangleMesh, "a file, the name of a library object, or a TriangleMesh"),
     ("hand", str | Hand, "the name of a hand, its description file, or a loaded hand"),
@@ -92,7 +90,6 @@ _KINDS: tuple[tuple[str, Any, str], ...] = (
     ("up", str | None, f"one of {', '.join(UP_AXES)}, or None for the file's own"),
 )
 """Types of fields, and what the message asks for; :class:`PlanRequest` says what they mean."""
-_REAL_HAND = "a real hand (--hand shadow, leap or allegro) or the closure analyser (--analyser closure)"
 _ALIGNED = 0.9998
 """Cosine of the angle up to which two directions are the same, 1° [C]."""
 
@@ -112,10 +109,13 @@ class PlanRequest:
             the points show the object from all sides; ``None`` reads the position from the file.
         cut_table: Whether a table in a point cloud is cut off; ``False`` keeps it as part of the object, and
             ``None`` refuses a cloud with a table.
+        mask: Which points of a scene are the object's: a file (.npy, .png), or the number of a label in an
+            NPZ file; ``None`` if all are. The other points are obstacles.
         mass: Mass of the object [kg]; ``None`` takes the object's own, or an estimate from its volume.
         friction: Friction coefficient between hand and object; ``None`` is the field's 0.6.
         table: ``auto`` for a table that the object rests on, the height of a table along ``up`` above which
-            the object is as it is modelled [m], or ``None`` for free space. Closure only.
+            the object is as it is modelled [m], or ``None`` for free space; closure only. ``default`` is
+            ``auto`` for a real hand that closure analyses, unless ``gravity`` is stated, and else ``None``.
         avoid: Boxes that the hand stays out of, six numbers each: lower and upper corner in the mesh frame
             [m]. Closure only.
         gravity: (3,) unit direction of gravity along the axes of the task; zeros mean none; ``None`` takes
@@ -140,6 +140,11 @@ class PlanRequest:
             mesh turned upright, so that z is up. ``None`` takes the file's own (y in glTF, else z).
         rest: (4,) quaternion wxyz that turns the mesh frame, as the object lies at rest on a table, to a
             world with z up; ``None`` takes the object's own, or else settles the object.
+        arm: URDF of the arm that carries the hand; answers that it does not reach are left out.
+        arm_tip: Link of the arm that carries the hand.
+        mount: (7,) Pose of the hand's root on that link, xyz [m] and wxyz; ``None`` for the link's own.
+        base_pose: (7,) Pose of the arm's base in the world, in which z is up and whose origin is that of the
+            mesh frame (``scene.T_world_object`` of the plan), xyz [m] and wxyz.
         obstacle: Meshes or point clouds that the hand stays away from by 3 mm, on its way in too: each
             ``FILE`` or ``FILE@x,y,z,qw,qx,qy,qz``, its pose in the mesh frame [m]. Closure only.
 
@@ -149,15 +154,16 @@ class PlanRequest:
 
     source: str | Path | TriangleMesh
     task: Task | str | Sequence[float]
-    hand: str | Hand = RAY_HAND
+    hand: str | Hand = HAND
     analyser: str = ""
     unit: str = "m"
     scale: float = 1.0
     view: Sequence[float] | str | None = None
     cut_table: bool | None = None
+    mask: str | Path | int | None = None
     mass: float | None = None
     friction: float | None = None
-    table: float | str | None = None
+    table: float | str | None = DEFAULT
     avoid: Sequence[Sequence[float]] = ()
     gravity: Sequence[float] | Array | None = None
     approaches: str | None = None
@@ -174,6 +180,10 @@ class PlanRequest:
     up: str | None = None
     rest: Sequence[float] | Array | None = None
     obstacle: str | Sequence[str] = ()
+    arm: str | Path | None = None
+    arm_tip: str | None = None
+    mount: Sequence[float] | None = None
+    base_pose: Sequence[float] | None = None
 
     def __post_init__(self) -> None:
         for name in ("source", "hand", "memory"):
@@ -186,55 +196,44 @@ class PlanRequest:
         if not isinstance(task, Task):
             task = parse_task(task) if isinstance(task, str) else task_from_numbers(task)
         freeze(self, task=task, analyser=analyser_of(self.analyser, self.hand))
-        freeze(self, gravity=task.gravity if self.gravity is None else checked_gravity(self.gravity))
+        rests = self.gravity is None and self.analyser == "closure" and not _is_paper_hand(self.hand)
+        freeze(self, gravity=task.gravity if self.gravity is None else values.checked_gravity(self.gravity))
         freeze(
             self,
-            table=checked_table(self.table),
-            avoid=checked_boxes(self.avoid),
-            view=checked_view(self.view),
-        )
-        freeze(self, learn=bool(self.learn), verify=bool(self.verify))
-        freeze(
-            self,
-            hold_on=checked_parts(self.hold_on, "hold_on"),
-            keep_off=checked_parts(self.keep_off, "keep_off"),
+            table=values.checked_table(self.table, AUTO if rests else None),
+            avoid=values.checked_boxes(self.avoid),
+            view=values.checked_view(self.view),
+            learn=bool(self.learn),
+            verify=bool(self.verify),
+            hold_on=values.checked_parts(self.hold_on, "hold_on"),
+            keep_off=values.checked_parts(self.keep_off, "keep_off"),
+            rest=values.checked_rest(self.rest),
+            obstacle=values.checked_files(self.obstacle),
         )
         one_of(self.rules, "rules", MODES)
-        freeze(self, rest=checked_rest(self.rest))
         if self.up is not None:
             upright(self.up)
-        freeze(self, obstacle=checked_files(self.obstacle))
+        arm = values.checked_arm(self.arm, self.arm_tip, self.mount, self.base_pose)
+        freeze(self, **dict(zip(_ARM, arm, strict=True)))
         if self.cut_table is not None:
             freeze(self, cut_table=bool(self.cut_table))
         allowed_planes(self.approaches)
         metres(self.unit, self.scale)
         freeze(self, scale=float(self.scale))
-        if isinstance(self.source, TriangleMesh) and (self.unit != "m" or self.scale != 1.0):
+        in_memory = isinstance(self.source, TriangleMesh)
+        if in_memory and (self.unit != "m" or self.scale != 1.0):
             raise InputError("a TriangleMesh is in metres at its final size: unit and scale are for files")
-        if isinstance(self.source, TriangleMesh) and self.cut_table is not None:
+        if in_memory and self.cut_table is not None:
             raise InputError("a TriangleMesh has no points to cut off: cut_table is for files of points")
+        if self.mask is not None:
+            freeze(self, mask=values.checked_mask(self.mask, self.source, self.cut_table))
         one_of(self.grasp_type, "grasp type", GRASP_TYPES)
         freeze(self, count=whole_number(self.count, "count, the number of answers,", 1))
         for name in ("mass", "friction"):
             if (given := getattr(self, name)) is not None:
                 freeze(self, **{name: positive_number(given, name)})
         if self.analyser == "rays":
-            self._refuse_what_rays_ignore()
-
-    def _refuse_what_rays_ignore(self) -> None:
-        """Refuse obstacles and loads for the ray analyser, which would ignore them without notice."""
-        if self.table is not None or self.avoid or self.obstacle:
-            raise InputError(
-                f"a table, boxes to avoid and obstacles need {_REAL_HAND}; the analyser of {self.hand_name} "
-                "here is rays"
-            )
-        if self.grasp_type != "any":
-            raise InputError(f"a grasp type needs {_REAL_HAND}; {self.hand_name} is analysed by rays here")
-        if not self.verify and (self.stated_mass is not None or not self._usual_friction):
-            raise InputError(
-                f"friction and mass need {_REAL_HAND}, or a test in physics (--verify); "
-                f"the analyser of {self.hand_name} here is rays"
-            )
+            values.refuse_what_rays_ignore(self)
 
     @property
     def asked(self) -> Task:
@@ -264,7 +263,12 @@ class PlanRequest:
         if isinstance(self.source, TriangleMesh):
             return self.source
         return load_object(
-            self.source, unit=self.unit, scale=self.scale, view=self.view, cut_table=self.cut_table
+            self.source,
+            unit=self.unit,
+            scale=self.scale,
+            view=self.view,
+            cut_table=self.cut_table,
+            mask=None if self.mask is None else str(self.mask),
         )
 
     @property
@@ -278,7 +282,8 @@ class PlanRequest:
         return self.search.friction if self.friction is None else self.friction
 
     @property
-    def _usual_friction(self) -> bool:
+    def usual_friction(self) -> bool:
+        """Whether the friction is the field's 0.6."""
         # The float32 of 0.6 counts as the float64.
         return abs(self.stated_friction - FRICTION) < 1e-6
 
@@ -314,14 +319,20 @@ class PlanRequest:
         boxes = np.array(self.avoid, dtype=np.float64).reshape(-1, 2, 3)
         return Obstacles(planes=np.zeros((0, 4)) if table is None else table[None], boxes=boxes)
 
-    def obstacle_surfaces(self, mesh: TriangleMesh) -> tuple[PartSurface, ...]:
-        """The obstacles from files, as far as the hand can come near them.
+    def obstacle_surfaces(self, mesh: TriangleMesh, beyond: float = 0.0) -> tuple[PartSurface, ...]:
+        """The obstacles from files, and the rest of the object's scene, as far as the hand can come near.
+
+        Args:
+            mesh: The object.
+            beyond: Distance beyond the hand's reach within which they count, too [m].
 
         Raises:
             ObjectError: A file cannot be used.
             EnvironmentFailure: A file cannot be read.
         """
-        found = (obstacle_surface(placed_file(text), mesh.bounds) for text in self.obstacle)
+        near = mesh.bounds + np.array([[-beyond], [beyond]])
+        found = [obstacle_surface(placed_file(text), near) for text in self.obstacle]
+        found += [rest_of_scene(mesh, near)] if self.analyser == "closure" else []
         return tuple(surface for surface in found if surface is not None)
 
     def rules_for(self, mesh: TriangleMesh) -> TaskRules:
@@ -368,7 +379,7 @@ class PlanRequest:
         stated, own = self.stated_mass, object_mass(mesh).kg
         if stated is not None and abs(stated - own) > 0.01 * own:
             load = [f"load {stated:.3g} kg"]
-        if not self._usual_friction:
+        if not self.usual_friction:
             load.append(f"friction {self.stated_friction:.3g}")
         centre = [*mesh.cog.tolist(), *mesh.cog.tolist()]
         corners = sorted(
@@ -389,8 +400,8 @@ class PlanRequest:
 
     def wanted(self, mesh: TriangleMesh) -> int:
         """Number of answers to compute; physics, or the seen part of a cloud, selects among them."""
-        chosen_from = [self.count, VERIFIED if self.verify else 0, ON_CLOUDS if mesh.scan is not None else 0]
-        return max(chosen_from)
+        scan = mesh.scan is not None
+        return max(self.count, VERIFIED * self.verify, ON_CLOUDS * scan, BY_ARM * (self.arm is not None))
 
     def closure(self, mesh: TriangleMesh, mass: float) -> ClosureSettings:
         """The settings of the closure analyser for this request.
@@ -413,15 +424,16 @@ class PlanRequest:
 
     def to_json(self) -> dict[str, Any]:
         """The request as plain JSON values; :meth:`from_json` gives the same request back."""
-        s, view = self.settings, self.view
+        s = self.settings
         source, scale = stored_source(self.source)
         return {
             "object": {
                 "source": source,
                 "unit": self.unit,
                 "scale": self.scale * scale,
-                "view": list(view) if isinstance(view, tuple) else view,
+                "view": _listed(self.view),
                 "cut_table": self.cut_table,
+                "mask": self.mask,
             },
             "task": task_to_json(self.asked),
             "hand": self.hand_name,
@@ -431,11 +443,7 @@ class PlanRequest:
             "table": self.table,
             "avoid": [list(box) for box in self.avoid],
             "gravity": np.asarray(self.gravity).tolist(),
-            "approaches": self.approaches,
-            "grasp_type": self.grasp_type,
-            "count": self.count,
-            "learn": self.learn,
-            "verify": self.verify,
+            **{name: getattr(self, name) for name in _CHOICES},
             "seed": s.seed,
             "thresholds": {"estimation": s.thresholds.estimation, "recognition": s.thresholds.recognition},
             "sets": {"corners": s.sets.corners.tolist(), "shape": s.sets.shape},
@@ -443,12 +451,11 @@ class PlanRequest:
             "coefficients": {f.name: getattr(s.coefficients, f.name) for f in fields(s.coefficients)},
             "search": {name: getattr(self.search, name) for name in _SEARCH},
             "memory": self.memory,
-            "hold_on": list(self.hold_on),
-            "keep_off": list(self.keep_off),
+            **{name: _listed(getattr(self, name)) for name in ("hold_on", "keep_off")},
             "rules": self.rules,
             "up": self.up,
             "rest": None if self.rest is None else np.asarray(self.rest).tolist(),
-            "obstacle": list(self.obstacle),
+            **{name: _listed(getattr(self, name)) for name in ("obstacle", *_ARM)},
         }
 
     @classmethod
@@ -476,7 +483,7 @@ class PlanRequest:
             )
             read: dict[str, Any] = {
                 **{name: thing[name] for name in ("source", "unit", "scale", "view")},
-                "cut_table": thing.get("cut_table"),
+                **{name: thing.get(name) for name in ("cut_table", "mask")},
                 "task": task_from_json(data["task"]),
                 "settings": settings,
                 "search": ClosureSettings(**{name: data["search"][name] for name in _SEARCH}),
@@ -486,7 +493,7 @@ class PlanRequest:
             # Plans from before there were rules were made without any.
             read |= {name: data.get(name, ()) for name in ("hold_on", "keep_off", "obstacle")}
             read["rules"] = data.get("rules", NONE)
-            read |= {name: data.get(name) for name in ("up", "rest")}
+            read |= {name: data.get(name) for name in ("up", "rest", *_ARM)}
         except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
             raise InputError(
                 f"this is no request of preshape ({type(error).__name__}: {error!s:.80}); "
@@ -501,6 +508,11 @@ class PlanRequest:
         return cls(**(read | changes))
 
 
+def _listed(field: Any) -> Any:
+    """A tuple as a list, and anything else as it is."""
+    return list(field) if isinstance(field, tuple) else field
+
+
 def analyser_of(analyser: str | None, hand: str | Hand) -> str:
     """Name of the analyser to use.
 
@@ -511,6 +523,9 @@ def analyser_of(analyser: str | None, hand: str | Hand) -> str:
     Raises:
         InputError: There is no analyser of that name.
     """
-    name = hand.removesuffix(":right") if isinstance(hand, str) else hand.name
-    chosen = analyser or ("rays" if name == RAY_HAND else "closure")
+    chosen = analyser or ("rays" if _is_paper_hand(hand) else "closure")
     return one_of(chosen, "analyser", ANALYSERS)
+
+
+def _is_paper_hand(hand: str | Hand) -> bool:
+    return (hand.removesuffix(":right") if isinstance(hand, str) else hand.name) == RAY_HAND

@@ -10,20 +10,23 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
-from typing import TYPE_CHECKING, Any, Self
+from typing import Any, Self
 
+from ..arm.model import Arm
 from ..closure.contact_places import part_mesh
 from ..closure.rules import KEEP_OFF
 from ..exceptions import Cancelled, EnvironmentFailure, InputError, shown
 from ..files import file_place, file_state
 from ..hands.hand import Hand
-from ..hands.load import load_hand
+from ..hands.load import is_description, is_model, load_hand
 from ..hiis.analyser import Analyser, Grasp
 from ..hiis.controller import Controller
 from ..hiis.critic import of_this_object
 from ..hiis.decision import Decision
+from ..hiis.planes import AXIS_NAMES
 from ..memory import Memory, default_path
 from ..objects.load import split_part
 from ..objects.mass import ObjectMass, object_mass
@@ -33,19 +36,21 @@ from ..objects.sidecar import sidecar_path
 from ..tasks import Task
 from ..types import an_instance, value
 from .answers import Answer, seen_first
+from .arm import arm_of, failed_axes, with_arm
 from .controllers import closure_controller, layout_of, ray_controller
 from .hand_simulation import execute
 from .plan import Plan
 from .request import PlanRequest
-from .sizes import out_of_reach, refuse_absurd_size
-
-if TYPE_CHECKING:
-    pass
+from .sizes import misplaced_obstacles, out_of_reach, refuse_absurd_size
 
 Progress = Callable[[str, float], None]
 """Called with the name of the current step and the total progress in percent."""
 Partial = Callable[[Plan], None]
 """Called with the plan so far: first with the answer alone, then with each further answer."""
+
+
+ARM_ROUNDS = 2
+"""Further searches along other approaches if the arm serves no answer [C]."""
 
 
 @value
@@ -64,6 +69,7 @@ class Prepared:
         seconds: Time of ``load`` and ``prepare`` [s].
         known: Whether the memory holds an experience of this object (5 % of scale) and of this model of the
             hand, of any task and scene.
+        arm: The arm with the hand; ``None`` without one.
     """
 
     request: PlanRequest
@@ -76,6 +82,7 @@ class Prepared:
     warnings: tuple[str, ...]
     seconds: dict[str, float]
     known: bool
+    arm: Arm | None = None
 
 
 class Session:
@@ -110,11 +117,12 @@ class Session:
         # The path as it was given: a link in it may later lead to another file.
         self._file = Path(default_path() if memory is None else str(memory)).expanduser().absolute()
         self._place = file_place(self._file)
-        self._progress, self._cancel = progress, cancel
+        self.progress, self._cancel = progress, cancel
         self._hand: Hand | None = None
         self._mesh: tuple[Any, TriangleMesh] | None = None
         self._controller: tuple[Any, Controller] | None = None
         self._element: tuple[Any, Analyser] | None = None
+        self._arm: tuple[Any, Arm] | None = None
 
     def __enter__(self) -> Self:
         return self
@@ -150,10 +158,11 @@ class Session:
         self._tell("reading object, task and hand", 5)
         self._open_again()
         hand, mesh = self.hand(request), self.mesh(request)
+        arm = self.arm(request, hand)
         refuse_absurd_size(mesh, hand)
         mass = object_mass(mesh, request.stated_mass)
         warnings = [*mesh.notes, *([mass.warning] if mass.warning else [])]
-        warnings += out_of_reach(request, mesh, hand)
+        warnings += [*out_of_reach(request, mesh, hand), *misplaced_obstacles(request, mesh)]
         stands = request.standing(mesh)
         warnings += [f"{mesh.name} {stands.warning}"] if stands.warning else []
         loaded = time.perf_counter()
@@ -175,6 +184,7 @@ class Session:
             warnings=tuple(warnings),
             seconds={"load": loaded - start, "prepare": time.perf_counter() - loaded},
             known=bool(of_this_object(controller.knowledge.own, mesh)),
+            arm=arm,
         )
 
     def run(self, request: PlanRequest, *, partial: Partial | None = None) -> Plan:
@@ -204,10 +214,13 @@ class Session:
         )
         # A deadlock concerns this request only, not the next one.
         ready.controller.reset()
-        chosen_later = ready.mesh.scan is not None or request.verify
+        chosen_later = ready.mesh.scan is not None or request.verify or ready.arm is not None
         plan = self._executed(ready, decision, started, None if chosen_later else partial)
+        keep = request.count if not request.verify else wanted
         if ready.mesh.scan is not None:
-            plan = seen_first(plan, keep=request.count if not request.verify else wanted)
+            plan = seen_first(plan, keep=keep if ready.arm is None else wanted)
+        if ready.arm is not None:
+            plan = self._on_arm(ready, ready.arm, plan, keep=keep, started=started)
         if request.verify:
             from .verify import verified_plan
 
@@ -248,6 +261,23 @@ class Session:
         ready.controller.reset()
         return self._executed(ready, decision, started, None)
 
+    def inputs(self, request: PlanRequest) -> tuple[Any, ...] | None:
+        """A value that changes whenever the answer to a request may: the state of memory and files.
+
+        Returns:
+            The value, or ``None`` if the answer also depends on files that the request does not name.
+        """
+        self._open_again()
+        path = split_part(request.object_name)[0].lower()
+        if (
+            is_model(request.hand_name)
+            or is_description(request.hand_name)
+            or path.endswith((".gltf", ".glb"))
+        ):
+            return None
+        place, thing = (*(self._place or ()), *self.memory.state()), _file_key(request)
+        return (*place, *thing, *_obstacle_states(request))
+
     def hand(self, request: PlanRequest) -> Hand:
         """The request's hand."""
         if isinstance(request.hand, Hand):
@@ -260,6 +290,15 @@ class Session:
         if last is None or last.source != hand.source or digest(last, "") != digest(hand, ""):
             self._hand = last = hand
         return last
+
+    def arm(self, request: PlanRequest, hand: Hand) -> Arm | None:
+        """The request's arm with the hand on it; the last one is used again if its file has not changed."""
+        if request.arm is None:
+            return None
+        key = (file_state(request.arm), request.arm, request.arm_tip, request.mount, hand)
+        if self._arm is None or self._arm[0] != key:
+            self._arm = key, arm_of(request, hand)
+        return self._arm[1]
 
     def mesh(self, request: PlanRequest) -> TriangleMesh:
         """The request's object [m]."""
@@ -309,6 +348,43 @@ class Session:
         assert plan is not None
         return plan
 
+    def _on_arm(self, ready: Prepared, arm: Arm, plan: Plan, *, keep: int, started: float) -> Plan:
+        """The plan with the answers that the arm serves; if it serves none, other approaches are searched.
+
+        The further searches teach nothing: a lesson that was restricted to some approaches would mislead
+        plans without an arm.
+        """
+        request = ready.request
+        self._tell(f"the arm {arm.name} tries the answers", 90 if not request.verify else 40)
+        plan = with_arm(plan, arm, keep=keep)
+        for _ in range(ARM_ROUNDS):
+            assert plan.arm is not None
+            allowed = set((request.approaches or ",".join(AXIS_NAMES)).replace(" ", "").split(","))
+            rest = sorted(allowed - failed_axes(plan.arm.refused))
+            if plan.answer is not None or not plan.arm.tested or not rest:
+                break
+            self._tell(f"the arm reaches none: looking for grasps along {', '.join(rest)}", 92)
+            decision = ready.controller.run(
+                ready.element,
+                ready.task,
+                approaches=",".join(rest),
+                count=request.wanted(ready.mesh),
+                may_learn=False,
+            )
+            ready.controller.reset()
+            if decision.grasp is None:
+                break
+            further = replace(self._executed(ready, decision, started, None), arm=plan.arm)
+            if ready.mesh.scan is not None:
+                further = seen_first(further, keep=request.wanted(ready.mesh))
+            further = with_arm(further, arm, keep=keep)
+            if further.answer is None:
+                further = replace(
+                    further, best=plan.best, decision=replace(further.decision, best=plan.decision.best)
+                )
+            plan = further
+        return plan
+
     def _answer(self, ready: Prepared, grasp: Grasp) -> Answer:
         off = [part_mesh(part) for part in ready.request.rules_for(ready.mesh).contact.keep_off]
         seed = ready.request.settings.seed
@@ -348,16 +424,16 @@ class Session:
     def _tell(self, words: str, share: float) -> None:
         if self._cancel is not None and self._cancel.is_set():
             raise Cancelled("cancelled; everything that was acknowledged is kept")
-        if self._progress is not None:
-            self._progress(words, share)
+        if self.progress is not None:
+            self.progress(words, share)
 
 
 def _file_key(request: PlanRequest) -> tuple[Any, ...]:
     """Key of a loaded object in the cache; with a new file or a new sidecar it is another object."""
     source = str(request.source)
     path = split_part(source)[0]
-    state = file_state(path), file_state(sidecar_path(path))
-    return source, request.unit, request.scale, request.view, request.cut_table, state
+    state = tuple(file_state(file) for file in (path, sidecar_path(path), str(request.mask or "")))
+    return source, request.unit, request.scale, request.view, request.cut_table, request.mask, state
 
 
 _ELEMENT_KEYS = (
@@ -371,6 +447,10 @@ def _element_key(request: PlanRequest, hand: Hand, mesh: TriangleMesh, mass: Obj
     """Key of controller and analyser in the cache: everything they depend on besides the object."""
     document, rules = request.to_json(), request.rules_for(mesh).key
     wanted = (request.wanted(mesh), request.count > 1) if request.analyser == "closure" else 0
-    # The file of an obstacle may have changed under its name.
-    files = [repr(file_state(split_part(placed_file(text).file)[0])) for text in request.obstacle]
-    return (hand, mass.kg, wanted, rules, *(repr(document[name]) for name in _ELEMENT_KEYS), *files)
+    values = (repr(document[name]) for name in _ELEMENT_KEYS)
+    return (hand, mass.kg, wanted, rules, *values, *_obstacle_states(request))
+
+
+def _obstacle_states(request: PlanRequest) -> list[str]:
+    """The states of the files of obstacles, which may change under their names."""
+    return [repr(file_state(split_part(placed_file(text).file)[0])) for text in request.obstacle]

@@ -1,13 +1,15 @@
-"""What is out of the hand's reach: objects of absurd size, as files in another unit have, and far boxes."""
+"""What is out of place: objects of absurd size, as files in another unit have, and misplaced obstacles."""
 
 from __future__ import annotations
 
 import numpy as np
 
+from ..closure.contact_places import PartQuery
 from ..exceptions import ObjectError
 from ..hands.hand import Hand
 from ..objects.checks import in_millimetres, other_units
 from ..objects.mesh import TriangleMesh
+from ..objects.obstacle import REACH, obstacle_surface, placed_file
 from ..types import LENGTH_UNIT
 from .hand_simulation import hand_geometry
 from .request import PlanRequest
@@ -19,6 +21,12 @@ TOO_LARGE = 3.0
 LEAST_FITTING, MOST_FITTING = 0.5, 2.0
 """Least and greatest largest extent of an object in the right unit, as shares of a fingertip's width and of
 4U [C]. A hand holds objects that are somewhat longer than its reach."""
+OVERLAPS = 0.2
+"""An obstacle in which more than this share of the object's surface lies is not beside the object [C]. Cubes
+around points of a table reach into what stands on it, but not that far."""
+BELOW = 0.0005
+"""Depth under the surface of the points that decide whether an obstacle overlaps the object [m] [C]."""
+_POINTS = 500
 
 
 def refuse_absurd_size(mesh: TriangleMesh, hand: Hand) -> None:
@@ -62,5 +70,31 @@ def out_of_reach(request: PlanRequest, mesh: TriangleMesh, hand: Hand) -> list[s
             words.append(
                 f'the box to avoid "{numbers}" is {1000 * distance:.0f} mm from the object, out of the '
                 f"hand's reach of {1000 * reach:.0f} mm; it changes nothing (boxes are in metres, mesh frame)"
+            )
+    return words
+
+
+def misplaced_obstacles(request: PlanRequest, mesh: TriangleMesh) -> list[str]:
+    """A warning for each obstacle from a file that is too far away to count, or that overlaps the object.
+
+    Raises:
+        ObjectError: A file cannot be used.
+        EnvironmentFailure: A file cannot be read.
+    """
+    every = max(1, len(mesh.triangles) // _POINTS)
+    inside = (mesh.corners.mean(axis=1) - BELOW * mesh.normals)[::every]
+    words = []
+    for text in request.obstacle:
+        surface = obstacle_surface(placed_file(text), mesh.bounds)
+        name = placed_file(text).file
+        if surface is None:
+            words.append(
+                f"the obstacle {name} is more than {1000 * REACH:.0f} mm from the object; it changes nothing "
+                "(its pose is in metres, in the mesh frame)"
+            )
+        elif (share := float(PartQuery(surface).nearer(inside, 0.1 * BELOW).mean())) > OVERLAPS:
+            words.append(
+                f"{share:.0%} of the object's surface lies in the obstacle {name}: leave the object out of "
+                "the file, or correct the pose (FILE@x,y,z,qw,qx,qy,qz)"
             )
     return words

@@ -27,6 +27,8 @@ from ..types import Array, value
 
 AUTO = "auto"
 """Value of ``table`` that means a table that the object rests on."""
+DEFAULT = "default"
+"""Value of ``table`` that leaves the choice between ``auto`` and free space to hand and analyser."""
 TURNED = math.radians(5.0)
 """An object that would settle by at most this angle is planned for as it is modelled [C]."""
 _LIFT, _SAME = "lift:+z", 1e-6

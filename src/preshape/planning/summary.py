@@ -56,7 +56,8 @@ def summary(document: Document, *, explain: bool = False) -> RenderableType:
             parts += ["", Text(words.QUALITY)]
         if explain or not answer["grip"]:
             parts += ["", _indices(answer), "", _match(document, answer)]
-    parts += [Text(f"! {warning}", style="yellow") for warning in (answer or document)["warnings"]]
+    notes = [*(answer or document)["warnings"], *(document["arm"] or {"notes": ()})["notes"]]
+    parts += [Text(f"! {note}", style="yellow") for note in notes]
     parts += ["", _why(document)]
     if document["offers"]:
         parts += ["", _offers(document)]
@@ -122,6 +123,8 @@ def _answer(answer: Document) -> Table:
         text = Text("reached: " if reached else "retracted: ", style="green" if reached else "red")
         text.append(hand["reason"], style="default")
         rows = [("way in", way), ("fingers", fingers), ("hand", text)]
+    if arm := words.arm_words(answer):
+        rows.append(("arm", Text(arm, style="" if answer["arm"]["path"] else "red")))
     if hand["grasp"] is not None:
         x, y, z = (1000 * x for x in hand["grasp"]["palm_pose"][:3])
         rows.append(("palm", f"at {x:.0f}, {y:.0f}, {z:.0f} mm in the object's frame"))

@@ -185,6 +185,7 @@ def study(
             analyser="closure",
             scale=scale,
             mass=FIELD_MASS,
+            table=None,
             rules=NONE,
             settings=Settings(seed=seed, thresholds=Thresholds(estimation=threshold)),
             search=closure or ClosureSettings(finished=4),

@@ -274,6 +274,7 @@ def _planned(mesh: TriangleMesh, hand: Hand, run: CloudRun, memory: Memory, *, c
         hand=hand,
         analyser="closure",
         mass=FIELD_MASS,
+        table=None,
         memory=memory,
         learn=False,
         seed=run.seed,

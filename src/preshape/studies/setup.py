@@ -136,7 +136,9 @@ class Setup:
         """
         settings = settings or Settings(seed=self.seed)
         mesh = self.cube if source == CUBE else source
-        return PlanRequest(source=mesh, task=task, hand=self.hand, scale=scale, settings=settings, rules=NONE)
+        return PlanRequest(
+            source=mesh, task=task, hand=self.hand, scale=scale, settings=settings, table=None, rules=NONE
+        )
 
     def prepare(
         self, system: Session, source: str | TriangleMesh, task: Task = Q1, **options: Any

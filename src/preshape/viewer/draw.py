@@ -38,7 +38,7 @@ GROUPS = {
     "forces": "Contact forces",
     "net": "Net wrench",
     "task": "Task screw",
-    "scene": "Table and boxes to avoid",
+    "scene": "Table and obstacles",
     "hand": "Hand",
 }
 """Display name of each group of solids; the key is the first part of the solids' names."""
@@ -63,7 +63,7 @@ def draw_plan(scene: PlanScene, canvas: Canvas, *, selected: int | None = None) 
         if group not in ("hand", "object"):
             canvas.remove(group)
     _frame(scene, canvas)
-    draw_scenery(scene.table, scene.boxes, scene, canvas)
+    draw_scenery(scene, canvas)
     for entry in scene.planes:
         draw_card(scene, canvas, entry, selected=entry.index == selected)
     _axes(scene, canvas)
@@ -116,31 +116,28 @@ def draw_card(scene: PlanScene, canvas: Canvas, entry: PlaneCard, *, selected: b
     canvas.label(f"planes/{entry.index}/number", str(entry.index), centre + 1.25 * v)
 
 
-def draw_scenery(table: float | None, boxes: Array, scene: PlanScene, canvas: Canvas) -> None:
-    """Draw the table and the boxes to avoid; an earlier drawing is replaced.
-
-    Args:
-        table: Height of the table along up [m]; ``None`` without a table.
-        boxes: (k, 2, 3) Lower and upper corners [m].
-        scene: The plan, whose object gives the size of the table that is drawn.
-        canvas: The canvas.
-    """
+def draw_scenery(scene: PlanScene, canvas: Canvas) -> None:
+    """Draw the table and what the hand avoids; an earlier drawing is replaced."""
     canvas.remove("scene")
     size = scene.size
-    if table is not None:
+    if scene.table is not None:
         R = turned_up(scene.up)
         at = scene.mesh.bounds if np.array_equal(R, np.eye(3)) else scene.mesh.vertices @ R.T
         low, high = at.min(axis=0), at.max(axis=0)
-        centre = np.array([*(low + high)[:2] / 2, table]) @ R
+        centre = np.array([*(low + high)[:2] / 2, scene.table]) @ R
         half = (high - low)[:2] / 2 + 0.8 * size
         sides = half[0] * R[0], half[1] * R[1]
         canvas.solid("scene/table", card(centre, *sides, TABLE, alpha=0.4))
         canvas.solid("scene/table-edge", card_border(centre, *sides, 0.006 * size, TABLE))
         canvas.label("scene/table-name", "table", centre + sides[0] - sides[1])
-    for i, (low, high) in enumerate(boxes, start=1):
+    for i, (low, high) in enumerate(scene.boxes, start=1):
         solid = replace(box((low + high) / 2, (high - low) / 2, None, AVOID), alpha=0.25)
         canvas.solid(f"scene/box {i}", solid)
         canvas.label(f"scene/box {i}-name", f"box {i}", (low + high) / 2)
+    for i, body in enumerate(scene.obstacles, start=1):
+        solid = Shape(vertices=body.vertices, triangles=body.triangles, colour=AVOID, alpha=0.35)
+        canvas.solid(f"scene/obstacle {i}", solid)
+        canvas.label(f"scene/obstacle {i}-name", body.name, body.vertices.mean(axis=0))
 
 
 def _frame(scene: PlanScene, canvas: Canvas) -> None:

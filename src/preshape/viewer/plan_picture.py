@@ -117,9 +117,11 @@ def _space(sheet: Sheet, scene: PlanScene) -> None:
         return np.asarray(project(camera, point[None], size)[0] / sheet.scale)
 
     pins = _pins(scene)
-    middles = [box.mean(axis=0) for box in scene.boxes]  # they may lie outside the picture
-    within = [middle for middle in middles if (abs(at(middle) / (SPACE_WIDTH, HEIGHT) - 0.5) < 0.5).all()]
-    pins += [("box to avoid", middle, AVOID) for middle in within]
+    avoided = [("box to avoid", box.mean(axis=0)) for box in scene.boxes]
+    avoided += [(body.name, body.vertices.mean(axis=0)) for body in scene.obstacles]
+    for name, middle in avoided:
+        if (abs(at(middle) / (SPACE_WIDTH, HEIGHT) - 0.5) < 0.5).all():  # it may lie outside the picture
+            pins.append((name, middle, AVOID))
     seen = visible(shapes, camera, np.array([point for _, point, _ in pins]).reshape(-1, 3))
     labels = [
         Label(text=text, anchor=at(point), colour=colour, hidden=not clear)
@@ -142,7 +144,7 @@ def _space(sheet: Sheet, scene: PlanScene) -> None:
 
 
 def _shapes(scene: PlanScene) -> tuple[list[Shape], list[Shape]]:
-    """The solids of the grasp, which the picture must contain, and the solids of table and boxes."""
+    """The solids of the grasp, which the picture must contain, and the solids of table and obstacles."""
     canvas = recorded(scene)
     solids = [(group_of(name), shape) for name, shape in canvas.solids.items()]
     grasp = [shape for group, shape in solids if group in SHOWN and group != "scene"]

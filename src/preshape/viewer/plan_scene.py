@@ -9,6 +9,7 @@ import numpy as np
 from ..exceptions import InputError
 from ..hands.kinematics import LinkShape
 from ..objects.mesh import TriangleMesh
+from ..objects.parts import PartSurface
 from ..objects.resting import turned_up
 from ..types import Array, freeze, frozen_array, value
 from .colours import APPROACH, FAINT
@@ -76,6 +77,7 @@ class PlanScene:
         table: Height of the table along ``up`` [m]; ``None`` in free space.
         up: (3,) Unit vector that is up in the picture.
         boxes: (k, 2, 3) Lower and upper corners of the boxes that the hand must avoid [m].
+        obstacles: Surfaces of the other things that it must avoid.
         hand: Links of the hand at their poses.
         planes: All approach planes, for the overview.
 
@@ -109,6 +111,7 @@ class PlanScene:
     table: float | None = None
     up: Array = field(default_factory=lambda: np.array([0.0, 0.0, 1.0]))
     boxes: Array = field(default_factory=lambda: np.zeros((0, 2, 3)))
+    obstacles: tuple[PartSurface, ...] = ()
     hand: tuple[LinkShape, ...] = ()
     planes: tuple[PlaneCard, ...] = ()
 

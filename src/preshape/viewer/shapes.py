@@ -123,12 +123,15 @@ def card(centre: ArrayLike, u: ArrayLike, v: ArrayLike, colour: Colour, *, alpha
 
 
 def card_border(centre: ArrayLike, u: ArrayLike, v: ArrayLike, radius: float, colour: Colour) -> Shape:
-    """The border of :func:`card`, with ``u`` and ``v`` along coordinate axes, as four thin rods."""
+    """The border of :func:`card`, whose ``u`` and ``v`` are at right angles, as four thin rods."""
     centre, u, v = (np.asarray(a, dtype=np.float64) for a in (centre, u, v))
+    lengths = np.array([np.linalg.norm(u), np.linalg.norm(v), radius])
+    axes = np.array([u / lengths[0], v / lengths[1], np.cross(u, v) / (lengths[0] * lengths[1])]).T
     rods = []
-    for offset, along in ((u, v), (-u, v), (v, u), (-v, u)):
-        half = np.abs(along) + radius * (along == 0)
-        rods.append(box(centre + offset, half, None, colour))
+    for offset, along in ((u, 1), (-u, 1), (v, 0), (-v, 0)):
+        half = np.full(3, radius)
+        half[along] = lengths[along]
+        rods.append(box(centre + offset, half, axes, colour))
     return replace(join(rods), lit=False)
 
 

@@ -265,6 +265,24 @@ def mass_words(answer: Document) -> str:
     return words if most is None else f"{words}; this grip holds up to {most:.2g} kg at its strongest press"
 
 
+def arm_words(answer: Document) -> str:
+    """What the arm makes of an answer; empty without an arm.
+
+    >>> arm_words({"arm": {"name": "ur5", "status": "collision", "reason": "it would hit the table"}})
+    'ur5 does not reach it: it would hit the table'
+    """
+    arm = answer.get("arm")
+    if not arm or arm["status"] is None:
+        return ""
+    if not arm["path"]:
+        return f"{arm['name']} does not reach it: {arm['reason']}"
+    room = (
+        "" if arm["limit_room"] is None else f"{math.degrees(arm['limit_room']):.0f}° from its joint limits, "
+    )
+    seconds = arm["path"]["times"][-1]
+    return f"{arm['name']} reaches it: {room}condition {arm['condition']:.0f}, {seconds:.1f} s on its way"
+
+
 def scene_words(document: Document) -> str:
     """Friction, table, boxes and allowed approaches used in planning; empty if planning used none of them."""
     request = document.get("request") or {"friction": FRICTION}
@@ -280,6 +298,8 @@ def scene_words(document: Document) -> str:
             words.append(f"table {height}{_turned(document.get('scene') or {})}")
         if boxes:
             words.append(f"{boxes} box{'es' if boxes > 1 else ''} to avoid")
+    if (request.get("object") or {}).get("mask") is not None:
+        words.append("the rest of the scene in the way")
     if request.get("obstacle"):
         words += [f"obstacle {text.replace(chr(92), '/').rpartition('/')[2]}" for text in request["obstacle"]]
     if request.get("approaches"):
@@ -305,8 +325,8 @@ def _turned(scene: Document) -> str:
     """How the object lies at rest, if it is turned from how it is modelled."""
     if float(scene.get("turned", 0.0)) < TURNED:
         return ""
-    x, y, z = scene["up"]
-    return f", on which it lies turned by {scene['turned']:.0f}°: up is {x:.2g}, {y:.2g}, {z:.2g}"
+    up = ", ".join(f"{round(x, 2) + 0.0:g}" for x in scene["up"])
+    return f", on which it lies turned by {scene['turned']:.0f}°: up is {up}"
 
 
 def _angle(a: Sequence[float], b: Sequence[float]) -> float:

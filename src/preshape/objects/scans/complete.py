@@ -49,6 +49,7 @@ def complete(
     camera: Sequence[float] | Array | str | None = None,
     *,
     cut_table: bool | None = None,
+    table: Array | None = None,
 ) -> Completed:
     """Make a closed surface from points.
 
@@ -61,22 +62,23 @@ def complete(
             points count as seen from all sides.
         cut_table: Whether a table in the cloud is cut off; ``False`` keeps it as part of the object, and
             ``None`` refuses it.
+        table: (4,) plane of a table that is known, as in :class:`Scan`; no guess reaches below it.
 
     Raises:
         ObjectError: The points do not make one body: too few points, two objects, all points on a plane, or a
             table with the object on it.
         InputError: The camera is among the points, or cannot have seen them.
     """
-    points, table = cloud.echoes, None
+    points = cloud.echoes
     check_enough(name, len(points), "points")
-    if cut_table is not False:
+    if table is None and cut_table is not False:
         points, table = _without_table(name, points, cut=cut_table is True)
     place = _camera(name, points, cloud, camera)
     clean = cleaned(name, points, place)
     if place is None:
         made = _from_all_round(name, len(points), clean)
     else:
-        made = _from_one_side(name, len(points), clean, place)
+        made = _from_one_side(name, len(points), clean, place, table)
     return replace(made, scan=replace(made.scan, table=table))
 
 
@@ -124,12 +126,17 @@ def _camera(
     )
 
 
-def _from_one_side(name: str, count: int, points: Array, camera: Array) -> Completed:
+def _from_one_side(name: str, count: int, points: Array, camera: Array, table: Array | None) -> Completed:
     sight = sight_of(points, camera)
     found = symmetries(sight, points)
     far = np.concatenate([points, *(one.apply(points) for one in found)])
     grid = grid_round(far)
-    vertices, triangles = zero_surface(lambda nodes: solid(sight, found, nodes), grid)
+
+    def inside(nodes: Array) -> Array:
+        guessed = solid(sight, found, nodes)
+        return guessed if table is None else np.maximum(guessed, table[3] - nodes @ table[:3])
+
+    vertices, triangles = zero_surface(inside, grid)
     kinds = {"mirror": "a mirror plane", "turn": "an axis", "point": "a centre"}
     named = [kinds[kind] for kind in dict.fromkeys(one.kind for one in found)]
     guess = f"guessed by symmetry about {' and '.join(named)}"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ...exceptions import InputError
-from ...types import Array, BoolArray, freeze, frozen_array, read_only, value
+from ...types import Array, BoolArray, IntArray, freeze, frozen_array, read_only, value
 
 
 @value
@@ -15,10 +15,12 @@ class RawCloud:
     Attributes:
         points: (n, 3) positions in the file's unit; rows of NaN, or of zeros, are pixels without an echo.
         camera: (3,) position of the camera that the file names, or ``None``.
+        labels: (n,) number of what each point shows, or ``None``.
     """
 
     points: Array
     camera: Array | None = None
+    labels: IntArray | None = None
 
     def __post_init__(self) -> None:
         points = np.array(self.points, dtype=np.float64)
@@ -43,6 +45,7 @@ class Scan:
         guess: How the rest was guessed, for display.
         table: (4,) the table that was cut off, as unit normal, which is up, and offset d of the plane n·x = d
             [m]; ``None`` if none was.
+        rest: (k, 3) points of a scene that are in the hand's way [m], or ``None``.
     """
 
     points: int
@@ -51,11 +54,13 @@ class Scan:
     seen_share: float
     guess: str
     table: Array | None = None
+    rest: Array | None = None
 
     def __post_init__(self) -> None:
         if not 0.0 <= self.seen_share <= 1.0:
             raise InputError(f"the seen share of a surface must be in 0..1, got {self.seen_share}")
         camera = None if self.camera is None else frozen_array(self.camera, (3,), "camera position")
         table = None if self.table is None else frozen_array(self.table, (4,), "the table")
-        freeze(self, table=table)
+        rest = None if self.rest is None else frozen_array(self.rest, (None, 3), "the rest of the scene")
+        freeze(self, table=table, rest=rest)
         freeze(self, camera=camera, seen=read_only(np.array(self.seen, dtype=bool)))

@@ -66,22 +66,14 @@ def find_table(points: Array, seed: int = 0) -> TablePlane | None:
     if len(points) < LEAST or near <= 0.0:
         return None
     # 1. Draws
-    first, second, third = sample[rng.integers(len(sample), size=(3, DRAWS))]
-    normals = np.cross(second - first, third - first)
-    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
+    first, normals = random_planes(sample, DRAWS, rng)
     counts = (np.abs(sample @ normals.T - np.einsum("ij,ij->i", normals, first)) < near).sum(axis=0)
     best = int(counts.argmax())
-    middle, axes = first[best], normals[best, None]
     # 2. Fits
-    for _ in range(2):
-        heights = (points - middle) @ axes[-1]
-        on = np.abs(heights) < near
-        if on.mean() < SHARE:
-            return None
-        middle = points[on].mean(axis=0)
-        axes = np.linalg.eigh(np.cov(points[on].T))[1].T[::-1]
-        heights = (points - middle) @ axes[-1]
-        near = min(near, NOISES * 1.4826 * float(np.median(np.abs(heights[on]))) + 1e-3 * near)
+    if (np.abs((points - first[best]) @ normals[best]) < near).mean() < SHARE:
+        return None
+    middle, axes, near = fitted(points, first[best], normals[best], near)
+    heights = (points - middle) @ axes[-1]
     # 3. What stands on it
     on = np.abs(heights) < near
     side = 1.0 if (heights > near).sum() >= (heights < -near).sum() else -1.0
@@ -101,3 +93,33 @@ def find_table(points: Array, seed: int = 0) -> TablePlane | None:
         above=above,
         plane=np.append(normal, middle @ normal),
     )
+
+
+def random_planes(points: Array, count: int, rng: np.random.Generator) -> tuple[Array, Array]:
+    """Planes through three random points each: a point (count, 3) [m] and the unit normal (count, 3)."""
+    first, second, third = points[rng.integers(len(points), size=(3, count))]
+    normals = np.cross(second - first, third - first)
+    return first, normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
+
+
+def fitted(points: Array, middle: Array, normal: Array, near: float) -> tuple[Array, Array, float]:
+    """A plane fitted, twice, to the points near it.
+
+    Args:
+        points: (n, 3) [m].
+        middle: (3,) a point of the first plane [m].
+        normal: (3,) its unit normal.
+        near: Largest distance of the plane's points from it [m]; some of them are.
+
+    Returns:
+        (3,) a point of the fitted plane [m]; (3, 3) its axes in rows, the longest first and the normal last;
+        and the largest distance of its points from it [m], by their noise.
+    """
+    axes = normal[None]
+    for _ in range(2):
+        on = np.abs((points - middle) @ axes[-1]) < near
+        middle = points[on].mean(axis=0)
+        axes = np.linalg.eigh(np.cov(points[on].T))[1].T[::-1]
+        heights = (points - middle) @ axes[-1]
+        near = min(near, NOISES * 1.4826 * float(np.median(np.abs(heights[on]))) + 1e-3 * near)
+    return middle, axes, near

@@ -1,0 +1,1 @@
+"""``preshape serve``: plans over HTTP, from warm planner processes (docs/serve.md)."""
