@@ -15,17 +15,17 @@ OUT ?= out
 # Compiled modules are kept beside their sources: the tests start hundreds of interpreters.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help setup demo browser test lint format bench reproduce pictures docs fuzz harden mutants clean
+.PHONY: help setup demo browser test lint format bench reproduce pictures dist docs fuzz harden mutants clean
 
 help:
 	@sed -n '1,/^$$/p' Makefile | sed 's/^# \{0,1\}//'
-	@echo "  make lint | bench | reproduce | pictures | docs | fuzz | harden | mutants | clean"
+	@echo "  make lint | bench | reproduce | pictures | dist | docs | fuzz | harden | mutants | clean"
 
 setup: $(STAMP)
 
 # HASHES=1, as in CI: what is installed must have the hashes of constraints-hashed.txt.
 $(STAMP): pyproject.toml constraints.txt constraints-hashed.txt | $(BIN)/python
-	@echo "installing preshape, its packages and those of its tests into $(VENV) (1.7 GB, some minutes; nothing outside it) ..."
+	@echo "installing preshape, its packages and those of its tests into $(VENV) (2.1 GB, some minutes; nothing outside it) ..."
 	@test -z "$(HASHES)" || $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps \
 	  --require-hashes -r constraints-hashed.txt
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev]'
@@ -45,7 +45,7 @@ $(BIN)/python:
 demo: $(RUNTIME)
 	@$(call show,plan mug --task pour --verify --memory $(OUT)/demo/memory.sqlite --out $(OUT)/demo/mug)
 	@$(call show,simulate $(OUT)/demo/mug/plan.json --out $(OUT)/demo/mug)
-	@$(call show,plan hammer --task strike --table none --memory $(OUT)/demo/memory.sqlite --out $(OUT)/demo/hammer)
+	@$(call show,plan hammer --task strike --memory $(OUT)/demo/memory.sqlite --out $(OUT)/demo/hammer)
 	@echo; echo "Look at $(OUT)/demo/mug/run.gif and $(OUT)/demo/hammer/plan.png, then try:"
 	@echo "  $(BIN)/preshape view $(OUT)/demo/mug/plan.json                  why this grasp, and steer it, in the browser"
 	@echo "  $(BIN)/preshape plan FILE.stl --unit mm --task lift --hand leap   an object and a hand of yours"
@@ -96,6 +96,18 @@ harden: setup
 
 mutants: setup
 	@$(BIN)/python -m hardening.mutants $(ARGS)
+
+# The wheel and the source package, checked, and the wheel installed where nothing else is.
+dist: setup
+	@rm -rf dist build $(OUT)/fresh
+	@mkdir -p $(OUT)
+	@$(BIN)/python -m build --outdir dist . >$(OUT)/build.log 2>&1 || { cat $(OUT)/build.log; exit 1; }
+	@$(BIN)/python -m twine --no-color check --strict dist/*
+	@$(BIN)/python -m venv $(OUT)/fresh
+	@$(OUT)/fresh/bin/pip install --quiet --disable-pip-version-check -c constraints.txt dist/*.whl
+	@cd $(OUT)/fresh && bin/preshape plan mug --task lift --memory :memory: --json >plan.json && \
+	  echo "the wheel, installed alone in $(OUT)/fresh, plans for a mug"
+	@rm -rf build $(OUT)/fresh
 
 docs: setup
 	@$(BIN)/python -c 'import sphinx, furo' 2>/dev/null || \

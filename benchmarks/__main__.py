@@ -25,6 +25,7 @@ MODULES = (
     "bench_physics",
     "bench_dataset",
     "bench_view",
+    "bench_startup",
     "bench_arm",
 )
 

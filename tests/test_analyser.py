@@ -58,6 +58,7 @@ GRIP = Grip(
     task_margin=1.25,
     hold_margin=2.5,
     quality=3.5,
+    friction_share=0.35,
     clearance=0.004,
 )
 

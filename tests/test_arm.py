@@ -416,6 +416,11 @@ FLOATING = '<joint name="free" type="floating"><parent link="link_0"/><child lin
         (OWN["six"], "", "no link ''"),
         ("<robot name='x'><link name='tip'/></robot>", "tip", "no joint moves|no link"),
         ("<robot", "tip", "cannot read it"),
+        (
+            OWN["six"].replace('upper="6.2', 'upper="-8.2', 1),
+            "tip",
+            "limits of the joint 'joint_1' are reversed",
+        ),
         ("plain text", "tip", "cannot read it"),
         ("<mujoco><worldbody/></mujoco>", "tip", "no link 'tip'"),
     ],
@@ -441,6 +446,27 @@ def test_joints_that_carry_no_hand_are_refused(tmp_path: Path) -> None:
         read_arm(tmp_path / "none.urdf", "tip", HAND, np.eye(4))
     with pytest.raises(ArmError, match="there is no arm"):
         read_arm(tmp_path, "tip", HAND, np.eye(4))
+
+
+def test_an_mjcf_with_a_floor_keyframes_and_any_shape_is_an_arm(tmp_path: Path) -> None:
+    text = """<mujoco><compiler angle="radian"/><worldbody><geom name="table" type="plane" size="1 1 1"/>
+      <geom type="hfield" hfield="hills"/>
+      <body name="a"><geom type="capsule" size=".05 .1"/><joint name="j1" axis="0 0 1" range="-2 2"/>
+      <body name="b" pos="0 0 .3"><geom type="ellipsoid" size=".05 .06 .1"/><joint name="j2" axis="0 1 0"/>
+      <body name="tip" pos="0 0 .3"><geom type="cylinder" size=".05 .1"/><joint name="j3" axis="0 1 0"/>
+      </body></body></body></worldbody>
+      <asset><hfield name="hills" nrow="3" ncol="3" size="1 1 .1 .1"/></asset>
+      <actuator><position joint="j1"/></actuator><keyframe><key qpos="0 0 0"/></keyframe></mujoco>"""
+    arm = read_arm(arm_models.written(tmp_path, text, "arm.xml"), "tip", HAND, np.eye(4))
+    assert arm.joints == ("j1", "j2", "j3")
+    goal = poses_at(arm, np.array([[0.3, 0.5, 0.4]]))
+    assert len(branches(arm, goal, 0)[0])
+    scene = ArmScene(arm, np.eye(4))
+    floor = scene.first_hit(np.array([[0.0, 0.1, 0.1]]), HAND.posture("open")[None], np.array([False]))
+    assert floor is None or floor.other not in ("world", "the table")
+    folded = scene.first_hit(np.array([[0.0, 3.1, 0.0]]), HAND.posture("open")[None], np.array([False]))
+    assert folded is not None
+    assert folded.itself
 
 
 def test_a_joint_without_end_has_no_limit(tmp_path: Path) -> None:

@@ -51,6 +51,7 @@ COMMANDS = (
     "hands",
     "memory",
     "view",
+    "serve",
     "simulate",
     "bench",
     "export",

@@ -13,12 +13,14 @@ from preshape.closure.analyser import ClosureAnalyser, GripExploration
 from preshape.closure.candidates import RankedCandidates, without_failed
 from preshape.closure.demand import inner_centre
 from preshape.closure.finish import FinishOptions
-from preshape.closure.settings import ClosureSettings, table_below
+from preshape.closure.search import LIFTED
+from preshape.closure.settings import FRICTION_SHARE, ClosureSettings, table_below
 from preshape.exceptions import InputError
 from preshape.hands.load import load_hand
 from preshape.hiis.analyser import Aim, wrist_distance
 from preshape.hiis.fuzzy import FuzzySets, approaching_degrees
-from preshape.kernels.closing.host import Candidates
+from preshape.hiis.planes import APPROACH_AXES
+from preshape.kernels.closing.host import Candidates, Obstacles
 from preshape.kernels.field.host import prepare_field
 from preshape.objects.library import load_library_object
 from preshape.objects.mesh import TriangleMesh
@@ -206,7 +208,7 @@ def _sized(mesh: TriangleMesh, factor: float) -> Attributes:
 def test_hands_like_those_that_cannot_be_executed_are_not_refined_again(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    element = analyser(solid("sphere"), persistence=2, wraps=0)
+    element = analyser(solid("sphere"), persistence=2, wraps=0, bold_share=FRICTION_SHARE)
     rounds: list[Candidates] = []
 
     def refuse(found: RankedCandidates, demand: object, options: FinishOptions) -> list[object]:
@@ -229,7 +231,7 @@ def test_hands_like_those_that_cannot_be_executed_are_not_refined_again(
 
 def test_beside_keeps_what_is_nearer_to_a_hand_that_can_be_executed(sphere: ClosureAnalyser) -> None:
     ranked = sphere.search.evaluate(
-        sphere._draw(np.random.default_rng(3), EVERYWHERE, 300), sphere.demand(LIFT)
+        sphere.draws.grips(np.random.default_rng(3), EVERYWHERE, 300), sphere.demand(LIFT)
     )
     looked_at = ranked.take(np.array([0, 1]))
     assert len(without_failed(ranked, looked_at, [0, 1])) == len(ranked)
@@ -348,3 +350,23 @@ def test_settings_say_what_is_planned_with() -> None:
     assert (s.mu, s.gamma) == (pytest.approx(0.2), pytest.approx(0.004))
     assert s.weight == pytest.approx(0.2 * 9.81)
     assert table_below(0.02, "y").planes.tolist() == [[0.0, 1.0, 0.0, 0.02]]
+
+
+@pytest.mark.parametrize("up", [(0.0, 0.0, 1.0), (0.0, -1.0, 0.0)])
+def test_no_grip_is_drawn_from_below_a_table(up: tuple[float, ...]) -> None:
+    """Half of them come from above, and none reaches further into the table than it can be lifted."""
+    mesh = solid("hammer")
+    table = Obstacles(planes=np.append(up, (mesh.vertices @ up).min())[None])
+    element = analyser(mesh, obstacles=table)
+    drawn = element.draws.grips(np.random.default_rng(0), EVERYWHERE, 400)
+    rise = APPROACH_AXES[drawn.plane - 1] @ up
+    assert len(drawn) > 40
+    assert rise.max() < 0.5
+    assert (rise < -0.5).mean() > 0.5
+    hands, search = drawn.candidates, element.search
+    apart = search.kernel.clearances(hands.place, hands.turn, hands.start, table)[1]
+    assert apart.min() > -LIFTED
+    # An aim from below stays what it is, and nothing is lost in free space.
+    below = replace(EVERYWHERE, planes=[int(np.flatnonzero(APPROACH_AXES @ up > 0.9)[0]) + 1])
+    assert list(element.draws.region(below).planes) == list(below.planes)
+    assert list(analyser(mesh).draws.region(EVERYWHERE).planes) == list(EVERYWHERE.planes)

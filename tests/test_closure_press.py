@@ -12,7 +12,7 @@ import pytest
 from preshape.closure.analyser import ClosureAnalyser
 from preshape.closure.candidates import RankedCandidates, distinct
 from preshape.closure.finish import ENOUGH, FIRM, FinishOptions
-from preshape.closure.settings import ClosureSettings
+from preshape.closure.settings import FRICTION_SHARE, ClosureSettings
 from preshape.hands.hand import Hand
 from preshape.hands.load import load_hand
 from preshape.hiis.analyser import Aim, Grip
@@ -26,7 +26,16 @@ from preshape.types import Experience
 
 pytestmark = pytest.mark.usefixtures("session_cache")
 EVERYWHERE = Aim(values=np.linspace(-0.9, 0.9, 19))
-SMALL = {"wraps": 0, "everywhere": 800, "elite": 16, "children": 4, "rounds": 1, "finished": 6, "threads": 1}
+SMALL = {
+    "wraps": 0,
+    "everywhere": 800,
+    "elite": 16,
+    "children": 4,
+    "rounds": 1,
+    "finished": 6,
+    "threads": 1,
+    "bold_share": FRICTION_SHARE,
+}
 TASK = parse_task("lift")
 MOST = 20.0
 """Strongest usual press on 0.1 kg [N]."""
@@ -127,6 +136,29 @@ def test_what_no_usual_press_can_hold_a_firm_one_does_just(strong: Hand) -> None
     assert [press(one) for one in firm] == sorted(press(one) for one in firm)
 
 
+def test_where_no_grip_is_good_enough_a_larger_share_of_the_friction_counts() -> None:
+    """Twice the share of a friction is the same problem as twice the friction."""
+    hand, low = load_hand("shadow"), {"friction": 0.3, "torsion": 0.005, "mass": 0.6}
+    usual, twice = grips(hand, **low), grips(hand, **{**low, "friction": 0.6, "torsion": 0.01})
+    assert max(one.quality for one in usual) < ENOUGH < twice[0].quality
+    analyser = element(hand, **low, bold_share=2 * FRICTION_SHARE)
+    made = list(analyser.explore(TASK.q, EVERYWHERE).grips)
+    bold = [one for one in made if one.friction_share == 2 * FRICTION_SHARE]
+    good = [one for one in twice if one.quality >= ENOUGH]
+    assert made[: len(bold)] == bold
+    assert [one.palm_pose.tolist() for one in bold] == [one.palm_pose.tolist() for one in good]
+    assert [margin(one) for one in bold] == [margin(one) for one in good]
+    assert {one.quality for one in bold} == {ENOUGH}
+    assert [one.palm_pose.tolist() for one in made[len(bold) :]] == [one.palm_pose.tolist() for one in usual]
+    heaviest = analyser.heaviest(TASK.q, bold[0])
+    assert heaviest is not None
+    assert heaviest >= 0.6
+    # Where other planes have not been searched, a better grip may be found there.
+    aim = Aim(planes=[bold[0].plane.index], values=EVERYWHERE.values)
+    again = element(hand, **low, bold_share=2 * FRICTION_SHARE).explore(TASK.q, aim)
+    assert all(one.friction_share == FRICTION_SHARE for one in again.grips)
+
+
 def test_nobody_presses_firmly_where_a_usual_press_is_enough(strong: Hand) -> None:
     made = grips(strong, friction=SMOOTH, persistence=0)
     assert made[0].quality > ENOUGH
@@ -178,7 +210,7 @@ def test_the_ranking_knows_which_contacts_the_motors_can_press() -> None:
     weak = replace(hand, torque_limits=np.where(np.char.find(names, "TH") >= 0, 0.3, 1.0))
     analyser = element(weak, mass=0.3, everywhere=1500, persistence=0)
     demand, search = analyser.demand(TASK.q), analyser.search
-    found = search.evaluate(analyser._draw(np.random.default_rng(0), EVERYWHERE, 1500), demand)
+    found = search.evaluate(analyser.draws.grips(np.random.default_rng(0), EVERYWHERE, 1500), demand)
     alone = search.score(*search.strengths(found.closings, demand), demand)
     assert (found.score <= alone * (1 + 1e-6)).all()
     by_contacts = replace(found, score=alone).take(np.argsort(-alone, kind="stable"))

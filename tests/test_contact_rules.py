@@ -188,7 +188,7 @@ def test_the_rules_bind() -> None:
     for name, case in (("hammer", hammer()), ("mug", mug()), ("can", can())):
         made = analyser("shadow", name, rules=ContactRules())
         places = ContactPlaces(case.rules)
-        drawn = made._draw(np.random.default_rng(0), ALL, 600)
+        drawn = made.draws.grips(np.random.default_rng(0), ALL, 600)
         found = made.search.evaluate(drawn, made.demand(parse_task("lift").q))
         broken = places.broken_by(found.closings.points, found.closings.counts)
         assert broken.any(axis=0).all(), name
@@ -217,12 +217,12 @@ def test_a_small_part_is_drawn_as_densely_as_a_bare_one() -> None:
     )
     shares = []
     for one in (made, alone):
-        drawn = one._draw(np.random.default_rng(0), ALL, 1500)
+        drawn = one.draws.grips(np.random.default_rng(0), ALL, 1500)
         clear = one.search.evaluate(drawn, one.demand(parse_task("lift").q))
         shares.append(int(clear.tally[2]))
     assert shares[0] > 0.5 * shares[1]
-    assert len(made.pincher.patches) > 0.6 * len(alone.pincher.patches)
-    assert not ContactPlaces(case.rules).broken(made.pincher.patches.middle + 0.0).any(axis=1).all()
+    assert len(made.draws.pincher.patches) > 0.6 * len(alone.draws.pincher.patches)
+    assert not ContactPlaces(case.rules).broken(made.draws.pincher.patches.middle + 0.0).any(axis=1).all()
 
 
 def test_allowed_points_are_spread_over_what_may_be_touched() -> None:

@@ -334,8 +334,7 @@ def test_a_couple_that_locks_is_one_gear_train_until_its_joint_is_blocked() -> N
 @pytest.mark.parametrize("kind", ["shadow", "bent", "tendon", "locking"])
 def test_an_answer_moves_and_presses_as_the_motors_can(kind: str) -> None:
     hand = coupled_hand(kind)
-    asked = {"hand": hand, "count": 2, "seed": 1, "mass": 0.1, "table": None, "closure": QUICK}
-    plan = preshape.plan("cube", "lift", **asked)
+    plan = preshape.plan("cube", "lift", hand=hand, count=2, seed=1, mass=0.1, closure=QUICK, table=None)
     document = plan_to_json(plan)
     assert document["status"] == "answer"
     told = document["hand"]["motors"]

@@ -111,6 +111,16 @@ def test_without_an_answer_in_reach_the_best_says_why_and_what_would_help(unserv
     assert "does not reach it" in " ".join(summary_text(unserved).split())
 
 
+def test_terminal_and_page_say_what_the_arm_makes_of_it(served: Plan, unserved: Plan) -> None:
+    from preshape.viewer.readings import facts
+
+    document, other = plan_to_json(served), plan_to_json(unserved)
+    assert "arm reaches it" in " ".join(summary_text(served).split())
+    assert "The arm reaches no answer" in summary_text(unserved)
+    assert '<div class="step good"><b>Arm</b><br>arm reaches it' in facts(document, document)
+    assert '<div class="step bad"><b>Arm</b><br>arm does not reach it' in facts(other, other["best"])
+
+
 def test_the_advice_is_followed_and_helps(six: str) -> None:
     far = made(six, [-1.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
     assert far.answer is None
@@ -130,6 +140,7 @@ def test_the_reason_says_which_answers_fell(six: str) -> None:
     kept = {id(a.grasp) for a in (far.answer, *far.alternatives) if a is not None}
     assert not kept & {id(a.grasp) for a in far.arm.refused}
     assert len(kept) == far.arm.tested - len(far.arm.refused)
+    assert far.decision.grasp is far.grasp
 
 
 def test_the_request_comes_back_from_the_document(served: Plan) -> None:
@@ -195,6 +206,16 @@ def test_all_formats_have_the_arms_joints(served: Plan, tmp_path: Path) -> None:
     assert list(yaml.safe_load_all(out)) == [message, arm]
     code, out, _ = run("export", str(file), "--format", "trajectory", "--json")
     assert json.loads(out)["arm_trajectory"] == arm
+
+
+def test_the_link_of_the_arm_has_the_planned_mount_in_an_export(served: Plan, tmp_path: Path) -> None:
+    file = tmp_path / "plan.json"
+    file.write_text(json.dumps(plan_to_json(served)))
+    words = ["export", str(file), "--format", "isaac", "--parent-link", "tip"]
+    code, out, _ = run(*words)
+    assert code == 0
+    assert run(*words, "--mount", " ".join(map(str, MOUNT)))[1] == out
+    assert run(*words[:-1], "other")[0] == 2
 
 
 def test_the_command_plans_with_an_arm(six: str, tmp_path: Path) -> None:

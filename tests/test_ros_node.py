@@ -162,8 +162,15 @@ def test_the_messages_are_those_of_the_export(monkeypatch: pytest.MonkeyPatch) -
 
 
 def test_json_has_any_keyword_and_a_bad_request_is_one_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
-    asked = {"thing": "cube", "task": "lift", "approaches": "-z", "count": 1}
-    bad = ["cube", "", "cube fly", '{"thing": "cube"}', '{"thing": "cube", "task": "lift", "colour": 1}', "{"]
+    asked = {"object": "cube", "task": "lift", "approaches": "-z", "count": 1}
+    bad = [
+        "cube",
+        "",
+        "cube fly",
+        '{"object": "cube"}',
+        '{"object": "cube", "task": "lift", "colour": 1}',
+        "{",
+    ]
     node = ran(monkeypatch, [json.dumps(asked), *bad])
     documents = [json.loads(said.data) for said in node.publishers["~/plan"].sent]
     assert documents[0]["request"]["approaches"] == "-z"

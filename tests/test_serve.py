@@ -151,6 +151,9 @@ def test_only_files_of_the_folder_may_be_named(tmp_path):
         for request in ({"object": bad}, {"object": {"source": bad}}, {"obstacle": [bad]}):
             with pytest.raises(InputError):
                 door.admit(request)
+    for bad in ("../secret.urdf", str(tmp_path / "secret.urdf"), "link.stl", "\0", "."):
+        with pytest.raises(InputError):
+            door.admit({"arm": bad})
     for hand in ("../secret.xml", "menagerie:shadow_hand", "shadow:up", "x.toml#motors=/etc/passwd"):
         with pytest.raises(InputError):
             Admission(Shelf(), None).admit({"hand": hand})

@@ -203,6 +203,16 @@ def test_why_this_plane_names_plane_worth_threshold_and_the_best_other_plane(doc
     assert len(set(found.values())) == 3
     assert "all allowed planes were explored" in found[3]
     assert "This is answer 2: plane" in words(readings.why(document, answers, 1))
+    text = readings.why(document, answers, 0)
+    compared = re.findall(r"<th>(\d+)</th>.*?<td class=\"num\">(.*?)</td>", text)
+    assert [int(index) for index, _ in compared] == list(range(1, 13))
+    best = {
+        a["plane"]: max(plan_words.score(o) for o in answers if o["plane"] == a["plane"]) for a in answers
+    }
+    assert {int(index): number for index, number in compared if number != "–"} == {
+        index: f"{most:.2f}" for index, most in best.items()
+    }
+    assert text.count("<i style") == len(best)
 
 
 @pytest.fixture

@@ -10,7 +10,7 @@ import numpy as np
 
 from preshape.closure.analyser import ClosureAnalyser
 from preshape.closure.grips import GripExploration
-from preshape.closure.settings import ClosureSettings, table_below
+from preshape.closure.settings import FRICTION_SHARE, ClosureSettings, table_below
 from preshape.hands.load import load_hand
 from preshape.hiis.analyser import Aim, HandLayout
 from preshape.hiis.decision import Status
@@ -54,7 +54,7 @@ def test_the_table() -> None:
 
 def test_the_costliest_of_several_boxes() -> None:
     """Of three boxes, the first is far away, the second is beside the object and the third is around it."""
-    boxes = [[[9.0, 9, 9], [10, 10, 10]], [[0.1, -1, -1], [1, 1, 1]], [[-0.5, -0.5, 0.012], [0.5, 0.5, 0.5]]]
+    boxes = [[[9.0, 9, 9], [10, 10, 10]], [[0.1, -1, -1], [1, 1, 1]], [[0.03, -0.5, 0.012], [0.5, 0.5, 0.5]]]
     around = Obstacles(
         planes=table_below(-0.012).planes, boxes=np.array([*boxes, [[-1, -1, -1], [1, 1, 0.0]]])
     )
@@ -96,8 +96,20 @@ def test_no_hand_closes_on_it() -> None:
     assert "none of them closed on the object with the thumb and a finger" in why("sphere", scale=8.0)
 
 
-def test_the_answer_says_it(lesson: Callable[[str], Path]) -> None:
+def test_what_the_usual_share_of_the_friction_leaves_on_the_table(lesson: Callable[[str], Path]) -> None:
     made = plan("domino", "lift", hand="shadow", memory=lesson("shadow"), learn=False, table="auto")
+    told = plan_to_json(made)
+    assert made.decision.status is Status.ANSWER
+    assert (told["grip"]["quality"], told["grip"]["friction_share"]) == (3.0, ClosureSettings().bold_share)
+    assert told["heaviest_mass"] >= made.mass.kg
+    assert any("0.35 of the friction; this one is with 0.7" in warning for warning in told["warnings"])
+
+
+def test_the_answer_says_it(lesson: Callable[[str], Path]) -> None:
+    careful = ClosureSettings(bold_share=FRICTION_SHARE)
+    made = plan(
+        "domino", "lift", hand="shadow", memory=lesson("shadow"), learn=False, table="auto", closure=careful
+    )
     last = made.decision.transitions[-1]
     assert (made.decision.status, last.outcome) == (Status.NO_GRASP, "no grasp")
     assert "but the table is in the closed hand's way" in last.reason

@@ -6,7 +6,7 @@
 
 Topics, all private to the node (``/preshape/…``) until you remap them:
 
-    request          std_msgs/String   "OBJECT TASK", or a JSON object with keywords of ``preshape.plan``
+    request          std_msgs/String   "OBJECT TASK", or a JSON object as ``preshape serve`` takes it
     plan             std_msgs/String   plan.json, or {"status": "error", "reason": …}
     grasps           moveit_msgs/Grasp one for each answer, the best first; late subscribers get them too
     hand_trajectory  trajectory_msgs/JointTrajectory  of the best answer, for the hand's motors or its driver
@@ -33,6 +33,7 @@ from preshape.export.planned import planned_grasps
 from preshape.export.ros_bag import serialised
 from preshape.export.trajectory import arm_message, motor_trajectory, trajectory_message
 from preshape.planning.document import plan_to_json
+from preshape.planning.keywords import request_from_keywords
 
 PLANNING = {"hand": "shadow", "table": "", "count": 3, "mass": 0.0, "friction": 0.0,
             "arm": "", "arm_tip": "", "mount": "", "base_pose": ""}  # fmt: skip
@@ -80,16 +81,13 @@ class GraspNode(Node):
             if name in given:
                 given[name] = [float(part) for part in given[name].split()]
         try:
-            asked = json.loads(text) if text.lstrip().startswith("{") else None
-            thing, task = (asked.pop("thing"), asked.pop("task")) if asked else shlex.split(text)
-        except (ValueError, KeyError) as error:
-            raise preshape.InputError(
-                f'a request is "OBJECT TASK", or JSON with thing, task and other keywords; got {text[:60]!r}'
-            ) from error
-        try:
-            return preshape.PlanRequest(source=thing, task=task, **(given | (asked or {})))
-        except TypeError as error:  # an unknown keyword
-            raise preshape.InputError(str(error)) from error
+            if text.lstrip().startswith("{"):
+                asked = json.loads(text)
+            else:
+                asked = dict(zip(("object", "task"), shlex.split(text), strict=True))
+        except ValueError as error:
+            raise preshape.InputError(f'a request is "OBJECT TASK" or JSON; got {text[:60]!r}') from error
+        return request_from_keywords(given | asked)
 
     def publish(self, document):
         """Publish the grasps of a plan, and the trajectory of the best that can be executed."""

@@ -19,7 +19,7 @@ from ..types import Array, BoolArray, IntArray, freeze, frozen_array, value
 
 HAND = "hand/"
 """Prefix of the names of the hand's bodies in the arm's model."""
-TABLE = "table"
+TABLE = "preshape/table"
 """Name of the table's geom, a plane."""
 MOST_JOINTS = 20
 """Largest number of joints between base and tip [C]."""
@@ -164,6 +164,11 @@ def _check_joints(body: Any, tip: str, path: Path) -> None:
                     f"{path}: the joint {shown(joint.name)} between the base and {tip} is floating or a "
                     "ball; give an arm whose joints are revolute, continuous or prismatic, and its base fixed"
                 )
+            low, high = (float(bound) for bound in joint.range)
+            if low > high:
+                raise ArmError(
+                    f"{path}: the limits of the joint {shown(joint.name)} are reversed: {low:g} to {high:g}"
+                )
         body = body.parent
 
 
@@ -196,9 +201,8 @@ def _with_hand(spec: Any, tip: str, hand: Hand, T_tip_root: Array) -> Any:
     frame.attach_body(child.body(root), HAND, "")
     spec.worldbody.add_geom(name=TABLE, type=mujoco.mjtGeom.mjGEOM_PLANE, size=[1, 1, 1])
     spec.compiler.boundmass, spec.compiler.boundinertia = 1e-9, 1e-12
-    for joint in spec.joints:
-        if joint.range[0] > joint.range[1]:
-            joint.range = [joint.range[1], joint.range[0]]
+    for key in tuple(spec.keys):  # they lack the hand's joints
+        spec.delete(key)
     return compiled_spec(spec)
 
 
@@ -284,6 +288,8 @@ def _set_filter(model: Any, tip: int, notes: list[str]) -> None:
 
     Whatever else hangs on the tip takes part in nothing, because the hand takes its place.
     """
+    import mujoco
+
     hanging = set()
     for geom in range(model.ngeom):
         body = int(model.geom_bodyid[geom])
@@ -294,6 +300,8 @@ def _set_filter(model: Any, tip: int, notes: list[str]) -> None:
             kind = 1, 2
         elif not (model.geom_contype[geom] or model.geom_conaffinity[geom]):
             continue
+        elif int(model.geom_type[geom]) in (mujoco.mjtGeom.mjGEOM_PLANE, mujoco.mjtGeom.mjGEOM_HFIELD):
+            kind = 0, 0  # a floor in the arm's file is no part of the arm
         elif tip in _chain(model, body)[:-1]:
             hanging.add(printable(name, 60))
             kind = 0, 0

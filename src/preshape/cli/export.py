@@ -51,7 +51,8 @@ FORMATS = ("moveit", "trajectory", "isaac", "mjcf", "npz")
 @click.option(
     "--mount",
     metavar='"X Y Z W X Y Z"',
-    help="moveit, isaac: pose of the hand's root in --parent-link, a link of your robot [m].",
+    help="moveit, isaac: pose of the hand's root in --parent-link, a link of your robot [m]; default for the "
+    "link of the plan's arm: as planned.",
 )
 @click.option(
     "--object-name",
@@ -131,7 +132,11 @@ def export(
     from ..export.planned import planned_grasps
     from ..planning.document import obstacles_of, read_plan
 
+    paths, document = _paths(kind, out), read_plan(file)
+    asked = document.get("request") or {}
     seven: Any = None if mount is None else numbers_in(mount)
+    if mount is None and parent_link and parent_link == asked.get("arm_tip"):
+        seven = asked.get("mount")  # where the plan has the hand on its arm
     options = MoveItOptions(
         frame="object" if kind == "isaac" else frame,  # there it may be a prim's path
         parent_link=parent_link or "",
@@ -141,8 +146,6 @@ def export(
         retreat_distance=retreat_distance,
         up_frame=up_frame or "",
     )
-    paths = _paths(kind, out)
-    document = read_plan(file)
     grasps, left_out = planned_grasps(document, file, hand=hand, answer=answer, best=best)
     first = grasps[0]
     if kind == "mjcf":

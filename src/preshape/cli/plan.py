@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Callable
 from contextlib import AbstractContextManager
 from pathlib import Path
@@ -11,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ..exceptions import InputError, shown
+from ..files import make_folder
 from .options import (
     TableCommand,
     arm_from,
@@ -33,6 +35,7 @@ from .settings_file import name_settings
 
 if TYPE_CHECKING:
     from ..planning.document import Document
+    from ..planning.plan import Plan
     from ..planning.request import PlanRequest
     from ..planning.session import Progress, Session
 
@@ -145,22 +148,17 @@ def plan(
             verify=verify,
             **arm_from(options),
         )
-        from ..files import make_folder
-        from ..planning.document import plan_to_json
-
         if out is not None:
             make_folder(Path(out))
-        with session_for(request, not no_learn, told) as session:
-            made = session.run(request)
-    document = plan_to_json(made)
-    given = 1 + len(made.alternatives)
-    if not as_json and made.answer is not None and given < count:
+        document, code, made = _answered(request, told, fresh=out is not None)
+    given = 1 + len(document["alternatives"])
+    if not as_json and document["status"] == "answer" and given < count:
         say(
             f"{given} of the {count} answers asked for: no other is different enough and good enough",
             err=True,
         )
     written: list[Path] = []
-    if out is not None:
+    if made is not None and out is not None:
         from ..planning.output import save_plan
 
         written = save_plan(made, Path(out), document)
@@ -168,8 +166,39 @@ def plan(
         emit(document)
     else:
         _show(document, written, explain=explain)
+    return code
+
+
+def _answered(request: PlanRequest, told: Progress, *, fresh: bool) -> tuple[Document, int, Plan | None]:
+    """The plan's document and exit code; a request that was answered before is not searched for again.
+
+    Args:
+        request: The request.
+        told: Told how the work advances.
+        fresh: Whether the plan itself is needed.
+
+    Returns:
+        Document, exit code, and the plan if there was a search.
+    """
+    from ..planning.answer_cache import answer_key, keep_answer, known_answer
+
+    start = time.perf_counter()
+    key = answer_key(request)
+    if key is not None and not fresh and (known := known_answer(key)) is not None:
+        told("the same was asked before, and neither memory nor files have changed", 100)
+        seconds = {"load": round(time.perf_counter() - start, 6), "prepare": 0.0, "search": 0.0}
+        known[0]["seconds"] = {**seconds, "total": seconds["load"]}
+        return *known, None
+    from ..planning.document import plan_to_json
+
+    with session_for(request, request.learn, told) as session:
+        made = session.run(request)
+    document = plan_to_json(made)
     failed = made.verified is not None and not made.verified.held
-    return 0 if made.answer is not None and not failed else 1
+    code = 0 if made.answer is not None and not failed else 1
+    if key is not None and key == answer_key(request):
+        keep_answer(key, document, code)
+    return document, code, made
 
 
 def _object(thing: str | None, scene: str | None, mask: str | None) -> str:

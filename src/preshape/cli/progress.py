@@ -5,6 +5,8 @@
 
 from __future__ import annotations
 
+import os
+import sys
 import threading
 import time
 from collections import deque
@@ -171,6 +173,9 @@ def waiting() -> Iterator[Callable[[str, float], None]]:
     Yields:
         A function that takes the name of the current step and the whole work's progress, 0..100.
     """
+    if not sys.stderr.isatty() and not {"FORCE_COLOR", "TTY_INTERACTIVE", "TTY_COMPATIBLE"} & set(os.environ):
+        yield lambda words, share: None  # as below, without importing rich
+        return
     from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
     console = terminal(stderr=True)

@@ -13,10 +13,7 @@ from .options import memory_option, names_in, workers_option
 from .printing import say
 
 
-@click.command(
-    epilog="Example: preshape serve --hand shadow, then "
-    'curl localhost:8090/plan -d \'{"object": "mug", "task": "pour", "hand": "shadow"}\''
-)
+@click.command(epilog="Example: preshape serve --hand shadow,leap")
 @click.option(
     "--host",
     default="127.0.0.1",
@@ -39,7 +36,8 @@ def serve(
 ) -> int:
     """Answer requests over HTTP: POST /plan with the keywords of preshape.plan() as JSON gives plan.json.
 
-    GET / describes it, /openapi.json for programs. A client cancels by closing the connection. While it runs,
+    curl localhost:8090/plan -d '{"object": "mug", "task": "pour", "hand": "shadow"}' asks for one; GET /
+    describes all, /openapi.json for programs. A client cancels by closing the connection. While it runs,
     `preshape plan` of this user with this memory is answered by it too. Ctrl-C or SIGTERM ends it with exit
     code 130 and keeps what was learnt.
     """

@@ -15,28 +15,20 @@ import numpy as np
 
 from ..exceptions import InputError
 from ..hands.hand import Hand
-from ..hiis.analyser import MAX_FINGERS, Aim, Grasp, Grip, HandLayout
+from ..hiis.analyser import Aim, Grasp, Grip, HandLayout
 from ..hiis.fuzzy import FuzzySets
 from ..kernels.field.host import SurfaceQuery, prepare_field
 from ..objects.mesh import TriangleMesh
 from ..types import ANSWER_KIND, Array, ContactCoefficients, Experience, IntArray, frozen_array
-from .candidates import (
-    DrawnCandidates,
-    RankedCandidates,
-    Region,
-    concatenated,
-    distinct,
-    draw_candidates,
-    merged,
-    without_failed,
-)
+from .aiming import ENOUGH_MARGIN, AimDraws
+from .candidates import DrawnCandidates, RankedCandidates, distinct, merged, without_failed
 from .contact_places import allowed_surface
 from .demand import Demand, inner_centre, task_demand, turn_levers
 from .finish import ENOUGH, INSIDE, OVERLAP, FinishedGrip, Finisher, FinishOptions
 from .grips import GripExploration, described, grip_exploration, of_both_kinds
 from .hand_pinches import hand_pinches
 from .limits import LOAD, costliest, heaviest_mass, nothing_left, remedy, rules_cost, shortfall, why_none
-from .pinching import PINCHED, THINNEST, Pincher, antipodal_patches
+from .pinching import THINNEST, Pincher, antipodal_patches
 from .recall import FEW_VALUES, on_object, recalled
 from .rules import breaks
 from .search import ClosureSearch
@@ -49,9 +41,6 @@ RECALL_EXAMINED, RECALL_FINISHED = 8, 2
 """Number of recalled grips that are examined, and of the best of these that are finished [C]."""
 REFUSED_EXAMINED = 24
 """Number of refused candidates that are examined to show the best of them [C]."""
-ENOUGH_MARGIN, ENOUGH_CLOSED = 1.5, 100
-"""Limits of a poor search [C]. More candidates are drawn if the best margin is below the first number, or if
-fewer than the second closed. The best are refined again while the margin is below the first number."""
 WRAP_ELITE, WRAP_CHILDREN, WRAP_SAMPLES = 32, 6, 4
 """Size of the elite set of wraps, number of children of each of them, and of disturbed poses [C]."""
 WRAP_ROUNDS, WRAP_DECAY = 2, 0.8
@@ -117,12 +106,14 @@ class ClosureAnalyser:
         patches = antipodal_patches(
             mesh, self.field, float(pinches.tip[0]), pinches.widest, allowed=self.allowed, places=places
         )
-        self.pincher = Pincher(pinches, patches, mesh.cog, mesh.extents / 2, self.search.kernel)
+        pincher = Pincher(pinches, patches, mesh.cog, mesh.extents / 2, self.search.kernel)
+        self.draws = AimDraws(self.search, pincher, mesh, self.allowed)
         self.finisher = Finisher(self.search, self.query)
         self._cache: dict[bytes, GripExploration] = {}
         self._explored: set[bytes] = set()  # tasks for which all allowed planes have been searched
         self._tallies: dict[bytes, IntArray] = {}  # of the searches of all planes, by task
         self._last_demand: tuple[bytes, Demand] | None = None
+        self._bold: ClosureAnalyser | None = None
 
     measure = "the grip's quality (3 is just enough)"
     patience = 8
@@ -132,6 +123,8 @@ class ClosureAnalyser:
         self._cache.clear()
         self._explored.clear()
         self._tallies.clear()
+        if self._bold is not None:
+            self._bold.forget()
 
     @property
     def tried(self) -> int:
@@ -170,7 +163,10 @@ class ClosureAnalyser:
         if key not in self._cache:
             if len(self._cache) >= _CACHED_AIMS:
                 del self._cache[next(iter(self._cache))]
-            self._cache[key] = self._explore(task, aim, unexplored)
+            found = self._explore(task, aim, unexplored)
+            if not unexplored and _best_quality(found.grips) < ENOUGH:
+                found = self._boldly(task, aim, found)
+            self._cache[key] = found
         if not one_plane:
             self._explored.add(task.tobytes())
         return self._cache[key]
@@ -191,7 +187,42 @@ class ClosureAnalyser:
         finished = list[FinishedGrip]()
         for family in self._wanted(on_object(own, self.mesh, self.hand)):
             finished += self.finisher.finish(self.search.evaluate(family, demand), demand, options)
-        return self.grips(task, finished)
+        found = self.grips(task, finished)
+        if not unexplored and _best_quality(found) < ENOUGH and self._bolder is not None:
+            found = [*_just_enough(self._bolder.recall(q, lessons)), *found]
+        return found
+
+    @property
+    def _bolder(self) -> ClosureAnalyser | None:
+        """The same analyser with the settings' larger share of the friction; ``None`` if it is not larger."""
+        settings = self.settings
+        if self._bold is None and settings.bold_share > settings.friction_share:
+            self._bold = ClosureAnalyser(
+                self.mesh,
+                self.hand,
+                self.layout,
+                settings=replace(settings, friction_share=settings.bold_share),
+                coefficients=self.coefficients,
+                sets=self.sets,
+                gravity=self.gravity,
+                seed=self.seed,
+                known=self._known,
+                scene=self.scene,
+            )
+        return self._bold
+
+    def _boldly(self, q: Array, aim: Aim, found: GripExploration) -> GripExploration:
+        """Where no grip is good enough, the grips that are with the larger share of the friction come first.
+
+        They are just enough, whatever their margins: their reserve for errors of friction is smaller.
+        """
+        if self._bolder is None or (self.allowed is not None and not len(self.allowed)):
+            return found
+        other = self._bolder._explore(q, aim, unexplored=False)
+        bold, tried = _just_enough(other.grips), found.tried + other.tried
+        if not bold:
+            return replace(found, tried=tried)
+        return grip_exploration([*bold, *found.grips], tried)
 
     def _wanted(self, drawn: DrawnCandidates) -> list[DrawnCandidates]:
         """The families among candidates that the settings' grasp type allows."""
@@ -202,6 +233,8 @@ class ClosureAnalyser:
         """Heaviest mass for which a grip would still be good enough for the task [kg]."""
         if not isinstance(grasp, Grip):
             return None
+        if self._bold is not None and grasp.friction_share > self.settings.friction_share:
+            return self._bold.heaviest(q, grasp)
         return heaviest_mass(self.search, grasp, self.demand(frozen_array(q, (6,), "task Q")))
 
     def shortfall(self, q: Array, grasp: Grasp) -> str:
@@ -276,10 +309,10 @@ class ClosureAnalyser:
         rng = np.random.default_rng([self.seed, zlib.crc32(_key(aim))])
         options = FinishOptions(count=effort.grips, planes=aim.planes, unexplored=unexplored)
         power, precision = (settings.grasp_type == kind for kind in ("power", "precision"))
-        drawn = self._draw(rng, aim, 0 if power else effort.candidates)
+        drawn = self.draws.grips(rng, aim, 0 if power else effort.candidates)
         found = self.search.evaluate(drawn, demand)
         if not one_plane and not power:
-            found = self._draw_more(rng, aim, found, demand, settings.persistence)
+            found = self.draws.more(rng, aim, found, demand, settings.persistence)
         finished, source, pool = list[FinishedGrip](), found, found
         last = -1 if power else 0 if one_plane else settings.persistence
         for k in range(1 + last):
@@ -299,7 +332,7 @@ class ClosureAnalyser:
             if len(grips) < effort.grips:
                 executable = [grip.row for grip in grips]
                 found = without_failed(found, examined, executable)
-                more = self._draw_more(rng, aim, without_failed(pool, examined, executable), demand, 1)
+                more = self.draws.more(rng, aim, without_failed(pool, examined, executable), demand, 1)
                 fresh = replace(more, tally=more.tally - pool.tally)
                 found, pool = merged(found, fresh), more
         # 6. Wraps.
@@ -333,14 +366,8 @@ class ClosureAnalyser:
             self._tallies[q.tobytes()] = tally
         if not answers and not one_plane:
             rules = costliest(found, self.search.blockers.names)
-            again = effort.candidates
-            drawn = (
-                self.search.wrapper.draw(
-                    rng, self.search.pool, self.mesh, again, self._region(aim), self.allowed
-                )
-                if power
-                else self._draw(rng, aim, again)
-            )
+            draw = self.draws.any_wraps if power else self.draws.grips
+            drawn = draw(rng, aim, effort.candidates)
             miss = self._nearest_miss(q, source, drawn, demand, aim, rules)
             reason += remedy(rules, miss)
         return grip_exploration(best, tried + found.tried, reason, miss)
@@ -413,7 +440,7 @@ class ClosureAnalyser:
         count, grips = round((1.0 if whole else 0.5) * settings.wraps), list[FinishedGrip]()
         every: RankedCandidates | None = None
         for _ in range(1 + settings.persistence if whole else 1):
-            drawn = self.search.draw_wraps(rng, self.mesh, count, self._region(aim), self.allowed)
+            drawn = self.draws.wraps(rng, aim, count)
             found = self.search.refine(
                 rng,
                 self.search.evaluate(drawn, demand),
@@ -446,37 +473,14 @@ class ClosureAnalyser:
             for e in self._known()
         )
 
-    def _draw_more(
-        self, rng: np.random.Generator, aim: Aim, found: RankedCandidates, demand: Demand, times: int
-    ) -> RankedCandidates:
-        """Draw more, at most ``times`` times, while too few candidates close or the margin is too small."""
-        for _ in range(times):
-            best = float(found.score[0]) if len(found) else 0.0
-            enough = best * self.settings.strongest >= ENOUGH_MARGIN * self.settings.weight
-            if enough and len(found) >= ENOUGH_CLOSED:
-                break
-            drawn = self._draw(rng, aim, 2 * self.settings.everywhere)
-            found = merged(found, self.search.evaluate(self.search.half_clear(rng, drawn, found), demand))
-        return found
 
-    def _draw(self, rng: np.random.Generator, aim: Aim, count: int) -> DrawnCandidates:
-        """Draw candidates in an aim: pinches where the object fits between fingers, else preshaped hands."""
-        region = self._region(aim)
-        pinching = self.pincher.draw(rng, int(PINCHED * count), region)
-        half, rest = self.mesh.extents / 2, count - len(pinching)
-        anywhere = draw_candidates(rng, self.search.pool, self.mesh.cog, half, rest, region)
-        return concatenated(pinching, anywhere)
+def _best_quality(grips: Sequence[Grip]) -> float:
+    return max((grip.quality for grip in grips), default=0.0)
 
-    def _region(self, aim: Aim) -> Region:
-        """The part of the search space that an aim means."""
-        fingers = [n for n in range(2, len(self.hand.fingers) + 1) if min(n, MAX_FINGERS) in aim.fingers]
-        return Region(
-            planes=aim.planes,
-            flips=aim.flips,
-            values=list(aim.values) if len(aim.values) <= FEW_VALUES else None,
-            fingers=fingers or None,
-            box=self.allowed.box if self.allowed else None,
-        )
+
+def _just_enough(grips: Sequence[Grip]) -> list[Grip]:
+    """The grips that are good enough, with the quality that is just enough."""
+    return [replace(grip, quality=ENOUGH) for grip in grips if grip.quality >= ENOUGH]
 
 
 def _best_margin(finished: Sequence[FinishedGrip]) -> float:

@@ -86,6 +86,12 @@ class Blockers:
             clear &= ~self.kept_off.near(hands.place, hands.turn, hands.start).any(axis=1)
         return clear
 
+    def liftable(self, hands: Candidates, most: float) -> BoolArray:
+        """(k,) whether hands in their preshapes reach into the table by less than ``most`` [m]."""
+        table = Obstacles(planes=self.obstacles.planes[:1])
+        apart = self._kernel.clearances(hands.place, hands.turn, hands.start, table, enough=2 * ROOM)
+        return np.asarray(apart[1] > -most)
+
     def above_table(self, hands: Candidates, grasp: Array) -> Array:
         """(k, 3) how far hands must be moved away from the table to be just clear of it [m].
 

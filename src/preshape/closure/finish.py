@@ -351,6 +351,7 @@ class Finisher:
             hold_margin=candidate.strengths[1] * press / settings.weight,
             quality=ENOUGH if firm else quality(margin, turn, unexplored=options.unexplored),
             clearance=candidate.clearance,
+            friction_share=settings.friction_share,
             refused=candidate.refused,
             back=BACK if int(drawn.candidates.mask[row]) & WRAP else 0.0,
         )

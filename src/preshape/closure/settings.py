@@ -14,8 +14,12 @@ from ..types import FIELD_MASS, FRICTION, GRAVITY, finite_number, freeze, one_of
 from .rules import ContactRules
 
 _DEVICE = re.compile(r"cpu|cuda(:[0-9]+)?")
-_NUMBERS = ("friction", "torsion", "friction_share", "press_least", "press_most", "safety", "hold")
+_NUMBERS = (
+    "friction", "torsion", "friction_share", "bold_share", "press_least", "press_most", "safety", "hold",
+)  # fmt: skip
 _COUNTS = ("at_aim", "on_plane", "everywhere", "elite", "children", "finished", "threads")
+FRICTION_SHARE = 0.35
+"""Usual share of the friction that planning uses [C]."""
 GRASP_TYPES = ("any", "power", "precision")
 """The families of grips: wraps of the whole hand are power grips, fingertip grips precision grips."""
 _COUNTS_FROM_ZERO = ("persistence", "rounds", "wraps")
@@ -48,6 +52,8 @@ class ClosureSettings:
         torsion: Torsional friction [m]; a quarter of that of the field's test, because an object creeps
             about the axis of a pinch [C].
         friction_share: Share of both frictions that planning uses; the rest is a reserve for errors [C].
+        bold_share: Share that planning uses where no grip is good enough with the usual share [C]. At most
+            the usual share, it has no effect.
         mass: Mass of the object [kg]; a grip must carry its weight and resist a push of the same size. With
             ``None``, a plan uses the object's own mass, and the analyser without a plan the field's 0.1 kg.
         press_least: Least sum of the normal forces of a squeeze [N].
@@ -78,7 +84,8 @@ class ClosureSettings:
 
     friction: float = FRICTION
     torsion: float = 0.005
-    friction_share: float = 0.35
+    friction_share: float = FRICTION_SHARE
+    bold_share: float = 0.7
     mass: float | None = None
     press_least: float = 12.0
     press_most: float = 20.0
@@ -125,8 +132,9 @@ class ClosureSettings:
                 raise InputError(f"{name} must be above zero, got {shown(number)}")
         if not self.torsion >= 0:
             raise InputError(f"torsion must be zero or more [m], got {shown(self.torsion)}")
-        if not 0 < self.friction_share <= 1:
-            raise InputError(f"friction_share must be in 0..1, got {shown(self.friction_share)}")
+        for name in ("friction_share", "bold_share"):
+            if not 0 < getattr(self, name) <= 1:
+                raise InputError(f"{name} must be in 0..1, got {shown(getattr(self, name))}")
 
     def effort(self, one_plane: bool, at_estimate: bool) -> Effort:
         """Size of the search: small at the estimate, larger on one plane, largest over all planes."""

@@ -11,7 +11,7 @@ from collections.abc import Callable
 import numpy as np
 
 from ..closure.analyser import ClosureAnalyser
-from ..closure.settings import ClosureSettings
+from ..closure.settings import FRICTION_SHARE, ClosureSettings
 from ..hands.hand import Hand
 from ..hiis.analyser import Aim, Grip
 from ..hiis.decision import Settings
@@ -74,7 +74,11 @@ def shard_grasps(
             count=count,
             settings=Settings(seed=seed + search),
             rules=NONE,
-            search=ClosureSettings(everywhere=settings.candidates, threads=1),
+            search=ClosureSettings(
+                everywhere=settings.candidates,
+                threads=1,
+                bold_share=FRICTION_SHARE,
+            ),
         )
         return closure_analyser(request, hand, mesh)
 

@@ -198,6 +198,7 @@ class GripPosture:
         hold_margin: The same margin for forces and torques in any direction.
         quality: Score that the critic judges, 0..6; 3 is just enough.
         clearance: Least distance of the open hand to the object, at the pregrasp and on the approach [m].
+        friction_share: Share of the friction with which margins and quality were computed.
         refused: What keeps the hand from executing the grip, as a clause; empty if nothing does. Only the
             best grasp of a plan without an answer may be refused.
         back: Distance by which the opened hand stands back along its approach, for a palm that touches [m].
@@ -220,6 +221,7 @@ class GripPosture:
     hold_margin: float
     quality: float
     clearance: float
+    friction_share: float
     refused: str = ""
     back: float = 0.0
 

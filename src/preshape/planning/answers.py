@@ -122,6 +122,11 @@ class PlanRecord:
     arm: ArmOutcome | None = None
 
     @property
+    def arm_tested(self) -> int:
+        """Number of answers that were tested with the arm."""
+        return 0 if self.arm is None else self.arm.tested
+
+    @property
     def source(self) -> str:
         """The object as documents state it; see :func:`~preshape.objects.load.stored_source`."""
         return stored_source(self.request.source)[0]
@@ -156,13 +161,19 @@ def scan_trust(plan: PlanRecord, answer: Answer | None) -> Trust | None:
 
 
 def shortfalls(plan: PlanRecord, answer: Answer) -> tuple[str, ...]:
-    """Components that the task asks for and a virtual grasp does not give: those with an ADI of 0.
+    """What an answer lacks: components that the task asks for and a virtual grasp does not give (ADI 0).
 
     TFVADI sums six components, so a virtual grasp can pass without the most important one. A grip is judged
-    by the loads that it balances, so it has no such shortfall.
+    by the loads that it balances, so it lacks none of them. With a
+    larger share of the friction than usual, it lacks reserve.
     """
     if isinstance(answer.grasp, Grip):
-        return ()
+        usual, share = plan.request.search.friction_share, answer.grasp.friction_share
+        less = (
+            f"no grip is good enough with {usual:g} of the friction; this one is with {share:g}, which "
+            "leaves less reserve for a smoother object"
+        )
+        return (less,) if share > usual else ()
     q, g = plan.decision.task.q, answer.grasp
     return tuple(
         f"{name}: the task asks {asked:+.2f}, the grasp {_gives(name, asked, given)} {given:+.2f}"

@@ -80,19 +80,28 @@ def with_arm(plan: P, arm: Arm, *, keep: int) -> P:
     fallen = tuple(answer for answer in tested if answer not in served)
     outcome = _outcome(plan, arm, len(tested), fallen, notes, seconds)
     if not served:
-        advice = _advice(plan, arm, paths[:_ADVISED_ON], fallen)
-        return _unserved(replace(plan, arm=outcome), tested[0], fallen, advice)
-    plan = replace(plan, arm=outcome, answer=served[0], alternatives=tuple(served[1:keep]))
+        return _unserved(replace(plan, arm=outcome), tested[0])
+    best, first = served[0].grasp, plan.decision.grasp
+    decision = replace(plan.decision, grasp=best)
+    plan = replace(plan, arm=outcome, answer=served[0], alternatives=tuple(served[1:keep]), decision=decision)
     if not fallen:
         return plan
-    why = fallen_words(fallen, len(tested))
-    if served[0].grasp is not plan.decision.grasp:
-        why = f"{served[0].grasp.score_text}: the first answer that the arm reaches; {why}"
-    else:
-        why = f"{plan.decision.reason}; {why}"
-    last = Transition(mode=plan.decision.mode, outcome="reward", reason=why)
-    steps = (*plan.decision.transitions, last)
-    return replace(plan, decision=replace(plan.decision, reason=why, transitions=steps))
+    why = decision.reason if best is first else f"{best.score_text}: the first answer that the arm reaches"
+    why = f"{why}; {fallen_words(fallen, len(tested))}"
+    steps = (*decision.transitions, Transition(mode=decision.mode, outcome="reward", reason=why))
+    return replace(plan, decision=replace(decision, reason=why, transitions=steps))
+
+
+def advised(plan: P, arm: Arm) -> P:
+    """The plan with what would help, if the arm serves none of its answers."""
+    if plan.answer is not None or plan.arm is None or not plan.arm.tested:
+        return plan
+    fallen = plan.arm.refused
+    paths = [hand_path(plan, a) for a in fallen if a.hand_result.grasp is not None][:_ADVISED_ON]
+    decision = plan.decision
+    why = f"{decision.reason}; {_advice(plan, arm, paths, fallen)}"
+    steps = (*decision.transitions[:-1], replace(decision.transitions[-1], reason=why))
+    return replace(plan, decision=replace(decision, reason=why, transitions=steps))
 
 
 def base_pose(plan: PlanRecord) -> Array:
@@ -222,10 +231,10 @@ def _advice(plan: PlanRecord, arm: Arm, paths: Sequence[HandPath], fallen: Seque
     )
 
 
-def _unserved(plan: P, best: Answer, fallen: Sequence[Answer], advice: str) -> P:
+def _unserved(plan: P, best: Answer) -> P:
     """The plan without an answer, because the arm serves none."""
     assert plan.arm is not None
-    why = f"{fallen_words(plan.arm.refused, plan.arm.tested)}; {advice}"
+    why = fallen_words(plan.arm.refused, plan.arm.tested)
     last = Transition(mode=plan.decision.mode, outcome="deadlock", reason=why)
     decision = replace(
         plan.decision,

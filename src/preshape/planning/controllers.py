@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from ..closure.contact_places import ContactPlaces
 from ..closure.rules import ContactRules
-from ..closure.settings import ClosureSettings
+from ..closure.settings import FRICTION_SHARE, ClosureSettings
 from ..hands.hand import Hand
 from ..hiis.analyser import HandLayout
 from ..hiis.controller import Controller
@@ -140,6 +140,7 @@ def closure_controller(
             rounds=1,
             finished=1,
             persistence=0,
+            bold_share=FRICTION_SHARE,
         )
         return ClosureAnalyser(
             mesh, hand, layout, settings=quick, sets=settings.sets, seed=settings.seed, gravity=gravity

@@ -339,6 +339,7 @@ def _grip(plan: PlanRecord, grip: Grasp) -> Document | None:
         "hold_margin": grip.hold_margin,
         "quality": grip.quality,
         "clearance": grip.clearance,
+        "friction_share": grip.friction_share,
     }
 
 

@@ -64,8 +64,8 @@ ON_CLOUDS = 8
 BY_ARM = 12
 """Number of answers computed for an arm, which then leaves out those that it does not reach [C]."""
 _SEARCH = (
-    "torsion", "friction_share", "press_least", "press_most", "safety", "hold", "at_aim", "on_plane",
-    "everywhere", "persistence", "elite", "children", "rounds", "finished", "device", "threads",
+    "torsion", "friction_share", "bold_share", "press_least", "press_most", "safety", "hold", "at_aim",
+    "on_plane", "everywhere", "persistence", "elite", "children", "rounds", "finished", "device", "threads",
 )  # fmt: skip
 """The closure settings that belong to the search; friction, mass and obstacles belong to the request."""
 _CHOICES = ("approaches", "grasp_type", "count", "learn", "verify")
@@ -398,10 +398,15 @@ class PlanRequest:
         many = f"{len(boxes)} boxes{f' and {len(rules)} rules' if rules else ''} {digest}"
         return "; ".join([*table, many, *load, *kind])
 
-    def wanted(self, mesh: TriangleMesh) -> int:
-        """Number of answers to compute; physics, or the seen part of a cloud, selects among them."""
-        scan = mesh.scan is not None
-        return max(self.count, VERIFIED * self.verify, ON_CLOUDS * scan, BY_ARM * (self.arm is not None))
+    def wanted(self, mesh: TriangleMesh, *, by_arm: bool = True) -> int:
+        """Number of answers to compute; physics, the seen part of a cloud, or the arm selects among them.
+
+        Args:
+            mesh: The object.
+            by_arm: Whether to count those among which the arm selects if it does not serve the first ones.
+        """
+        scan, arm = mesh.scan is not None, by_arm and self.arm is not None
+        return max(self.count, VERIFIED * self.verify, ON_CLOUDS * scan, BY_ARM * arm)
 
     def closure(self, mesh: TriangleMesh, mass: float) -> ClosureSettings:
         """The settings of the closure analyser for this request.
@@ -481,12 +486,14 @@ class PlanRequest:
                 seed=data["seed"],
                 finger_rule=data.get("finger_rule", "up_to"),
             )
+            # Plans from before there was a larger share of the friction were made without it.
+            search = {"bold_share": data["search"]["friction_share"], **data["search"]}
             read: dict[str, Any] = {
                 **{name: thing[name] for name in ("source", "unit", "scale", "view")},
                 **{name: thing.get(name) for name in ("cut_table", "mask")},
                 "task": task_from_json(data["task"]),
                 "settings": settings,
-                "search": ClosureSettings(**{name: data["search"][name] for name in _SEARCH}),
+                "search": ClosureSettings(**{name: search[name] for name in _SEARCH}),
             }
             read |= {name: data[name] for name in _PLAIN}
             read["grasp_type"] = data.get("grasp_type", "any")

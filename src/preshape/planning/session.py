@@ -21,7 +21,7 @@ from ..closure.rules import KEEP_OFF
 from ..exceptions import Cancelled, EnvironmentFailure, InputError, shown
 from ..files import file_place, file_state
 from ..hands.hand import Hand
-from ..hands.load import is_description, is_model, load_hand
+from ..hands.load import load_hand
 from ..hiis.analyser import Analyser, Grasp
 from ..hiis.controller import Controller
 from ..hiis.critic import of_this_object
@@ -31,12 +31,11 @@ from ..memory import Memory, default_path
 from ..objects.load import split_part
 from ..objects.mass import ObjectMass, object_mass
 from ..objects.mesh import TriangleMesh
-from ..objects.obstacle import placed_file
-from ..objects.sidecar import sidecar_path
 from ..tasks import Task
 from ..types import an_instance, value
-from .answers import Answer, seen_first
-from .arm import arm_of, failed_axes, with_arm
+from .answer_cache import names_all_files, object_state, obstacle_states
+from .answers import Answer, answers_of, seen_first
+from .arm import advised, arm_of, failed_axes, with_arm
 from .controllers import closure_controller, layout_of, ray_controller
 from .hand_simulation import execute
 from .plan import Plan
@@ -200,7 +199,7 @@ class Session:
             Cancelled: ``cancel`` was set.
         """
         ready = self.prepare(request)
-        wanted = request.wanted(ready.mesh)
+        wanted = request.wanted(ready.mesh, by_arm=False)
         started = time.perf_counter()
         self._tell("modes 0 to 3: looking for grasps that serve the task", 35)
         # What an earlier request made the analyser search must not change the answer to this one.
@@ -268,15 +267,10 @@ class Session:
             The value, or ``None`` if the answer also depends on files that the request does not name.
         """
         self._open_again()
-        path = split_part(request.object_name)[0].lower()
-        if (
-            is_model(request.hand_name)
-            or is_description(request.hand_name)
-            or path.endswith((".gltf", ".glb"))
-        ):
+        if not names_all_files(request):
             return None
-        place, thing = (*(self._place or ()), *self.memory.state()), _file_key(request)
-        return (*place, *thing, *_obstacle_states(request))
+        place, thing = (*(self._place or ()), *self.memory.state()), object_state(request)
+        return (*place, *thing, *obstacle_states(request))
 
     def hand(self, request: PlanRequest) -> Hand:
         """The request's hand."""
@@ -304,7 +298,7 @@ class Session:
         """The request's object [m]."""
         if isinstance(request.source, TriangleMesh):
             return request.source
-        key, last = _file_key(request), self._mesh
+        key, last = object_state(request), self._mesh
         # A glTF file may name files with its vertices, which may have changed instead.
         file = split_part(request.source)[0].lower()
         if last is None or last[0] != key or file.endswith((".gltf", ".glb")):
@@ -349,41 +343,54 @@ class Session:
         return plan
 
     def _on_arm(self, ready: Prepared, arm: Arm, plan: Plan, *, keep: int, started: float) -> Plan:
-        """The plan with the answers that the arm serves; if it serves none, other approaches are searched.
+        """The plan with the answers that the arm serves.
+
+        1. The arm tries the first answers, as many as without an arm.
+        2. If it does not serve as many as asked for, it chooses among more.
+        3. If it serves none of these either, other approaches are searched.
 
         The further searches teach nothing: a lesson that was restricted to some approaches would mislead
         plans without an arm.
         """
-        request = ready.request
+        request, first = ready.request, ready.request.wanted(ready.mesh, by_arm=False)
         self._tell(f"the arm {arm.name} tries the answers", 90 if not request.verify else 40)
         plan = with_arm(plan, arm, keep=keep)
+        if len(answers_of(plan)) < keep and first < request.wanted(ready.mesh) and plan.arm_tested:
+            further = self._further(ready, arm, replace(plan, arm=None), request.approaches, keep, started)
+            if further.arm is not None and (further.answer is not None or plan.answer is None):
+                plan = further
         for _ in range(ARM_ROUNDS):
             assert plan.arm is not None
             allowed = set((request.approaches or ",".join(AXIS_NAMES)).replace(" ", "").split(","))
             rest = sorted(allowed - failed_axes(plan.arm.refused))
-            if plan.answer is not None or not plan.arm.tested or not rest:
+            if plan.answer is not None or not plan.arm_tested or not rest:
                 break
-            self._tell(f"the arm reaches none: looking for grasps along {', '.join(rest)}", 92)
-            decision = ready.controller.run(
-                ready.element,
-                ready.task,
-                approaches=",".join(rest),
-                count=request.wanted(ready.mesh),
-                may_learn=False,
-            )
-            ready.controller.reset()
-            if decision.grasp is None:
-                break
-            further = replace(self._executed(ready, decision, started, None), arm=plan.arm)
-            if ready.mesh.scan is not None:
-                further = seen_first(further, keep=request.wanted(ready.mesh))
-            further = with_arm(further, arm, keep=keep)
-            if further.answer is None:
-                further = replace(
-                    further, best=plan.best, decision=replace(further.decision, best=plan.decision.best)
-                )
-            plan = further
-        return plan
+            plan = self._further(ready, arm, plan, ",".join(rest), keep, started)
+        plan = advised(plan, arm)
+        searched = time.perf_counter() - started
+        total = sum(ready.seconds.values()) + searched
+        return replace(plan, seconds={**plan.seconds, "search": searched, "total": total})
+
+    def _further(
+        self, ready: Prepared, arm: Arm, plan: Plan, approaches: str | None, keep: int, started: float
+    ) -> Plan:
+        """The plan after a further search for answers that the arm serves; the same if nothing is found."""
+        wanted, before = ready.request.wanted(ready.mesh), plan.decision
+        self._tell(f"looking for grasps that the arm {arm.name} reaches", 92)
+        decision = ready.controller.run(
+            ready.element, ready.task, approaches=approaches, count=wanted, may_learn=False
+        )
+        ready.controller.reset()
+        if decision.grasp is None:
+            return plan
+        decision = replace(decision, transitions=(*before.transitions, *decision.transitions))
+        further = replace(self._executed(ready, decision, started, None), arm=plan.arm)
+        if ready.mesh.scan is not None:
+            further = seen_first(further, keep=wanted)
+        further = with_arm(further, arm, keep=keep)
+        if further.answer is None and plan.best is not None:
+            return replace(further, best=plan.best, decision=replace(further.decision, best=before.best))
+        return further
 
     def _answer(self, ready: Prepared, grasp: Grasp) -> Answer:
         off = [part_mesh(part) for part in ready.request.rules_for(ready.mesh).contact.keep_off]
@@ -428,14 +435,6 @@ class Session:
             self.progress(words, share)
 
 
-def _file_key(request: PlanRequest) -> tuple[Any, ...]:
-    """Key of a loaded object in the cache; with a new file or a new sidecar it is another object."""
-    source = str(request.source)
-    path = split_part(source)[0]
-    state = tuple(file_state(file) for file in (path, sidecar_path(path), str(request.mask or "")))
-    return source, request.unit, request.scale, request.view, request.cut_table, request.mask, state
-
-
 _ELEMENT_KEYS = (
     "analyser", "friction", "table", "avoid", "gravity", "seed", "thresholds", "sets", "finger_rule",
     "coefficients", "up", "rest", "obstacle", "search", "grasp_type",
@@ -448,9 +447,4 @@ def _element_key(request: PlanRequest, hand: Hand, mesh: TriangleMesh, mass: Obj
     document, rules = request.to_json(), request.rules_for(mesh).key
     wanted = (request.wanted(mesh), request.count > 1) if request.analyser == "closure" else 0
     values = (repr(document[name]) for name in _ELEMENT_KEYS)
-    return (hand, mass.kg, wanted, rules, *values, *_obstacle_states(request))
-
-
-def _obstacle_states(request: PlanRequest) -> list[str]:
-    """The states of the files of obstacles, which may change under their names."""
-    return [repr(file_state(split_part(placed_file(text).file)[0])) for text in request.obstacle]
+    return (hand, mass.kg, wanted, rules, *values, *obstacle_states(request))

@@ -189,6 +189,8 @@ def _alternatives(document: Document) -> Table:
 
 def after_words(document: Document) -> Sequence[str]:
     """Advice on what to do next, one sentence each; empty if there is none."""
+    if words.none_reached(document):
+        return ("The arm reaches no answer; the reason says what would help.",)
     if document["status"] != "answer":
         return (Status(document["status"]).help, *words.correction_words(document))
     if not document["executable"] and not document["alternatives"]:

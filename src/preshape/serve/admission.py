@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -49,11 +50,11 @@ class Admission:
             admitted["object"] = self._object(thing, names)
         if isinstance(hand := data.get("hand"), str):
             admitted["hand"] = self._hand(hand)
+        if isinstance(arm := data.get("arm"), str):
+            admitted["arm"] = self._inside(arm, "an arm is")
         for owner in (admitted, admitted.get("object")):
             if isinstance(owner, dict) and isinstance(mask := owner.get("mask"), str) and not mask.isdigit():
                 owner["mask"] = self._ending(mask, _PART, {})
-        if isinstance(arm := data.get("arm"), str):
-            admitted["arm"] = self._inside(arm, "an arm must be left out")
         if isinstance(around := data.get("obstacle"), str | list):
             around = [around] if isinstance(around, str) else around
             admitted["obstacle"] = [
@@ -72,10 +73,8 @@ class Admission:
         found = ending.search(text)
         file, rest = (text[: found.start()], found[0]) if found else (text, "")
         if not file.startswith(PREFIX):
-            return (
-                self._inside(file, "an object is a built-in name (preshape objects), a mesh that was sent")
-                + rest
-            )
+            wanted = "an object is a built-in name (preshape objects), a mesh that was sent, or"
+            return self._inside(file, wanted) + rest
         sent = self._shelf.get(file)
         names[f"{sent.path}{rest}"] = f"{sent.name}{rest}"
         names[str(sent.path)] = sent.name
@@ -85,7 +84,7 @@ class Admission:
         name, _, side = text.partition(":")
         if name in hand_names() and (not side or side in SIDES):
             return text
-        return self._inside(text, "a hand is a built-in name (preshape hands)")
+        return self._inside(text, "a hand is a built-in name (preshape hands), or")
 
     def _inside(self, text: str, wanted: str) -> str:
         """The real path of a file in the folder.
@@ -93,12 +92,9 @@ class Admission:
         Raises:
             InputError: There is no folder, or the path leads out of it.
         """
-        if self._folder is None:
-            raise InputError(f"{wanted} or, with --files DIR, a file in that folder; got {shown(text)}")
-        try:
-            path = os.path.realpath(self._folder / text)
-        except (OSError, ValueError) as error:
-            raise InputError(f"{shown(text)} is no path of a file") from error
+        path = ""
+        with suppress(OSError, ValueError):
+            path = "" if self._folder is None else os.path.realpath(self._folder / text)
         if not path.startswith(f"{self._folder}{os.sep}"):
-            raise InputError(f"{wanted} or a file in the folder of --files, not {shown(text)}")
+            raise InputError(f"{wanted} a file in the folder of --files, got {shown(text)}")
         return path

@@ -105,7 +105,7 @@ def _space(sheet: Sheet, scene: PlanScene) -> None:
     size = sheet.pixels(SPACE_WIDTH, HEIGHT)
     grasp, scenery = _shapes(scene)
     shapes = [*grasp, *scenery]
-    points = np.concatenate([shape.vertices for shape in grasp])
+    points = _in_view(scene, np.concatenate([shape.vertices for shape in grasp]))
     aspect = SPACE_WIDTH / HEIGHT
     camera = Camera.framing(points, view_direction(scene), aspect=aspect, margin=1.12, up=scene.up)
     floor = scene.table

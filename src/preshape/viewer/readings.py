@@ -15,6 +15,7 @@ from .words import (
     Document,
     answer_words,
     answers_of,
+    arm_words,
     correction_words,
     figures,
     fingers_words,
@@ -146,8 +147,35 @@ def why(document: Document, answers: Sequence[Document], shown: int) -> str:
     second = ""
     if others and not shown:
         best = max(others, key=score)
-        second = f" The best on another plane: plane {best['plane']}, {name} {score(best):.2f}."
-    return f"<h3>Why this grasp</h3><p>{escape(first + second)}</p>"
+        second = escape(f" The best on another plane: plane {best['plane']}, {name} {score(best):.2f}.")
+        second += planes_compared(answers, need)
+    return f"<h3>Why this grasp</h3><p>{escape(first)}{second}</p>"
+
+
+def planes_compared(answers: Sequence[Document], need: float) -> str:
+    """A bar for each of the twelve planes: the best answer there, if one of the answers is on it.
+
+    Args:
+        answers: The answers of a plan.
+        need: The score that is enough.
+    """
+    found: dict[int, float] = {}
+    for answer in answers:
+        found[answer["plane"]] = max(score(answer), found.get(answer["plane"], 0.0))
+    rows = []
+    for index in range(1, 13):
+        most = found.get(index)
+        colour = "#009E73" if most is not None and most >= need else "#E69F00"
+        bar = (
+            "" if most is None else f'<i style="left:0;width:{min(most / 6, 1):.0%};background:{colour}"></i>'
+        )
+        number = "–" if most is None else f"{most:.2f}"
+        rows.append(
+            f'<tr><th>{index}</th><td style="width:75%"><div class="track">{bar}</div></td>'
+            f'<td class="num">{number}</td></tr>'
+        )
+    words = f"best of the {len(answers)} answers on each of the twelve planes, 0 to 6; – has none among them"
+    return f'<table>{"".join(rows)}</table><span class="quiet">{words}</span>'
 
 
 def glossary() -> str:
@@ -222,6 +250,9 @@ def facts(document: Document, answer: Document) -> str:
         f"{escape(hand['reason'] or '')}</div>"
     )
     notes = "".join(f'<div class="step warn">{escape(w)}</div>' for w in answer.get("warnings", []))
+    if arm := arm_words(answer):
+        kind = "good" if answer["arm"]["path"] else "bad"
+        tried += f'<div class="step {kind}"><b>Arm</b><br>{escape(arm)}</div>'
     return f"<h3>This answer</h3>{_table(fact_rows(document, answer))}{tried}{notes}"
 
 

@@ -57,8 +57,16 @@ def result(document: Document) -> tuple[str, str, str]:
         return "✕", "bad", "No answer held in physics"
     if document.get("missing_motion"):
         return "!", "warn", f"{title}, but it {missing_words(document)}"
+    if none_reached(document):
+        title = "The arm reaches no answer"
     shown = "; the best try is shown" if document.get("best") and not document.get("plane") else ""
     return sign, kind, title + shown
+
+
+def none_reached(document: Document) -> bool:
+    """Whether a plan has no answer because its arm serves none."""
+    arm = document.get("arm") or {"tested": 0}
+    return document["status"] == "deadlock" and bool(arm["tested"]) and arm["tested"] == len(arm["refused"])
 
 
 def missing_words(document: Document) -> str:
