@@ -26,7 +26,7 @@ SIX = ["force +x", "force +y", "force +z", "force -x", "force -y", "force -z"]
 
 @pytest.fixture(scope="module")
 def planned() -> preshape.Plan:
-    return preshape.plan("hammer", "lift", memory=":memory:")
+    return preshape.plan("hammer", "lift", hand="utah_mit", memory=":memory:")
 
 
 @pytest.fixture(scope="module")
