@@ -41,6 +41,8 @@ _REFUSED = {
     "origin": ("Another page", "Only the app's own page may use the app."),
     "token": ("A token is needed", _ASK_FOR_TOKEN),
 }
+WILDCARDS = ("", "0.0.0.0", "::")
+"""Addresses that stand for all of this machine."""
 Fault = Literal["host", "origin", "token"]
 
 
@@ -51,10 +53,17 @@ class Gate:
         host: Address that the server listens on.
         port: Port that the server listens on.
         limit: Largest number of pages that are open at the same time.
+
+    Attributes:
+        token: What a request must show; ``None`` on loopback.
+        address: The address to open in a browser, with the token if one is needed.
     """
 
     def __init__(self, host: str, port: int, limit: int) -> None:
         self.token = None if is_loopback(host) else secrets.token_urlsafe(24)
+        name = "localhost" if host in (*WILDCARDS, "127.0.0.1") else host
+        token = f"/?token={self.token}" if self.token else ""
+        self.address = f"http://{f'[{name}]' if ':' in name else name}:{port}{token}"
         self.limit = limit
         self._cookie = f"preshape-{port}"
         self._open = 0

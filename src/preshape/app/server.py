@@ -20,8 +20,6 @@ from .sessions import Sessions
 if TYPE_CHECKING:
     import viser
 
-WILDCARDS = ("", "0.0.0.0", "::")
-"""Host addresses that stand for every address of this machine."""
 SESSIONS = 8
 """Usual limit of open pages; each has a planner process of some 150 MB."""
 LARGEST_MESSAGE = 2**20
@@ -80,9 +78,7 @@ class ViewServer:
     @property
     def address(self) -> str:
         """The address to open in a browser, with the token if one is needed."""
-        name = "localhost" if self.host in (*WILDCARDS, "127.0.0.1") else self.host
-        token = f"/?token={self._gate.token}" if self._gate.token else ""
-        return f"http://{f'[{name}]' if ':' in name else name}:{self.port}{token}"
+        return self._gate.address
 
     def stop(self) -> None:
         """Close every browser's planner, and the server."""

@@ -41,10 +41,11 @@ def serve(
     `preshape plan` of this user with this memory is answered by it too. Ctrl-C or SIGTERM ends it with exit
     code 130 and keeps what was learnt.
     """
+    from ..app.gate import WILDCARDS
     from ..hands.load import load_hand
     from ..memory import Memory, default_path
     from ..serve.place import server_key
-    from ..serve.server import WILDCARDS, PlanServer
+    from ..serve.server import PlanServer
 
     if memory == ":memory:":
         raise InputError(

@@ -74,7 +74,8 @@ def view(thing: str, task: str | None, host: str, port: int, sessions: int, **op
         hand = hand_from(options)
         start = start_of(request_from(thing, task or "lift", hand=hand, options=options))
     try:
-        from ..app.server import WILDCARDS, ViewServer
+        from ..app.gate import WILDCARDS
+        from ..app.server import ViewServer
     except ImportError as error:
         raise EnvironmentFailure(f"the browser app needs viser ({error}): pip install viser") from error
     with interrupts.patient():  # SIGTERM and SIGHUP too stop the server, which ends its processes

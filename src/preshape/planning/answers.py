@@ -237,6 +237,17 @@ def _untrusted(plan: P, best: Answer) -> P:
         f"{best.grasp.score_text}, but all its contacts are on guessed surface (trust 0): "
         "scan the object from another side, or from several"
     )
+    return without_answer(plan, best, why)
+
+
+def without_answer(plan: P, best: Answer, why: str) -> P:
+    """The plan without an answer.
+
+    Args:
+        plan: The plan, whose answers cannot be used.
+        best: The best of them.
+        why: Why not, as a sentence.
+    """
     last = Transition(mode=plan.decision.mode, outcome="deadlock", reason=why)
     decision = replace(
         plan.decision,

@@ -14,11 +14,11 @@ from ..arm.model import Arm, read_arm
 from ..arm.reach import ArmReach, ArmStatus, HandPath, reach, reached_from, refused, ways_of
 from ..closure.contact_places import part_mesh
 from ..hands.hand import Hand
-from ..hiis.decision import Status, Transition
+from ..hiis.decision import Transition
 from ..objects.mesh import TriangleMesh
 from ..spatial import inverse, pose_from_seven
 from ..types import Array
-from .answers import Answer, ArmOutcome, PlanRecord, answers_of
+from .answers import Answer, ArmOutcome, PlanRecord, answers_of, without_answer
 from .request import PlanRequest
 
 P = TypeVar("P", bound=PlanRecord)
@@ -234,15 +234,4 @@ def _advice(plan: PlanRecord, arm: Arm, paths: Sequence[HandPath], fallen: Seque
 def _unserved(plan: P, best: Answer) -> P:
     """The plan without an answer, because the arm serves none."""
     assert plan.arm is not None
-    why = fallen_words(plan.arm.refused, plan.arm.tested)
-    last = Transition(mode=plan.decision.mode, outcome="deadlock", reason=why)
-    decision = replace(
-        plan.decision,
-        status=Status.DEADLOCK,
-        reason=why,
-        grasp=None,
-        best=best.grasp,
-        alternatives=(),
-        transitions=(*plan.decision.transitions, last),
-    )
-    return replace(plan, answer=None, alternatives=(), best=best, decision=decision)
+    return without_answer(plan, best, fallen_words(plan.arm.refused, plan.arm.tested))

@@ -22,8 +22,6 @@ from .shelf import Shelf
 
 CONNECTIONS, WAITING = 128, 64
 """Largest number of open connections, and of requests that wait for a planner."""
-WILDCARDS = ("", "0.0.0.0", "::")
-"""Host addresses that stand for every address of this machine."""
 
 
 class Desk:
@@ -141,9 +139,7 @@ class PlanServer:
     @property
     def address(self) -> str:
         """The address, with the token if one is needed."""
-        name = "localhost" if self.host in (*WILDCARDS, "127.0.0.1") else self.host
-        token = f"/?token={self._gate.token}" if self._gate.token else ""
-        return f"http://{f'[{name}]' if ':' in name else name}:{self.port}{token}"
+        return self._gate.address
 
     def stop(self) -> None:
         """End the planner processes at once, close the sockets and delete what clients have sent."""
