@@ -231,7 +231,7 @@ def test_the_file_s_unit_is_kept_and_its_camera_is_in_it(tmp_path, monkeypatch):
     assert mesh.extents == pytest.approx([0.03] * 3, abs=1e-3)
     asked: list[object] = []
 
-    def stop(name: str, cloud: RawCloud, camera: object, *, cut_table: bool | None) -> None:
+    def stop(name: str, cloud: RawCloud, camera: object, **_: object) -> None:
         asked.append(camera)
         raise ObjectError("stopped")
 
@@ -377,7 +377,7 @@ def test_a_view_of_a_mesh_is_refused():
 
 
 def test_suffixes_of_clouds_are_known():
-    assert CLOUD_SUFFIXES == (".pcd", ".xyz", ".npy")
+    assert CLOUD_SUFFIXES == (".pcd", ".xyz", ".npy", ".npz")
 
 
 # -- tables and pixels without an echo -----------------------------------------------------------------

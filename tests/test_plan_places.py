@@ -131,6 +131,7 @@ def test_a_library_mesh_that_was_scaled_in_python_is_found_again(tmp_path: Path)
         "scale": 1.2,
         "view": None,
         "cut_table": None,
+        "mask": None,
     }
     assert document["object"]["source"] == "mug"
     again = request_of(document)

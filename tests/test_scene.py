@@ -16,7 +16,7 @@ from preshape.closure.settings import ClosureSettings
 from preshape.exceptions import InputError, ObjectError
 from preshape.objects.load import load_object
 from preshape.objects.mesh import TriangleMesh
-from preshape.objects.scans.scene import object_mask, read_npz, scene_parts
+from preshape.objects.scans.scene import object_mask, read_npz, scene_parts, support
 from preshape.planner import plan
 from preshape.planning.request import PlanRequest
 
@@ -47,8 +47,13 @@ def npz(**arrays: object) -> bytes:
 
 
 def test_a_depth_image_becomes_points_where_they_are(arrays: dict[str, np.ndarray]) -> None:
-    cloud = read_npz("s", npz(**arrays))
+    raw = read_npz("s", npz(**arrays))
+    cloud = raw.in_metres(1.0)
     assert cloud.camera == pytest.approx(CAMERA)
+    millimetres = {**arrays, "depth": 1000 * arrays["depth"]}  # the pose stays in metres
+    assert read_npz("s", npz(**millimetres)).in_metres(0.001).points == pytest.approx(
+        cloud.points, nan_ok=True
+    )
     on_table = cloud.points[cloud.labels == 0]
     on_table = on_table[np.isfinite(on_table).all(axis=1)]
     assert np.abs(on_table[:, 2]).max() < 6 * 0.0007  # the noise along the rays
@@ -115,7 +120,7 @@ def test_a_mask_is_a_label_or_a_file_of_any_of_two_kinds(
 
 
 def test_the_table_is_found_and_the_rest_is_neither_table_nor_object(arrays: dict[str, np.ndarray]) -> None:
-    cloud = read_npz("s", npz(**arrays))
+    cloud = read_npz("s", npz(**arrays)).in_metres(1.0)
     found = scene_parts("s", cloud, np.asarray(cloud.labels) == 1)
     assert found.table == pytest.approx([0, 0, 1, 0], abs=1e-3)
     assert found.points[:, 2].min() > 0.0005
@@ -124,6 +129,20 @@ def test_the_table_is_found_and_the_rest_is_neither_table_nor_object(arrays: dic
     assert (np.linalg.norm((found.rest - own.cog)[:, :2], axis=1) > own.extents[0] / 2 - 0.002).all()
     near = [np.linalg.norm((found.rest - body.cog)[:, :2], axis=1).min() for body in BODIES[1:]]
     assert max(near) < 0.03  # both neighbours are there
+
+
+def test_a_wall_is_no_table_and_a_mask_without_an_edge_is_refused(arrays: dict[str, np.ndarray]) -> None:
+    cloud = read_npz("s", npz(**arrays)).in_metres(1.0)
+    own = np.asarray(cloud.labels) == 1
+    body = cloud.points[own]
+    u, v = np.meshgrid(np.linspace(-0.2, 0.2, 90), np.linspace(0.0, 0.3, 90))
+    away = -CAMERA * [1, 1, 0] / np.linalg.norm(CAMERA[:2])
+    across = np.array([-away[1], away[0], 0.0])
+    wall = BODIES[0].cog * [1, 1, 0] + 0.06 * away + u.reshape(-1, 1) * across + v.reshape(-1, 1) * [0, 0, 1]
+    assert support(body, wall, CAMERA, np.array([0.0, 0.0, 1.0]))[0] is None
+    assert support(body, wall, CAMERA)[0] is None  # it does not touch the wall
+    with pytest.raises(ObjectError, match="the mask takes in the table"):
+        scene_parts("s", cloud, (np.asarray(cloud.labels) <= 1))
 
 
 def test_a_guess_does_not_reach_below_the_table(scene: Path) -> None:

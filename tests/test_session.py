@@ -35,6 +35,8 @@ from preshape.tasks.task import COMPONENTS
 from preshape.viewer.words import scene_words
 
 QUICK = ClosureSettings(everywhere=300, on_plane=120, at_aim=60, persistence=0, rounds=1, elite=8, finished=3)
+CAREFUL = replace(QUICK, bold_share=QUICK.friction_share)
+"""A search that never counts on more of the friction."""
 DATA = Path(__file__).parent / "data"
 pytestmark = pytest.mark.usefixtures("small_pictures")
 
@@ -256,7 +258,7 @@ def test_a_mass_that_is_none_is_refused(mass: Any) -> None:
 def test_the_heaviest_mass_is_where_the_grip_stops_being_good_enough(
     session: Session, name: str, task: str
 ) -> None:
-    plan = session.run(asked(name, task, learn=False))
+    plan = session.run(asked(name, task, learn=False, search=CAREFUL))
     assert plan.answer is not None
     heaviest = plan.answer.heaviest
     assert heaviest is not None
@@ -265,7 +267,8 @@ def test_the_heaviest_mass_is_where_the_grip_stops_being_good_enough(
     stored = session.prepare(plan.request).element
     lesson = grip_lesson(plan, stored.layout.name)
     for factor, enough in ((0.93, True), (1.07, False)):
-        heavier = session.prepare(asked(name, task, learn=False, mass=heaviest * factor)).element
+        request = asked(name, task, learn=False, mass=heaviest * factor, search=CAREFUL)
+        heavier = session.prepare(request).element
         heavier.explore(q, Aim(values=plan.settings.sets.crisp()))  # all was looked at: no better one waits
         again = heavier.recall(q, [lesson])
         good = bool(again) and again[0].judged >= 3.0 - 1e-9
@@ -423,7 +426,7 @@ def test_a_session_answers_as_if_each_request_were_its_first(tmp_path: Path) -> 
 def test_a_deadlock_names_mass_shortfall_and_remedy_and_carries_the_best(
     session: Session, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    plan = session.run(asked("mug", "lift", mass=3.0))
+    plan = session.run(asked("mug", "lift", mass=3.0, search=CAREFUL))
     assert plan.decision.status in (Status.DEADLOCK, Status.NO_GRASP)
     assert plan.answer is None
     assert plan.best is not None

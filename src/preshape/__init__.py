@@ -1,7 +1,7 @@
 """Task-oriented grasp planning for multifingered robot hands.
 
 >>> import preshape
->>> plan = preshape.plan("cube", "1 1 .1 .05 .8 .05", memory=":memory:")
+>>> plan = preshape.plan("cube", "1 1 .1 .05 .8 .05", hand="utah_mit", memory=":memory:")
 >>> plan.grasp.plane.index, plan.decision.mode
 (5, 0)
 

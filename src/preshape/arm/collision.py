@@ -107,6 +107,7 @@ class ArmScene:
         self.names = [_spoken(name) for name in names]
         group = model.body_weldid[model.geom_bodyid]
         solid = (model.geom_contype > 0) & (np.arange(model.ngeom) != self.table)
+        self.solid: BoolArray = solid
         self.moving: BoolArray = solid & (group > 0)
         self._shapes: dict[int, Any] = {}
 
@@ -170,7 +171,8 @@ class ArmScene:
         low, high = surface.mesh.bounds
         centres = places @ self.T_object_base[:3, :3].T + self.T_object_base[:3, 3]
         gap = np.linalg.norm(centres - np.clip(centres, low, high), axis=2)
-        near = (gap < self.model.geom_rbound) & self.moving
+        # The arm's base may stand on what is around, but not in the object.
+        near = (gap < self.model.geom_rbound) & (self.solid if surface.lifted else self.moving)
         if not surface.hand_too:
             near &= ~self.of_hand
         if surface.lifted:

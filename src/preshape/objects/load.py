@@ -55,6 +55,11 @@ IN_MEMORY = " (in memory)"
 
 _Y_UP = "in a glTF file y is up by its standard: task, table and gravity follow it (--up z if z is up here)"
 
+_NO_TABLE = (
+    "no table was found under the object of the scene: it is settled as it would come to rest; --table "
+    "HEIGHT states the table, --table none is free space"
+)
+
 _ALL_READERS = {**_READERS, **_CLOUD_READERS}
 
 _SIGNATURES = {
@@ -328,10 +333,9 @@ def _from_cloud(
     from .scans.complete import complete
 
     factor = checks.metres(unit, scale)
-    points, scene = raw.points * factor, None
-    camera = None if raw.camera is None else factor * raw.camera
+    whole, scene = raw.in_metres(factor), None
+    points, camera = whole.points, whole.camera
     if mask is not None:
-        whole = RawCloud(points=points, camera=camera)
         scene = scene_parts(name, whole, object_mask(name, raw, mask))
         points, cut_table = scene.points, False
     echoes = RawCloud(points=points).echoes
@@ -350,6 +354,7 @@ def _from_cloud(
         scale=scale,
         unit=unit,
         scan=scan,
+        notes=(_NO_TABLE,) if scene is not None and known is None else (),
     )
 
 

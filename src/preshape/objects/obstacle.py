@@ -90,7 +90,8 @@ def obstacle_surface(placed: PlacedFile, near: Array) -> PartSurface | None:
     name = f"the obstacle {os.path.basename(split_part(placed.file)[0])}"
     low, high = near[0] - REACH, near[1] + REACH
     if isinstance(raw, RawCloud):
-        return surface_of_points(name, spatial.transform_points(placed.T_object_file, raw.echoes), near)
+        echoes = raw.in_metres(1.0).echoes
+        return surface_of_points(name, spatial.transform_points(placed.T_object_file, echoes), near)
     vertices, triangles = _merged(raw.vertices, raw.triangles)
     vertices = spatial.transform_points(placed.T_object_file, vertices)
     corners = vertices[triangles]

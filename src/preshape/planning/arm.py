@@ -206,7 +206,8 @@ def _advice(plan: PlanRecord, arm: Arm, paths: Sequence[HandPath], fallen: Seque
     T_world_base = pose_from_seven(plan.request.base_pose)
     T_world_object = pose_from_seven(plan.standing.pose)
     ahead = (T_world_object[:3, :3] @ plan.mesh.cog - T_world_base[:3, 3]) * [1, 1, 0]
-    ahead = ahead / max(float(np.linalg.norm(ahead)), 1e-9)
+    length = float(np.linalg.norm(ahead))
+    ahead = ahead / length if length > 1e-6 else np.array([1.0, 0.0, 0.0])
     most, words, place = 0, "", T_world_base
     for height in _HEIGHTS:
         for share in _DISTANCES:

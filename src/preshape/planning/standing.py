@@ -31,7 +31,7 @@ DEFAULT = "default"
 """Value of ``table`` that leaves the choice between ``auto`` and free space to hand and analyser."""
 TURNED = math.radians(5.0)
 """An object that would settle by at most this angle is planned for as it is modelled [C]."""
-_LIFT, _SAME = "lift:+z", 1e-6
+_LIFT, _SAME = "lift:+z", math.radians(1.0)
 _ABSENT = np.array([TRANSLATION_ABSENT] * 3 + [ROTATION_ABSENT] * 3)
 
 
@@ -83,7 +83,7 @@ class Standing:
         if task.label != _LIFT or self.turned < _SAME:
             return turned_task(task, self.upright)
         q = np.where(np.abs(self.up) > TRANSLATION_ABSENT, self.up, TRANSLATION_ABSENT)
-        direction = ", ".join(f"{x:.2f}" for x in self.up + 0.0)
+        direction = ", ".join(f"{round(x, 2) + 0.0:.2f}" for x in self.up.tolist())
         means = f"Raise the object along ({direction}), which is up as it lies, without turning it."
         return replace(task, q=np.append(q, task.q[3:]), gravity=-self.up, means=means)
 

@@ -282,7 +282,7 @@ def arm_words(answer: Document) -> str:
     arm = answer.get("arm")
     if not arm or arm["status"] is None:
         return ""
-    if not arm["path"]:
+    if not arm.get("path"):
         return f"{arm['name']} does not reach it: {arm['reason']}"
     room = (
         "" if arm["limit_room"] is None else f"{math.degrees(arm['limit_room']):.0f}° from its joint limits, "

@@ -16,11 +16,13 @@ class RawCloud:
         points: (n, 3) positions in the file's unit; rows of NaN, or of zeros, are pixels without an echo.
         camera: (3,) position of the camera that the file names, or ``None``.
         labels: (n,) number of what each point shows, or ``None``.
+        T: (4, 4) pose of the points' frame [m], if the file has one; ``camera`` is in the points' frame.
     """
 
     points: Array
     camera: Array | None = None
     labels: IntArray | None = None
+    T: Array | None = None
 
     def __post_init__(self) -> None:
         points = np.array(self.points, dtype=np.float64)
@@ -31,6 +33,19 @@ class RawCloud:
     def echoes(self) -> Array:
         """(k, 3) the points without the pixels that have no echo."""
         return self.points[np.isfinite(self.points).all(axis=1) & self.points.any(axis=1)]
+
+    def in_metres(self, factor: float) -> RawCloud:
+        """The points at their place: scaled by a factor to metres, then moved by the file's pose.
+
+        Pixels without an echo become rows of NaN, so that they are still told from points at the origin.
+        """
+        points = factor * self.points
+        points[~np.isfinite(points).all(axis=1) | ~points.any(axis=1)] = np.nan
+        camera = None if self.camera is None else factor * self.camera
+        if self.T is not None:
+            points = points @ self.T[:3, :3].T + self.T[:3, 3]
+            camera = None if camera is None else self.T[:3, :3] @ camera + self.T[:3, 3]
+        return RawCloud(points=points, camera=camera, labels=self.labels, T=self.T)
 
 
 @value

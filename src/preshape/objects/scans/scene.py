@@ -14,7 +14,7 @@ from ...files import MOST_OF_MESH, arrays_in, read_file
 from ...types import Array, BoolArray, freeze, frozen_array, value
 from .cleaning import LEAST
 from .scan import RawCloud
-from .table import DRAWS, SAMPLED, fitted, random_planes
+from .table import DRAWS, SAMPLED, find_table, fitted, random_planes
 
 ROUND = 0.4
 """Distance from the object within which points decide about the table [m] [C]."""
@@ -22,6 +22,11 @@ NEAR = 0.008
 """Largest distance of the table's points from a random plane [m] [C]."""
 SUPPORT, ON_SIDE = 0.1, 0.97
 """Least share of the points around the object on its table, and of the object's points above it [C]."""
+TOUCHING, HIDDEN = 0.03, 0.15
+"""Largest height above the table of an object's lowest seen points [m] [C]. Where up is known, a wall is told
+from a table, and the second number lets the lower part be hidden."""
+LEVEL = float(np.cos(np.radians(20.0)))
+"""Least cosine between up, where it is known, and the table's normal [C]."""
 BESIDE = 0.004
 """Points nearer to the object than this belong to neither: masks are not exact [m] [C]."""
 _KEYS = {
@@ -56,9 +61,9 @@ class SceneParts:
 def read_npz(name: str, data: bytes) -> RawCloud:
     """Read an NPZ file with a depth image (h, w) and its camera matrix ``K`` (3, 3), or with points (…, 3).
 
-    ``T_world_camera`` (4, 4) brings the points from the camera's frame (z forward, x right, y down) into the
-    world's; ``labels``, of the size of the image or of the points, number what each shows. Lengths are in the
-    file's unit. A depth of zero, or one that is not finite, is no echo.
+    ``T_world_camera`` (4, 4), in metres whatever the unit of the depth, is the pose of the camera's frame (z
+    forward, x right, y down) in a world with z up; ``labels``, of the size of the image or of the points,
+    number what each shows. A depth of zero, or one that is not finite, is no echo.
 
     Raises:
         ObjectError: The file is no NPZ file of numbers, or an array is missing or has the wrong shape.
@@ -72,18 +77,17 @@ def read_npz(name: str, data: bytes) -> RawCloud:
         if array is not None and array.dtype.kind not in "fiub":
             raise ObjectError(f"{name}: {what} must be numbers, this file holds other data")
     points = _points_of(name, found, list(arrays))
-    camera = None if found["depth"] is None else np.zeros(3)
-    if (given := found["T"]) is not None:
-        T = np.asarray(given, dtype=np.float64)
-        if T.shape != (4, 4) or not np.allclose(T[:3, :3] @ T[:3, :3].T, np.eye(3), atol=1e-3):
-            raise ObjectError(f"{name}: {_KEYS['T'][0]} must be a pose, a 4 × 4 matrix with a rotation")
-        points, camera = points @ T[:3, :3].T + T[:3, 3], T[:3, 3]
+    camera = np.zeros(3) if found["depth"] is not None or found["T"] is not None else None
+    T = None if found["T"] is None else np.asarray(found["T"], dtype=np.float64)
+    if T is not None and (
+        T.shape != (4, 4) or not np.allclose(T[:3, :3] @ T[:3, :3].T, np.eye(3), atol=1e-3)
+    ):
+        raise ObjectError(f"{name}: {_KEYS['T'][0]} must be a pose, a 4 × 4 matrix with a rotation")
     labels = found["labels"]
     if labels is not None and labels.size != len(points):
         raise ObjectError(f"{name}: labels are for {labels.size} pixels, the scene has {len(points)}")
-    return RawCloud(
-        points=points, camera=camera, labels=None if labels is None else labels.reshape(-1).astype(np.int64)
-    )
+    numbers = None if labels is None else labels.reshape(-1).astype(np.int64)
+    return RawCloud(points=points, camera=camera, labels=numbers, T=T)
 
 
 def _points_of(name: str, found: Mapping[str, Any], keys: list[str]) -> Array:
@@ -172,7 +176,7 @@ def scene_parts(name: str, cloud: RawCloud, chosen: BoolArray) -> SceneParts:
     """Take a scene apart into the object, its table and what is in the way.
 
     1. Find the table: a plane through points around the object, which has the object and the camera on one
-       side (:func:`support`).
+          side (:func:`support`).
     2. Leave out what lies on the table, or below it; the object's points on it are the mask's errors.
     3. Leave out of the rest what is nearer to the object than ``BESIDE``.
 
@@ -182,7 +186,7 @@ def scene_parts(name: str, cloud: RawCloud, chosen: BoolArray) -> SceneParts:
         chosen: (n,) which points are the object's.
 
     Raises:
-        ObjectError: The mask leaves too few points.
+        ObjectError: The mask leaves too few points, or takes in the table.
     """
     from scipy.spatial import KDTree
 
@@ -192,9 +196,15 @@ def scene_parts(name: str, cloud: RawCloud, chosen: BoolArray) -> SceneParts:
         raise ObjectError(
             f"{name}: the mask leaves {len(points)} points of the object, and {LEAST} are needed"
         )
+    if (within := find_table(points)) is not None:
+        raise ObjectError(
+            f"{name}: {100 * within.share:.0f} % of the mask's points lie on one plane that the others stand "
+            "on: the mask takes in the table; correct it"
+        )
     table, noise = None, 0.0
     if len(rest) >= LEAST:  # 1.
-        table, noise = support(points, rest, cloud.camera)
+        up = None if cloud.T is None else np.array([0.0, 0.0, 1.0])
+        table, noise = support(points, rest, cloud.camera, up)
     if table is not None:  # 2.
         rest = rest[rest @ table[:3] - table[3] > noise]
         standing = points[points @ table[:3] - table[3] > noise]
@@ -204,13 +214,18 @@ def scene_parts(name: str, cloud: RawCloud, chosen: BoolArray) -> SceneParts:
     return SceneParts(points=points, rest=rest, table=table)
 
 
-def support(points: Array, rest: Array, camera: Array | None, seed: int = 0) -> tuple[Array | None, float]:
+def support(
+    points: Array, rest: Array, camera: Array | None, up: Array | None = None, seed: int = 0
+) -> tuple[Array | None, float]:
     """The plane on which an object stands, and the noise of its points [m]; ``None`` if there is none.
+
+    The object is near the plane, so a wall behind it is none.
 
     Args:
         points: (n, 3) points of the object [m].
         rest: (m, 3) other points of the scene [m].
         camera: (3,) position of the camera [m], or ``None``.
+        up: (3,) direction that is up, of which the plane's normal is within ``LEVEL``; ``None`` if unknown.
         seed: Seed of the draws.
     """
     low, high = points.min(axis=0) - ROUND, points.max(axis=0) + ROUND
@@ -223,7 +238,11 @@ def support(points: Array, rest: Array, camera: Array | None, seed: int = 0) -> 
     offsets = np.einsum("ij,ij->i", normals, middles)
     signs = np.where(np.median(own @ normals.T - offsets, axis=0) < 0, -1.0, 1.0)
     normals, offsets = normals * signs[:, None], offsets * signs
-    above = (own @ normals.T - offsets > -NEAR).mean(axis=0) >= ON_SIDE
+    heights = own @ normals.T - offsets
+    above = (heights > -NEAR).mean(axis=0) >= ON_SIDE
+    above &= np.percentile(heights, 100 * (1 - ON_SIDE), axis=0) < (TOUCHING if up is None else HIDDEN)
+    if up is not None:
+        above &= normals @ up > LEVEL
     if camera is not None:
         above &= camera @ normals.T - offsets > 0
     shares = (np.abs(sample @ normals.T - offsets) < NEAR).mean(axis=0) * above
