@@ -238,10 +238,10 @@ def test_the_command_plans_with_an_arm(six: str, tmp_path: Path) -> None:
     [
         (["--arm-tip", "tip"], "--arm-tip belongs to an arm"),
         (["--mount", "0 0 0 1 0 0 0"], "--mount belongs to an arm"),
-        (["--arm", "ARM"], "--arm-tip must be the name of the link"),
+        (["--arm", "ARM"], "--arm needs --arm-tip, the name of the link"),
         (["--arm", "ARM", "--arm-tip", "tip"], "--arm needs --base-pose"),
         (["--arm", "ARM", "--arm-tip", "tip", "--base-pose", "1 2 3"], "--base-pose must be seven numbers"),
-        (["--arm", "ARM", "--arm-tip", "tip", "--base-pose", "a b"], "--base-pose must be seven numbers"),
+        (["--arm", "ARM", "--arm-tip", "tip", "--base-pose", "a b"], "--base-pose takes seven numbers"),
         (["--arm", "ARM", "--arm-tip", "tip", "--base-pose", "0 0 0 1 1 0 0"], "has the length 1.414"),
         (["--arm", "ARM", "--arm-tip", "tip", "--base-pose", "0 0 0 0 0 0 0"], "has the length 0"),
         (["--arm", "ARM", "--arm-tip", "tip", "--base-pose", "0 0 1e9 1 0 0 0"], "at most 1e+06 m away"),

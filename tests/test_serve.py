@@ -231,7 +231,7 @@ def test_off_this_machine_a_token_is_needed(program):
         ("GET", "/plan", None, 405),
         ("POST", "/health", "{}", 405),
         ("GET", "/nothing", None, 404),
-        ("DELETE", "/plan", None, 501),
+        ("DELETE", "/plan", None, 405),
     ],
 )
 def test_errors_are_the_object_that_the_command_line_prints(served, method, path, body, status):

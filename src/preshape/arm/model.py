@@ -142,6 +142,11 @@ def read_arm(file: str | Path, tip: str, hand: Hand, T_tip_root: Array) -> Arm:
 def _check_tip(spec: Any, tip: str, path: Path) -> None:
     """Refuse a tip that the model does not have."""
     names = [body.name for body in spec.bodies if body.name != "world"]
+    if not names:
+        raise ArmError(
+            f"{path}: there is no link {shown(tip)} for --arm-tip, nor any other; an arm is a URDF, a xacro "
+            "or an MJCF"
+        )
     if tip in names:
         return _check_joints(spec.body(tip), tip, path)
     import difflib

@@ -314,10 +314,20 @@ def arm_options(command: Command) -> Command:
 
 
 def arm_from(options: dict[str, Any]) -> dict[str, Any]:
-    """The fields of a request that say which arm carries the hand."""
-    poses = {
-        name: None if options[name] is None else numbers_in(options[name]) for name in ("mount", "base_pose")
-    }
+    """The fields of a request that say which arm carries the hand.
+
+    Raises:
+        InputError: A pose is no list of numbers.
+    """
+    poses: dict[str, list[float] | None] = {}
+    for name in ("mount", "base_pose"):
+        text = options[name]
+        poses[name] = None if text is None else numbers_in(text)
+        if text is not None and not poses[name]:
+            raise InputError(
+                f"--{name.replace('_', '-')} takes seven numbers, x y z in metres and a unit quaternion "
+                f"w x y z, got {shown(text)}"
+            )
     return {"arm": options["arm"], "arm_tip": options["arm_tip"], **poses}
 
 

@@ -96,7 +96,7 @@ def checked_mask(mask: object, source: object, cut_table: bool | None) -> str:
     if cut_table is not None:
         raise InputError("with a mask the table is found among the other points: leave cut_table out")
     text = str(mask).strip()
-    return text if text.isdecimal() else str(Path(text).absolute())
+    return text if text.removeprefix("-").isdecimal() else str(Path(text).absolute())
 
 
 def checked_gravity(gravity: object) -> Array:
@@ -232,6 +232,8 @@ def checked_arm(
         ("--arm", arm, "the URDF of an arm"),
         ("--arm-tip", tip, "the name of the link that carries the hand"),
     ):
+        if text is None:
+            raise InputError(f"--arm needs {name}, {wanted}")
         if not isinstance(text, str | Path) or not str(text).strip():
             raise InputError(f"{name} must be {wanted}, got {shown(text)}")
     if base_pose is None:
@@ -254,7 +256,8 @@ def checked_seven(pose: object, name: str) -> tuple[float, ...]:
     seven = _numbers(pose, 7, wanted)
     length = float(np.linalg.norm(seven[3:]))
     if not abs(length - 1.0) < 1e-2:
-        raise InputError(f"{wanted}; its quaternion has the length {length:.4g}: divide it by that")
+        advice = ": divide it by that" if length > LEAST_LENGTH else ""
+        raise InputError(f"{wanted}; its quaternion has the length {length:.4g}{advice}")
     if max(map(abs, seven[:3])) > FARTHEST:
         raise InputError(f"{wanted}; the position is at most {FARTHEST:g} m away, got {list(seven[:3])}")
     exact = abs(length - 1.0) < 1e-12  # a unit quaternion stays bit for bit, so that files round-trip

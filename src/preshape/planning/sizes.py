@@ -8,8 +8,10 @@ from ..closure.contact_places import PartQuery
 from ..exceptions import ObjectError
 from ..hands.hand import Hand
 from ..objects.checks import in_millimetres, other_units
+from ..objects.load import read_content
 from ..objects.mesh import TriangleMesh
 from ..objects.obstacle import REACH, obstacle_surface, placed_file
+from ..objects.read_raw import RawMesh
 from ..types import LENGTH_UNIT
 from .hand_simulation import hand_geometry
 from .request import PlanRequest
@@ -88,9 +90,12 @@ def misplaced_obstacles(request: PlanRequest, mesh: TriangleMesh) -> list[str]:
         surface = obstacle_surface(placed_file(text), mesh.bounds)
         name = placed_file(text).file
         if surface is None:
+            raw = read_content(name)
+            extents = np.ptp(raw.vertices if isinstance(raw, RawMesh) else raw.in_metres(1.0).echoes, axis=0)
+            size = " × ".join(f"{side:.3g}" for side in extents)
             words.append(
-                f"the obstacle {name} is more than {1000 * REACH:.0f} mm from the object; it changes nothing "
-                "(its pose is in metres, in the mesh frame)"
+                f"the obstacle {name}, {size} m, is more than {1000 * REACH:.0f} mm from the object; it "
+                "changes nothing (the file is in metres, as is its pose in the mesh frame)"
             )
         elif (share := float(PartQuery(surface).nearer(inside, 0.1 * BELOW).mean())) > OVERLAPS:
             words.append(

@@ -123,6 +123,12 @@ class Handler(BaseHTTPRequestHandler):
 
     do_HEAD = do_GET  # noqa: N815
 
+    def do_DELETE(self) -> None:
+        """Refuse another method, with those that there are."""
+        self._answer({})
+
+    do_PUT = do_PATCH = do_OPTIONS = do_DELETE  # noqa: N815
+
     def do_POST(self) -> None:
         """Plan, keep a mesh, or run a command."""
         routes: dict[str, Callable[[], None]] = {"/plan": self._plan, "/objects": self._keep}
@@ -138,7 +144,7 @@ class Handler(BaseHTTPRequestHandler):
             if path not in routes:
                 others = {"/", "/openapi.json", "/health", "/plan", "/objects"} - set(routes)
                 if path in others:
-                    allowed = "POST" if self.command in ("GET", "HEAD") else "GET"
+                    allowed = "POST" if path in ("/plan", "/objects") else "GET"
                     words = f"{path} takes {allowed}, not {self.command}"
                     raise Refusal(HTTPStatus.METHOD_NOT_ALLOWED, words, Allow=allowed)
                 raise Refusal(HTTPStatus.NOT_FOUND, f"there is no {path:.80}; / lists what there is")

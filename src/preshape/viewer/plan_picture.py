@@ -333,7 +333,9 @@ def _planes(sheet: Sheet, scene: PlanScene) -> None:
     if scene.fingers:
         sheet.text(x, y, "Contacts", 11.5, weight="bold")
         y += 23
-        for name in list(dict.fromkeys(scene.fingers))[:MOST_LISTED]:
+        listed = list(dict.fromkeys(scene.fingers))[:MOST_LISTED]
+        step = min(20.0, (HEIGHT - 12.0 - y) / max(len(listed) - 1, 1))
+        for name in listed:
             own = [k for k, other in enumerate(scene.fingers) if other == name]
             i, label = own[0], name if len(own) == 1 else f"{name}, {len(own)} places"
             sheet.base.plot(x + 8, y, "o", ms=6, color=finger_colour(name, i), mec=BLACK, mew=0.4)
@@ -343,7 +345,7 @@ def _planes(sheet: Sheet, scene: PlanScene) -> None:
             elif scene.forces is not None:
                 strength = float(np.linalg.norm(scene.forces[i]))
                 sheet.text(right, y, f"force {strength:.2f}", 9.5, QUIET, ha="right")
-            y += 20
+            y += step
 
 
 def _rule(sheet: Sheet, y: float) -> None:

@@ -132,7 +132,7 @@ def object_mask(name: str, cloud: RawCloud, mask: str) -> BoolArray:
         ObjectError: The file is no mask, or one of another size.
         EnvironmentFailure: The file cannot be read.
     """
-    if mask.strip().lstrip("+").isdecimal():
+    if mask.strip().removeprefix("-").isdecimal():
         if cloud.labels is None:
             raise InputError(f"{name} has no labels, so the mask must be a file (.npy or .png), got {mask}")
         chosen = cloud.labels == int(mask)
