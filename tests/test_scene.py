@@ -141,6 +141,11 @@ def test_a_wall_is_no_table_and_a_mask_without_an_edge_is_refused(arrays: dict[s
     wall = BODIES[0].cog * [1, 1, 0] + 0.06 * away + u.reshape(-1, 1) * across + v.reshape(-1, 1) * [0, 0, 1]
     assert support(body, wall, CAMERA, np.array([0.0, 0.0, 1.0]))[0] is None
     assert support(body, wall, CAMERA)[0] is None  # it does not touch the wall
+    labels = np.asarray(cloud.labels)
+    shelf = cloud.points[(labels == 0) & (np.linalg.norm(cloud.points[:, :2], axis=1) < 0.06)][::4]
+    found, _ = support(body, np.concatenate([wall, shelf]), CAMERA, np.array([0.0, 0.0, 1.0]))
+    assert len(shelf) < 0.1 * len(wall)
+    assert found == pytest.approx([0, 0, 1, 0], abs=2e-3)
     with pytest.raises(ObjectError, match="the mask takes in the table"):
         scene_parts("s", cloud, (np.asarray(cloud.labels) <= 1))
 

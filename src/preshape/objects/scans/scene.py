@@ -20,11 +20,15 @@ ROUND = 0.4
 """Distance from the object within which points decide about the table [m] [C]."""
 NEAR = 0.008
 """Largest distance of the table's points from a random plane [m] [C]."""
-SUPPORT, ON_SIDE = 0.1, 0.97
-"""Least share of the points around the object on its table, and of the object's points above it [C]."""
+SUPPORT, LEVEL_SUPPORT = 0.1, 0.03
+"""Least share of the points around the object on its table, and where up is known [C]."""
+ON_SIDE = 0.97
+"""Least share of the object's points above its table [C]."""
 TOUCHING, HIDDEN = 0.03, 0.15
 """Largest height above the table of an object's lowest seen points [m] [C]. Where up is known, a wall is told
 from a table, and the second number lets the lower part be hidden."""
+FITTED = 40
+"""Number of random planes that are fitted to their points, the best first, until one is a table [C]."""
 LEVEL = float(np.cos(np.radians(20.0)))
 """Least cosine between up, where it is known, and the table's normal [C]."""
 BESIDE = 0.004
@@ -235,6 +239,9 @@ def support(
     rng = np.random.default_rng(seed)
     sample, own = (each[rng.permutation(len(each))[:SAMPLED]] for each in (around, points))
     middles, normals = random_planes(sample, DRAWS, rng)
+    if up is not None:  # level planes through single points find a small table beside a large wall
+        middles = np.concatenate([middles, sample[:DRAWS]])
+        normals = np.concatenate([normals, np.tile(up, (len(middles) - len(normals), 1))])
     offsets = np.einsum("ij,ij->i", normals, middles)
     signs = np.where(np.median(own @ normals.T - offsets, axis=0) < 0, -1.0, 1.0)
     normals, offsets = normals * signs[:, None], offsets * signs
@@ -246,9 +253,17 @@ def support(
     if camera is not None:
         above &= camera @ normals.T - offsets > 0
     shares = (np.abs(sample @ normals.T - offsets) < NEAR).mean(axis=0) * above
-    best = int(shares.argmax())
-    if shares[best] < SUPPORT:
-        return None, 0.0
-    middle, axes, noise = fitted(around, middles[best], normals[best], NEAR)
-    normal = axes[-1] * np.sign(axes[-1] @ normals[best])
-    return np.append(normal, middle @ normal), noise
+    for best in np.argsort(-shares, kind="stable")[:FITTED]:
+        if shares[best] < (SUPPORT if up is None else LEVEL_SUPPORT):
+            break
+        middle, axes, noise = fitted(around, middles[best], normals[best], NEAR)
+        normal = axes[-1] * np.sign(axes[-1] @ normals[best])
+        if up is None:
+            return np.append(normal, middle @ normal), noise
+        if normal @ up > LEVEL:
+            # Points of a wall on the table tilt the fit: the plane that more points lie on counts.
+            level = np.median((on := around[np.abs((around - middle) @ normal) < noise]) @ up)
+            fits = np.abs(on @ normal - middle @ normal), np.abs(on @ up - level)
+            tilted, flat = (int((apart < NEAR / 4).sum()) for apart in fits)
+            return (np.append(up, level) if flat >= tilted else np.append(normal, middle @ normal)), noise
+    return None, 0.0
