@@ -147,8 +147,9 @@ def judge(ended: Ended, usual: Ended) -> str:
     if not ended.out and ended.code in (-signal.SIGINT, -signal.SIGTERM) and not ended.err:
         return "start"
     if "Traceback" in ended.err or "Exception ignored" in ended.err or "Fatal Python" in ended.err:
-        # The guard is started by main(); before it there are only imports of Python itself and of preshape.
-        early = not ended.out and "in main\n" not in ended.err and "KeyboardInterrupt" in ended.err
+        # The guard is started by our main() (Python's site.py has another); before it there are only imports.
+        begun = re.search(r'__main__\.py", line \d+, in main\n', ended.err)
+        early = not ended.out and not begun and "KeyboardInterrupt" in ended.err
         return "start" if early else f"traceback: {ended.err.strip().splitlines()[-1]:.100}"
     try:
         status = json.loads(ended.out)["status"] if ended.out else ""
