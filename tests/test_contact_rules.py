@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -354,30 +354,13 @@ def test_a_weak_answer_says_what_the_rules_cost() -> None:
 def test_what_the_memory_recalls_obeys_too(lesson: Callable[[str], Path]) -> None:
     """A hammer is taught freely, and then planned with rules: a recalled grip on its head is no answer."""
     case, where = hammer(), str(lesson("shadow"))
-    small = {**QUICK, "finished": 2}
-    free = plan(
-        case.mesh,
-        "lift",
-        hand="shadow",
-        memory=where,
-        closure=ClosureSettings(**small),
-        mass=0.1,
-        count=2,
-        table=None,
+    small = ClosureSettings(**{**QUICK, "finished": 2})
+    ask = partial(
+        plan, case.mesh, "lift", hand="shadow", memory=where, closure=small, mass=0.1, count=2, table=None
     )
+    free = ask()
     assert free.answer is not None
-    ruled = plan(
-        case.mesh,
-        "lift",
-        hand="shadow",
-        memory=where,
-        closure=ClosureSettings(**small),
-        mass=0.1,
-        count=2,
-        hold_on="z<0.048",
-        keep_off="z>0.048",
-        table=None,
-    )
+    ruled = ask(hold_on="z<0.048", keep_off="z>0.048")
     answers = [a for a in (ruled.answer, *ruled.alternatives, ruled.best) if a is not None]
     assert answers
     for answer in answers:

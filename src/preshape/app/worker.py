@@ -24,7 +24,7 @@ import sys
 import threading
 from collections.abc import Callable
 from queue import SimpleQueue
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TextIO
 
 from ..exceptions import PreshapeError
 from .wire_format import encoded
@@ -137,11 +137,8 @@ class Worker:
 
 
 def main() -> None:
-    """Serve until standard input ends; the output of libraries goes to standard error."""
-    lines: SimpleQueue[str] = SimpleQueue()
-    threading.Thread(target=_read, args=(lines,), daemon=True).start()
-    replies = os.fdopen(os.dup(1), "w", encoding="utf-8")
-    os.dup2(2, 1)
+    """Serve until standard input ends."""
+    lines, replies = message_pipes()
 
     def say(reply: dict[str, Any]) -> None:
         replies.write(json.dumps(reply) + "\n")
@@ -159,6 +156,18 @@ def main() -> None:
             worker.answer(json.loads(lines.get()))
     except (BrokenPipeError, KeyboardInterrupt):
         pass
+
+
+def message_pipes() -> tuple[SimpleQueue[str], TextIO]:
+    """The lines of standard input as they come, and standard output, whose other uses go to standard error.
+
+    When standard input ends, so does this process.
+    """
+    lines: SimpleQueue[str] = SimpleQueue()
+    threading.Thread(target=_read, args=(lines,), daemon=True).start()
+    replies = os.fdopen(os.dup(1), "w", encoding="utf-8")
+    os.dup2(2, 1)
+    return lines, replies
 
 
 def _read(lines: SimpleQueue[str]) -> None:

@@ -62,10 +62,10 @@ def _memory_of(arguments: list[str]) -> str | None:
         found = os.environ.get("PRESHAPE_MEMORY") or None
     if found is None:
         from ..exceptions import PreshapeError
-        from .settings_file import find_file, user_settings
+        from .settings_file import user_settings
 
         try:
-            settings = user_settings() if find_file() is not None else None
+            settings = user_settings()
         except PreshapeError:
             return None
         found = settings.values.get("memory") if settings is not None else None

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import json
+import time
 from collections.abc import Iterable, Sequence
-from typing import Any
+from typing import Any, NoReturn
 
 import click
 
@@ -30,6 +31,23 @@ def emit(document: Any) -> None:
     with interrupts.output:
         click.echo(text)
         interrupts.answered()
+
+
+def wait_at(name: str, address: str, host: str) -> NoReturn:
+    """Say where a server is, and wait until a signal raises ``KeyboardInterrupt``.
+
+    Args:
+        name: The command.
+        address: Where to reach it.
+        host: The address that it listens on.
+    """
+    from ..app.gate import WILDCARDS
+
+    say(f"{name} is at {address} (Ctrl-C ends it)", err=True)
+    if host in WILDCARDS:
+        say("other machines reach it under this machine's name, with the same token", err=True)
+    while True:
+        time.sleep(3600)
 
 
 def name_files(written: Iterable[object]) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from pathlib import Path
 
 import click
@@ -10,7 +9,7 @@ import click
 from ..exceptions import InputError
 from . import interrupts
 from .options import memory_option, names_in, workers_option
-from .printing import say
+from .printing import wait_at
 
 
 @click.command(epilog="Example: preshape serve --hand shadow,leap")
@@ -41,7 +40,6 @@ def serve(
     `preshape plan` of this user with this memory is answered by it too. Ctrl-C or SIGTERM ends it with exit
     code 130 and keeps what was learnt.
     """
-    from ..app.gate import WILDCARDS
     from ..hands.load import load_hand
     from ..memory import Memory, default_path
     from ..serve.place import server_key
@@ -67,10 +65,6 @@ def serve(
             key=server_key(kept or str(default_path())),
         )
         try:
-            say(f"preshape serve is at {server.address} (Ctrl-C ends it)", err=True)
-            if host in WILDCARDS:
-                say("other machines reach it under this machine's name, with the same token", err=True)
-            while True:
-                time.sleep(3600)
+            wait_at("preshape serve", server.address, host)
         finally:
             server.stop()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -22,7 +21,7 @@ from .options import (
     object_options,
     request_from,
 )
-from .printing import say
+from .printing import wait_at
 from .settings_file import name_settings
 
 if TYPE_CHECKING:
@@ -74,18 +73,13 @@ def view(thing: str, task: str | None, host: str, port: int, sessions: int, **op
         hand = hand_from(options)
         start = start_of(request_from(thing, task or "lift", hand=hand, options=options))
     try:
-        from ..app.gate import WILDCARDS
         from ..app.server import ViewServer
     except ImportError as error:
         raise EnvironmentFailure(f"the browser app needs viser ({error}): pip install viser") from error
     with interrupts.patient():  # SIGTERM and SIGHUP too stop the server, which ends its processes
         server = ViewServer(start, host=host, port=port, sessions=sessions)
         try:
-            say(f"preshape view is at {server.address} (Ctrl-C ends it)", err=True)
-            if host in WILDCARDS:
-                say("other machines reach it under this machine's name, with the same token", err=True)
-            while True:
-                time.sleep(3600)
+            wait_at("preshape view", server.address, host)
         except KeyboardInterrupt:
             return 0
         finally:

@@ -202,12 +202,7 @@ class Opener:
         """(k,) least clearance of opened hands along ``approach`` [m]; (k,) whether the approach is free."""
         steps = np.arange(1, int(WAY_IN / STRIDE) + 1) * STRIDE
         k, n = len(rows), len(steps)
-        place = candidates.place[rows, None] - steps[:, None] * approach[:, None]
-        hands = (
-            place.reshape(k * n, 3),
-            np.repeat(candidates.turn[rows], n, axis=0),
-            np.repeat(opened, n, axis=0),
-        )
+        hands = _moved(candidates, rows, opened, -steps[:, None] * approach[:, None])
         to_object, to_obstacles = self.kernel.clearances(*hands, self.obstacles, enough=OPENING)
         least = to_object.min(axis=1).reshape(k, n).min(axis=1, initial=np.inf)
         free = to_obstacles > 0
@@ -222,15 +217,25 @@ class Opener:
             return np.ones(k, dtype=bool)
         heights = np.arange(RISE, LIFT + RISE / 2, RISE)
         n, up = len(heights), self.obstacles.planes[0, :3]
-        place = candidates.place[rows, None] + heights[:, None] * up
-        hands = (
-            place.reshape(k * n, 3),
-            np.repeat(candidates.turn[rows], n, axis=0),
-            np.repeat(grasp[rows], n, axis=0),
-        )
+        hands = _moved(candidates, rows, grasp[rows], heights[:, None] * up)
         free = np.ones(k * n, dtype=bool)
         if len(self.obstacles.boxes):
             free &= self.kernel.clearances(*hands, Obstacles(boxes=self.obstacles.boxes))[1] > 0
         if beside.any():
             free &= ~self.kept_off.near(*hands)[:, beside].any(axis=1)
         return np.asarray(free.reshape(k, n).all(axis=1))
+
+
+def _moved(candidates: Candidates, rows: IntArray, postures: Array, by: Array) -> tuple[Array, Array, Array]:
+    """Places (k·n, 3) [m], turns (k·n, 4) and postures (k·n, j) [rad] of k hands, each moved by n vectors.
+
+    Args:
+        candidates: The candidates.
+        rows: (k,) which of them are moved.
+        postures: (k, j) joint angles of their hands [rad].
+        by: (k, n, 3) vectors, or (n, 3) for all hands [m].
+    """
+    place = candidates.place[rows, None] + by
+    n = place.shape[1]
+    turn, posture = (np.repeat(each, n, axis=0) for each in (candidates.turn[rows], postures))
+    return place.reshape(-1, 3), turn, posture

@@ -87,13 +87,10 @@ def polyhedron_spheres(solid: Polyhedron, protrusion: float, spacing: float) -> 
     from scipy.spatial import cKDTree
 
     points, normals = polyhedron_surface(solid, spacing)
-    parts = list(zip(_split(points), _split(normals), strict=True))
-    own = np.concatenate([_candidates(solid, *part, protrusion) for part in parts])
+    parts = zip(_split(points), _split(normals), strict=True)
+    found = [_candidates(solid, *part, protrusion) for part in parts]
     # Samples with much room come first: their spheres are large and cover many others.
-    room = np.concatenate(
-        [_along(solid, *part, _gaps(solid, part[0]), (0.5 * protrusion,)) for part in parts]
-    )
-    room = room[:, 0, 3]
+    own, room = (np.concatenate(each) for each in zip(*found, strict=True))
     tree = cKDTree(points)
     left, chosen = np.ones(len(points), dtype=bool), []
     for sample in np.argsort(-room, kind="stable"):
@@ -143,19 +140,20 @@ def _interior(solid: Polyhedron, spheres: Array) -> Array:
     return np.array(added).reshape(-1, 4)
 
 
-def _gaps(solid: Polyhedron, points: Array) -> Array:
-    """(n, k) distances of points (n, 3) on the surface to every plane [m]."""
-    return np.asarray(np.maximum(solid.planes[:, 3] - points @ solid.planes[:, :3].T, 0.0))
+def _candidates(solid: Polyhedron, points: Array, normals: Array, protrusion: float) -> tuple[Array, Array]:
+    """(n, k, 4) the largest spheres along a few directions from each sample, with a few slacks, and the room.
 
-
-def _candidates(solid: Polyhedron, points: Array, normals: Array, protrusion: float) -> Array:
-    """(n, k, 4) the largest spheres along a few directions from each sample, with a few slacks."""
-    gaps, directions = _gaps(solid, points), [normals]
+    The room (n,) is the radius of the largest sphere along the normal, with half of the protrusion as slack.
+    """
+    gaps = np.maximum(solid.planes[:, 3] - points @ solid.planes[:, :3].T, 0.0)
+    slacks = [share * protrusion for share in _SLACK]
+    straight = _along(solid, points, normals, gaps, [*slacks, 0.5 * protrusion])
+    spheres = [straight[:, :-1]]
     for near in (_ON, protrusion):
         outward = (gaps <= near) @ solid.planes[:, :3]
-        directions.append(outward / np.maximum(np.linalg.norm(outward, axis=1, keepdims=True), 1e-9))
-    slacks = [share * protrusion for share in _SLACK]
-    return np.concatenate([_along(solid, points, outward, gaps, slacks) for outward in directions], axis=1)
+        outward /= np.maximum(np.linalg.norm(outward, axis=1, keepdims=True), 1e-9)
+        spheres.append(_along(solid, points, outward, gaps, slacks))
+    return np.concatenate(spheres, axis=1), straight[:, -1, 3]
 
 
 def _along(solid: Polyhedron, points: Array, outward: Array, gaps: Array, slacks: Sequence[float]) -> Array:

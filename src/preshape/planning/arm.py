@@ -13,9 +13,10 @@ from ..arm.collision import ArmScene, Surface
 from ..arm.model import Arm, read_arm
 from ..arm.reach import ArmReach, ArmStatus, HandPath, reach, reached_from, refused, ways_of
 from ..closure.contact_places import part_mesh
+from ..closure.opening import LIFT, WAY_IN
 from ..hands.hand import Hand
 from ..hiis.decision import Transition
-from ..objects.mesh import TriangleMesh
+from ..objects.mesh import TriangleMesh, box_mesh
 from ..spatial import inverse, pose_from_seven
 from ..types import Array
 from .answers import Answer, ArmOutcome, PlanRecord, answers_of, without_answer
@@ -23,8 +24,6 @@ from .request import PlanRequest
 
 P = TypeVar("P", bound=PlanRecord)
 
-WAY_IN, LIFT = 0.12, 0.2
-"""Length of the straight way in, and of the lift [m]; those of the pick test."""
 _BELOW = 0.01
 """Depth of the base below the table from which the table is taken to end before it [m] [C]."""
 _DISTANCES, _HEIGHTS = (0.6, 0.45, 0.75), (0.0, 0.2, -0.2)
@@ -189,10 +188,8 @@ def _scene(plan: PlanRecord, arm: Arm, T_base_object: Array) -> tuple[ArmScene, 
 
 def _box(low: Array, high: Array) -> TriangleMesh:
     """The surface of a box between two corners."""
-    import trimesh
-
-    box = trimesh.creation.box(bounds=[low, high])
-    return TriangleMesh(name="box", vertices=np.asarray(box.vertices), triangles=np.asarray(box.faces))
+    box = box_mesh("box", high - low)
+    return replace(box, vertices=box.vertices + (low + high) / 2)
 
 
 def _advice(plan: PlanRecord, arm: Arm, paths: Sequence[HandPath], fallen: Sequence[Answer]) -> str:

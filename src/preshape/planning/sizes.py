@@ -83,12 +83,14 @@ def misplaced_obstacles(request: PlanRequest, mesh: TriangleMesh) -> list[str]:
         ObjectError: A file cannot be used.
         EnvironmentFailure: A file cannot be read.
     """
+    if not request.obstacle:
+        return []
     every = max(1, len(mesh.triangles) // _POINTS)
     inside = (mesh.corners.mean(axis=1) - BELOW * mesh.normals)[::every]
     words = []
     for text in request.obstacle:
-        surface = obstacle_surface(placed_file(text), mesh.bounds)
-        name = placed_file(text).file
+        placed = placed_file(text)
+        surface, name = obstacle_surface(placed, mesh.bounds), placed.file
         if surface is None:
             raw = read_content(name)
             extents = np.ptp(raw.vertices if isinstance(raw, RawMesh) else raw.in_metres(1.0).echoes, axis=0)

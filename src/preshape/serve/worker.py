@@ -14,15 +14,13 @@ from __future__ import annotations
 
 import importlib
 import json
-import os
-import sys
 import threading
 from collections import OrderedDict
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from queue import SimpleQueue
 from typing import TYPE_CHECKING, Any
 
+from ..app.worker import message_pipes
 from ..exceptions import EnvironmentFailure, InputError, PreshapeError
 
 if TYPE_CHECKING:
@@ -167,10 +165,7 @@ def serve(answer: Callable[[dict[str, Any], Say], None], warm: Callable[[], None
         answer: Answers a message by replies; its last reply has ``done`` or ``error``.
         warm: Called before the first message is answered.
     """
-    lines: SimpleQueue[str] = SimpleQueue()
-    threading.Thread(target=_read, args=(lines,), daemon=True).start()
-    replies = os.fdopen(os.dup(1), "w", encoding="utf-8")
-    os.dup2(2, 1)
+    lines, replies = message_pipes()
     lock = threading.Lock()
     number: Any = None
 
@@ -200,10 +195,3 @@ def serve(answer: Callable[[dict[str, Any], Say], None], warm: Callable[[], None
             except Exception as error:
                 fault = f"{type(error).__name__}: {error}"
                 say({"error": f"internal fault ({fault}); please report it", "exit": 3})
-
-
-def _read(lines: SimpleQueue[str]) -> None:
-    """Queue the lines of standard input; when it ends, so does this process, whatever it is doing."""
-    for line in sys.stdin:
-        lines.put(line)
-    os._exit(0)
