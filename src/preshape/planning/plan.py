@@ -8,7 +8,6 @@ from ..files import path_of
 from ..types import value
 from .answers import PlanRecord
 from .output import notebook_html, save_plan, show_plan
-from .summary import summary_text
 
 
 @value
@@ -29,6 +28,8 @@ class Plan(PlanRecord):
         return f"<Plan {what}: {status}, the best is {found}; {self.decision.reason}>"
 
     def __str__(self) -> str:
+        from .summary import summary_text  # rich, which a plan for a program does not need
+
         return summary_text(self)
 
     def _repr_html_(self) -> str:

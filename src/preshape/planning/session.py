@@ -122,6 +122,7 @@ class Session:
         self._controller: tuple[Any, Controller] | None = None
         self._element: tuple[Any, Analyser] | None = None
         self._arm: tuple[Any, Arm] | None = None
+        self._known: tuple[Any, bool] | None = None
 
     def __enter__(self) -> Self:
         return self
@@ -182,7 +183,7 @@ class Session:
             element=self._element[1],
             warnings=tuple(warnings),
             seconds={"load": loaded - start, "prepare": time.perf_counter() - loaded},
-            known=bool(of_this_object(controller.knowledge.own, mesh)),
+            known=self._is_known(controller, mesh),
             arm=arm,
         )
 
@@ -281,6 +282,8 @@ class Session:
         # A named hand comes from a cache. A file is read at every request, because it or a file that it names
         # may have changed; what was prepared for the hand stays if its content is the same.
         hand, last = load_hand(request.hand), self._hand
+        if hand is last:
+            return hand
         if last is None or last.source != hand.source or digest(last, "") != digest(hand, ""):
             self._hand = last = hand
         return last
@@ -427,6 +430,13 @@ class Session:
             )
         self._controller = key, controller
         return controller
+
+    def _is_known(self, controller: Controller, mesh: TriangleMesh) -> bool:
+        """Whether the memory holds an experience of the object; looked up once for each state of it."""
+        key = (controller, len(controller.knowledge.own), mesh)
+        if self._known is None or self._known[0] != key:
+            self._known = key, bool(of_this_object(controller.knowledge.own, mesh))
+        return self._known[1]
 
     def _tell(self, words: str, share: float) -> None:
         if self._cancel is not None and self._cancel.is_set():
