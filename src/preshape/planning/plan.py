@@ -7,7 +7,6 @@ from pathlib import Path
 from ..files import path_of
 from ..types import value
 from .answers import PlanRecord
-from .output import notebook_html, save_plan, show_plan
 
 
 @value
@@ -34,6 +33,8 @@ class Plan(PlanRecord):
 
     def _repr_html_(self) -> str:
         """The picture with the figures, as a notebook shows it."""
+        from .output import notebook_html
+
         return notebook_html(self)
 
     def save(self, folder: str | Path) -> list[Path]:
@@ -49,6 +50,8 @@ class Plan(PlanRecord):
             InputError: The folder is no path.
             EnvironmentFailure: A file cannot be written.
         """
+        from .output import save_plan
+
         return save_plan(self, path_of(folder, "folder"))
 
     def show(self) -> Path:
@@ -57,4 +60,6 @@ class Plan(PlanRecord):
         Raises:
             EnvironmentFailure: The page cannot be written.
         """
+        from .output import show_plan
+
         return show_plan(self)
