@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
-from ..arm.model import Arm
-from ..arm.reach import ArmReach
 from ..closure.finish import margin_of
 from ..hands.hand import Hand
 from ..hiis.analyser import Grasp, Grip
@@ -23,6 +21,10 @@ from ..viewer.words import mismatch
 from .hand_simulation import HandResult
 from .request import PlanRequest
 from .standing import Standing
+
+if TYPE_CHECKING:
+    from ..arm.model import Arm
+    from ..arm.reach import ArmReach
 
 P = TypeVar("P", bound="PlanRecord")
 _ABSENT = np.array([TRANSLATION_ABSENT] * 3 + [ROTATION_ABSENT] * 3)

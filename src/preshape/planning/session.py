@@ -13,9 +13,8 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
-from ..arm.model import Arm
 from ..closure.contact_places import part_mesh
 from ..closure.rules import KEEP_OFF
 from ..exceptions import Cancelled, EnvironmentFailure, InputError, shown
@@ -35,12 +34,14 @@ from ..tasks import Task
 from ..types import an_instance, value
 from .answer_cache import names_all_files, object_state, obstacle_states
 from .answers import Answer, answers_of, seen_first
-from .arm import advised, arm_of, failed_axes, with_arm
 from .controllers import closure_controller, layout_of, ray_controller
 from .hand_simulation import execute
 from .plan import Plan
 from .request import PlanRequest
 from .sizes import misplaced_obstacles, out_of_reach, refuse_absurd_size
+
+if TYPE_CHECKING:
+    from ..arm.model import Arm
 
 Progress = Callable[[str, float], None]
 """Called with the name of the current step and the total progress in percent."""
@@ -294,6 +295,8 @@ class Session:
             return None
         key = (file_state(request.arm), request.arm, request.arm_tip, request.mount, hand)
         if self._arm is None or self._arm[0] != key:
+            from .arm import arm_of
+
             self._arm = key, arm_of(request, hand)
         return self._arm[1]
 
@@ -355,6 +358,8 @@ class Session:
         The further searches teach nothing: a lesson that was restricted to some approaches would mislead
         plans without an arm.
         """
+        from .arm import advised, failed_axes, with_arm
+
         request, first = ready.request, ready.request.wanted(ready.mesh, by_arm=False)
         self._tell(f"the arm {arm.name} tries the answers", 90 if not request.verify else 40)
         plan = with_arm(plan, arm, keep=keep)
@@ -378,6 +383,8 @@ class Session:
         self, ready: Prepared, arm: Arm, plan: Plan, approaches: str | None, keep: int, started: float
     ) -> Plan:
         """The plan after a further search for answers that the arm serves; the same if nothing is found."""
+        from .arm import with_arm
+
         wanted, before = ready.request.wanted(ready.mesh), plan.decision
         self._tell(f"looking for grasps that the arm {arm.name} reaches", 92)
         decision = ready.controller.run(
