@@ -19,6 +19,7 @@ from preshape.closure.keeping_off import BY_SPHERES, KeptOff
 from preshape.closure.preshapes import preshapes
 from preshape.closure.rules import KEEP_OFF, ContactRules
 from preshape.closure.settings import ClosureSettings, table_below
+from preshape.closure.wrap_search import best_wraps
 from preshape.exceptions import InputError
 from preshape.hands import load_hand
 from preshape.hands.collision import ObjectCollision
@@ -219,7 +220,8 @@ def test_the_rules_bind() -> None:
 def test_wraps_obey(hand: str) -> None:
     case, made = can(), analyser(hand, "can", wraps=1200)
     demand, options = made.demand(parse_task("lift").q), FinishOptions(count=4)
-    wrapped, closed = made._wraps(np.random.default_rng(0), ALL, demand, options)
+    rng = np.random.default_rng(0)
+    wrapped, closed = best_wraps(made.search, made.draws, made.finisher, rng, ALL, demand, options)
     assert len(wrapped)
     assert closed.tally[4] > 0  # some were refused
     for grip in made.grips(parse_task("lift").q, wrapped):
