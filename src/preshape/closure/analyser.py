@@ -22,7 +22,7 @@ from ..kernels.field.host import SurfaceQuery, prepare_field
 from ..objects.mesh import TriangleMesh
 from ..types import ANSWER_KIND, Array, ContactCoefficients, Experience, IntArray, frozen_array
 from .aiming import ENOUGH_MARGIN, AimDraws, aim_draws
-from .calibration import WHOLE, pick_critic
+from .calibration import WHOLE, pick_critic, unlikely
 from .candidates import DrawnCandidates, RankedCandidates, distinct, merged, without_failed
 from .contact_places import allowed_surface
 from .demand import Demand, inner_centre, task_demand, turn_levers
@@ -185,9 +185,9 @@ class ClosureAnalyser:
             finished += self.finisher.finish(self.search.evaluate(family, demand), demand, options)
         found = self.grips(task, finished)
         if not unexplored and _best_quality(found) < ENOUGH and (bolder := self._bolder) is not None:
-            found = [*self._just_enough(q, found), *found]
+            found = [*self._with_more_friction(q, found), *found]
             if _best_quality(found) < ENOUGH:
-                found = [*bolder._just_enough(q, bolder.recall(q, lessons)), *found]
+                found = [*bolder._with_more_friction(q, bolder.recall(q, lessons)), *found]
         return found
 
     @property
@@ -220,21 +220,22 @@ class ClosureAnalyser:
         """
         if self._bolder is None or (self.allowed is not None and not len(self.allowed)):
             return found
-        bold, tried = self._just_enough(q, found.grips), found.tried
-        if not bold:
+        bold, tried = self._with_more_friction(q, found.grips), found.tried
+        if _best_quality(bold) < ENOUGH:
             other = self._bolder._explore(q, aim, unexplored=False)
-            bold, tried = self._bolder._just_enough(q, other.grips), tried + other.tried
-        if not bold:
+            bold, tried = self._bolder._with_more_friction(q, other.grips), tried + other.tried
+        enough = [grip for grip in bold if grip.quality >= ENOUGH]
+        if not enough and (found.grips or not bold):
             return replace(found, tried=tried)
-        return grip_exploration([*bold, *found.grips], tried)
+        return grip_exploration([*enough, *found.grips] or bold, tried)
 
-    def _just_enough(self, q: Array, grips: Sequence[Grip]) -> list[Grip]:
-        """The grips that are good enough with a larger share of the friction than usual.
+    def _with_more_friction(self, q: Array, grips: Sequence[Grip]) -> list[Grip]:
+        """The grips that balance the load with a larger share of the friction than usual.
 
-        They are just enough, whatever their margins: their reserve for errors of friction is smaller.
+        Whatever their margins, they are just enough at most: their reserve for errors of friction is smaller.
         """
         if self.critic is not None:
-            return self.critic.just_enough(grips, self.demand(q), self.settings.bold_share)
+            return self.critic.with_more_friction(grips, self.demand(q), self.settings.bold_share)
         if self.settings.friction_share < self.settings.bold_share:
             return []
         return [replace(grip, quality=ENOUGH) for grip in grips if grip.quality >= ENOUGH]
@@ -257,7 +258,7 @@ class ClosureAnalyser:
         if not isinstance(grasp, Grip):
             return ""
         task = frozen_array(q, (6,), "task Q")
-        lacking = shortfall(self.search, grasp, self.demand(task))
+        lacking = unlikely(grasp) or shortfall(self.search, grasp, self.demand(task))
         return lacking + rules_cost(self._tallies.get(task.tobytes()), self.settings)
 
     def grips(self, q: Array, finished: Sequence[FinishedGrip]) -> list[Grip]:
