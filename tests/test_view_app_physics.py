@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import contextlib
 import json
 import os
 import signal
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,7 +15,7 @@ from preshape.app.physics_run import hold_run
 from preshape.exceptions import InputError
 from preshape.pictures import document_motion
 from preshape.viewer.canvas import RecordingCanvas
-from view_app_page import box_beside, keep, plan, press, saw, set_number, tab, until
+from view_app_page import box_beside, keep, plan, planners, press, saw, set_number, tab, until
 
 pytest_plugins = ("view_app_fixtures",)
 
@@ -108,7 +106,7 @@ def test_an_answer_without_a_grasp_is_not_simulated(planned) -> None:
 
 
 def test_a_run_is_cancelled_asked_for_again_played_and_dropped_with_its_answer(opened, tmp_path) -> None:
-    page = opened("hammer", "lift").page
+    page = opened("hammer").page
     tab(page, "Physics")
     simulate = page.get_by_role("button", name="Simulate this answer")
     assert simulate.is_disabled()
@@ -119,14 +117,14 @@ def test_a_run_is_cancelled_asked_for_again_played_and_dropped_with_its_answer(o
     cancel = page.get_by_role("button", name="Cancel")
 
     # a run is cancelled in its midst
-    (planner,) = _planners(tmp_path)
+    (planner,) = planners(tmp_path)
     os.kill(planner, signal.SIGSTOP)  # however fast the machine is, the run does not end now
     simulate.click()
     cancel.wait_for()
     press(page, "Cancel")
     saw(page, "Everything that was learnt before is kept")
     cancel.wait_for(state="hidden")
-    until(page, lambda: planner not in _planners(tmp_path))
+    until(page, lambda: planner not in planners(tmp_path))
     assert rows.count() == 0
     assert page.get_by_role("button", name="Play the run").count() == 0
 
@@ -154,7 +152,7 @@ def test_a_run_is_cancelled_asked_for_again_played_and_dropped_with_its_answer(o
     until(page, lambda: page.get_by_role("button", name="Play the run").count() == 0)
 
     # a run that comes after another answer was chosen is not shown with it
-    (planner,) = _planners(tmp_path)
+    (planner,) = planners(tmp_path)
     os.kill(planner, signal.SIGSTOP)  # a fast machine would end the run before another answer is chosen
     simulate.click()
     cancel.wait_for()
@@ -170,14 +168,3 @@ def _choose_answer(page, number: int) -> None:
     button = page.get_by_role("button", name=f"{number} · plane")
     button.click()
     button.and_(page.locator("[style*=blue]")).wait_for()
-
-
-def _planners(folder: Path) -> list[int]:
-    """The planner processes of the app whose temporary files lie in a folder."""
-    found = []
-    for process in Path("/proc").glob("[0-9]*"):
-        with contextlib.suppress(OSError):
-            mine = f"TMPDIR={folder}".encode() in (process / "environ").read_bytes().split(b"\0")
-            if mine and b"preshape.app.worker" in (process / "cmdline").read_bytes():
-                found.append(int(process.name))
-    return found

@@ -39,7 +39,7 @@ def numbers(page) -> list[float]:
 
 
 def test_task_and_curves_are_dragged_and_used(opened) -> None:
-    page = opened("cube", ".1 .1 .1 .05 .05 .05", size={"width": 640, "height": 800}).page
+    page = opened("cube", "--task", ".1 .1 .1 .05 .05 .05", size={"width": 640, "height": 800}).page
     page.get_by_text("The task as six numbers").click()
     saw(page, "T = (0, 0, 0) mm · R = none")
     before = numbers(page)
@@ -114,7 +114,7 @@ def test_task_and_curves_are_dragged_and_used(opened) -> None:
 
 
 def test_on_a_phone_the_panel_leaves_the_scene_and_goes_away(opened) -> None:
-    page = opened("mug", "lift", size={"width": 390, "height": 844}).page
+    page = opened("mug", size={"width": 390, "height": 844}).page
     scene = page.locator("canvas").first.bounding_box()
     assert (scene["width"], scene["height"]) == (390, 844)
     sheet = page.locator('div.mantine-Paper-root[style*="position: fixed"]')
@@ -147,7 +147,7 @@ def test_on_a_phone_the_panel_leaves_the_scene_and_goes_away(opened) -> None:
 
 
 def test_parts_are_offered_kept_to_and_nothing_overlaps_at_a_laptop_s_size(opened) -> None:
-    asked = ("hammer", "lift", "--hold-on", "handle", "--keep-off", "z>0.07")
+    asked = ("hammer", "--hold-on", "handle", "--keep-off", "z>0.07")
     page = opened(*asked, size={"width": 1280, "height": 800}).page
     until(page, lambda: box_beside(page, "handle").input_value() == "hold here")
     assert [box_beside(page, name).input_value() for name in ("head", "face")] == ["may be touched"] * 2

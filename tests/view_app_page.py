@@ -73,6 +73,12 @@ def tab(page, name: str) -> None:
     page.get_by_role("tab", name=name, exact=True).click()
 
 
+def planned(page) -> None:
+    """Wait for a plan that the page makes by itself."""
+    page.locator(".ps .head b", has_text=re.compile("^[✓✕?!] ")).first.wait_for()
+    page.get_by_role("button", name="Cancel").wait_for(state="hidden")
+
+
 def plan(page) -> None:
     """Plan, and wait until every answer has come."""
     press(page, "Plan")
@@ -129,6 +135,17 @@ def answer_buttons(page) -> list[str]:
     found = page.get_by_role("button", name=re.compile(r"^\d · plane"))
     found.first.wait_for()
     return found.all_text_contents()
+
+
+def planners(folder: Path) -> list[int]:
+    """The planner processes of the app whose temporary files lie in a folder."""
+    found = []
+    for process in Path("/proc").glob("[0-9]*"):
+        with contextlib.suppress(OSError):
+            mine = f"TMPDIR={folder}".encode() in (process / "environ").read_bytes().split(b"\0")
+            if mine and b"preshape.app.worker" in (process / "cmdline").read_bytes():
+                found.append(int(process.name))
+    return found
 
 
 def keep(page, name: str, size: tuple[int, int] = (1280, 800)) -> None:

@@ -20,9 +20,11 @@ from ..planning.request import PlanRequest
 from ..report.plain import html_text as escape
 from ..types import value
 from ..viewer import readings
+from .left_page import LeftPage
 from .link import PlannerLink, Reply
 from .memory_browser import memory_html, memory_place
 from .panel import ACCEPT, Panel
+from .physics_player import run_of
 from .reading import STAGES, Reading
 from .stage import Stage
 from .steering import Steering
@@ -47,10 +49,12 @@ class Start:
     Attributes:
         request: Object, task, hand and settings.
         document: A plan to show, whose request is ``request``; ``None`` if no plan was given.
+        at_once: Whether a new page plans as soon as its object is there.
     """
 
     request: PlanRequest
     document: Document | None = None
+    at_once: bool = False
 
 
 class BrowserSession:
@@ -58,24 +62,35 @@ class BrowserSession:
 
     Args:
         client: The browser.
-        start: What the browser shows first.
+        start: What a new page shows first.
+        left: What the page showed when its connection ended; ``None`` for a new page. Its uploads become
+            this session's.
     """
 
-    def __init__(self, client: viser.ClientHandle, start: Start) -> None:
-        self._client, self._start = client, start
+    def __init__(self, client: viser.ClientHandle, start: Start, left: LeftPage | None = None) -> None:
+        self._client, self._start, self._begun = client, start, left
         self._lock = threading.RLock()
-        self._uploads = Uploads()
-        self._uploaded: dict[str, Path] = {}
+        self._uploads = left.uploads if left else Uploads()
+        self._uploaded = {name: Path(path) for name, path in left.uploaded} if left else {}
         Receiver(client, self._uploads, self._received, self._refused)
         self._planner = PlannerLink(self._heard)
         self._deadlock = False
         # The request with the shown object, and the request with the object that is being loaded.
         self._loaded: PlanRequest | None = None
-        self._pending = start.request
+        request = self._pending = left.request if left else start.request
         self._after: Callable[[], None] | None = None
+        # What follows when the work in progress is done, and what that work is.
+        self._next: Callable[[], None] | None = None
+        self._work = ""
         self._playing = threading.Event()
         place = escape(memory_place(start.request.memory))
-        self.panel = Panel(client.gui, start.request, place)
+        self.panel = Panel(
+            client.gui,
+            request,
+            place,
+            objects=(start.request.object_name, *self._uploaded),
+            label=left.object_label if left else "",
+        )
         self.stage = Stage(client, self._picked)
         self.reading = Reading(self.panel, self.stage)
         self.steering = Steering(self.panel, self.stage)
@@ -89,9 +104,37 @@ class BrowserSession:
         self.steering.show_load()
         with self._reported():
             self._planner.start()
-            if start.document is not None:
+            if left is not None:
+                self._after = partial(self._restore, left)
+            elif start.document is not None:
                 self._after = self._show_given
-            self._load(start.request)
+            elif start.at_once:
+                self._next = partial(self._plan, "plan")
+            self._load(request)
+
+    def left(self) -> LeftPage | None:
+        """What is to be kept of the page when its connection has ended; ``None`` if it shows nothing yet."""
+        with self._lock:
+            if self._loaded is None:  # it closes before it is what it was
+                return self._begun.shared() if self._begun else None
+            try:
+                request = self.steering.request(self._loaded)
+            except PreshapeError:  # numbers that are half typed
+                request = self._loaded
+            rays, shown, rejected = self.reading.state
+            return LeftPage(
+                request=request,
+                object_label=str(self.panel.object.value),
+                document=self.reading.document,
+                rays=tuple(rays),
+                shown=shown,
+                rejected=rejected,
+                deadlock=self._deadlock,
+                work=self._work if self._work in ("plan", "teach") else "",
+                run=self.trial.run,
+                uploads=self._uploads.shared(),
+                uploaded=tuple((name, str(path)) for name, path in self._uploaded.items()),
+            )
 
     def close(self) -> None:
         """Release all resources, because the browser has disconnected."""
@@ -232,6 +275,7 @@ class BrowserSession:
                 return
             ready()
             # A new answer takes over the headline; a run in physics gives no answer and keeps it.
+            self._work = do
             self._waiting.begin(words, lambda: do == "simulate" or self.reading.document is None)
             try:
                 self._planner.ask(do, **content)
@@ -242,7 +286,8 @@ class BrowserSession:
 
     def _cancel(self) -> None:
         if self._planner.cancel():
-            self._after = None
+            self._after = self._next = None
+            self._work = ""
             self._waiting.end()
             self._say("warn", "Cancelled", "Everything that was learnt before is kept.")
 
@@ -292,11 +337,16 @@ class BrowserSession:
 
     def _done(self) -> None:
         self._waiting.end()
+        self._work = ""
         self._recall()
+        following, self._next = self._next, None
+        if following is not None:
+            following()
 
     def _failed(self, words: str) -> None:
         self._waiting.end()
-        self._after = None
+        self._after = self._next = None
+        self._work = ""
         for name, path in list(self._uploaded.items()):
             if str(path) in words:
                 words = words.replace(str(path), path.name)
@@ -313,6 +363,18 @@ class BrowserSession:
         if self._start.document is not None:
             self.reading.take(self._start.document, [])
             self.stage.look()
+
+    def _restore(self, left: LeftPage) -> None:
+        """Show what the page showed; work that was in progress begins again."""
+        if left.document is not None:
+            self.reading.restore(left.document, list(left.rays), left.shown, left.rejected)
+            self._deadlock = left.deadlock
+            self.panel.reset.visible = left.deadlock
+            self.stage.look()
+            if left.run is not None:
+                self.trial.take(left.run)
+        if left.work:
+            self._next = partial(self._plan, left.work)
 
     def _picked(self, index: int) -> None:
         with self._reported():
@@ -404,7 +466,7 @@ class BrowserSession:
     def _show_run(self, run: dict[str, Any]) -> None:
         if self.reading.answer is self._simulated:
             self.reading.headline()
-            self.trial.take(run)
+            self.trial.take(run_of(run))
         else:
             words = "The answer that was simulated is no longer shown; simulate this one."
             self._say("warn", "Another answer", words)

@@ -50,10 +50,22 @@ class Panel:
         gui: The browser's panel.
         request: The request that the widgets show at first.
         memory: Location of the memory, to display.
+        objects: Further names in the list of objects.
+        label: Name of the request's object in that list; by default its own.
     """
 
-    def __init__(self, gui: viser.GuiApi, request: PlanRequest, memory: str) -> None:
+    def __init__(
+        self,
+        gui: viser.GuiApi,
+        request: PlanRequest,
+        memory: str,
+        *,
+        objects: Sequence[str] = (),
+        label: str = "",
+    ) -> None:
         self.gui = gui
+        self._label = label or request.object_name
+        self._objects = list(dict.fromkeys([*object_names(), *objects, self._label]))
         gui.add_html(f"<style>{(resources.files('preshape.viewer') / 'web' / 'app.css').read_text()}</style>")
         self.headline = gui.add_html("")
         self.progress = gui.add_progress_bar(0, visible=False, animated=True)
@@ -102,9 +114,8 @@ class Panel:
         self.play = gui.add_button("Play the grasp", visible=False, color="gray")
 
     def _steering(self, gui: viser.GuiApi, request: PlanRequest) -> None:
-        source, task = request.object_name, request.asked
-        objects = list(dict.fromkeys([*object_names(), source]))
-        self.object = gui.add_dropdown("Object", objects, initial_value=source)
+        task = request.asked
+        self.object = gui.add_dropdown("Object", self._objects, initial_value=self._label)
         self.upload = gui.add_upload_button(
             "Upload a mesh", color="gray", hint="OBJ, STL, PLY, OFF, GLB, glTF"
         )

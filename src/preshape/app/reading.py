@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any
 
 from ..files import dumps
@@ -59,6 +60,19 @@ class Reading:
             self.show(0)
         else:
             self._list()
+
+    def restore(self, document: Document, rays: list[Any], shown: int, rejected: Iterable[int]) -> None:
+        """Show a plan as it was: with its rejected answers, and the answer that was shown."""
+        self.take(document, rays)
+        self._rejected = set(rejected)
+        self.show(shown)
+        if self.document is not None and self._answers and len(self._rejected) == len(self._answers):
+            self._panel.verdict.visible = False
+
+    @property
+    def state(self) -> tuple[list[Any], int, frozenset[int]]:
+        """The rays of each answer, the index of the shown one, and the indices of the rejected ones."""
+        return self._rays, self._shown, frozenset(self._rejected)
 
     def show(self, index: int) -> None:
         """Show one of the answers; if there are none, the object alone."""
@@ -141,10 +155,11 @@ class Reading:
         """Show the ranking, and the offered tasks that fit the object."""
         document, p = self.document, self._panel
         assert document is not None
+        lines = words.answers_words(self._answers)
         for i, button in enumerate(p.answers):
             button.visible = i < len(self._answers) and i not in self._rejected
             if i < len(self._answers):
-                button.label = f"{i + 1} · {words.answer_words(self._answers[i])}"
+                button.label = f"{i + 1} · {lines[i]}"
                 button.color = "blue" if i == self._shown else "gray"
         note = "The answer, then the alternatives by score; press one to see it."
         if not self._accepted:

@@ -180,9 +180,12 @@ def _offers(document: Document) -> Table:
 
 
 def _alternatives(document: Document) -> Table:
+    answers = words.answers_of(document, best=False)
+    lines = zip(words.answers_words(answers), answers, strict=True)
     rows: list[Row] = [
-        (f"answer {number}", f"{words.answer_words(other)}; {words.place_words(other)}")
-        for number, other in enumerate(document["alternatives"], start=2)
+        (f"answer {number}", f"{line}; {words.place_words(answer)}")
+        for number, (line, answer) in enumerate(lines, start=1)
+        if answer is not document
     ]
     return fact_grid(*rows)
 

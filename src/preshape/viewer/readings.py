@@ -13,8 +13,8 @@ from ..types import quality_text, two_digits
 from .words import (
     QUALITY,
     Document,
-    answer_words,
     answers_of,
+    answers_words,
     arm_words,
     correction_words,
     figures,
@@ -283,11 +283,11 @@ def bars(document: Document, answer: Document) -> str:
 def ranking(answers: Sequence[Document], shown: int) -> str:
     """All answers in the plan's order; the shown one in bold."""
     rows = []
-    for i, answer in enumerate(answers):
+    for i, words in enumerate(answers_words(answers)):
         mark, kind = ("▸", "on") if i == shown else ("", "off")
         rows.append(
             f'<tr data-answer="{i}" class="{kind}"><td>{mark}</td>'
-            f"<td>{i + 1}</td><td>{escape(answer_words(answer))}</td></tr>"
+            f"<td>{i + 1}</td><td>{escape(words)}</td></tr>"
         )
     good = any(answer.get("status") == "answer" for answer in answers)
     title = (
