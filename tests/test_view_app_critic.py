@@ -155,6 +155,9 @@ def test_a_person_clicks_plays_rejects_accepts_and_comes_back(opened, tmp_path: 
     until(page, lambda: len(planners(tmp_path)) == 1)
     assert planner not in planners(tmp_path)
 
+    press(page, names[0])
+    page.get_by_role("button", name=names[0], exact=True).and_(page.locator("[style*=blue]")).wait_for()
+
     # every answer is rejected in turn, then there is none
     for left in range(len(kept), 0, -1):
         assert len(_labels(page)) == left

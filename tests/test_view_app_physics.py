@@ -11,7 +11,7 @@ import pytest
 
 import preshape
 from preshape.app.physics_player import RunPlayer, run_of
-from preshape.app.physics_run import hold_run
+from preshape.app.physics_run import answer_run
 from preshape.exceptions import InputError
 from preshape.pictures import document_motion
 from preshape.viewer.canvas import RecordingCanvas
@@ -31,12 +31,13 @@ def planned() -> preshape.Plan:
 def said(planned) -> dict:
     document = preshape.plan_to_json(planned)
     told: list[tuple[str, float]] = []
-    run = hold_run(
+    run = answer_run(
         planned.hand,
         planned.mesh,
         document["hand"],
         friction=0.8,
         mass=0.05,
+        job=None,
         progress=lambda words, share: told.append((words, share)),
     )
     assert [share for _, share in told] == sorted(share for _, share in told)
@@ -46,7 +47,7 @@ def said(planned) -> dict:
 def test_a_run_begins_as_planned_and_has_six_pushes(planned, said) -> None:
     run = run_of(said)
     assert sorted(row["name"] for row in said["rows"]) == SIX
-    assert said["push"] == pytest.approx(0.5)
+    assert said["note"].startswith("Each push is 0.5 N for 2 s.")
     motion = document_motion(planned.hand, preshape.plan_to_json(planned))
     # the first sample is the pregrasp: every link where the plan draws it
     assert run.stage[0] == "pregrasp"
@@ -95,12 +96,13 @@ def test_the_player_places_object_hand_and_push_and_puts_them_back(planned, said
 def test_an_answer_without_a_grasp_is_not_simulated(planned) -> None:
     document = preshape.plan_to_json(planned)
     with pytest.raises(InputError, match="nothing to simulate"):
-        hold_run(
+        answer_run(
             planned.hand,
             planned.mesh,
             {**document["hand"], "grasp": None},
             friction=0.6,
             mass=0.1,
+            job=None,
             progress=lambda *_: None,
         )
 

@@ -38,8 +38,8 @@ if TYPE_CHECKING:
 
 PLAYED = 3.0
 """Duration of the animated grasp [s]."""
-RUN_PLAYED = 9.0
-"""Duration of the playback of a run in simulated physics [s]."""
+RUN_PLAYED = 14.0
+"""Longest duration of the playback of a run in simulated physics [s]."""
 
 
 @value
@@ -96,7 +96,9 @@ class BrowserSession:
         self.steering = Steering(self.panel, self.stage)
         self.trial = Trial(self.panel, self.stage)
         self._waiting = Waiting(self.panel, self._say)
+        # The answer that was simulated last, and whether its run plays as soon as it is there.
         self._simulated: Document | None = None
+        self._played = False
         self._wire()
         self._say("warn", "Welcome", "Choose an object and a task, then press Plan.")
         self._recall()
@@ -171,6 +173,7 @@ class BrowserSession:
         on(p.simulate, self._simulate)
         on(p.moment, self._seek)
         on(p.replay, self._replay)
+        on(p.film, self._film)
         on(p.run, lambda: self._plan("plan"))
         on(p.teach, lambda: self._plan("teach"))
         on(p.cancel, self._cancel)
@@ -451,14 +454,25 @@ class BrowserSession:
 
     # Simulated physics.
 
-    def _simulate(self) -> None:
+    def _film(self) -> None:
+        """Play the run of the shown answer; if there is none yet, simulate it first."""
+        if self.trial.run is not None:
+            self._replay()
+        else:
+            self._simulate(played=True)
+
+    def _play_run(self) -> None:
+        # In a thread of its own: the replies of the planner are heard while it plays.
+        threading.Thread(target=self._replay, daemon=True).start()
+
+    def _simulate(self, *, played: bool = False) -> None:
         answer = self.reading.answer
         if answer is None or self._loaded is None:
             self._say("warn", "Nothing to simulate", "Plan first.")
             return
 
         def ready() -> None:
-            self._simulated = answer
+            self._simulated, self._played = answer, played
             self.trial.drop()
 
         self._ask("simulating", ready, "simulate", request=self._loaded.to_json(), answer=answer)
@@ -467,6 +481,8 @@ class BrowserSession:
         if self.reading.answer is self._simulated:
             self.reading.headline()
             self.trial.take(run_of(run))
+            if self._played:
+                self._next = self._play_run
         else:
             words = "The answer that was simulated is no longer shown; simulate this one."
             self._say("warn", "Another answer", words)
@@ -476,4 +492,6 @@ class BrowserSession:
         self.trial.show(float(self.panel.moment.value))
 
     def _replay(self) -> None:
-        self._animate(self.trial.show, RUN_PLAYED)
+        run = self.trial.run
+        if run is not None:
+            self._animate(self.trial.show, min(RUN_PLAYED, max(PLAYED, run.times[-1])))

@@ -45,7 +45,7 @@ class Reading:
         self._shown, self.offers = 0, []
         p.why.content = p.answers_note.content = ""
         p.mass_note.content = OWN_MASS
-        for handle in (*p.offers, *p.answers, p.verdict, p.slider, p.play):
+        for handle in (*p.offers, *p.answers, p.verdict, p.slider, p.play, p.film):
             handle.visible = False
         p.simulate.disabled = True
         self._stage.show(None, None)
@@ -85,7 +85,12 @@ class Reading:
         rays = self._rays[index] if index < len(self._rays) else None
         self._stage.show(document, answer, rays=rays, share=1.0)
         self.headline()
-        p.simulate.disabled = answer is None or answer["hand"]["grasp"] is None
+        grasped = answer is not None and answer["hand"]["grasp"] is not None
+        p.simulate.disabled = not grasped
+        p.film.visible = grasped
+        if answer is not None:
+            table = (answer.get("scene") or {}).get("table")
+            p.film.label = "Play it held in physics" if table is None else "Play the whole job"
         parts = [readings.transitions(document)]
         if answer is not None:
             parts = readings.answer_parts(document, self._answers, index)

@@ -18,7 +18,7 @@ from ..planning.standing import AUTO, standing
 from ..types import Array
 from ..viewer.camera import Camera
 from ..viewer.draw import draw_hand, draw_object, draw_plan, draw_scenery, move_hand
-from ..viewer.framing import fitting
+from ..viewer.framing import fitting, following
 from ..viewer.hand_motion import HandMotion
 from ..viewer.plan_scene import PlanScene
 from .browser_canvas import SEE_THROUGH, BrowserCanvas
@@ -154,13 +154,14 @@ class Stage:
     def show_run(self, run: Run, frame: int) -> None:
         """Show a sample of a run in simulated physics; the plan's drawing is hidden meanwhile."""
         with self._lock:
-            if self.motion is None or self.mesh is None:
+            if self.motion is None or self.mesh is None or self.scene is None:
                 return
             with self._client.atomic():
                 if self.run is not run:
                     for group in QUIET_GROUPS:
                         self._canvas.show(group, False)
                     self.run = run
+                    self._put(following(self.scene, run.object_poses, run.links, self._size()))
                 self._player.show(run, self.motion.links, frame, self.mesh)
 
     def leave_run(self) -> None:
@@ -174,6 +175,7 @@ class Stage:
                 self._canvas.show(group, group not in self._hidden)
             if self.motion is not None:
                 move_hand(self.motion, self._canvas, 1.0)
+            self.look()
 
     def show_gizmo(self, displacement: Array | None) -> None:
         """Show the gizmo of the task at a displacement (4, 4), or remove it."""
@@ -193,13 +195,15 @@ class Stage:
         with self._lock:
             if self.scene is None:
                 return
-            camera = fitting(self.scene, self.motion, self._size())
             with self._client.atomic():
-                self._client.camera.fov = np.radians(camera.fov)
-                self._client.camera.up_direction = (0.0, 0.0, 1.0)
-                self._client.camera.position = camera.eye
-                self._client.camera.look_at = camera.target
+                self._put(fitting(self.scene, self.motion, self._size()))
             self._moved()
+
+    def _put(self, camera: Camera) -> None:
+        seen = self._client.camera
+        seen.fov = np.radians(camera.fov)
+        seen.up_direction = camera.up
+        seen.position, seen.look_at = camera.eye, camera.target
 
     def _moved(self) -> None:
         """Schedule a new choice of the visible labels, because camera or labels have changed."""

@@ -47,5 +47,7 @@ class Trial:
         if run is not None:
             frame = round(min(1.0, max(0.0, share)) * (len(run) - 1))
             self._panel.moment.value = share
-            self._panel.run_words.content = readings.wrapped(f"<b>{escape(run.words(frame))}</b>")
+            self._panel.run_words.content = readings.wrapped(
+                f"<p><b>{escape(run.words(frame))}</b></p>{run.verdict}"
+            )
             self._stage.show_run(run, frame)

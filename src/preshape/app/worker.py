@@ -9,7 +9,7 @@ another browser. Each message has a number ``id``. Here ``request`` is a
 - ``{"do": "plan" | "teach", "request"}`` gives ``{"document", "rays", "whole"}``, first with the answer
   alone, then again after each alternative that the hand has tried; ``whole`` is true in the last one;
 - ``{"do": "simulate", "request", "answer"}``, where ``answer`` is an answer's JSON, gives ``{"run"}`` (see
-  :func:`~preshape.app.physics_run.hold_run`).
+  :func:`~preshape.app.physics_run.answer_run`).
 
 Every reply repeats the ``id``. In between there are replies ``{"progress", "share"}``; the last reply is
 ``{"done": true}`` or ``{"error": sentence}``.
@@ -121,16 +121,17 @@ class Worker:
 
     def _simulate(self, session: Session, request: PlanRequest, answer: dict[str, Any]) -> None:
         from ..hands.load import recorded_hand
-        from ..planning.document import planned_load
-        from .physics_run import hold_run
+        from ..planning.grasp_sets import planned_for
+        from .physics_run import answer_run
 
-        mass, friction = planned_load(answer)
-        run = hold_run(
+        planned = planned_for(answer)
+        run = answer_run(
             recorded_hand(answer["hand"]),
             session.mesh(request),
             answer["hand"],
-            friction=friction,
-            mass=mass,
+            friction=planned.friction,
+            mass=planned.mass,
+            job=planned.job,
             progress=self._progress,
         )
         self._reply({"run": run})

@@ -1,9 +1,9 @@
-"""A recorded test as a film for the viewer: the solids of the scene, and stages with notes."""
+"""One planned grasp in recorded physics, with its verdict and its film: solids of the scene, and stages."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,83 +15,143 @@ from ..objects.mesh import TriangleMesh
 from ..physics.grasps import GraspSet
 from ..physics.hand import physics_hand
 from ..physics.hold.recording import HoldRecording, Recording, record_hold
+from ..physics.hold.six_directions import HoldResult, Observer
 from ..physics.pick.objects import PickAnswer, PickObject
-from ..physics.pick.protocol import PickProtocol
+from ..physics.pick.protocol import PickProtocol, PickResult
 from ..physics.pick.recording import PickRecording, record_answer
 from ..physics.pick.runner import pick_scene
 from ..physics.pieces import ConvexPieces
 from ..physics.protocol import HoldProtocol
 from ..physics.scene import OBJECT, PALM, TABLE, Scene, build_scene
-from ..planning.grasp_sets import PlannedJob
+from ..types import value
 from ..viewer.colours import HAND, Colour, finger_colour
 from ..viewer.colours import OBJECT as OBJECT_COLOUR
 from ..viewer.film import Film, FilmStage
 from ..viewer.raycast import Shape
 from ..viewer.shapes import box, capsule, join, sphere
+from .grasp_sets import PlannedJob
+
+AnyRecording = HoldRecording | PickRecording
 
 TINT = 0.25
 """Share 0..1 of the finger's own colour in the colour of its links; the last link has three times as much."""
 
 
-def recorded(
-    grasps: GraspSet, row: int, hand: Hand, pieces: ConvexPieces, protocol: HoldProtocol, *, name: str = ""
-) -> tuple[HoldRecording, Scene]:
-    """Record the holding test of one grasp.
+@value
+class RecordedRun:
+    """A recorded test of one grasp.
+
+    Attributes:
+        recording: The recording, with the result.
+        scene: The scene of the test.
+        rules: Its settings.
+    """
+
+    recording: AnyRecording
+    scene: Scene
+    rules: HoldProtocol | PickProtocol
+
+    def film(self, mesh: TriangleMesh) -> Film:
+        """The film of the test, with the object's surface in its body's frame, scaled [m]."""
+        if isinstance(self.recording, PickRecording):
+            assert isinstance(self.rules, PickProtocol)
+            return pick_film_of(self.recording, self.scene, self.rules, mesh=mesh)
+        assert isinstance(self.rules, HoldProtocol)
+        return film_of(self.recording, self.scene, self.rules, mesh=mesh)
+
+
+def recorded_run(
+    grasps: GraspSet,
+    row: int,
+    hand: Hand,
+    pieces: ConvexPieces,
+    protocol: HoldProtocol,
+    job: PlannedJob | None,
+    *,
+    name: str = "",
+    observer: Observer | None = None,
+) -> RecordedRun:
+    """Record the test of one grasp: on a table pick the object up and do the job, in free space hold it.
 
     Args:
         grasps: The grasps in the form for simulation, see :meth:`GraspSet.for_hand`.
         row: Row of the grasp.
         hand: The hand.
         pieces: Convex pieces of the object at scale 1.
-        protocol: Settings of the test.
+        protocol: Settings of the holding test; of a job, mass and friction count only.
+        job: How the object rests, and what is to be done with it; ``None`` in free space.
         name: Name of the object; by default the one in ``grasps``.
-
-    Returns:
-        The recording, and the scene of the test.
+        observer: Called at every check with the stage and the ``mujoco.MjData``, beside the recorder.
     """
-    scene = build_scene(physics_hand(hand), pieces, float(grasps.scale[row]), protocol)
-    recording = record_hold(
-        scene,
-        grasps.poses(row),
-        protocol,
-        parts=part_names(scene, hand),
-        row=row,
-        object_name=name or grasps.objects[row],
-        scale=float(grasps.scale[row]),
-    )
-    return recording, scene
-
-
-def recorded_film(
-    grasps: GraspSet, row: int, hand: Hand, pieces: ConvexPieces, protocol: HoldProtocol
-) -> tuple[HoldRecording, Callable[[TriangleMesh], Film]]:
-    """The recorded holding test of one grasp, and what makes its film from the object's surface."""
-    recording, scene = recorded(grasps, row, hand, pieces, protocol)
-    return recording, lambda mesh: film_of(recording, scene, protocol, mesh=mesh)
-
-
-def job_recorded(
-    grasps: GraspSet, row: int, hand: Hand, pieces: ConvexPieces, protocol: HoldProtocol, job: PlannedJob
-) -> tuple[PickRecording, Callable[[TriangleMesh], Film]]:
-    """The recorded pick and do test of one grasp, and what makes its film from the object's surface.
-
-    Args:
-        grasps: The grasps in the form for simulation, see :meth:`GraspSet.for_hand`.
-        row: Row of the grasp.
-        hand: The hand.
-        pieces: Convex pieces of the object at scale 1.
-        protocol: Mass and friction.
-        job: How the object rests, and what is to be done with it.
-    """
+    physical, scale = physics_hand(hand), float(grasps.scale[row])
+    more: dict[str, Any] = {
+        "row": row, "object_name": name or grasps.objects[row], "scale": scale, "observer": observer,
+    }  # fmt: skip
+    if job is None:
+        scene = build_scene(physical, pieces, scale, protocol)
+        held = record_hold(scene, grasps.poses(row), protocol, parts=part_names(scene, hand), **more)
+        return RecordedRun(recording=held, scene=scene, rules=protocol)
     rules = PickProtocol(friction=protocol.friction, do=True)
-    name, scale = grasps.objects[row], float(grasps.scale[row])
-    thing = PickObject(name=name, mass=protocol.mass, scale=scale)
-    scene = pick_scene(physics_hand(hand), pieces, thing, job.turn, rules)
+    thing = PickObject(name=grasps.objects[row], mass=protocol.mass, scale=scale)
+    scene = pick_scene(physical, pieces, thing, job.turn, rules)
     answer = PickAnswer(poses=grasps.poses(row), way_in=job.way_in, turn=job.turn, work=job.work)
-    recording = record_answer(
-        scene, answer, rules, parts=part_names(scene, hand), row=row, object_name=name, scale=scale
+    picked = record_answer(scene, answer, rules, parts=part_names(scene, hand), **more)
+    return RecordedRun(recording=picked, scene=scene, rules=rules)
+
+
+def passed(recording: AnyRecording) -> bool:
+    """Whether the hand held the object, and on a table did the job with it."""
+    result = recording.result
+    return result.done if isinstance(result, PickResult) else result.held
+
+
+def stage_rows(recording: AnyRecording) -> list[dict[str, Any]]:
+    """For each stage, how far the object moved, and the largest force and slip."""
+    probes = recording.result.probes if isinstance(recording.result, HoldResult) else ()
+    outcome = {probe.name: probe for probe in probes}
+    rows = []
+    for stage in recording.stages:
+        probe, span = outcome.get(stage), recording.span(stage)
+        moved, turned = (probe.displacement, probe.rotation) if probe else recording.moved(stage)
+        rows.append(
+            {
+                "stage": stage,
+                "start": float(recording.times[span.start]),
+                "end": float(recording.times[span.stop - 1]),
+                "displacement": moved,
+                "rotation": turned,
+                "largest_force": recording.largest_force(stage),
+                "slip": recording.largest_slip(stage),
+                "touching": [
+                    name
+                    for name, force in zip(recording.parts, recording.normal[span.stop - 1], strict=True)
+                    if force > 0
+                ],
+                "gap": float(recording.gap[span.stop - 1]),
+                "held": probe.held if probe else None,
+            }
+        )
+    return rows
+
+
+def verdict(recording: AnyRecording, protocol: HoldProtocol) -> str:
+    """One sentence on the outcome."""
+    result = recording.result
+    if isinstance(result, PickResult):
+        if not result.picked:
+            return f"Not picked up, {result.status.value}: {result.reason}."
+        return f"{'Done' if result.done else 'Not done'}: {result.reason}."
+    if not result.held:
+        return f"Not held: {result.reason.removeprefix('lost the object: ')}."
+    worst = max(result.probes, key=lambda probe: probe.displacement)
+    load = protocol.acceleration * protocol.mass
+    return (
+        f"Held: {load:g} N from {len(result.probes)} sides moved the object at most "
+        f"{1e3 * worst.displacement:.1f} mm ({worst.name})."
+        if protocol.probes == "six"
+        else f"Held: under {len(result.probes)} forces and torques the object moved at most "
+        f"{1e3 * worst.displacement:.1f} mm ({worst.name})."
     )
-    return recording, lambda mesh: pick_film_of(recording, scene, rules, mesh=mesh)
 
 
 def part_names(scene: Scene, hand: Hand) -> tuple[str, ...]:
