@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
+import shutil
 import signal
 
 import numpy as np
@@ -12,10 +14,13 @@ import pytest
 import preshape
 from preshape.app.physics_player import RunPlayer, run_of
 from preshape.app.physics_run import answer_run
+from preshape.cli.main import run
 from preshape.exceptions import InputError
 from preshape.pictures import document_motion
+from preshape.planning.grasp_sets import planned_for
+from preshape.spatial import pose_from_seven
 from preshape.viewer.canvas import RecordingCanvas
-from view_app_page import box_beside, keep, plan, planners, press, saw, set_number, tab, until
+from view_app_page import SMALL, Watched, box_beside, keep, plan, planners, press, saw, set_number, tab, until
 
 pytest_plugins = ("view_app_fixtures",)
 
@@ -31,7 +36,7 @@ def planned() -> preshape.Plan:
 def said(planned) -> dict:
     document = preshape.plan_to_json(planned)
     told: list[tuple[str, float]] = []
-    run = answer_run(
+    made = answer_run(
         planned.hand,
         planned.mesh,
         document["hand"],
@@ -41,7 +46,7 @@ def said(planned) -> dict:
         progress=lambda words, share: told.append((words, share)),
     )
     assert [share for _, share in told] == sorted(share for _, share in told)
-    return json.loads(json.dumps(run))
+    return json.loads(json.dumps(made))
 
 
 def test_a_run_begins_as_planned_and_has_six_pushes(planned, said) -> None:
@@ -163,6 +168,62 @@ def test_a_run_is_cancelled_asked_for_again_played_and_dropped_with_its_answer(o
     saw(page, "The answer that was simulated is no longer shown")
     tab(page, "Physics")
     assert page.get_by_role("button", name="Play the run").count() == 0
+
+
+def test_one_press_films_the_whole_job_that_simulate_runs(browser, serve, lesson, tmp_path, capsys) -> None:
+    memory = tmp_path / "known.sqlite"
+    shutil.copyfile(lesson("allegro"), memory)
+    made = preshape.plan("box", "lift", hand="allegro", memory=memory)
+    file = tmp_path / "plan.json"
+    file.write_text(json.dumps(preshape.plan_to_json(made)), encoding="utf-8")
+    with contextlib.suppress(SystemExit):
+        run(["simulate", str(file), "--json"])
+    said = json.loads(capsys.readouterr().out)
+    assert [row["stage"] for row in said["stages"]][-2:] == ["path", "rest"]  # it did the task
+
+    # the values that the page plays are those of the same motion, in the frame of the planned object
+    answer = preshape.plan_to_json(made)
+    planned = planned_for(answer)
+    sent = json.loads(
+        json.dumps(
+            answer_run(
+                made.hand, made.mesh, answer["hand"],
+                friction=planned.friction, mass=planned.mass, job=planned.job, progress=lambda *_: None,
+            )
+        )
+    )  # fmt: skip
+    film = run_of(sent)
+    assert sent["reason"] == said["reason"]
+    assert list(film.stage) == said["series"]["stage"]
+    assert np.allclose(film.press, np.sum(said["series"]["normal"], axis=1))
+    turn = pose_from_seven(np.array([0.0, 0.0, 0.0, *made.standing.pose[3:]]))
+    assert np.allclose(turn @ film.object_poses, pose_from_seven(np.array(said["series"]["object_pose"])))
+    assert np.allclose(film.object_poses[0], np.eye(4), atol=1e-3)  # it stands where the plan draws it
+
+    # one press computes it with progress and cancel, and plays it to the end with its verdict
+    watched = Watched(browser.new_context(viewport=SMALL))
+    page = watched.page
+    page.goto(serve(str(file)))
+    saw(page, "Grasp found")
+    cancel = page.get_by_role("button", name="Cancel")
+    cancel.wait_for(state="hidden")
+    press(page, "Play the whole job")
+    saw(page, "simulating: ")
+    press(page, "Cancel")
+    cancel.wait_for(state="hidden")
+    press(page, "Play the whole job")
+    saw(page, "lifting · ")
+    saw(page, "doing the task · ")
+    saw(page, said["reason"])
+    tab(page, "Physics")
+    until(page, lambda: float(box_beside(page, "Moment").input_value()) == 1.0)
+    keep(page, "app-film")
+    tab(page, "Plan")
+    page.reload()
+    saw(page, said["reason"])  # the film is kept
+    assert watched.complaints == []
+    assert watched.strangers() == []
+    page.context.close()
 
 
 def _choose_answer(page, number: int) -> None:

@@ -19,6 +19,7 @@ from ..types import Array
 from ..viewer.camera import Camera
 from ..viewer.draw import draw_hand, draw_object, draw_plan, draw_scenery, move_hand
 from ..viewer.framing import fitting, following
+from ..viewer.ground_shadow import ground_shadow
 from ..viewer.hand_motion import HandMotion
 from ..viewer.plan_scene import PlanScene
 from .browser_canvas import SEE_THROUGH, BrowserCanvas
@@ -27,6 +28,11 @@ from .physics_player import QUIET_GROUPS, Run, RunPlayer
 
 if TYPE_CHECKING:
     import viser
+
+SHADOW = "shadow"
+"""Name of the object's shadow on the ground."""
+LIFTED = 0.004
+"""Height above its place from which on an object has no shadow there [m]."""
 
 SOON = 0.25
 """Delay between a camera move and the next choice of visible labels [s]."""
@@ -48,6 +54,7 @@ class Stage:
         self._gizmo = TaskGizmo(client.scene, self._dragged)
         self._player = RunPlayer(self._canvas)
         self._hidden: set[str] = set()
+        self._shaded: tuple[TriangleMesh, bytes, float] | None = None
         self._scenery: tuple[float | str | None, Array] = (None, np.zeros((0, 2, 3)))
         self.gizmo_dragged: Callable[[Array], None] = lambda _: None
         self.run: Run | None = None
@@ -88,6 +95,7 @@ class Stage:
             with self._client.atomic():
                 draw_plan(scene, self._canvas, selected=self.selected)
                 draw_hand(motion, self._canvas, share)
+                self._shade(scene)
             self._moved()
 
     def show_scenery(self, table: float | str | None, boxes: Sequence[Sequence[float]]) -> None:
@@ -103,7 +111,18 @@ class Stage:
                 self.scene = self._with_scenery(self.scene)
                 with self._client.atomic():
                     draw_scenery(self.scene, self._canvas)
+                    self._shade(self.scene)
                 self._moved()
+
+    def _shade(self, scene: PlanScene) -> None:
+        """Draw the object's shadow on the table, else on a ground that it stands on."""
+        lowest = float((scene.mesh.vertices @ scene.up).min())
+        ground = lowest if scene.table is None else float(scene.table)
+        key = scene.mesh, scene.up.tobytes(), ground
+        if key != self._shaded:
+            self._shaded = key
+            height = ground + 0.002 * scene.size  # above the table's sheet
+            self._canvas.ground(SHADOW, ground_shadow(scene.mesh, scene.up, height))
 
     def _with_scenery(self, scene: PlanScene) -> PlanScene:
         table, boxes = self._scenery
@@ -163,6 +182,9 @@ class Stage:
                     self.run = run
                     self._put(following(self.scene, run.object_poses, run.links, self._size()))
                 self._player.show(run, self.motion.links, frame, self.mesh)
+                # The shadow is that of the object where it stands.
+                risen = (run.object_poses[frame][:3, 3] - run.object_poses[0][:3, 3]) @ self.scene.up
+                self._canvas.show(SHADOW, bool(risen < LIFTED))
 
     def leave_run(self) -> None:
         """Return from a run in simulated physics to the plan."""
@@ -171,6 +193,7 @@ class Stage:
                 return
             self.run = None
             self._player.leave()
+            self._canvas.show(SHADOW, True)
             for group in QUIET_GROUPS:
                 self._canvas.show(group, group not in self._hidden)
             if self.motion is not None:
