@@ -20,10 +20,12 @@ from preshape.viewer.draw import draw_plan
 from preshape.viewer.framing import fitting
 from preshape.viewer.words import answers_of
 from view_app_page import (
+    SMALL,
     Watched,
     answer_buttons,
     box_beside,
     choose,
+    in_sight,
     plan,
     planners,
     press,
@@ -187,6 +189,10 @@ def _labels(page) -> list[str]:
 def test_a_deadlock_waits_for_its_reset_and_a_cancelled_plan_for_the_next(opened) -> None:
     page = opened("cone", "--task", "strike").page  # a task on the command line is planned at once
     saw(page, "Deadlock: no grasp is good enough; the best try is shown")
+    page.set_viewport_size({"width": 390, "height": 844})  # on a phone the reason is in sight too
+    saw(page, "is below the threshold")
+    in_sight(page, page.locator(".ps .head").first)
+    page.set_viewport_size(SMALL)
     press(page, "Plan")
     saw(page, "Reset it first")
     press(page, "Reset the deadlock")

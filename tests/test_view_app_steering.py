@@ -10,7 +10,19 @@ from PIL import Image
 
 from preshape.app.curves import EDGE, LEFT, RIGHT, WIDE
 from preshape.hiis.fuzzy import FuzzySets
-from view_app_page import PATIENCE, box_beside, keep, middle_of, place_of, plan, press, saw, tab, until
+from view_app_page import (
+    PATIENCE,
+    box_beside,
+    in_sight,
+    keep,
+    middle_of,
+    place_of,
+    plan,
+    press,
+    saw,
+    tab,
+    until,
+)
 
 pytest_plugins = ("view_app_fixtures",)
 
@@ -142,8 +154,14 @@ def test_on_a_phone_the_panel_leaves_the_scene_and_goes_away(opened) -> None:
     )
     page.get_by_text("preshape", exact=True).click()
     until(page, lambda: abs(place_of(page, sheet)["height"] - box["height"]) < 1)  # it has come to rest
-    press(page, "Plan")
+    plan(page)
     saw(page, "Grasp found")
+    # verdict and picture are in sight together
+    head = page.locator(".ps .head").first
+    in_sight(page, head)
+    assert place_of(page, head)["y"] > place_of(page, sheet)["y"]
+    in_sight(page, page.get_by_role("button", name="Play the grasp"))
+    keep(page, "app-phone-planned", (390, 844))
 
 
 def test_parts_are_offered_kept_to_and_nothing_overlaps_at_a_laptop_s_size(opened) -> None:

@@ -131,6 +131,16 @@ def middle_of(page, locator) -> tuple[float, float]:
     return box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
 
 
+def in_sight(page, locator) -> None:
+    """Check that an element lies in the window as a whole, and that nothing is wider than the window."""
+    box, window = place_of(page, locator), page.viewport_size
+    assert box["x"] >= 0
+    assert box["y"] >= 0
+    assert box["x"] + box["width"] <= window["width"]
+    assert box["y"] + box["height"] <= window["height"]
+    assert page.evaluate("document.documentElement.scrollWidth") <= window["width"]
+
+
 def answer_buttons(page) -> list[str]:
     found = page.get_by_role("button", name=re.compile(r"^\d · plane"))
     found.first.wait_for()
