@@ -38,6 +38,15 @@ def pixels_like(page, colour: np.ndarray) -> np.ndarray:
     return np.column_stack([columns + box["x"], rows + box["y"]])
 
 
+def painted(page, channel: int) -> np.ndarray:
+    """(n, 2) where the scene is green (channel 1) or pink (channel 0)."""
+    box = page.locator("canvas").first.bounding_box()
+    picture = np.asarray(Image.open(io.BytesIO(page.screenshot(clip=box))).convert("RGB"), dtype=np.int64)
+    own, other = picture[..., channel], picture[..., 1 - channel]
+    rows, columns = np.nonzero(own - other > 45)
+    return np.column_stack([columns + box["x"], rows + box["y"]])
+
+
 def drag(page, start, end) -> None:
     page.mouse.move(*start)
     page.mouse.down()
@@ -169,6 +178,18 @@ def test_parts_are_offered_kept_to_and_nothing_overlaps_at_a_laptop_s_size(opene
     page = opened(*asked, size={"width": 1280, "height": 800}).page
     until(page, lambda: box_beside(page, "handle").input_value() == "hold here")
     assert [box_beside(page, name).input_value() for name in ("head", "face")] == ["may be touched"] * 2
+    # a part that is asked for is painted; a click on it in the scene asks for its next use
+    until(page, lambda: len(painted(page, 1)) > 500)
+    handle = box_beside(page, "handle")
+    page.mouse.click(*np.median(painted(page, 1), axis=0))
+    until(page, lambda: handle.input_value() == "keep off")
+    saw(page, "Keep off. Click it again")
+    until(page, lambda: len(painted(page, 1)) == 0 and len(painted(page, 0)) > 500)
+    keep(page, "app-parts")
+    at = np.median(painted(page, 0), axis=0)
+    for use in ("may be touched", "hold here"):
+        page.mouse.click(*at)
+        until(page, lambda use=use: handle.input_value() == use)
     plan(page)
     tab(page, "Why")
     saw(page, "hold on handle, keep off z > 0.07 (as asked)")

@@ -20,10 +20,11 @@ from ..planning.request import PlanRequest
 from ..report.plain import html_text as escape
 from ..types import value
 from ..viewer import readings
+from ..viewer.colours import AVOID, TRANSVERSE
 from .left_page import LeftPage
 from .link import PlannerLink, Reply
 from .memory_browser import memory_html, memory_place
-from .panel import ACCEPT, Panel
+from .panel import ACCEPT, HOLD, KEEP_OFF, USES, Panel
 from .physics_player import run_of
 from .reading import STAGES, Reading
 from .stage import Stage
@@ -91,7 +92,7 @@ class BrowserSession:
             objects=(start.request.object_name, *self._uploaded),
             label=left.object_label if left else "",
         )
-        self.stage = Stage(client, self._picked)
+        self.stage = Stage(client, self._picked, self._part_picked)
         self.reading = Reading(self.panel, self.stage)
         self.steering = Steering(self.panel, self.stage)
         self.trial = Trial(self.panel, self.stage)
@@ -321,8 +322,11 @@ class BrowserSession:
         )
         self._loaded = self._pending
         self._forget()
-        self.stage.put(mesh)
-        self.panel.show_parts(sent.get("parts", ()), self._pending)
+        self.stage.put(mesh, decoded(sent["part_of"], "<i8", 1)[:, 0])
+        self.panel.show_parts(sent["parts"], self._pending)
+        for handle in self.panel.parts.values():
+            handle.on_update(lambda _: self._mark_parts())
+        self._mark_parts()
         size = " × ".join(f"{1000 * x:.0f}" for x in sent["extents"])
         drawn = f", {len(mesh.triangles)} of them drawn" if len(mesh.triangles) < sent["whole"] else ""
         self._say("warn", sent["name"], f"{size} mm, {sent['whole']} triangles{drawn}. Press Plan.")
@@ -385,6 +389,21 @@ class BrowserSession:
             words = self.reading.pick(index)
             if words:
                 self._say("warn", plane(index).label, words)
+
+    def _part_picked(self, index: int) -> None:
+        """Ask for the next use of a part that was clicked."""
+        parts = list(self.panel.parts.items())
+        if index < len(parts):
+            name, handle = parts[index]
+            handle.value = USES[(USES.index(handle.value) + 1) % len(USES)]
+            self._mark_parts()
+            words = f"{handle.value}. Click it again for another choice, or press Plan."
+            self._say("warn", name, words[0].upper() + words[1:])
+
+    def _mark_parts(self) -> None:
+        colours = {HOLD: TRANSVERSE, KEEP_OFF: AVOID}
+        uses = [handle.value for handle in self.panel.parts.values()]
+        self.stage.mark({i: colours[use] for i, use in enumerate(uses) if use in colours})
 
     def _recall(self) -> None:
         self.panel.memory.content = readings.wrapped(memory_html(self._start.request.memory))

@@ -26,10 +26,14 @@ from collections.abc import Callable
 from queue import SimpleQueue
 from typing import TYPE_CHECKING, Any, TextIO
 
+import numpy as np
+
 from ..exceptions import PreshapeError
+from ..types import IntArray
 from .wire_format import encoded
 
 if TYPE_CHECKING:
+    from ..objects.mesh import TriangleMesh
     from ..planning.plan import Plan
     from ..planning.request import PlanRequest
     from ..planning.session import Session
@@ -115,6 +119,7 @@ class Worker:
                     "whole": len(mesh.triangles),
                     "extents": mesh.extents.tolist(),
                     "parts": [part.name for part in mesh.parts],
+                    "part_of": encoded(_parts_drawn(mesh, light), "<i8"),
                 }
             }
         )
@@ -135,6 +140,19 @@ class Worker:
             progress=self._progress,
         )
         self._reply({"run": run})
+
+
+def _parts_drawn(mesh: TriangleMesh, light: TriangleMesh) -> IntArray:
+    """(k,) index of the part of each drawn triangle, -1 for none."""
+    from ..objects.parts import part_of_triangles
+
+    whole = part_of_triangles(mesh)
+    if light is mesh:
+        return whole
+    from scipy.spatial import cKDTree
+
+    _, nearest = cKDTree(mesh.corners.mean(axis=1)).query(light.corners.mean(axis=1))
+    return np.asarray(whole[nearest])
 
 
 def main() -> None:

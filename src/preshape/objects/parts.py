@@ -175,6 +175,17 @@ def _area_near(pieces: Pieces, points: Array) -> Array:
     return np.asarray((away < SPECK) @ np.linalg.norm(pieces.crosses, axis=1))
 
 
+def part_of_triangles(mesh: TriangleMesh) -> IntArray:
+    """(m,) index of the part that has most of each triangle, -1 for none; the first of overlapping parts."""
+    found = np.full(len(mesh.triangles), -1, dtype=np.int64)
+    for index in reversed(range(len(mesh.parts))):
+        pieces = part_pieces(mesh, mesh.parts[index].region)
+        areas = np.linalg.norm(pieces.crosses, axis=1) / 2
+        own = np.bincount(pieces.owners, weights=areas, minlength=len(found))
+        found[own > mesh.areas / 2] = index
+    return found
+
+
 def _nearest_triangles(mesh: TriangleMesh, points: Array) -> IntArray:
     """(n,) index of the triangle without lids that is nearest to each point."""
     from trimesh.triangles import closest_point
