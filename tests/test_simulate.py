@@ -14,13 +14,13 @@ import pytest
 
 from preshape import spatial
 from preshape.cli.main import run
+from preshape.cli.simulate_film import film_of
 from preshape.exceptions import InputError
 from preshape.physics.grasps import GraspSet, write_grasps
 from preshape.physics.hold.recording import APPROACH, PRESSES, Recording, record_hold
 from preshape.physics.hold.six_directions import HoldStatus, hold_test
 from preshape.physics.protocol import HoldProtocol
 from preshape.physics.scene import Scene, build_scene
-from preshape.planning.recorded import film_of
 from preshape.viewer.animation import animation, chosen_frames
 from preshape.viewer.film import Film
 from preshape.viewer.filmstrip import MAX_KEY_FRAMES, filmstrip, filmstrip_image, key_frames

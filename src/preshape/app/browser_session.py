@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import threading
-import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
@@ -20,13 +19,12 @@ from ..planning.request import PlanRequest
 from ..report.plain import html_text as escape
 from ..types import value
 from ..viewer import readings
-from ..viewer.colours import AVOID, TRANSVERSE
 from .left_page import LeftPage
 from .link import PlannerLink, Reply
 from .memory_browser import memory_html, memory_place
-from .panel import ACCEPT, HOLD, KEEP_OFF, USES, Panel
-from .physics_player import run_of
-from .reading import STAGES, Reading
+from .panel import ACCEPT, Panel
+from .playback import Playback
+from .reading import Reading
 from .stage import Stage
 from .steering import Steering
 from .trial import Trial
@@ -36,11 +34,6 @@ from .wire_format import decoded
 
 if TYPE_CHECKING:
     import viser
-
-PLAYED = 3.0
-"""Duration of the animated grasp [s]."""
-RUN_PLAYED = 14.0
-"""Longest duration of the playback of a run in simulated physics [s]."""
 
 
 @value
@@ -83,7 +76,6 @@ class BrowserSession:
         # What follows when the work in progress is done, and what that work is.
         self._next: Callable[[], None] | None = None
         self._work = ""
-        self._playing = threading.Event()
         place = escape(memory_place(start.request.memory))
         self.panel = Panel(
             client.gui,
@@ -96,10 +88,8 @@ class BrowserSession:
         self.reading = Reading(self.panel, self.stage)
         self.steering = Steering(self.panel, self.stage)
         self.trial = Trial(self.panel, self.stage)
+        self.playback = Playback(self.panel, self.stage, self.reading, self.trial)
         self._waiting = Waiting(self.panel, self._say)
-        # The answer that was simulated last, and whether its run plays as soon as it is there.
-        self._simulated: Document | None = None
-        self._played = False
         self._wire()
         self._say("warn", "Welcome", "Choose an object and a task, then press Plan.")
         self._recall()
@@ -141,7 +131,7 @@ class BrowserSession:
 
     def close(self) -> None:
         """Release all resources, because the browser has disconnected."""
-        self._playing.clear()
+        self.playback.stop()
         self._planner.close()
         self._waiting.end()
         self._uploads.close()
@@ -172,16 +162,16 @@ class BrowserSession:
             on(handle, steering.show_load)
         p.tuning.wire(on)
         on(p.simulate, self._simulate)
-        on(p.moment, self._seek)
-        on(p.replay, self._replay)
+        on(p.moment, self.playback.seek)
+        on(p.replay, self.playback.replay)
         on(p.film, self._film)
         on(p.run, lambda: self._plan("plan"))
         on(p.teach, lambda: self._plan("teach"))
         on(p.cancel, self._cancel)
         on(p.reset, self._reset)
         on(p.verdict, self._judge)
-        on(p.slider, self._slide)
-        on(p.play, self._play)
+        on(p.slider, self.playback.slide)
+        on(p.play, self.playback.play)
         on(p.memory_reload, self._recall)
         on(p.camera, self.stage.look)
         on(p.glass, lambda: self.stage.glass(p.glass.value, self.reading.share()))
@@ -323,10 +313,7 @@ class BrowserSession:
         self._loaded = self._pending
         self._forget()
         self.stage.put(mesh, decoded(sent["part_of"], "<i8", 1)[:, 0])
-        self.panel.show_parts(sent["parts"], self._pending)
-        for handle in self.panel.parts.values():
-            handle.on_update(lambda _: self._mark_parts())
-        self._mark_parts()
+        self.steering.show_parts(sent["parts"], self._pending)
         size = " × ".join(f"{1000 * x:.0f}" for x in sent["extents"])
         drawn = f", {len(mesh.triangles)} of them drawn" if len(mesh.triangles) < sent["whole"] else ""
         self._say("warn", sent["name"], f"{size} mm, {sent['whole']} triangles{drawn}. Press Plan.")
@@ -362,7 +349,7 @@ class BrowserSession:
         self._say("bad", "This does not work", words)
 
     def _forget(self) -> None:
-        self._playing.clear()
+        self.playback.stop()
         self.trial.drop()
         self.reading.forget()
 
@@ -391,19 +378,8 @@ class BrowserSession:
                 self._say("warn", plane(index).label, words)
 
     def _part_picked(self, index: int) -> None:
-        """Ask for the next use of a part that was clicked."""
-        parts = list(self.panel.parts.items())
-        if index < len(parts):
-            name, handle = parts[index]
-            handle.value = USES[(USES.index(handle.value) + 1) % len(USES)]
-            self._mark_parts()
-            words = f"{handle.value}. Click it again for another choice, or press Plan."
-            self._say("warn", name, words[0].upper() + words[1:])
-
-    def _mark_parts(self) -> None:
-        colours = {HOLD: TRANSVERSE, KEEP_OFF: AVOID}
-        uses = [handle.value for handle in self.panel.parts.values()]
-        self.stage.mark({i: colours[use] for i, use in enumerate(uses) if use in colours})
+        if words := self.steering.ask_for_part(index):
+            self._say("warn", *words)
 
     def _recall(self) -> None:
         self.panel.memory.content = readings.wrapped(memory_html(self._start.request.memory))
@@ -444,73 +420,26 @@ class BrowserSession:
         self.panel.reset.visible = False
         self._say("warn", "Deadlock reset", "Ask for another task or object.")
 
-    # The hand.
-
-    def _slide(self) -> None:
-        self._playing.clear()
-        self.stage.move(self.reading.share())
-
-    def _play(self) -> None:
-        def step(share: float) -> None:
-            self.panel.slider.value = STAGES * share
-            self.stage.move(share)
-
-        self._animate(step, PLAYED)
-
-    def _animate(self, step: Callable[[float], None], seconds: float) -> None:
-        """Call ``step`` with shares rising from 0 to 1 for some seconds; a second call meanwhile stops it."""
-        if self._playing.is_set():
-            self._playing.clear()
-            return
-        self._playing.set()
-        begun = time.monotonic()
-        while self._playing.is_set():
-            passed = min(1.0, (time.monotonic() - begun) / seconds)
-            step(passed)
-            if passed >= 1.0:
-                self._playing.clear()
-            time.sleep(0.05)
-
     # Simulated physics.
 
     def _film(self) -> None:
         """Play the run of the shown answer; if there is none yet, simulate it first."""
         if self.trial.run is not None:
-            self._replay()
+            self.playback.replay()
         else:
-            self._simulate(played=True)
+            self._simulate(at_once=True)
 
-    def _play_run(self) -> None:
-        # In a thread of its own: the replies of the planner are heard while it plays.
-        threading.Thread(target=self._replay, daemon=True).start()
-
-    def _simulate(self, *, played: bool = False) -> None:
+    def _simulate(self, *, at_once: bool = False) -> None:
         answer = self.reading.answer
         if answer is None or self._loaded is None:
             self._say("warn", "Nothing to simulate", "Plan first.")
             return
-
-        def ready() -> None:
-            self._simulated, self._played = answer, played
-            self.trial.drop()
-
+        ready = partial(self.playback.begin, answer, at_once=at_once)
         self._ask("simulating", ready, "simulate", request=self._loaded.to_json(), answer=answer)
 
     def _show_run(self, run: dict[str, Any]) -> None:
-        if self.reading.answer is self._simulated:
-            self.reading.headline()
-            self.trial.take(run_of(run))
-            if self._played:
-                self._next = self._play_run
+        if self.playback.take(run):
+            self._next = self.playback.follow
         else:
             words = "The answer that was simulated is no longer shown; simulate this one."
             self._say("warn", "Another answer", words)
-
-    def _seek(self) -> None:
-        self._playing.clear()
-        self.trial.show(float(self.panel.moment.value))
-
-    def _replay(self) -> None:
-        run = self.trial.run
-        if run is not None:
-            self._animate(self.trial.show, min(RUN_PLAYED, max(PLAYED, run.times[-1])))

@@ -211,6 +211,7 @@ def _pictures(report: PlannerReport, grasps: GraspSet, protocol: HoldProtocol, f
     from ..physics.hand import physics_hand
     from ..planning.recorded import recorded_run
     from ..viewer.filmstrip import filmstrip
+    from .simulate_film import film_of_run
 
     hand = report.hand
     own = grasps.for_hand(physics_hand(hand))
@@ -221,7 +222,7 @@ def _pictures(report: PlannerReport, grasps: GraspSet, protocol: HoldProtocol, f
         case = cases[row]
         rules, name = replace(protocol, mass=report.masses[row]), case.object_name
         run = recorded_run(own, row, hand, case.load_pieces(), rules, None, name=name)
-        film = run.film(load_object(case.source, scale=case.scale))
+        film = film_of_run(run, load_object(case.source, scale=case.scale))
         file = folder / f"lost-{row:03d}-{name}.png"
         write_whole(file, partial(filmstrip, film))
         files.append(str(file))

@@ -70,6 +70,7 @@ def simulate(
     from ..physics.protocol import HoldProtocol
     from ..planning.grasp_sets import read_grasp_file
     from ..planning.recorded import passed, recorded_run
+    from .simulate_film import film_of_run
 
     check_folder(out)
     read = read_grasp_file(file, objects=objects, best=best)
@@ -92,7 +93,7 @@ def simulate(
     recording = run.recording
     if out is not None:
         mesh, _ = object_parts(FoundObject(name=thing, scale=scale, folder=objects))
-        written = _draw(run.film(mesh), Path(out))
+        written = _draw(film_of_run(run, mesh), Path(out))
     left_out = _left_out(planned.obstacles, picked=isinstance(recording, PickRecording))
     if as_json:
         emit(

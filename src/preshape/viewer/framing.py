@@ -6,7 +6,6 @@ from itertools import product
 
 import numpy as np
 
-from ..spatial import transform_points
 from ..types import Array
 from .camera import Camera
 from .draw import recorded
@@ -43,7 +42,7 @@ def following(scene: PlanScene, object_poses: Array, links: Array, size: tuple[i
     """
     corners = np.array(list(product(*scene.mesh.bounds.T)))
     few = np.linspace(0, len(object_poses) - 1, RUN_LOOKS).astype(int)
-    spots = [transform_points(object_poses[k], corners) for k in few]
+    spots = [corners @ object_poses[k, :3, :3].T + object_poses[k, :3, 3] for k in few]
     for k in few:
         away = np.linalg.norm(links[k, :, :3, 3] - object_poses[k, :3, 3], axis=1)
         spots.append(links[k, away < HAND_REACH * scene.size, :3, 3])

@@ -6,7 +6,6 @@ import numpy as np
 
 from ..objects.mesh import TriangleMesh
 from ..objects.resting import turned_up
-from ..spatial import pose
 from ..types import Array, value
 from .raycast import Image
 
@@ -71,5 +70,6 @@ def ground_shadow(mesh: TriangleMesh, up: Array, ground: float) -> GroundShadow:
     picture = np.empty((PIXELS, PIXELS, 4), dtype=np.uint8)
     picture[..., :3] = INK
     picture[..., 3] = np.rint(opacity)
-    centre = np.array([middle[0], middle[1], ground]) @ R
-    return GroundShadow(picture=picture, width=width, place=pose(R.T, centre))
+    place = np.eye(4)
+    place[:3, :3], place[:3, 3] = R.T, np.array([middle[0], middle[1], ground]) @ R
+    return GroundShadow(picture=picture, width=width, place=place)

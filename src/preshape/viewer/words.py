@@ -181,7 +181,6 @@ def place_words(answer: Document) -> str:
     words = [plane_words(answer), thumb_words(answer)]
     grasp = answer["hand"]["grasp"]
     if answer.get("grip") and grasp:
-        words[0] = f"plane {answer['plane']}: {words[0]}"
         palm = ", ".join(f"{1000 * x:.0f}" for x in grasp["palm_pose"][:3])
         return ", ".join([*words, way_in_words(answer), f"palm at {palm} mm"])
     return ", ".join([*words, f"approach value {answer['approach_value']:+.2f}"])

@@ -16,7 +16,17 @@
     return post.call(this, data, ...more);
   };
 })();
-// Second: the number of samples per pixel.
+// Second: a headline that changes scrolls into sight, however far down its panel was scrolled to press a button.
+addEventListener('DOMContentLoaded', () => {
+  let told = '';
+  new MutationObserver(() => {
+    const head = document.querySelector('.ps .head'), title = head && head.querySelector('b').textContent;
+    if (!title || title === told) return;
+    told = title;
+    head.scrollIntoView({block: 'nearest'});
+  }).observe(document.body, {childList: true, characterData: true, subtree: true});
+});
+// Third: the number of samples per pixel.
 (() => {
   const probe = document.createElement('canvas').getContext('webgl');
   const named = probe && probe.getExtension('WEBGL_debug_renderer_info');
