@@ -6,6 +6,7 @@ other exception, no crash, no hang, and no excessive use of memory.
 
 from __future__ import annotations
 
+import contextlib
 import random
 import unicodedata
 import warnings
@@ -14,17 +15,27 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
+from preshape.arm.model import read_arm
+from preshape.cli.settings_file import user_settings
 from preshape.exceptions import EnvironmentFailure, MemoryFileError, PreshapeError
+from preshape.export.drivers import load_driver
 from preshape.hands.load import load_hand, parse_hand
 from preshape.memory import Memory
 from preshape.memory.transfer import read_document
 from preshape.objects.load import load_object
+from preshape.objects.scans.read_points import read_npy, read_pcd, read_xyz
+from preshape.objects.scans.scene import object_mask, read_npz
+from preshape.objects.sidecar import read_sidecar
 from preshape.physics.grasps import read_grasps
 from preshape.planning.grasp_sets import read_grasp_file
 
 from . import pincer
 from .mutate import mutated_glb, mutated_json, mutated_memory, mutated_npz, mutated_toml, mutated_xml
 
+CLOUDS = {".pcd": read_pcd, ".xyz": read_xyz, ".npy": read_npy, ".npz": read_npz}
+"""Readers of clouds and scenes by the ending of a file's name."""
 LONGEST_MESSAGE = 2000
 """Largest length of an error message [characters]."""
 
@@ -59,6 +70,36 @@ def _mesh(path: Path) -> None:
     mesh = load_object(path)
     if not (mesh.area > 0 and (mesh.extents > 0).all()):
         raise Fault(f"a mesh without a surface was accepted: {mesh.extents}, area {mesh.area}")
+
+
+def _cloud(path: Path) -> None:
+    """Read a cloud as far as its points; the surface of one takes too long for so many inputs."""
+    read = CLOUDS[path.suffix]
+    cloud = read(path.name, path.read_bytes())
+    n = len(cloud.points)
+    if cloud.points.shape != (n, 3) or not (cloud.labels is None or cloud.labels.shape == (n,)):
+        raise Fault(f"points of shape {cloud.points.shape} were accepted")
+
+
+def _mask(path: Path) -> None:
+    """Take the object of a small scene with a mask."""
+    scene = read_xyz("scene.xyz", b"\n".join(b"0 0 %d" % k for k in range(1, 17)))
+    if object_mask("scene.xyz", scene, str(path)).shape != (16,):
+        raise Fault("a mask of another size was accepted")
+
+
+def _settings(path: Path) -> None:
+    """Read the settings of a folder, as the command line does."""
+    with contextlib.chdir(path.parent):
+        user_settings()
+
+
+def _sidecar(path: Path) -> None:
+    read_sidecar(path.with_name("a.obj"))
+
+
+def _arm(path: Path) -> None:
+    read_arm(path, "tip", load_hand("leap"), np.eye(4))
 
 
 def _hand_toml(path: Path) -> None:
@@ -136,6 +177,18 @@ _TOML = (
         "left_names",
     ),
 )
+_SIDECAR = ("mass", "tasks", "rest", "up", "[part.", "box", "half_space", "cylinder", "group", "from", "rule")
+_PCD = (
+    *("VERSION .7\n", "FIELDS x y z\n", "SIZE 4 4 4\n", "TYPE F F F\n", "COUNT 1 1 1\n", "WIDTH ", "HEIGHT "),
+    *(
+        "POINTS ",
+        "VIEWPOINT 0 0 0 1 0 0 0\n",
+        "DATA ascii\n",
+        "DATA binary\n",
+        "DATA binary_compressed\n",
+        "nan",
+    ),
+)
 _JSON = ("null", "true", "NaN", "Infinity", "1e999", "-0", "[[", "{}", "[]", '"', "\\u0000", "\\ud800")
 
 READERS: dict[str, Reader] = {
@@ -182,6 +235,33 @@ READERS: dict[str, Reader] = {
         ),
     ),
     "glb": Reader(file="a.glb", read=_mesh, mutate=mutated_glb, words=_JSON),
+    "pcd": Reader(file="a.pcd", read=_cloud, largest=16384, words=_PCD),
+    "xyz": Reader(
+        file="a.xyz", read=_cloud, words=("nan", "inf", "1e999", ",", ";", "#", "//", "\t", "1 2 3\n")
+    ),
+    "npy": Reader(
+        file="a.npy",
+        read=_cloud,
+        words=("'descr'", "'<f8'", "'|O'", "'shape'", "(9999999, 3)", "True", "\x93NUMPY"),
+    ),
+    "scene-npz": Reader(file="a.npz", read=_cloud, largest=16384, mutate=mutated_npz),
+    "mask": Reader(
+        file="a.npy", read=_mask, words=("'descr'", "'|b1'", "'|u1'", "'shape'", "IHDR", "PLTE", "tRNS")
+    ),
+    "sidecar": Reader(file="a.preshape.toml", read=_sidecar, mutate=mutated_toml, words=(*_TOML, *_SIDECAR)),
+    "settings": Reader(
+        file="preshape.toml",
+        read=_settings,
+        mutate=mutated_toml,
+        words=(*_TOML, "hand", "table", "mass", "memory"),
+    ),
+    "driver": Reader(
+        file="a.toml",
+        read=lambda path: load_driver(str(path)),
+        mutate=mutated_toml,
+        words=(*_TOML, "channel", "offset", "sign", "scale"),
+    ),
+    "arm": Reader(file="arm.urdf", read=_arm, mutate=mutated_xml, words=_URDF),
     "hand-toml": Reader(file="hand.toml", read=_hand_toml, mutate=mutated_toml, words=_TOML),
     "hand-mjcf": Reader(file="pincer.xml", read=_hand_mjcf, mutate=mutated_xml, words=_XML),
     "hand-urdf": Reader(file="pincer.urdf", read=_hand_urdf, mutate=mutated_xml, words=_URDF),

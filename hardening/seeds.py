@@ -27,6 +27,53 @@ CORPUS = Path(__file__).parent / "corpus"
 ADDRESS = b"://".join((b"https", b"github.com/mikedh/trimesh"))
 """Address that trimesh writes into its files; the repository must not contain it."""
 
+SIDECAR = """mass = 0.3
+tasks = ["pour", "lift"]
+up = "+z"
+
+[[part]]
+name = "handle"
+box = [-0.01, -0.02, -0.03, 0.01, 0.02, 0.03]
+
+[[part]]
+name = "rim"
+halfspace = [0, 0, 1, 0.05]
+
+[[part]]
+name = "wall"
+cylinder = [[0, 0, 0], [0, 0, 0.1], 0.04]
+"""
+SETTINGS = 'hand = "leap"\ntable = "auto"\nmass = 0.2\nmemory = "a.sqlite"\n'
+DRIVER = """name = "two"
+unit = "deg"
+source = "nobody"
+whole = true
+
+[[channel]]
+name = "0"
+motor = ["thumb", "0"]
+offset = 180.0
+factor = -1
+least = 10.0
+most = 300
+
+[[channel]]
+name = "1"
+motor = "index"
+at_lower = 0
+at_upper = 4095
+"""
+ARM = """<robot name="two">
+<link name="base"/>
+<link name="upper"><collision><origin xyz="0 0 .2"/><geometry><box size=".05 .05 .4"/></geometry></collision>
+<inertial><mass value="1"/><inertia ixx=".1" iyy=".1" izz=".1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<link name="tip"/>
+<joint name="a" type="revolute"><parent link="base"/><child link="upper"/><axis xyz="0 0 1"/>
+<limit lower="-3" upper="3" effort="9" velocity="1"/></joint>
+<joint name="b" type="revolute"><parent link="upper"/><child link="tip"/><origin xyz="0 0 .4"/>
+<axis xyz="0 1 0"/><limit lower="-2" upper="2" effort="9" velocity="1"/></joint>
+</robot>
+"""
 POINTS = np.array([[0, 0, 0], [0.03, 0, 0], [0, 0.05, 0], [0, 0, 0.07]])
 FACES = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
 
@@ -46,6 +93,11 @@ def seeds() -> dict[str, dict[str, bytes | str]]:
     """Content of every file by reader and name."""
     return {
         **_meshes(),
+        **_clouds(),
+        "sidecar": {"mug": SIDECAR},
+        "settings": {"all": SETTINGS},
+        "driver": {"two": DRIVER},
+        "arm": {"two": ARM},
         "hand-toml": {"pincer": pincer.TOML},
         "hand-mjcf": {"pincer": pincer.MJCF},
         "hand-urdf": {"pincer": pincer.URDF},
@@ -93,6 +145,59 @@ def _meshes() -> dict[str, dict[str, bytes | str]]:
         "off": {"tetra": exported("off"), "mixed": off},
         "gltf": {"tetra": _compact(files["model.gltf"])},
         "glb": {"tetra": exported("glb")},
+    }
+
+
+def _clouds() -> dict[str, dict[str, bytes | str]]:
+    """Clouds of 16 points, a depth image, and masks of 16 points."""
+    points = np.array([[x, y, 0.5 + 0.01 * x * y] for x in range(4) for y in range(4)], dtype="<f4") / 10
+
+    def numpy_file(array: Any) -> bytes:
+        content = io.BytesIO()
+        np.save(content, array)
+        return content.getvalue()
+
+    def archive(**arrays: Any) -> bytes:
+        content = io.BytesIO()
+        np.savez(content, **arrays)
+        return _stored(content.getvalue())
+
+    def picture(array: Any) -> bytes:
+        from PIL import Image
+
+        content = io.BytesIO()
+        Image.fromarray(array).save(content, "PNG")
+        return content.getvalue()
+
+    text = "".join(f"{x:g} {y:g} {z:g}\n" for x, y, z in points)
+    head = (
+        "# .PCD v0.7\nVERSION 0.7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\nWIDTH 16\nHEIGHT 1\n"
+        "VIEWPOINT 0 0 0 1 0 0 0\nPOINTS 16\nDATA "
+    )
+    columns = points.T.tobytes()
+    literal = b"".join(
+        bytes([len(part) - 1]) + part for part in (columns[k : k + 32] for k in range(0, 192, 32))
+    )
+    sizes = np.array([len(literal), len(columns)], dtype="<u4").tobytes()
+    chosen = np.arange(16) < 8
+    depth, K = 0.5 + points[:, 2].reshape(4, 4), np.array([[4.0, 0, 2], [0, 4.0, 2], [0, 0, 1]])
+    return {
+        "pcd": {
+            "text": f"{head}ascii\n{text}",
+            "binary": f"{head}binary\n".encode() + points.tobytes(),
+            "packed": f"{head}binary_compressed\n".encode() + sizes + literal,
+        },
+        "xyz": {"spaces": text, "commas": "# x,y,z\n" + text.replace(" ", ",")},
+        "npy": {"points": numpy_file(points), "image": numpy_file(points.reshape(4, 4, 3))},
+        "scene-npz": {
+            "depth": archive(depth=depth, K=K, T_world_camera=np.eye(4), segmap=chosen.reshape(4, 4)),
+            "points": archive(points=points, labels=chosen.astype(np.uint8)),
+        },
+        "mask": {
+            "points": numpy_file(chosen),
+            "grey": picture((255 * chosen.reshape(4, 4)).astype(np.uint8)),
+            "bits": picture(chosen.reshape(4, 4)),
+        },
     }
 
 

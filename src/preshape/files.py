@@ -9,11 +9,15 @@ import os
 import shutil
 import stat
 import tempfile
+import warnings
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import IO, Any
+from typing import IO, TYPE_CHECKING, Any
 
 from .exceptions import EnvironmentFailure, InputError, shown
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
 
 MEGABYTE = 2**20
 MOST_OF_MESH, MOST_OF_ARRAYS = 1024 * MEGABYTE, 1024 * MEGABYTE
@@ -315,13 +319,33 @@ def arrays_in(content: bytes) -> dict[str, Any]:
     import numpy as np
 
     try:
-        with np.load(io.BytesIO(content), allow_pickle=False) as stored:
+        with warnings.catch_warnings(), np.load(io.BytesIO(content), allow_pickle=False) as stored:
+            warnings.simplefilter("ignore")  # of headers that Python 2 wrote
             size = sum(item.file_size for item in stored.zip.infolist())
             if size > MOST_OF_ARRAYS:
                 raise ValueError(f"it unpacks to {size / MEGABYTE:.0f} MB, over {MOST_OF_ARRAYS // MEGABYTE}")
             return {name: stored[name] for name in stored.files}
     except Exception as error:  # a damaged zip file can raise any exception
         raise ValueError(str(error) or type(error).__name__) from error
+
+
+def array_in(content: bytes) -> NDArray[Any]:
+    """The array of an npy file; pickled content is refused.
+
+    Raises:
+        ValueError: The content is not that of an npy file, or is damaged.
+    """
+    import numpy as np
+
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of headers that Python 2 wrote
+            found = np.load(io.BytesIO(content), allow_pickle=False)
+    except Exception as error:  # a damaged header can raise any exception
+        raise ValueError(str(error) or type(error).__name__) from error
+    if not isinstance(found, np.ndarray):
+        raise ValueError("it holds several arrays")
+    return found
 
 
 def write_arrays(path: Path, /, **arrays: Any) -> None:

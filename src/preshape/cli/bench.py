@@ -11,6 +11,7 @@ _BENCHES = {
     "planner": ("bench_planner", "Plan objects and put the answers to the holding test."),
     "hands": ("bench_hands", "Test the same plans on our models of hands and on the published ones."),
     "pick": ("bench_pick", "Plan objects on a table and pick them up in physics."),
+    "critic": ("bench_critic", "Measure how probably grips of every margin are picked up."),
     "tasks": ("bench_tasks", "Put a planner to the task test, the open benchmark."),
     "clouds": ("bench_clouds", "Plan on partial views and test on the whole objects."),
     "learning": ("bench_learning", "Measure how much a real hand gains from its memory."),

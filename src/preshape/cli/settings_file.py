@@ -126,7 +126,9 @@ def _checked(path: str, key: str, value: Any) -> Any:
     if key == "table" and isinstance(value, bool):
         return "auto" if value else "none"
     if key in ("table", "mass") and number:
-        return str(value) if key == "table" else float(value)
+        from ..types import finite_number
+
+        return str(value) if key == "table" else finite_number(value, f"{path}: {key}")
     if key == "mass" or not isinstance(value, str) or not value.strip():
         wanted = {
             "hand": "the name or the file of a hand",

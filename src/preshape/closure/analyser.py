@@ -21,6 +21,7 @@ from ..kernels.field.host import SurfaceQuery, prepare_field
 from ..objects.mesh import TriangleMesh
 from ..types import ANSWER_KIND, Array, ContactCoefficients, Experience, IntArray, frozen_array
 from .aiming import ENOUGH_MARGIN, AimDraws
+from .calibration import WHOLE, pick_critic
 from .candidates import DrawnCandidates, RankedCandidates, distinct, merged, without_failed
 from .contact_places import allowed_surface
 from .demand import Demand, inner_centre, task_demand, turn_levers
@@ -33,6 +34,7 @@ from .recall import FEW_VALUES, on_object, recalled
 from .rules import breaks
 from .search import ClosureSearch
 from .settings import ClosureSettings
+from .wrap_search import best_margin, best_wraps
 from .wrapping import families, wraps
 
 STILL_GOOD = 0.95
@@ -41,12 +43,6 @@ RECALL_EXAMINED, RECALL_FINISHED = 8, 2
 """Number of recalled grips that are examined, and of the best of these that are finished [C]."""
 REFUSED_EXAMINED = 24
 """Number of refused candidates that are examined to show the best of them [C]."""
-WRAP_ELITE, WRAP_CHILDREN, WRAP_SAMPLES = 32, 6, 4
-"""Size of the elite set of wraps, number of children of each of them, and of disturbed poses [C]."""
-WRAP_ROUNDS, WRAP_DECAY = 2, 0.8
-"""Rounds of refinement of wraps for each round of fingertip grips, and the factor by which their spread
-shrinks [C]: few draws balance anything, so they are refined for longer. Measured on wood block and cracker
-box with two hands, the best margin doubled."""
 _CACHED_AIMS = 24
 
 
@@ -109,6 +105,7 @@ class ClosureAnalyser:
         pincher = Pincher(pinches, patches, mesh.cog, mesh.extents / 2, self.search.kernel)
         self.draws = AimDraws(self.search, pincher, mesh, self.allowed)
         self.finisher = Finisher(self.search, self.query)
+        self.critic = pick_critic(self.search, mesh)
         self._cache: dict[bytes, GripExploration] = {}
         self._explored: set[bytes] = set()  # tasks for which all allowed planes have been searched
         self._tallies: dict[bytes, IntArray] = {}  # of the searches of all planes, by task
@@ -188,20 +185,26 @@ class ClosureAnalyser:
         for family in self._wanted(on_object(own, self.mesh, self.hand)):
             finished += self.finisher.finish(self.search.evaluate(family, demand), demand, options)
         found = self.grips(task, finished)
-        if not unexplored and _best_quality(found) < ENOUGH and self._bolder is not None:
-            found = [*_just_enough(self._bolder.recall(q, lessons)), *found]
+        if not unexplored and _best_quality(found) < ENOUGH and (bolder := self._bolder) is not None:
+            found = [*self._just_enough(q, found), *found]
+            if _best_quality(found) < ENOUGH:
+                found = [*bolder._just_enough(q, bolder.recall(q, lessons)), *found]
         return found
 
     @property
     def _bolder(self) -> ClosureAnalyser | None:
-        """The same analyser with the settings' larger share of the friction; ``None`` if it is not larger."""
+        """The same analyser with a larger share of the friction; ``None`` if the settings' is not larger.
+
+        On a table it is the whole friction, because there the critic knows how probably a grip holds.
+        """
         settings = self.settings
         if self._bold is None and settings.bold_share > settings.friction_share:
+            share = settings.bold_share if self.critic is None else WHOLE
             self._bold = ClosureAnalyser(
                 self.mesh,
                 self.hand,
                 self.layout,
-                settings=replace(settings, friction_share=settings.bold_share),
+                settings=replace(settings, friction_share=share),
                 coefficients=self.coefficients,
                 sets=self.sets,
                 gravity=self.gravity,
@@ -214,15 +217,28 @@ class ClosureAnalyser:
     def _boldly(self, q: Array, aim: Aim, found: GripExploration) -> GripExploration:
         """Where no grip is good enough, the grips that are with the larger share of the friction come first.
 
-        They are just enough, whatever their margins: their reserve for errors of friction is smaller.
+        On a table, a grip that was found already may be good enough for the critic. Then nothing is searched.
         """
         if self._bolder is None or (self.allowed is not None and not len(self.allowed)):
             return found
-        other = self._bolder._explore(q, aim, unexplored=False)
-        bold, tried = _just_enough(other.grips), found.tried + other.tried
+        bold, tried = self._just_enough(q, found.grips), found.tried
+        if not bold:
+            other = self._bolder._explore(q, aim, unexplored=False)
+            bold, tried = self._bolder._just_enough(q, other.grips), tried + other.tried
         if not bold:
             return replace(found, tried=tried)
         return grip_exploration([*bold, *found.grips], tried)
+
+    def _just_enough(self, q: Array, grips: Sequence[Grip]) -> list[Grip]:
+        """The grips that are good enough with a larger share of the friction than usual.
+
+        They are just enough, whatever their margins: their reserve for errors of friction is smaller.
+        """
+        if self.critic is not None:
+            return self.critic.just_enough(grips, self.demand(q), self.settings.bold_share)
+        if self.settings.friction_share < self.settings.bold_share:
+            return []
+        return [replace(grip, quality=ENOUGH) for grip in grips if grip.quality >= ENOUGH]
 
     def _wanted(self, drawn: DrawnCandidates) -> list[DrawnCandidates]:
         """The families among candidates that the settings' grasp type allows."""
@@ -256,10 +272,11 @@ class ClosureAnalyser:
             return []
         triangles = self.query.closest(np.concatenate([grip.points for grip in finished])).triangle
         ends = np.cumsum([len(grip.points) for grip in finished])[:-1]
-        return [
+        made = [
             described(grip, own, q, self.mesh, self.layout, self.coefficients, self.sets)
             for grip, own in zip(finished, np.split(triangles, ends), strict=True)
         ]
+        return made if self.critic is None else self.critic.with_odds(made, self.demand(q))
 
     def _explore(self, q: Array, aim: Aim, unexplored: bool) -> GripExploration:
         """Search an aim.
@@ -324,9 +341,9 @@ class ClosureAnalyser:
             examined = self.search.steady(rng, examined, demand, samples=effort.samples)
             # 4. Finish. The ranking ignores the joint limits; after a first failure they decide the order.
             grips = self.finisher.finish(examined, demand, replace(options, by_joints=k > 0))
-            if k == 0 or _best_margin(grips) > _best_margin(finished):
+            if k == 0 or best_margin(grips) > best_margin(finished):
                 finished, source = grips, examined
-            if _best_margin(finished) >= ENOUGH_MARGIN or k == last:
+            if best_margin(finished) >= ENOUGH_MARGIN or k == last:
                 break
             # 5. Otherwise the search could keep refining one group of candidates that the hand cannot reach.
             if len(grips) < effort.grips:
@@ -337,22 +354,22 @@ class ClosureAnalyser:
                 found, pool = merged(found, fresh), more
         # 6. Wraps.
         wrapped, tally = list[FinishedGrip](), found.tally
-        strong = _best_margin(finished) >= ENOUGH_MARGIN and not (settings.both and not one_plane)
+        strong = best_margin(finished) >= ENOUGH_MARGIN and not (settings.both and not one_plane)
         if power or (settings.wraps and not precision and not at_estimate and not strong):
-            wrapped, closed = self._wraps(rng, aim, demand, options)
+            wrapped, closed = best_wraps(self.search, self.draws, self.finisher, rng, aim, demand, options)
             tally = tally + closed.tally
             if power:
                 found = source = closed
             else:
                 tried += closed.tried
         # 7. Firm press.
-        if not power and not unexplored and max(_best_margin(finished), _best_margin(wrapped)) < 1.0:
+        if not power and not unexplored and max(best_margin(finished), best_margin(wrapped)) < 1.0:
             finished = self.finisher.finish(source, demand, replace(options, by_joints=True, firm=True))
         # 8. Stored grips in the aim.
         if known is not None and not at_estimate:
             aimed = known.drawn.take(np.flatnonzero(known.aimed))
             tried += len(aimed)
-            gentle = unexplored or max(_best_margin(finished), _best_margin(wrapped)) >= 1.0
+            gentle = unexplored or max(best_margin(finished), best_margin(wrapped)) >= 1.0
             remembered += self._finish_recalled(aimed, demand, aim, gentle)
         # 9. Answer.
         every = sorted([*remembered, *finished, *wrapped], key=lambda grip: -grip.margin)
@@ -432,36 +449,6 @@ class ClosureAnalyser:
             finished += self.finisher.finish(examined, demand, options)
         return finished
 
-    def _wraps(
-        self, rng: np.random.Generator, aim: Aim, demand: Demand, options: FinishOptions
-    ) -> tuple[list[FinishedGrip], RankedCandidates]:
-        """The best wraps of the whole hand in an aim, and the candidates, best first."""
-        settings, whole = self.settings, len(aim.planes) > 1
-        count, grips = round((1.0 if whole else 0.5) * settings.wraps), list[FinishedGrip]()
-        every: RankedCandidates | None = None
-        for _ in range(1 + settings.persistence if whole else 1):
-            drawn = self.draws.wraps(rng, aim, count)
-            found = self.search.refine(
-                rng,
-                self.search.evaluate(drawn, demand),
-                demand,
-                elite=WRAP_ELITE,
-                children=WRAP_CHILDREN,
-                rounds=WRAP_ROUNDS * settings.rounds,
-                decay=WRAP_DECAY,
-            )
-            every = found if every is None else merged(every, found)
-            examined = found.take(distinct(found, max(16, 4 * options.count)))
-            examined = self.search.steady(rng, examined, demand, samples=WRAP_SAMPLES)
-            # The fine spheres touch at other places, so twice as many as wanted are finished.
-            wide = replace(options, count=2 * options.count)
-            grips += self.finisher.finish(examined, demand, wide)
-            if _best_margin(grips) >= 1.0:
-                break
-        assert every is not None
-        grips.sort(key=lambda grip: -grip.margin)
-        return grips[: options.count], every
-
     def _is_explored(self, q: Array) -> bool:
         """Whether all planes have been searched for a task, by this analyser or at teaching."""
         task, extents = q.tobytes(), self.mesh.attributes.extents
@@ -476,15 +463,6 @@ class ClosureAnalyser:
 
 def _best_quality(grips: Sequence[Grip]) -> float:
     return max((grip.quality for grip in grips), default=0.0)
-
-
-def _just_enough(grips: Sequence[Grip]) -> list[Grip]:
-    """The grips that are good enough, with the quality that is just enough."""
-    return [replace(grip, quality=ENOUGH) for grip in grips if grip.quality >= ENOUGH]
-
-
-def _best_margin(finished: Sequence[FinishedGrip]) -> float:
-    return max((grip.margin for grip in finished), default=-1.0)
 
 
 def _key(aim: Aim) -> bytes:

@@ -94,8 +94,8 @@ class ClosureSearch:
         self._kinematics = HandKinematics(hand)
         self.wrapper = Wrapper(self.tables, self.kernel, field, gap=WRAP_GAP, near=WRAP_NEAR)
         lever = min(LEVER, 1.5 * self.length)
-        holding = [(lever, HOLD if not turns else HOLD[[0, 1, 2, 6, 7, 8]]), *turns]
-        self._hold_kernels = [(lever, self._margin_kernel(wrenches)) for lever, wrenches in holding]
+        self._pushes = [(lever, HOLD if not turns else HOLD[[0, 1, 2, 6, 7, 8]]), *turns]
+        self._hold_kernels = self.holding(settings.friction_share)
         self._task_kernels: dict[bool, tuple[Demand, MarginKernel]] = {}
         self._torques = TorqueLimits(
             self.tables,
@@ -309,10 +309,32 @@ class ClosureSearch:
         unit = demand.unit(self.length)
         return float(kernel.strengths(points, normals, np.array([n]), unit, self.cog, base=base)[0])
 
-    def _margin_kernel(self, wrenches: Array, **cone: Any) -> MarginKernel:
+    def holding(self, share: float) -> list[tuple[float, MarginKernel]]:
+        """Levers [m] and kernels of plain holding with a share of the friction."""
+        return [(lever, self._margin_kernel(wrenches, share=share)) for lever, wrenches in self._pushes]
+
+    def cone(self, demand: Demand, share: float) -> MarginKernel | None:
+        """The thorough kernel of a demand's cone with a share of the friction; ``None`` without a cone."""
+        if demand.direction is None:
+            return None
+        return self._margin_kernel(
+            demand.direction[None],
+            share=share,
+            base=demand.base,
+            half_angle=demand.half_angle,
+            thorough=True,
+        )
+
+    def _margin_kernel(self, wrenches: Array, *, share: float | None = None, **cone: Any) -> MarginKernel:
         s = self.settings
+        share = s.friction_share if share is None else share
         return MarginKernel(
-            wrenches, friction=s.mu, torsion=s.gamma, device=s.device, threads=s.threads, **cone
+            wrenches,
+            friction=s.friction * share,
+            torsion=s.torsion * share,
+            device=s.device,
+            threads=s.threads,
+            **cone,
         )
 
     def _task_kernel(self, demand: Demand, *, thorough: bool = False) -> MarginKernel | None:

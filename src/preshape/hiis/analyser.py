@@ -228,7 +228,13 @@ class GripPosture:
 
 @value
 class Grip(Grasp, GripPosture):
-    """A grasp that the real hand can execute, found by closing the hand (closure analyser)."""
+    """A grasp that the real hand can execute, found by closing the hand (closure analyser).
+
+    Attributes:
+        pick_probability: How probably it picks the object up from its table, 0..1; ``None`` without a table.
+    """
+
+    pick_probability: float | None = None
 
     @property
     def judged(self) -> float:

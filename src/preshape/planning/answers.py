@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import TypeVar
 
@@ -9,6 +10,7 @@ import numpy as np
 
 from ..arm.model import Arm
 from ..arm.reach import ArmReach
+from ..closure.calibration import LIKELY
 from ..closure.finish import margin_of
 from ..hands.hand import Hand
 from ..hiis.analyser import Grasp, Grip
@@ -165,21 +167,32 @@ def shortfalls(plan: PlanRecord, answer: Answer) -> tuple[str, ...]:
 
     TFVADI sums six components, so a virtual grasp can pass without the most important one. A grip is judged
     by the loads that it balances, so it lacks none of them. With a
-    larger share of the friction than usual, it lacks reserve.
+    larger share of the friction than usual, it lacks reserve; with few odds, certainty.
     """
     if isinstance(answer.grasp, Grip):
-        usual, share = plan.request.search.friction_share, answer.grasp.friction_share
-        less = (
-            f"no grip is good enough with {usual:g} of the friction; this one is with {share:g}, which "
-            "leaves less reserve for a smoother object"
-        )
-        return (less,) if share > usual else ()
+        return tuple(_grip_shortfalls(plan.request.search.friction_share, answer.grasp))
     q, g = plan.decision.task.q, answer.grasp
     return tuple(
         f"{name}: the task asks {asked:+.2f}, the grasp {_gives(name, asked, given)} {given:+.2f}"
         for name, asked, given, degree, limit in zip(COMPONENTS, q, g.net_wrench, g.adi, _ABSENT, strict=True)
         if abs(asked) > limit + 1e-9 and degree <= 1e-9
     )
+
+
+def _grip_shortfalls(usual: float, grip: Grip) -> Iterator[str]:
+    """What a grip lacks: reserve of the friction, and certainty of a pick."""
+    share, odds = grip.friction_share, grip.pick_probability
+    if share > usual:
+        part, left = ("all of it", "no") if share >= 1.0 else (f"{share:g}", "less")
+        yield (
+            f"no grip is good enough with {usual:g} of the friction; this one is with {part}, which "
+            f"leaves {left} reserve for a smoother object"
+        )
+    if odds is not None and odds < LIKELY:
+        yield (
+            f"only {odds:.2f} of grips like this one pick their object up in simulated physics: test it "
+            "first (--verify)"
+        )
 
 
 def _gives(name: str, asked: float, given: float) -> str:

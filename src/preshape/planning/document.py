@@ -341,6 +341,7 @@ def _grip(plan: PlanRecord, grip: Grasp) -> Document | None:
         "quality": grip.quality,
         "clearance": grip.clearance,
         "friction_share": grip.friction_share,
+        "pick_probability": grip.pick_probability,
     }
 
 

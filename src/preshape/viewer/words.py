@@ -198,6 +198,15 @@ def press(answer: Document) -> float:
     return sum(_dot(force, c["normal_in"]) for force, c in zip(forces, contacts, strict=True))
 
 
+def odds_words(answer: Document) -> str:
+    """How probably a grip picks its object up from the table; empty without a table."""
+    odds = answer["grip"].get("pick_probability")
+    if odds is None:
+        return ""
+    share = "over 0.99" if odds > 0.99 else f"{odds:.2f}"
+    return f"{share} of grips like this one pick their object up in simulated physics"
+
+
 def figures(answer: Document) -> list[tuple[str, str, str]]:
     """Name, value and unit of the few numbers that decided an answer."""
     grip = answer.get("grip")

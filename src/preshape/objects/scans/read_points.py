@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import re
 from typing import Any
 
@@ -10,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...exceptions import ObjectError, shown
+from ...files import MOST_OF_MESH, array_in
 from ...types import Array
 from .scan import RawCloud
 
@@ -56,12 +56,12 @@ def read_npy(name: str, data: bytes) -> RawCloud:
         ObjectError: The file is not an NPY file, holds pickled content, or has another shape.
     """
     try:
-        array = np.load(io.BytesIO(data), allow_pickle=False)
-    except (ValueError, EOFError, OSError, MemoryError) as error:
+        array = array_in(data)
+    except ValueError as error:
         raise ObjectError(
             f"{name}: expected an NPY array of numbers, this file holds none ({error!s:.80})"
         ) from error
-    if not isinstance(array, np.ndarray) or array.dtype.kind not in "fiu":
+    if array.dtype.kind not in "fiu":
         raise ObjectError(f"{name}: expected an NPY array of numbers, this file holds other data")
     if array.ndim not in (2, 3) or array.shape[-1] < 3:
         shape = " × ".join(map(str, array.shape))
@@ -78,13 +78,16 @@ def read_pcd(name: str, data: bytes) -> RawCloud:
     header, body = _header(name, data)
     fields = header.get("FIELDS", [])
     if not {"x", "y", "z"} <= set(fields):
-        raise ObjectError(f"{name}: expected the PCD fields x, y and z, found {' '.join(fields) or 'none'}")
+        listed = shown(" ".join(fields)) if fields else "none"
+        raise ObjectError(f"{name}: expected the PCD fields x, y and z, found {listed}")
     try:
         counts = [int(word) for word in header.get("COUNT", ["1"] * len(fields))]
         sizes = [int(word) for word in header["SIZE"]]
         points = int(header["POINTS"][0])
         kinds = [_KINDS[pair] for pair in zip(header["TYPE"], sizes, strict=True)]
-        if points < 0 or len(kinds) != len(fields) or len(counts) != len(fields) or min(counts) < 1:
+        if points < 0 or len(kinds) != len(fields) or len(counts) != len(fields):
+            raise ValueError
+        if not all(1 <= count <= MOST_OF_MESH for count in counts):
             raise ValueError
     except (KeyError, ValueError, IndexError) as error:
         raise ObjectError(f"{name}: the PCD header is invalid; {_SHORT}") from error

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ...exceptions import EnvironmentFailure, InputError, ObjectError, shown
-from ...files import MOST_OF_MESH, arrays_in, read_file
+from ...files import MOST_OF_MESH, array_in, arrays_in, read_file
 from ...types import Array, BoolArray, freeze, frozen_array, value
 from .cleaning import LEAST
 from .scan import RawCloud
@@ -33,6 +33,8 @@ LEVEL = float(np.cos(np.radians(20.0)))
 """Least cosine between up, where it is known, and the table's normal [C]."""
 BESIDE = 0.004
 """Points nearer to the object than this belong to neither: masks are not exact [m] [C]."""
+MOST_LABEL = 2**31
+"""Labels of scenes are below this."""
 _KEYS = {
     "depth": ("depth", "depth_map", "depth_image"),
     "points": ("points", "xyz", "pc"),
@@ -78,7 +80,7 @@ def read_npz(name: str, data: bytes) -> RawCloud:
         raise ObjectError(f"{name}: expected an NPZ file of arrays, it holds none ({error!s:.80})") from error
     found = {what: next((arrays[key] for key in keys if key in arrays), None) for what, keys in _KEYS.items()}
     for what, array in found.items():
-        if array is not None and array.dtype.kind not in "fiub":
+        if array is not None and (not isinstance(array, np.ndarray) or array.dtype.kind not in "fiub"):
             raise ObjectError(f"{name}: {what} must be numbers, this file holds other data")
     points = _points_of(name, found, list(arrays))
     camera = np.zeros(3) if found["depth"] is not None or found["T"] is not None else None
@@ -90,6 +92,8 @@ def read_npz(name: str, data: bytes) -> RawCloud:
     labels = found["labels"]
     if labels is not None and labels.size != len(points):
         raise ObjectError(f"{name}: labels are for {labels.size} pixels, the scene has {len(points)}")
+    if labels is not None and not (np.abs(labels.astype(np.float64)) < MOST_LABEL).all():
+        raise ObjectError(f"{name}: labels must be whole numbers below {MOST_LABEL:g}")
     numbers = None if labels is None else labels.reshape(-1).astype(np.int64)
     return RawCloud(points=points, camera=camera, labels=numbers, T=T)
 
@@ -115,7 +119,10 @@ def _points_of(name: str, found: Mapping[str, Any], keys: list[str]) -> Array:
     if not (np.isfinite([fx, fy, cx, cy]).all() and fx > 0 and fy > 0):
         raise ObjectError(f"{name}: K must have positive focal lengths in pixels, got {fx:g} and {fy:g}")
     rows, columns = np.indices(z.shape)
-    return np.stack([(columns - cx) * z / fx, (rows - cy) * z / fy, z], axis=-1).reshape(-1, 3)
+    with np.errstate(over="ignore"):
+        points = np.stack([(columns - cx) * z / fx, (rows - cy) * z / fy, z], axis=-1).reshape(-1, 3)
+    points[~np.isfinite(points).all(axis=1)] = np.nan
+    return points
 
 
 def _shape(array: Array) -> str:
@@ -168,10 +175,10 @@ def _mask_file(path: Path) -> Array:
 
             with Image.open(io.BytesIO(data)) as image:
                 return np.asarray(image.convert("L") if image.mode not in ("1", "L", "I", "I;16") else image)
-        array = np.load(io.BytesIO(data), allow_pickle=False)
+        array = array_in(data)
     except Exception as error:
         raise ObjectError(f"{path}: a mask is a .npy or .png file of numbers ({error!s:.80})") from error
-    if not isinstance(array, np.ndarray) or array.dtype.kind not in "fiub":
+    if array.dtype.kind not in "fiub":
         raise ObjectError(f"{path}: a mask is an array of numbers, this file holds other data")
     return array
 
