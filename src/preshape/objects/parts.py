@@ -144,7 +144,7 @@ def surface_of(name: str, pieces: Pieces) -> PartSurface:
 def parts_at(mesh: TriangleMesh, points: Array) -> list[str]:
     """The part of an object that each of some points belongs to.
 
-    Where parts overlap, the one that is listed first counts, as for a request.
+    Where parts overlap, the one that is listed last counts: it is a part of the others, as a face of a head.
 
     Args:
         mesh: The object [m].
@@ -162,7 +162,7 @@ def parts_at(mesh: TriangleMesh, points: Array) -> list[str]:
     away = shapes - shapes.mean(axis=1, keepdims=True)
     specks = points[:, None] + away * (SPECK / np.linalg.norm(away, axis=2).max(axis=1)[:, None, None])
     pieces = Pieces(corners=specks, owners=owners)
-    for part in reversed(mesh.parts):
+    for part in mesh.parts:
         inside, outside = (_area_near(found, points) for found in part.region.split(pieces))
         for i in np.flatnonzero(inside > outside):
             names[i] = part.name
@@ -176,10 +176,10 @@ def _area_near(pieces: Pieces, points: Array) -> Array:
 
 
 def part_of_triangles(mesh: TriangleMesh) -> IntArray:
-    """(m,) index of the part that has most of each triangle, -1 for none; the first of overlapping parts."""
+    """(m,) index of the part that has most of each triangle, -1 for none; the last of overlapping parts."""
     found = np.full(len(mesh.triangles), -1, dtype=np.int64)
-    for index in reversed(range(len(mesh.parts))):
-        pieces = part_pieces(mesh, mesh.parts[index].region)
+    for index, part in enumerate(mesh.parts):
+        pieces = part_pieces(mesh, part.region)
         areas = np.linalg.norm(pieces.crosses, axis=1) / 2
         own = np.bincount(pieces.owners, weights=areas, minlength=len(found))
         found[own > mesh.areas / 2] = index
