@@ -213,7 +213,9 @@ def test_one_press_films_the_whole_job_that_simulate_runs(browser, serve, lesson
     saw(page, "lifting · ")
     saw(page, said["reason"])
     tab(page, "Physics")
-    set_number(page, "Moment", "0.9")  # it stops where it is put
+    until(page, lambda: float(box_beside(page, "Moment").input_value()) == 1.0)
+    saw(page, "holding at the end · ")
+    set_number(page, "Moment", "0.9")
     saw(page, "doing the task · ")
     keep(page, "app-film")
     assert watched.complaints == []

@@ -16,7 +16,7 @@ from .trial import Trial
 
 PLAYED = 3.0
 """Duration of the animated grasp [s]."""
-RUN_PLAYED = 14.0
+RUN_PLAYED = 9.0
 """Longest duration of the playback of a run in simulated physics [s]."""
 
 
@@ -33,13 +33,16 @@ class Playback:
     def __init__(self, panel: Panel, stage: Stage, reading: Reading, trial: Trial) -> None:
         self._panel, self._stage, self._reading, self._trial = panel, stage, reading, trial
         self._playing = threading.Event()
+        # What was stopped draws no more.
+        self._lock = threading.RLock()
         # The answer that was simulated last, and whether its run plays as soon as it is there.
         self._simulated: Document | None = None
         self._at_once = False
 
     def stop(self) -> None:
         """Stop what is playing."""
-        self._playing.clear()
+        with self._lock:
+            self._playing.clear()
 
     def slide(self) -> None:
         """Show the hand where the slider is."""
@@ -92,14 +95,18 @@ class Playback:
 
     def _animate(self, step: Callable[[float], None], seconds: float) -> None:
         """Call ``step`` with shares rising from 0 to 1 for some seconds; a second call meanwhile stops it."""
-        if self._playing.is_set():
-            self._playing.clear()
-            return
-        self._playing.set()
+        with self._lock:
+            if self._playing.is_set():
+                self._playing.clear()
+                return
+            self._playing.set()
         begun = time.monotonic()
         while self._playing.is_set():
-            passed = min(1.0, (time.monotonic() - begun) / seconds)
-            step(passed)
-            if passed >= 1.0:
-                self._playing.clear()
+            with self._lock:
+                if not self._playing.is_set():
+                    return
+                passed = min(1.0, (time.monotonic() - begun) / seconds)
+                step(passed)
+                if passed >= 1.0:
+                    self._playing.clear()
             time.sleep(0.05)
