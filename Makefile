@@ -109,11 +109,11 @@ dist: setup
 	  echo "the wheel, installed alone in $(OUT)/fresh, plans for a mug"
 	@rm -rf build $(OUT)/fresh
 
+# The documentation site; ARGS="--gallery 1" draws only the first plan of the gallery anew.
 docs: setup
-	@$(BIN)/python -c 'import sphinx, furo' 2>/dev/null || \
+	@$(BIN)/python -c 'import sphinx, furo, myst_parser' 2>/dev/null || \
 	  $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[docs]'
-	@$(BIN)/python -m sphinx --fail-on-warning --keep-going -q docs/api $(OUT)/docs
-	@echo "open $(OUT)/docs/index.html"
+	@$(BIN)/python docs/make_site.py --out $(OUT) $(ARGS)
 
 reproduce: setup
 	@$(BIN)/preshape reproduce --out reports/reproduce $(ARGS)

@@ -218,5 +218,6 @@ def test_the_study_goes_on_where_it_stopped(
     assert json.loads(capsys.readouterr().out) == first
     assert parts[0].read_bytes() == before
     assert (tmp_path / "reliability.png").stat().st_size > 5000
-    assert run([*asked, "--seed", "1"]) == 2  # another run
-    assert "does not belong to this run" in capsys.readouterr().out
+    parts[0].write_text("{}")
+    assert run(asked) == 2
+    assert "does not hold rows of this study" in capsys.readouterr().out

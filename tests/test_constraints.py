@@ -43,8 +43,9 @@ def test_every_package_has_hashes_and_no_place_is_named() -> None:
         assert not re.search(r"://|^-|--index|--find-links", (ROOT / file).read_text(), flags=re.M)
 
 
-def test_whatever_the_package_and_its_tests_need_is_hashed() -> None:
+def test_whatever_the_package_its_tests_and_its_documents_need_is_hashed() -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
-    needed = [*project["dependencies"], *project["optional-dependencies"]["dev"]]
+    extras = project["optional-dependencies"]
+    needed = [*project["dependencies"], *extras["dev"], *extras["docs"]]
     names = {plain(re.split(r"[<>=!~\[; ]", requirement)[0]) for requirement in needed}
     assert names <= pins("constraints-hashed.txt").keys()

@@ -168,9 +168,9 @@ def sigmoid(x: Array) -> Array:
     """Logistic activation 1 / (1 + exp(-x)) [P], without overflow, to the last bit the same on every machine.
 
     NumPy's ``exp`` and ``tanh`` round differently on different processors. Here, exp(-x) is a table's value
-    at the nearest 256th times the Padé approximant n / d of the rest r, |r| ≤ 1/512, whose error r⁵/720 is
-    below 4e-17, with d = 12 - 6r + r² and n = d + 12r. This needs only operations that are rounded correctly
-    everywhere.
+    at the nearest 256th times the Padé approximant n / d of the rest r, which is at most 1/512 in size. Its
+    error r⁵/720 is below 4e-17, with d = 12 - 6r + r² and n = d + 12r. This needs only operations that are
+    rounded correctly everywhere.
     """
     rest = np.minimum(np.maximum(-_PARTS * x, -_PARTS * _LIMIT), _PARTS * _LIMIT)
     nearest = np.rint(rest)

@@ -118,7 +118,7 @@ def run_critic(
 
     Args:
         run: Settings of the study.
-        folder: Folder for the rows, from which the same call resumes.
+        folder: Folder for the rows, from which the same call resumes; a longer one takes what it can use.
         workers: Number of processes; by default one for each core.
         progress: Called with the completed fraction and the current step.
 
@@ -129,18 +129,19 @@ def run_critic(
         ``reason``.
 
     Raises:
-        InputError: A hand or object cannot be used, or the folder holds results of another run.
+        InputError: A hand or object cannot be used, or a file of the folder is damaged.
         EnvironmentFailure: A file cannot be read or written, or a process was killed.
     """
-    jobs: list[tuple[str, PickObject, Path, str]] = []
+    jobs: list[tuple[str, PickObject, Path]] = []
     for name in run.hands:
         model = physics_hand(load_hand(name))
         for thing in run.things:
-            stem = f"{model.name}-{Path(thing.name).stem}"
-            jobs.append((name, thing, folder / f"{stem}.json", run.key(model, thing)))
+            key = run.key(model, thing)
+            file = folder / f"{model.name}-{Path(thing.name).stem}-{key[:12]}.json"
+            jobs.append((name, thing, file))
     rows: dict[Path, list[Row]] = {}
-    for _, _, file, key in jobs:
-        stored = _stored(file, key)
+    for _, _, file in jobs:
+        stored = _stored(file)
         if stored is not None:
             rows[file] = stored
     if progress is not None:
@@ -154,24 +155,18 @@ def run_critic(
     folder.mkdir(parents=True, exist_ok=True)
     left = [[job] for job in jobs if job[2] not in rows]
     run_jobs(left, _GripTester(run), process_count(workers), take)
-    return tuple(row for _, _, file, _ in jobs for row in rows[file])
+    return tuple(row for _, _, file in jobs for row in rows[file])
 
 
-def _stored(file: Path, key: str) -> list[Row] | None:
+def _stored(file: Path) -> list[Row] | None:
     """Rows stored by an earlier run; ``None`` if there is no file."""
     if not file.exists():
         return None
     try:
-        document = loads(read_file(file, MOST_OF_JSON))
-        if document["key"] == key:
-            rows: list[Row] = document["rows"]
-            return rows
-    except (ValueError, KeyError, TypeError):
-        pass
-    raise InputError(
-        f"{file} does not belong to this run (another object, hand, task, count, seed or version); "
-        "remove it, or choose another folder"
-    )
+        rows: list[Row] = loads(read_file(file, MOST_OF_JSON))["rows"]
+    except (ValueError, KeyError, TypeError) as error:
+        raise InputError(f"{file} does not hold rows of this study; remove it") from error
+    return rows
 
 
 class _GripTester:
@@ -180,14 +175,14 @@ class _GripTester:
     def __init__(self, run: CriticRun) -> None:
         self.run = run
 
-    def test(self, job: tuple[str, PickObject, Path, str]) -> tuple[Path, list[Row]]:
-        name, thing, file, key = job
+    def test(self, job: tuple[str, PickObject, Path]) -> tuple[Path, list[Row]]:
+        name, thing, file = job
         try:
             rows = list(self._rows(load_hand(name), thing))
         except ObjectError as error:
             _log.warning("%s: %s", thing.name, error)
             rows = []
-        write_json(file, {"format": FORMAT, "key": key, "rows": rows})
+        write_json(file, {"format": FORMAT, "rows": rows})
         return file, rows
 
     def _rows(self, hand: Hand, thing: PickObject) -> Iterator[Row]:

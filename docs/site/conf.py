@@ -1,7 +1,8 @@
-"""Settings of the API pages; ``make docs`` builds them, and any warning fails the build."""
+"""Settings of the documentation site, which docs/make_site.py builds; any warning fails the build."""
 
 import re
 
+from pygments.lexers.special import TextLexer
 from sphinx.application import Sphinx
 from sphinx.domains.python import PyClasslike
 
@@ -10,8 +11,10 @@ from preshape import __version__
 project = "preshape"
 version = release = __version__
 
-extensions = ["sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx.ext.viewcode"]
-exclude_patterns = ["_templates"]
+extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx.ext.viewcode"]
+exclude_patterns = ["README.md"]  # the front page includes it
+myst_heading_anchors = 4
+myst_enable_extensions = ["attrs_inline"]  # classes of pictures
 templates_path = ["_templates"]
 
 autodoc_member_order = "bysource"
@@ -30,7 +33,7 @@ toc_object_entries_show_parents = "hide"
 html_theme = "furo"
 html_title = f"preshape {version}"
 html_static_path = ["_static"]
-html_css_files = ["api.css"]
+html_css_files = ["site.css"]
 html_copy_source = False
 html_show_sphinx = False
 html_show_copyright = False
@@ -51,6 +54,7 @@ def setup(app: Sphinx) -> None:
         return readable(arguments), readable(answer)
 
     app.connect("autodoc-process-signature", signature)
+    app.add_lexer("mermaid", TextLexer)  # code hosts draw these diagrams; the site shows their text
     for field in PyClasslike.doc_field_types:
         if field.name == "variable":
             field.label = "Attributes"
