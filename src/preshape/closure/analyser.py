@@ -10,6 +10,7 @@ from __future__ import annotations
 import zlib
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import cached_property
 
 import numpy as np
 
@@ -20,16 +21,15 @@ from ..hiis.fuzzy import FuzzySets
 from ..kernels.field.host import SurfaceQuery, prepare_field
 from ..objects.mesh import TriangleMesh
 from ..types import ANSWER_KIND, Array, ContactCoefficients, Experience, IntArray, frozen_array
-from .aiming import ENOUGH_MARGIN, AimDraws
+from .aiming import ENOUGH_MARGIN, AimDraws, aim_draws
 from .calibration import WHOLE, pick_critic
 from .candidates import DrawnCandidates, RankedCandidates, distinct, merged, without_failed
 from .contact_places import allowed_surface
 from .demand import Demand, inner_centre, task_demand, turn_levers
 from .finish import ENOUGH, INSIDE, OVERLAP, FinishedGrip, Finisher, FinishOptions
 from .grips import GripExploration, described, grip_exploration, of_both_kinds
-from .hand_pinches import hand_pinches
 from .limits import LOAD, costliest, heaviest_mass, nothing_left, remedy, rules_cost, shortfall, why_none
-from .pinching import THINNEST, Pincher, antipodal_patches
+from .pinching import THINNEST
 from .recall import FEW_VALUES, on_object, recalled
 from .rules import breaks
 from .search import ClosureSearch
@@ -96,14 +96,8 @@ class ClosureAnalyser:
             turns=turn_levers(mesh, self.middle, length),
             query=self.query,
         )
-        pinches = hand_pinches(hand)
         places = self.search.blockers.places
         self.allowed = allowed_surface(mesh, places) if places else None
-        patches = antipodal_patches(
-            mesh, self.field, float(pinches.tip[0]), pinches.widest, allowed=self.allowed, places=places
-        )
-        pincher = Pincher(pinches, patches, mesh.cog, mesh.extents / 2, self.search.kernel)
-        self.draws = AimDraws(self.search, pincher, mesh, self.allowed)
         self.finisher = Finisher(self.search, self.query)
         self.critic = pick_critic(self.search, mesh)
         self._cache: dict[bytes, GripExploration] = {}
@@ -114,6 +108,11 @@ class ClosureAnalyser:
 
     measure = "the grip's quality (3 is just enough)"
     patience = 8
+
+    @cached_property
+    def draws(self) -> AimDraws:
+        """Draws candidates. It is made when a search begins, because a recalled answer needs none."""
+        return aim_draws(self.search, self.mesh, self.allowed)
 
     def forget(self) -> None:
         """Clear the cache of aims, so that the next one is searched again."""
