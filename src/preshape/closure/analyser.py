@@ -104,7 +104,7 @@ class ClosureAnalyser:
         self._explored: set[bytes] = set()  # tasks for which all allowed planes have been searched
         self._tallies: dict[bytes, IntArray] = {}  # of the searches of all planes, by task
         self._last_demand: tuple[bytes, Demand] | None = None
-        self._bold: ClosureAnalyser | None = None
+        self._bold: dict[float, ClosureAnalyser] = {}
 
     measure = "the grip's quality (3 is just enough)"
     patience = 8
@@ -119,8 +119,8 @@ class ClosureAnalyser:
         self._cache.clear()
         self._explored.clear()
         self._tallies.clear()
-        if self._bold is not None:
-            self._bold.forget()
+        for bolder in self._bold.values():
+            bolder.forget()
 
     @property
     def tried(self) -> int:
@@ -184,26 +184,21 @@ class ClosureAnalyser:
         for family in self._wanted(on_object(own, self.mesh, self.hand)):
             finished += self.finisher.finish(self.search.evaluate(family, demand), demand, options)
         found = self.grips(task, finished)
-        if not unexplored and _best_quality(found) < ENOUGH and (bolder := self._bolder) is not None:
-            found = [*self._with_more_friction(q, found), *found]
-            if _best_quality(found) < ENOUGH:
-                found = [*bolder._with_more_friction(q, bolder.recall(q, lessons)), *found]
+        for share in [] if unexplored else self._shares:
+            if _best_quality(found) >= ENOUGH:
+                break
+            again = self._bolder(share).recall(q, lessons)
+            found = [*self._with_more_friction(q, again, self._shares), *found]
         return found
 
-    @property
-    def _bolder(self) -> ClosureAnalyser | None:
-        """The same analyser with a larger share of the friction; ``None`` if the settings' is not larger.
-
-        On a table it is the whole friction, because there the critic knows how probably a grip holds.
-        """
-        settings = self.settings
-        if self._bold is None and settings.bold_share > settings.friction_share:
-            share = settings.bold_share if self.critic is None else WHOLE
-            self._bold = ClosureAnalyser(
+    def _bolder(self, share: float) -> ClosureAnalyser:
+        """The same analyser with a larger share of the friction."""
+        if share not in self._bold:
+            self._bold[share] = ClosureAnalyser(
                 self.mesh,
                 self.hand,
                 self.layout,
-                settings=replace(settings, friction_share=share),
+                settings=replace(self.settings, friction_share=share, bold_share=share),
                 coefficients=self.coefficients,
                 sets=self.sets,
                 gravity=self.gravity,
@@ -211,34 +206,52 @@ class ClosureAnalyser:
                 known=self._known,
                 scene=self.scene,
             )
-        return self._bold
+        return self._bold[share]
 
     def _boldly(self, q: Array, aim: Aim, found: GripExploration) -> GripExploration:
-        """Where no grip is good enough, the grips that are with the larger share of the friction come first.
+        """Where no grip is good enough, those that are with a larger share of the friction come first.
 
-        On a table, a grip that was found already may be good enough for the critic. Then nothing is searched.
+        1. On a table, a grip that was found already may be: then nothing more is searched.
+        2. Search with the bold share, which leaves some reserve.
+        3. On a table, take the likely grips of both searches, or search with the whole friction.
         """
-        if self._bolder is None or (self.allowed is not None and not len(self.allowed)):
+        if not self._shares or (self.allowed is not None and not len(self.allowed)):
             return found
-        bold, tried = self._with_more_friction(q, found.grips), found.tried
-        if _best_quality(bold) < ENOUGH:
-            other = self._bolder._explore(q, aim, unexplored=False)
-            bold, tried = self._bolder._with_more_friction(q, other.grips), tried + other.tried
+        grips, tried = list(found.grips), found.tried
+        bold = self._with_more_friction(q, grips, self._shares[:1])
+        for k, share in enumerate(self._shares):
+            if _best_quality(bold) >= ENOUGH:
+                break
+            other = self._bolder(share)._explore(q, aim, unexplored=False)
+            grips, tried = [*grips, *other.grips], tried + other.tried
+            bold = self._with_more_friction(q, grips, self._shares[: k + 1])
+            if _best_quality(bold) < ENOUGH and k + 1 < len(self._shares):
+                bold = self._with_more_friction(q, grips, self._shares)
         enough = [grip for grip in bold if grip.quality >= ENOUGH]
         if not enough and (found.grips or not bold):
             return replace(found, tried=tried)
         return grip_exploration([*enough, *found.grips] or bold, tried)
 
-    def _with_more_friction(self, q: Array, grips: Sequence[Grip]) -> list[Grip]:
-        """The grips that balance the load with a larger share of the friction than usual.
+    @property
+    def _shares(self) -> list[float]:
+        """Shares of the friction above the usual one that count where no grip is good enough."""
+        usual, bold = self.settings.friction_share, self.settings.bold_share
+        if bold <= usual:
+            return []
+        return [bold] if self.critic is None or bold >= WHOLE else [bold, WHOLE]
+
+    def _with_more_friction(self, q: Array, grips: Sequence[Grip], shares: Sequence[float]) -> list[Grip]:
+        """The grips that balance the load with one of these shares of the friction.
 
         Whatever their margins, they are just enough at most: their reserve for errors of friction is smaller.
         """
         if self.critic is not None:
-            return self.critic.with_more_friction(grips, self.demand(q), self.settings.bold_share)
-        if self.settings.friction_share < self.settings.bold_share:
-            return []
-        return [replace(grip, quality=ENOUGH) for grip in grips if grip.quality >= ENOUGH]
+            return self.critic.with_more_friction(grips, self.demand(q), shares)
+        return [
+            replace(grip, quality=ENOUGH)
+            for grip in grips
+            if grip.quality >= ENOUGH and grip.friction_share in shares
+        ]
 
     def _wanted(self, drawn: DrawnCandidates) -> list[DrawnCandidates]:
         """The families among candidates that the settings' grasp type allows."""
@@ -249,8 +262,8 @@ class ClosureAnalyser:
         """Heaviest mass for which a grip would still be good enough for the task [kg]."""
         if not isinstance(grasp, Grip):
             return None
-        if self._bold is not None and grasp.friction_share > self.settings.friction_share:
-            return self._bold.heaviest(q, grasp)
+        if grasp.friction_share > self.settings.friction_share and grasp.friction_share in self._shares:
+            return self._bolder(grasp.friction_share).heaviest(q, grasp)
         return heaviest_mass(self.search, grasp, self.demand(frozen_array(q, (6,), "task Q")))
 
     def shortfall(self, q: Array, grasp: Grasp) -> str:

@@ -101,22 +101,24 @@ class PickCritic:
             for grip, p in zip(grips, told, strict=True)
         ]
 
-    def with_more_friction(self, grips: Sequence[Grip], demand: Demand, bold_share: float) -> list[Grip]:
+    def with_more_friction(
+        self, grips: Sequence[Grip], demand: Demand, shares: Sequence[float]
+    ) -> list[Grip]:
         """The grips that balance the load with more of the friction than usual, with the quality for that.
 
-        Grips that balance it with the bold share, which leaves some reserve, are good enough, and so are
-        those that balance it with the whole friction and are ``LIKELY`` to pick the object up. The quality of
-        the others is below that in proportion to their probability. Each states its share and its margins.
+        Grips that balance it with less than the whole friction, which leaves some reserve, are good enough,
+        and so are those that balance it with all of it and are ``LIKELY`` to pick the object up. The quality
+        of the others is below that in proportion to their probability. Each states its share and margins.
         Likely ones with some reserve come first, then likely ones, then unlikely ones with some reserve, each
         by probability.
 
         Args:
             grips: Grips with their probabilities.
             demand: What the task asks.
-            bold_share: The larger share of the friction.
+            shares: Shares of the friction, rising.
         """
         found, left = list[Grip](), [grip for grip in grips if not grip.refused]
-        for share in (bold_share, WHOLE):
+        for share in shares:
             margins = self.margins(left, demand, share)
             balanced = margins.min(axis=1, initial=np.inf) >= 1.0
             found += [
