@@ -188,7 +188,7 @@ class ClosureAnalyser:
             if _best_quality(found) >= ENOUGH:
                 break
             again = self._bolder(share).recall(q, lessons)
-            found = [*self._with_more_friction(q, again, self._shares), *found]
+            found = [*self._with_more_friction(q, again, [*found, *again]), *found]
         return found
 
     def _bolder(self, share: float) -> ClosureAnalyser:
@@ -211,22 +211,19 @@ class ClosureAnalyser:
     def _boldly(self, q: Array, aim: Aim, found: GripExploration) -> GripExploration:
         """Where no grip is good enough, those that are with a larger share of the friction come first.
 
-        1. On a table, a grip that was found already may be: then nothing more is searched.
-        2. Search with the bold share, which leaves some reserve.
-        3. On a table, take the likely grips of both searches, or search with the whole friction.
+        1. Search with the bold share, which leaves some reserve.
+        2. On a table, if none is good enough with it, take the likely grips of both searches.
+        3. If there are none, search with the whole friction.
         """
         if not self._shares or (self.allowed is not None and not len(self.allowed)):
             return found
-        grips, tried = list(found.grips), found.tried
-        bold = self._with_more_friction(q, grips, self._shares[:1])
-        for k, share in enumerate(self._shares):
-            if _best_quality(bold) >= ENOUGH:
-                break
+        grips, tried, bold = list(found.grips), found.tried, list[Grip]()
+        for share in self._shares:
             other = self._bolder(share)._explore(q, aim, unexplored=False)
             grips, tried = [*grips, *other.grips], tried + other.tried
-            bold = self._with_more_friction(q, grips, self._shares[: k + 1])
-            if _best_quality(bold) < ENOUGH and k + 1 < len(self._shares):
-                bold = self._with_more_friction(q, grips, self._shares)
+            bold = self._with_more_friction(q, other.grips, grips)
+            if _best_quality(bold) >= ENOUGH:
+                break
         enough = [grip for grip in bold if grip.quality >= ENOUGH]
         if not enough and (found.grips or not bold):
             return replace(found, tried=tried)
@@ -240,18 +237,21 @@ class ClosureAnalyser:
             return []
         return [bold] if self.critic is None or bold >= WHOLE else [bold, WHOLE]
 
-    def _with_more_friction(self, q: Array, grips: Sequence[Grip], shares: Sequence[float]) -> list[Grip]:
-        """The grips that balance the load with one of these shares of the friction.
+    def _with_more_friction(self, q: Array, searched: Sequence[Grip], grips: Sequence[Grip]) -> list[Grip]:
+        """The grips that balance the load with more of the friction than usual.
 
         Whatever their margins, they are just enough at most: their reserve for errors of friction is smaller.
+
+        Args:
+            q: (6,) task Q.
+            searched: The grips of a search with a larger share. Those with some reserve are good enough.
+            grips: All grips that were found. On a table, the critic judges them if there is none of those.
         """
-        if self.critic is not None:
-            return self.critic.with_more_friction(grips, self.demand(q), shares)
-        return [
-            replace(grip, quality=ENOUGH)
-            for grip in grips
-            if grip.quality >= ENOUGH and grip.friction_share in shares
-        ]
+        free = self.critic is None
+        reserve = [g for g in searched if g.quality >= ENOUGH and (free or g.friction_share < WHOLE)]
+        if reserve or self.critic is None:
+            return [replace(grip, quality=ENOUGH) for grip in reserve]
+        return self.critic.with_more_friction(grips, self.demand(q), self._shares)
 
     def _wanted(self, drawn: DrawnCandidates) -> list[DrawnCandidates]:
         """The families among candidates that the settings' grasp type allows."""
