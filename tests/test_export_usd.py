@@ -17,10 +17,12 @@ import pytest
 from pxr import Usd, UsdGeom, UsdPhysics, UsdValidation
 
 from coupled_hands import coupled_hand
-from preshape.exceptions import InputError
+from preshape.exceptions import HandError, InputError
 from preshape.export.mjcf import scene_mjcf
 from preshape.export.planned import PlannedGrasp
-from preshape.export.usd import Standing, joint_servos, scene_stage, stage_bytes, standing
+from preshape.export.usd import WorldPlace, joint_servos, scene_stage, stage_bytes, standing
+from preshape.hands.hand import Hand
+from preshape.hands.motors import direct_motor
 from preshape.objects.library import load_library_object
 from preshape.physics.pieces import ConvexPieces
 from preshape.planner import plan
@@ -33,11 +35,29 @@ HANDS = ("shadow", "leap", "tendon")
 TURNED = pose(rotation_from_vector([0.3, -0.8, 1.1]), [0.4, -0.2, 0.7])
 
 
+def odd_hand() -> Hand:
+    """LEAP with a joint that does not count from 0, one that slides, a cylinder and an ellipsoid."""
+    leap = coupled_hand("leap")
+    text = leap.mjcf
+    for old, new in (
+        ('<joint name="if_mcp"', '<joint name="if_mcp" ref="0.2"'),
+        ('<joint name="if_dip"', '<joint name="if_dip" type="slide" ref="-0.1"'),
+        (
+            'name="index_base_ear_side" class="link" type="capsule"',
+            'name="side" class="link" type="cylinder"',
+        ),
+        ('name="palm_body" class="palm" type="box"', 'name="ball" class="palm" type="ellipsoid"'),
+    ):
+        assert text.count(old) == 1, old
+        text = text.replace(old, new)
+    return replace(leap, mjcf=text)
+
+
 @cache
 def grasp_with(name: str) -> PlannedGrasp:
     """The stored grasp with another hand in postures of its own."""
     (base,) = grasps_of(CLOSURE, answer=0)
-    hand = coupled_hand(name)
+    hand = odd_hand() if name == "odd" else coupled_hand(name)
     q = {stage: hand.at(c) for stage, c in (("pregrasp", 0.2), ("grasp", 0.5), ("squeeze", 0.6))}
     nothing = {"points": np.zeros((0, 3)), "normals_in": np.zeros((0, 3)), "fingers": (), "forces": None}
     return replace(base, hand=hand, efforts=np.zeros(len(hand.joints)), **q, **nothing)
@@ -49,7 +69,7 @@ def made(name: str) -> tuple[Any, Any]:
     grasp, mesh = grasp_with(name), load_library_object("prism")
     parts = mesh, ConvexPieces(name="prism", pieces=(mesh.vertices,))
     table = np.array([0.0, 0.0, 1.0, mesh.bounds[0, 2]])
-    stage = scene_stage(grasp, *parts, Standing(T_world_mesh=TURNED, table=table))
+    stage = scene_stage(grasp, *parts, WorldPlace(T_world_mesh=TURNED, table=table))
     again = Usd.Stage.CreateInMemory("again.usda")
     assert again.GetRootLayer().ImportFromString(stage_bytes(stage, ".usda").decode())
     return again, mujoco.MjModel.from_xml_string(scene_mjcf(grasp, *parts))
@@ -103,6 +123,9 @@ def forward(stage: Any, angles: dict[str, float]) -> dict[str, np.ndarray]:
             if str(child) in poses or parent not in poses:
                 continue
             turn = np.eye(4)
+            if joint.GetPrim().IsA(UsdPhysics.PrismaticJoint):
+                assert attribute(joint.GetPrim(), "physics:axis") == "X"
+                turn[0, 3] = angles[joint.GetPrim().GetDisplayName()]
             if joint.GetPrim().IsA(UsdPhysics.RevoluteJoint):
                 assert attribute(joint.GetPrim(), "physics:axis") == "X"
                 turn[:3, :3] = rotation_from_vector([angles[joint.GetPrim().GetDisplayName()], 0, 0])
@@ -112,7 +135,7 @@ def forward(stage: Any, angles: dict[str, float]) -> dict[str, np.ndarray]:
     return poses
 
 
-with_hands = pytest.mark.parametrize("name", HANDS)
+with_hands = pytest.mark.parametrize("name", [*HANDS, "odd"])
 
 
 @with_hands
@@ -126,7 +149,8 @@ def test_pixars_own_parser_and_validators_find_no_fault(name: str) -> None:
     found = {str(kind).rsplit(".", 1)[-1]: len(paths) for kind, (paths, _) in parsed.items()}
     collide = model.geom_contype | model.geom_conaffinity
     shapes = sum(number for kind, number in found.items() if kind.endswith("Shape"))
-    assert (found["Articulation"], found["RevoluteJoint"]) == (1, model.njnt - 1)
+    moving = found["RevoluteJoint"] + found.get("PrismaticJoint", 0)
+    assert (found["Articulation"], moving) == (1, model.njnt - 1)
     assert shapes == np.count_nonzero(collide) + 1  # the table
     assert UsdGeom.GetStageUpAxis(stage) == "Z"
     assert UsdGeom.GetStageMetersPerUnit(stage) == UsdPhysics.GetStageKilogramsPerUnit(stage) == 1.0
@@ -174,7 +198,10 @@ def test_masses_inertia_and_limits(name: str) -> None:
     assert list(joints) == list(grasp_with(name).hand.joints)
     for joint, prim in joints.items():
         low, high = attribute(prim, "physics:lowerLimit"), attribute(prim, "physics:upperLimit")
-        np.testing.assert_allclose(np.deg2rad([low, high]), model.joint(joint).range, atol=1e-7)
+        unit = np.pi / 180 if prim.IsA(UsdPhysics.RevoluteJoint) else 1.0
+        np.testing.assert_allclose(unit * np.array([low, high]), model.joint(joint).range, atol=1e-7)
+        if name == "odd":
+            assert prim.IsA(UsdPhysics.RevoluteJoint) == (joint != "if_dip")
 
 
 def shape_numbers(prim: Any) -> tuple[np.ndarray, float]:
@@ -218,6 +245,15 @@ def test_every_shape_is_where_mujoco_has_it(name: str) -> None:
                 expected = model.mesh_vert[start : start + model.mesh_vertnum[model.geom_dataid[g]]]
                 assert prim.HasAPI(UsdPhysics.MeshCollisionAPI) == collides
                 assert attribute(prim, "physics:approximation") == "convexHull" if collides else True
+            elif kind == kinds.mjGEOM_ELLIPSOID:
+                R, at = data.geom_xmat[g].reshape(3, 3), data.geom_xpos[g]
+                inside = (np.linalg.inv(TURNED) @ np.append(points, np.ones((len(points), 1)), axis=1).T)[
+                    :3
+                ].T
+                on = np.linalg.norm((inside - at) @ R / size, axis=1)
+                np.testing.assert_allclose(on, 1.0, atol=1e-4)
+                assert attribute(prim, "physics:approximation") == "convexHull"
+                continue
             elif kind == kinds.mjGEOM_BOX:
                 expected = size * [[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]
             elif kind in (kinds.mjGEOM_CAPSULE, kinds.mjGEOM_CYLINDER):
@@ -386,6 +422,31 @@ def test_how_the_object_stands(tmp_path: Path) -> None:
         standing({**CLOSURE, "scene": {}}, grasp)
 
 
+def test_two_joints_of_one_link_are_refused_by_name() -> None:
+    grasp, mesh = grasp_with("leap"), load_library_object("prism")
+    two = grasp.hand.mjcf.replace(
+        '<joint name="if_pip"', '<joint name="extra" range="0 1"/><joint name="if_pip"'
+    )
+    assert two != grasp.hand.mjcf
+    model = mujoco.MjModel.from_xml_string(two)
+    names = tuple(model.joint(k).name for k in range(model.njnt))
+    at, body = names.index("extra"), model.body(model.joint("extra").bodyid[0]).name
+    motors = (*grasp.hand.motors, direct_motor("extra", np.array([0.0, 1.0])))
+    longer = {n: np.insert(getattr(grasp, n), at, 0.5) for n in ("pregrasp", "grasp", "squeeze", "efforts")}
+    hand = replace(
+        grasp.hand,
+        mjcf=two.replace("</actuator>", '<position name="extra" joint="extra" kp="1"/></actuator>'),
+        joints=names,
+        limits=np.insert(grasp.hand.limits, at, [0.0, 1.0], axis=0),
+        motors=motors,
+        gains=[*grasp.hand.gains, 1.0],
+        torque_limits=[*grasp.hand.torque_limits, 1.0],
+    )
+    parts = mesh, ConvexPieces(name="prism", pieces=(mesh.vertices,))
+    with pytest.raises(HandError, match=f"the link {body} has 2 joints"):
+        scene_stage(replace(grasp, hand=hand, **longer), *parts, WorldPlace(T_world_mesh=np.eye(4)))
+
+
 def test_names_that_usd_does_not_take() -> None:
     mesh, grasp = load_library_object("prism"), grasp_with("leap")
     document = copy.deepcopy(CLOSURE)
@@ -396,7 +457,7 @@ def test_names_that_usd_does_not_take() -> None:
         replace(grasp, hand=hand, object_name=named.object_name, lacking='too "weak"'),
         mesh,
         ConvexPieces(name="prism", pieces=(mesh.vertices,)),
-        Standing(T_world_mesh=np.eye(4)),
+        WorldPlace(T_world_mesh=np.eye(4)),
     )
     assert stage.GetPrimAtPath("/World/Object").GetDisplayName() == SHOWN
     layer = stage.GetRootLayer()

@@ -9,7 +9,6 @@ This module needs the package ``usd-core`` (extra ``usd``), but no simulator.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -27,13 +26,24 @@ from ..spatial import (
     inverse,
     pose,
     pose_from_seven,
-    rotation_from_quaternion,
     seven_from_pose,
     transform_points,
 )
 from ..types import Array, freeze, frozen_array, value
 from .mjcf import scene_mjcf
 from .planned import PlannedGrasp
+from .usd_prims import (
+    add_geoms,
+    double_vector,
+    float_quaternion,
+    float_vector,
+    identifiers,
+    make_rigid,
+    place,
+    set_attribute,
+    turn_between,
+    value_type,
+)
 
 WORLD, HAND, OBJECT, TABLE, GRASP = "/World", "/World/Hand", "/World/Object", "/World/Table", "/World/Grasp"
 GRAVITY = 9.81
@@ -43,7 +53,7 @@ TABLE_COLOUR = (0.55, 0.55, 0.58)
 
 
 @value
-class Standing:
+class WorldPlace:
     """How the mesh frame of a plan lies in a world with z up.
 
     Attributes:
@@ -65,7 +75,7 @@ class Standing:
                 raise InputError(f"the table's normal must have length 1, got {self.table[:3]}")
 
 
-def standing(document: Document, grasp: PlannedGrasp) -> Standing:
+def standing(document: Document, grasp: PlannedGrasp) -> WorldPlace:
     """How the object of a plan stands: at rest on its table, or as it was planned in free space.
 
     Args:
@@ -83,8 +93,8 @@ def standing(document: Document, grasp: PlannedGrasp) -> Standing:
             raise InputError(f"the plan's scene does not say how the object stands ({error})") from error
         if abs(float(np.linalg.norm(seven[3:])) - 1.0) > 0.01:
             raise InputError(f"T_world_object must have a unit quaternion, got {seven[3:]}")
-        return Standing(T_world_mesh=pose_from_seven(seven), table=table)
-    return Standing(T_world_mesh=pose(_turn(grasp.up, np.array([0.0, 0.0, 1.0])), np.zeros(3)))
+        return WorldPlace(T_world_mesh=pose_from_seven(seven), table=table)
+    return WorldPlace(T_world_mesh=pose(turn_between(grasp.up, np.array([0.0, 0.0, 1.0])), np.zeros(3)))
 
 
 def require_usd() -> None:
@@ -120,7 +130,7 @@ def stage_bytes(stage: Any, suffix: str) -> bytes:
             raise EnvironmentFailure(f"USD cannot write a temporary file in {folder}: {error}") from error
 
 
-def scene_stage(grasp: PlannedGrasp, mesh: TriangleMesh, pieces: ConvexPieces, stands: Standing) -> Any:
+def scene_stage(grasp: PlannedGrasp, mesh: TriangleMesh, pieces: ConvexPieces, stands: WorldPlace) -> Any:
     """The ``pxr.Usd.Stage`` of a grasp, in memory.
 
     1. The world: units, gravity (none without a table, as in the holding test), one material with the
@@ -195,7 +205,7 @@ def _add_hand(stage: Any, model: Any, grasp: PlannedGrasp, T_world_mesh: Array) 
     bodies = [b for b in range(1, model.nbody) if model.body(b).name != "object"]
     zero = _body_poses(model, model.qpos0)
     shown = T_world_mesh @ _body_poses(model, model.key("pregrasp").qpos)
-    names = dict(zip(bodies, _identifiers((model.body(b).name for b in bodies), {"Joints"}), strict=True))
+    names = dict(zip(bodies, identifiers(model.body(b).name for b in bodies), strict=True))
     paths: dict[int, str] = {}
     carrier = {0: 0}  # the rigid body that carries each body
     for b in bodies:
@@ -211,10 +221,10 @@ def _add_hand(stage: Any, model: Any, grasp: PlannedGrasp, T_world_mesh: Array) 
         paths[b] = f"{paths[parent]}/{name}" if frame else f"{HAND}/{name}"
         prim = UsdGeom.Xform.Define(stage, paths[b]).GetPrim()
         prim.SetDisplayName(escaped_line(model.body(b).name))
-        _place(prim, inverse(shown[parent]) @ shown[b] if frame else shown[b])
-        _add_geoms(stage, model, b, paths[b])
+        place(prim, inverse(shown[parent]) @ shown[b] if frame else shown[b])
+        add_geoms(stage, model, b, paths[b])
         if not frame:
-            _make_rigid(prim, model, b)
+            make_rigid(prim, model, b)
             T_parent_child = shown[b] if parent == 0 else inverse(zero[parent]) @ zero[b]
             _add_joint(stage, model, b, paths.get(parent), paths[b], T_parent_child)
     _add_drives(stage, grasp)
@@ -248,7 +258,7 @@ def _add_joint(
         joint = kind.Define(stage, f"{folder}/{_joint_names(model)[j]}")
         joint.GetPrim().SetDisplayName(escaped_line(model.joint(j).name))
         joint.CreateAxisAttr(UsdPhysics.Tokens.x)
-        T_child = pose(_turn(np.array([1.0, 0.0, 0.0]), model.jnt_axis[j]), model.jnt_pos[j])
+        T_child = pose(turn_between(np.array([1.0, 0.0, 0.0]), model.jnt_axis[j]), model.jnt_pos[j])
         # USD counts from where both frames coincide, MuJoCo from qpos0.
         back, start = np.eye(4), float(model.qpos0[model.jnt_qposadr[j]])
         if turns:
@@ -262,9 +272,9 @@ def _add_joint(
             joint.CreateLowerLimitAttr(float(low))
             joint.CreateUpperLimitAttr(float(high))
         dof = int(model.jnt_dofadr[j])
-        _attribute(joint.GetPrim(), "armature", "Double", float(model.dof_armature[dof]))
-        _attribute(joint.GetPrim(), "damping", "Double", float(model.dof_damping[dof]))
-        _attribute(joint.GetPrim(), "frictionloss", "Double", float(model.dof_frictionloss[dof]))
+        set_attribute(joint.GetPrim(), "armature", "Double", float(model.dof_armature[dof]))
+        set_attribute(joint.GetPrim(), "damping", "Double", float(model.dof_damping[dof]))
+        set_attribute(joint.GetPrim(), "frictionloss", "Double", float(model.dof_frictionloss[dof]))
     if parent_path is not None:
         joint.CreateBody0Rel().SetTargets([parent_path])
     joint.CreateBody1Rel().SetTargets([path])
@@ -273,8 +283,8 @@ def _add_joint(
         (T_child, joint.CreateLocalPos1Attr, joint.CreateLocalRot1Attr),
     ):
         seven = seven_from_pose(T)
-        at(_vector(seven[:3]))
-        turned(_quaternion(seven[3:]))
+        at(float_vector(seven[:3]))
+        turned(float_quaternion(seven[3:]))
 
 
 def _add_drives(stage: Any, grasp: PlannedGrasp) -> None:
@@ -282,7 +292,7 @@ def _add_drives(stage: Any, grasp: PlannedGrasp) -> None:
     from pxr import UsdGeom, UsdPhysics
 
     hand = grasp.hand
-    names = dict(zip(hand.joints, _identifiers(hand.joints), strict=True))
+    names = dict(zip(hand.joints, identifiers(hand.joints), strict=True))
     for name, target, numbers in zip(hand.joints, grasp.pregrasp, joint_servos(hand), strict=True):
         prim = stage.GetPrimAtPath(f"{HAND}/Joints/{names[name]}")
         turns = prim.IsA(UsdPhysics.RevoluteJoint)
@@ -296,17 +306,17 @@ def _add_drives(stage: Any, grasp: PlannedGrasp) -> None:
         drive.CreateTargetPositionAttr(float(target) / unit)
         # Isaac Sim starts a joint there; other programs take the poses of the links.
         prim.AddAppliedSchema(f"PhysicsJointStateAPI:{kind}")
-        state = prim.CreateAttribute(f"state:{kind}:physics:position", _type("Float"), False)
+        state = prim.CreateAttribute(f"state:{kind}:physics:position", value_type("Float"), False)
         state.Set(float(target) / unit)
     UsdGeom.Scope.Define(stage, f"{HAND}/Motors")
-    motors = _identifiers(motor.name for motor in hand.motors)
+    motors = identifiers(motor.name for motor in hand.motors)
     for name, motor, fact in zip(motors, hand.motors, hand.motor_facts(), strict=True):
         prim = UsdGeom.Scope.Define(stage, f"{HAND}/Motors/{name}").GetPrim()
         prim.SetDisplayName(escaped_line(motor.name))
         prim.CreateRelationship("preshape:joints").SetTargets(
             [f"{HAND}/Joints/{names[joint]}" for joint in motor.joints]
         )
-        _attribute(prim, "law", "Token", motor.law)
+        set_attribute(prim, "law", "Token", motor.law)
         for label, numbers in (
             ("weights", motor.weights),
             ("polynomials", motor.polynomials),
@@ -314,9 +324,9 @@ def _add_drives(stage: Any, grasp: PlannedGrasp) -> None:
             ("range", motor.range),
         ):
             if np.size(numbers):
-                _attribute(prim, label, "DoubleArray", np.ravel(numbers).tolist())
+                set_attribute(prim, label, "DoubleArray", np.ravel(numbers).tolist())
         for label in ("gain", "damping", "torque_limit"):
-            _attribute(prim, label, "Double", fact[label])
+            set_attribute(prim, label, "Double", fact[label])
 
 
 def joint_servos(hand: Hand) -> Array:
@@ -364,13 +374,13 @@ def _add_object(stage: Any, model: Any, grasp: PlannedGrasp, T_world_mesh: Array
 
     prim = UsdGeom.Xform.Define(stage, OBJECT).GetPrim()
     prim.SetDisplayName(grasp.object_name)
-    _place(prim, T_world_mesh)
+    place(prim, T_world_mesh)
     body = int(model.body("object").id)
-    _make_rigid(prim, model, body)
-    _add_geoms(stage, model, body, OBJECT)
+    make_rigid(prim, model, body)
+    add_geoms(stage, model, body, OBJECT)
 
 
-def _add_table(stage: Any, mesh: TriangleMesh, stands: Standing) -> None:
+def _add_table(stage: Any, mesh: TriangleMesh, stands: WorldPlace) -> None:
     """A slab below the object, whose upper face is the table."""
     from pxr import UsdGeom, UsdPhysics
 
@@ -383,7 +393,7 @@ def _add_table(stage: Any, mesh: TriangleMesh, stands: Standing) -> None:
     cube = UsdGeom.Cube.Define(stage, TABLE)
     cube.CreateSizeAttr(1.0)
     cube.CreateExtentAttr([(-0.5, -0.5, -0.5), (0.5, 0.5, 0.5)])
-    _place(cube.GetPrim(), pose(_turn(np.array([0.0, 0.0, 1.0]), up), centre), TABLE_SIZE)
+    place(cube.GetPrim(), pose(turn_between(np.array([0.0, 0.0, 1.0]), up), centre), TABLE_SIZE)
     cube.CreateDisplayColorAttr([TABLE_COLOUR])
     UsdPhysics.CollisionAPI.Apply(cube.GetPrim())
 
@@ -393,17 +403,19 @@ def _add_grasp(stage: Any, grasp: PlannedGrasp, T_world_mesh: Array) -> None:
     from pxr import UsdGeom
 
     prim, turn = UsdGeom.Scope.Define(stage, GRASP).GetPrim(), T_world_mesh[:3, :3]
-    names = dict(zip(grasp.hand.joints, _identifiers(grasp.hand.joints), strict=True))
+    names = dict(zip(grasp.hand.joints, identifiers(grasp.hand.joints), strict=True))
     prim.CreateRelationship("preshape:joints").SetTargets(
         [f"{HAND}/Joints/{names[joint]}" for joint in grasp.hand.joints]
     )
     for name in ("pregrasp", "grasp", "squeeze", "efforts"):
-        _attribute(prim, name, "DoubleArray", getattr(grasp, name).tolist())
-    _attribute(prim, "approach", "Vector3d", _double(turn @ grasp.approach))
+        set_attribute(prim, name, "DoubleArray", getattr(grasp, name).tolist())
+    set_attribute(prim, "approach", "Vector3d", double_vector(turn @ grasp.approach))
     points = transform_points(T_world_mesh, grasp.points)
-    _attribute(prim, "contact_points", "Point3dArray", [_double(p) for p in points])
-    _attribute(prim, "contact_normals", "Vector3dArray", [_double(n) for n in grasp.normals_in @ turn.T])
-    _attribute(prim, "contact_fingers", "StringArray", list(grasp.fingers))
+    set_attribute(prim, "contact_points", "Point3dArray", [double_vector(p) for p in points])
+    set_attribute(
+        prim, "contact_normals", "Vector3dArray", [double_vector(n) for n in grasp.normals_in @ turn.T]
+    )
+    set_attribute(prim, "contact_fingers", "StringArray", list(grasp.fingers))
     for name, kind, content in (
         ("answer", "String", grasp.label),
         ("task", "String", grasp.task),
@@ -413,94 +425,7 @@ def _add_grasp(stage: Any, grasp: PlannedGrasp, T_world_mesh: Array) -> None:
         ("executable", "Bool", not grasp.lacking),
         ("lacking", "String", grasp.lacking),
     ):
-        _attribute(prim, name, kind, content)
-
-
-def _make_rigid(prim: Any, model: Any, body: int) -> None:
-    """Make a prim a rigid body with the mass, centre of mass and principal inertia of a MuJoCo body."""
-    from pxr import UsdPhysics
-
-    UsdPhysics.RigidBodyAPI.Apply(prim)
-    if (mass := float(model.body_mass[body])) <= 0:
-        return  # only a root, which is fixed to the world
-    api = UsdPhysics.MassAPI.Apply(prim)
-    api.CreateMassAttr(mass)
-    api.CreateCenterOfMassAttr(_vector(model.body_ipos[body]))
-    api.CreateDiagonalInertiaAttr(_vector(model.body_inertia[body]))
-    api.CreatePrincipalAxesAttr(_quaternion(model.body_iquat[body]))
-
-
-def _add_geoms(stage: Any, model: Any, body: int, path: str) -> None:
-    """The shapes of a body; those that collide in MuJoCo do so in USD."""
-    from pxr import UsdGeom, UsdPhysics
-
-    first, count = int(model.body_geomadr[body]), int(model.body_geomnum[body])
-    shapes = [(g, model.geom(g).name or f"shape_{k}") for k, g in enumerate(range(first, first + count))]
-    for (g, _), name in zip(shapes, _identifiers(f"geom_{name}" for _, name in shapes), strict=True):
-        shape = _add_shape(stage, model, g, f"{path}/{name}")
-        material = int(model.geom_matid[g])
-        rgba = model.mat_rgba[material] if material >= 0 else model.geom_rgba[g]
-        shape.CreateDisplayColorAttr([_vector(rgba[:3])])
-        shape.CreateDisplayOpacityAttr([float(rgba[3])])
-        if model.geom_group[g] > 2:  # as in MuJoCo's viewers, which do not draw these groups
-            shape.CreatePurposeAttr(UsdGeom.Tokens.guide)
-        if model.geom_contype[g] or model.geom_conaffinity[g]:
-            UsdPhysics.CollisionAPI.Apply(shape.GetPrim())
-            if shape.GetPrim().IsA(UsdGeom.Mesh):
-                hull = UsdPhysics.MeshCollisionAPI.Apply(shape.GetPrim())
-                hull.CreateApproximationAttr(UsdPhysics.Tokens.convexHull)
-
-
-def _add_shape(stage: Any, model: Any, g: int, path: str) -> Any:
-    """A MuJoCo geom as a ``UsdGeom`` shape in the frame of its body.
-
-    Raises:
-        HandError: There is no such shape in USD.
-    """
-    import mujoco
-    from pxr import UsdGeom
-
-    kinds = mujoco.mjtGeom
-    kind, size = kinds(int(model.geom_type[g])), model.geom_size[g]
-    T = pose(rotation_from_quaternion(model.geom_quat[g]), model.geom_pos[g])
-    scale = None
-    if kind == kinds.mjGEOM_MESH:
-        shape = UsdGeom.Mesh.Define(stage, path)
-        m = int(model.geom_dataid[g])
-        start, corner = int(model.mesh_vertadr[m]), int(model.mesh_faceadr[m])
-        vertices = model.mesh_vert[start : start + int(model.mesh_vertnum[m])]
-        faces = model.mesh_face[corner : corner + int(model.mesh_facenum[m])]
-        _fill_mesh(shape, transform_points(T, vertices), faces)
-        return shape
-    if kind in (kinds.mjGEOM_SPHERE, kinds.mjGEOM_ELLIPSOID):
-        shape = UsdGeom.Sphere.Define(stage, path)
-        shape.CreateRadiusAttr(1.0 if kind == kinds.mjGEOM_ELLIPSOID else float(size[0]))
-        scale = size if kind == kinds.mjGEOM_ELLIPSOID else None
-    elif kind == kinds.mjGEOM_BOX:
-        shape = UsdGeom.Cube.Define(stage, path)
-        shape.CreateSizeAttr(2.0)
-        scale = size
-    elif kind in (kinds.mjGEOM_CAPSULE, kinds.mjGEOM_CYLINDER):
-        shape = (UsdGeom.Capsule if kind == kinds.mjGEOM_CAPSULE else UsdGeom.Cylinder).Define(stage, path)
-        shape.CreateRadiusAttr(float(size[0]))
-        shape.CreateHeightAttr(2.0 * float(size[1]))
-        shape.CreateAxisAttr(UsdGeom.Tokens.z)
-    else:
-        raise HandError(f"USD has no shape for the geom {model.geom(g).name or g} of kind {kind.name}")
-    shape.CreateExtentAttr(UsdGeom.Boundable.ComputeExtentFromPlugins(shape, 0.0))
-    _place(shape.GetPrim(), T, scale)
-    return shape
-
-
-def _fill_mesh(shape: Any, points: Array, faces: Array) -> None:
-    from pxr import UsdGeom, Vt
-
-    corners = Vt.Vec3fArray.FromNumpy(np.ascontiguousarray(points, dtype=np.float32))
-    shape.CreatePointsAttr(corners)
-    shape.CreateFaceVertexCountsAttr(Vt.IntArray.FromNumpy(np.full(len(faces), 3, dtype=np.int32)))
-    shape.CreateFaceVertexIndicesAttr(Vt.IntArray.FromNumpy(np.ascontiguousarray(faces.ravel(), np.int32)))
-    shape.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.none)
-    shape.CreateExtentAttr(UsdGeom.PointBased.ComputeExtent(corners))
+        set_attribute(prim, name, kind, content)
 
 
 def _body_poses(model: Any, q: Array) -> Array:
@@ -513,75 +438,6 @@ def _body_poses(model: Any, q: Array) -> Array:
     return pose(data.xmat.reshape(-1, 3, 3), data.xpos)
 
 
-def _identifiers(names: Iterable[str], taken: Iterable[str] = ()) -> list[str]:
-    """A prim's name for each of ``names``, without two alike; the display names have the real ones."""
-    from pxr import Tf
-
-    used, found = {*taken, "Joints", "Motors"}, []
-    for name in names:
-        chosen = base = Tf.MakeValidIdentifier(name)
-        number = 1
-        while chosen in used:
-            number += 1
-            chosen = f"{base}_{number}"
-        used.add(chosen)
-        found.append(chosen)
-    return found
-
-
 def _joint_names(model: Any) -> list[str]:
     """Prim names of all joints of the scene; the last one is the object's free joint."""
-    return _identifiers(model.joint(j).name for j in range(model.njnt))
-
-
-def _place(prim: Any, T: Array, scale: Array | None = None) -> None:
-    from pxr import Gf, UsdGeom
-
-    seven = seven_from_pose(T)
-    placed = UsdGeom.Xformable(prim)
-    placed.AddTranslateOp().Set(_double(seven[:3]))
-    turn = Gf.Quatd(float(seven[3]), _double(seven[4:]))
-    placed.AddOrientOp(UsdGeom.XformOp.PrecisionDouble).Set(turn)
-    if scale is not None:
-        placed.AddScaleOp().Set(_vector(scale))
-
-
-def _attribute(prim: Any, name: str, kind: str, content: Any) -> None:
-    """Set the attribute ``preshape:name`` of a prim."""
-    prim.CreateAttribute(f"preshape:{name}", _type(kind), True).Set(content)
-
-
-def _type(name: str) -> Any:
-    from pxr import Sdf
-
-    return getattr(Sdf.ValueTypeNames, name)
-
-
-def _turn(old: Array, new: Array) -> Array:
-    """(3, 3) The shortest rotation that turns one direction (3,) into another."""
-    from scipy.spatial.transform import Rotation
-
-    a, b = np.asarray(old) / np.linalg.norm(old), np.asarray(new) / np.linalg.norm(new)
-    if a @ b < -1 + 1e-9:  # a half turn about any axis across it
-        axis = np.cross(a, np.eye(3)[int(np.abs(a).argmin())])
-        return Rotation.from_rotvec(np.pi * axis / np.linalg.norm(axis)).as_matrix()
-    cross = np.cross(a, b)
-    return Rotation.from_quat([*cross, 1.0 + a @ b]).as_matrix()
-
-
-def _double(numbers: Array) -> Any:
-    from pxr import Gf
-
-    return Gf.Vec3d(*(float(x) for x in numbers))
-
-
-def _vector(numbers: Array) -> Any:
-    from pxr import Gf
-
-    return Gf.Vec3f(*(float(x) for x in numbers))
-
-
-def _quaternion(wxyz: Array) -> Any:
-    from pxr import Gf
-
-    return Gf.Quatf(float(wxyz[0]), _vector(wxyz[1:]))
+    return identifiers(model.joint(j).name for j in range(model.njnt))
