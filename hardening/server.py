@@ -101,11 +101,15 @@ class App:
         """The header of a page that was opened with the token, where one is needed."""
         return {"Cookie": f"preshape-{self.port}={self.token}"} if self.token else {}
 
+    @property
+    def protocol(self) -> Any:
+        """The websocket's subprotocol that a page names."""
+        return f"viser-v{viser.__version__}"
+
     def page(self) -> ClientConnection:
         """Open a websocket as a page does, without sending anything."""
-        protocol: Any = f"viser-v{viser.__version__}"
         where = self.address.replace("http", "ws")
-        return connect(where, subprotocols=[protocol], max_size=None, additional_headers=self.known)
+        return connect(where, subprotocols=[self.protocol], max_size=None, additional_headers=self.known)
 
     def session(self) -> ClientConnection:
         """Open a page and begin its session; while others are still being closed, try again."""

@@ -1,9 +1,11 @@
 from __future__ import annotations
 
+import hashlib
 import os
 import pickle
 import time
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -97,8 +99,8 @@ def lesson(once: Callable[[str, Callable[[Path], object]], Path]) -> Callable[[s
 
 
 @pytest.fixture(scope="session", autouse=True)
-def first_lessons() -> Iterator[None]:
-    """A worker makes the first lesson of a real hand once, and not for every memory that begins empty.
+def first_lessons(once: Callable[[str, Callable[[Path], object]], Path]) -> Iterator[None]:
+    """All workers make the first lesson of a real hand once, and not for every memory that begins empty.
 
     The lesson takes seconds and depends on the hand and the settings alone: ``test_plan_closure`` makes one
     again and compares.
@@ -107,19 +109,22 @@ def first_lessons() -> Iterator[None]:
     from preshape.closure.hand_tables import digest
     from preshape.hiis import knowledge
 
-    make, made = knowledge.seed_experiences, dict[bytes, Any]()
+    make, made = knowledge.seed_experiences, dict[str, Any]()
 
-    def once(analyser: Any, sets: Any, **more: Any) -> Any:
+    def shared(analyser: Any, sets: Any, **more: Any) -> Any:
         if not isinstance(analyser, ClosureAnalyser):
             return make(analyser, sets, **more)
         told = [analyser.settings, analyser.coefficients, analyser.sets, analyser.gravity, analyser.seed]
-        key = pickle.dumps((digest(analyser.hand, ""), analyser.layout, *told, sets, more))
+        content = pickle.dumps((digest(analyser.hand, ""), analyser.layout, *told, sets, more))
+        key = hashlib.sha256(content).hexdigest()[:32]
         if key not in made:
-            made[key] = make(analyser, sets, **more)
+            lesson = partial(make, analyser, sets, **more)
+            file = once(f"{key}.lesson", lambda path: path.write_bytes(pickle.dumps(lesson())))
+            made[key] = pickle.loads(file.read_bytes())  # noqa: S301  (this test run has written it)
         return list(made[key])
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(knowledge, "seed_experiences", once)
+        patch.setattr(knowledge, "seed_experiences", shared)
         yield
 
 

@@ -106,8 +106,9 @@ def test_what_is_let_through_is_likely_or_has_some_reserve(
     demand, critic, bold = cone.demand(TASK.q), critic_of(cone), 0.9
     told = [0.5, 1.0, *np.linspace(LIKELY - 0.05, 1.0, len(on_cone))][: len(on_cone)]
     asked = [replace(grip, pick_probability=p) for grip, p in zip(on_cone, told, strict=True)]
-    given = critic.just_enough(asked, demand, bold)
-    assert 0 < len(given) < len(asked)
+    made = critic.with_more_friction(asked, demand, bold)
+    given = [grip for grip in made if grip.quality >= ENOUGH]
+    assert 0 < len(given) < len(made)
     with_bold, with_all = (critic.margins(asked, demand, share).min(axis=1) for share in (bold, WHOLE))
     passed = {grip.palm_pose.tobytes(): grip for grip in given}
     for grip, some, most in zip(asked, with_bold, with_all, strict=True):
@@ -119,9 +120,13 @@ def test_what_is_let_through_is_likely_or_has_some_reserve(
         assert (grip.task_margin, grip.hold_margin) == pytest.approx(again.tolist())
         assert again.min() >= 1.0
         assert grip.quality == ENOUGH
-    order = [(odds(grip) < LIKELY, grip.friction_share, -odds(grip)) for grip in given]
+    order = [(odds(grip) < LIKELY, grip.friction_share, -odds(grip)) for grip in made]
     assert order == sorted(order)
-    assert critic.just_enough([], demand, bold) == []
+    for grip in made[len(given) :]:
+        assert grip.friction_share == WHOLE
+        assert grip.quality == pytest.approx(ENOUGH * odds(grip) / LIKELY)
+        assert f"{odds(grip):.2f} of grips like it" in cone.shortfall(TASK.q, grip)
+    assert critic.with_more_friction([], demand, bold) == []
 
 
 def test_a_grip_that_was_refused_has_no_odds(cone: ClosureAnalyser, on_cone: list[Grip]) -> None:
@@ -130,7 +135,7 @@ def test_a_grip_that_was_refused_has_no_odds(cone: ClosureAnalyser, on_cone: lis
         assert 0.0 < odds(grip) < 1.0
     refused = replace(on_cone[0], refused="the table is in its way", pick_probability=None)
     assert critic_of(cone).with_odds([refused], demand) == [refused]
-    assert critic_of(cone).just_enough([refused], demand, 0.7) == []
+    assert critic_of(cone).with_more_friction([refused], demand, 0.7) == []
 
 
 def test_a_lower_object_is_less_likely_picked_up(cone: ClosureAnalyser, on_cone: list[Grip]) -> None:

@@ -8,10 +8,11 @@ from typing import Any, NamedTuple
 import mujoco
 import numpy as np
 import pytest
+from scipy.optimize import nnls
 
 from preshape.closure.analyser import ClosureAnalyser
 from preshape.closure.finish import quality
-from preshape.closure.pressing import grip_forces
+from preshape.closure.pressing import grip_forces, nonnegative_weights
 from preshape.closure.settings import ClosureSettings
 from preshape.hands.collision import ObjectCollision
 from preshape.hands.hand import Hand
@@ -317,6 +318,18 @@ def test_forces_of_a_hopeless_grip_show_that_they_do_not_balance() -> None:
     arms = np.array([[0.5, 0.1, 0], [0.5, -0.1, 0]])
     forces = grip_forces(arms, np.array([[-1.0, 0, 0], [-1, 0, 0]]), 0.3)
     assert np.linalg.norm(forces.sum(axis=0)) > 0.5
+
+
+def test_weights_are_those_of_scipy() -> None:
+    """Nonnegative least squares over random problems of all kinds, those with columns of zeros among them."""
+    rng = np.random.default_rng(1)
+    for _ in range(300):
+        n = int(rng.integers(1, 41))
+        rows = np.concatenate([10 * rng.normal(size=(7, n)), rng.choice([0.03, 0.6]) * np.eye(n)])
+        rows[:, rng.random(n) < rng.choice([0.0, 0.3])] = 0.0
+        wanted = np.concatenate([rng.normal(size=7) * rng.choice([1.0, 10.0]), np.full(n, 0.01)])
+        exact = nnls(rows.copy(), wanted.copy())[0]
+        assert nonnegative_weights(rows, wanted) == pytest.approx(exact, abs=1e-9 * max(1.0, exact.max()))
 
 
 @pytest.mark.parametrize("seed", range(5))

@@ -19,10 +19,11 @@ from preshape.closure.keeping_off import BY_SPHERES, KeptOff
 from preshape.closure.preshapes import preshapes
 from preshape.closure.rules import KEEP_OFF, ContactRules
 from preshape.closure.settings import ClosureSettings, table_below
+from preshape.closure.wrap_search import best_wraps
 from preshape.exceptions import InputError
 from preshape.hands import load_hand
 from preshape.hands.collision import ObjectCollision
-from preshape.hands.kinematics import LinkShape, hand_geometry, move_shape
+from preshape.hands.kinematics import hand_geometry, move_shape
 from preshape.hiis.analyser import Aim, Grip, HandLayout
 from preshape.hiis.virtual_grasp import RayAnalyser
 from preshape.kernels.field.host import prepare_field
@@ -136,13 +137,34 @@ def apart(part: PartSurface, points: Array) -> Array:
 BALL = np.array(trimesh.creation.icosphere(1).vertices)
 
 
-def surface(shape: LinkShape, count: int = 150) -> Array:
-    """Points of a link's shape: all over it, and its corners."""
-    if shape.kind in ("box", "hull"):
-        solid = trimesh.convex.convex_hull(shape.corners)
-        return np.concatenate([trimesh.sample.sample_surface(solid, count, seed=0)[0], solid.vertices])
-    along = shape.p0 + np.linspace(0, 1, 8)[:, None] * (shape.p1 - shape.p0)
-    return (along[:, None] + BALL * shape.radius).reshape(-1, 3)
+@cache
+def spread(hand: str, index: int, count: int) -> Array:
+    """(count + k, corners) weights of a link's corners in points all over its hull, and in its corners.
+
+    They do not depend on where the link is, so a hull is sampled once.
+    """
+    pose = np.array([0, 0, 0, 1.0, 0, 0, 0])
+    corners = hand_geometry(load_hand(hand), pose, load_hand(hand).posture("open"))[index].corners
+    solid = trimesh.convex.convex_hull(corners)
+    points, face = trimesh.sample.sample_surface(solid, count, seed=0)
+    own = np.linalg.norm(solid.vertices[:, None] - corners, axis=2).argmin(axis=1)
+    weights = np.zeros((count, len(corners)))
+    shares = trimesh.triangles.points_to_barycentric(solid.triangles[face], points)
+    np.add.at(weights, (np.arange(count)[:, None], own[solid.faces[face]]), shares)
+    assert np.abs(weights @ corners - points).max() < 1e-6
+    return np.concatenate([weights, np.eye(len(corners))[own]])
+
+
+def surfaces(hand: str, pose: Array, q: Array, count: int = 150) -> Array:
+    """Points of all links of a hand: all over their shapes, and their corners."""
+    found = []
+    for index, shape in enumerate(hand_geometry(load_hand(hand), pose, q)):
+        if shape.kind in ("box", "hull"):
+            found.append(spread(hand, index, count) @ shape.corners)
+        else:
+            along = shape.p0 + np.linspace(0, 1, 8)[:, None] * (shape.p1 - shape.p0)
+            found.append((along[:, None] + BALL * shape.radius).reshape(-1, 3))
+    return np.concatenate(found)
 
 
 def links(hand: str, grip: Grip, share: float, back: float = 0.0) -> Array:
@@ -150,7 +172,7 @@ def links(hand: str, grip: Grip, share: float, back: float = 0.0) -> Array:
     q = grip.pregrasp + share * (grip.grasp - grip.pregrasp)
     pose = grip.palm_pose.copy()
     pose[:3] -= (back + (1 - share) * grip.back) * grip.approach
-    return np.concatenate([surface(shape) for shape in hand_geometry(load_hand(hand), pose, q)])
+    return surfaces(hand, pose, q)
 
 
 def obeys(hand: str, grip: Grip, case: Case) -> None:
@@ -198,7 +220,8 @@ def test_the_rules_bind() -> None:
 def test_wraps_obey(hand: str) -> None:
     case, made = can(), analyser(hand, "can", wraps=1200)
     demand, options = made.demand(parse_task("lift").q), FinishOptions(count=4)
-    wrapped, closed = made._wraps(np.random.default_rng(0), ALL, demand, options)
+    rng = np.random.default_rng(0)
+    wrapped, closed = best_wraps(made.search, made.draws, made.finisher, rng, ALL, demand, options)
     assert len(wrapped)
     assert closed.tally[4] > 0  # some were refused
     for grip in made.grips(parse_task("lift").q, wrapped):
@@ -284,7 +307,7 @@ def test_links_and_their_spheres_agree_about_nearness(hand: str) -> None:
     low, place = np.zeros(n), np.zeros((n, 3))
     for k in range(n):  # the hand's lowest point is 1 to 8 mm over the plate
         pose = np.concatenate([place[k], turn[k]])
-        points = np.concatenate([surface(s, 600) for s in hand_geometry(load_hand(hand), pose, q[k])])
+        points = surfaces(hand, pose, q[k], 600)
         low[k] = 0.001 + 0.007 * k / n
         place[k] = [0, 0, 0.01 + low[k]] - points[points[:, 2].argmin()]
     exact = kept.exactly_near(place, turn, q)[:, 0]

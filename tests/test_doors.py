@@ -87,7 +87,7 @@ CASES: list[tuple[str, dict[str, Any]]] = [
                                 "scale": 100.0}),
     ("a point cloud", {"source": "cloud", "task": "lift", "hand": "shadow", "view": [0.5, 0.0, 0.3]}),
     ("a heavy object that no grip holds", {"source": "mug", "task": "lift", "hand": "leap", "mass": 30.0,
-                                              "grasp_type": "precision"}),
+                                              "table": "none", "grasp_type": "precision"}),
     ("an old memory that knows the object", {"source": "box", "task": "lift", "hand": "shadow", "old": True}),
     ("an old memory of the paper's hand", {"source": "bottle", "task": "lift", "hand": "utah_mit",
                                            "old": True}),

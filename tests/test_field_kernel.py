@@ -18,7 +18,7 @@ from preshape.kernels.surface_points import surface_points
 from preshape.objects.library import load_library_object
 from preshape.objects.load import load_object
 from preshape.objects.mesh import TriangleMesh
-from preshape.objects.winding import oriented_triangles
+from preshape.objects.winding import oriented_triangles, with_turned
 from preshape.spatial import rotation_from_vector
 from preshape.types import Array
 
@@ -402,6 +402,23 @@ def test_the_cache_gives_back_what_was_put_in(tmp_path: Path, monkeypatch: pytes
     other = prepare_field(box((0.03, 0.02, 0.0100001)), cells=12, cache=tmp_path)
     assert other.digest != first.digest
     assert len(list((tmp_path / "fields").iterdir())) == 3
+
+
+def test_the_cache_gives_back_which_triangles_are_wound_the_wrong_way(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def mesh() -> TriangleMesh:
+        one = box((0.03, 0.02, 0.01))
+        turned = np.isin(np.arange(len(one.triangles)), (2, 5))
+        return replace(one, triangles=with_turned(one.triangles, turned))
+
+    prepare_field(mesh(), cells=12, cache=tmp_path)
+    right = oriented_triangles(mesh())
+    known = mesh()
+    assert (right != known.triangles).any(axis=1).sum() == 2
+    monkeypatch.setattr("preshape.objects.winding.turned", None)
+    prepare_field(known, cells=12, cache=tmp_path)
+    np.testing.assert_array_equal(oriented_triangles(known), right)
 
 
 def test_the_users_cache_is_used_by_default(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -134,6 +134,29 @@ def test_patient_code_ends_its_work_and_a_second_signal_ends_it_at_once(tmp_path
     assert (done.returncode, done.stderr) == (130, f"finishing True\n{INTERRUPTED}\n")
 
 
+@pytest.mark.parametrize(
+    "waits", ["time.sleep(60)", "threading.Event().wait(60)", "os.read(os.pipe()[0], 1)"]
+)
+def test_patient_code_is_told_of_a_signal_that_another_thread_takes(waits: str, tmp_path: Path) -> None:
+    """The system gives a signal to any thread; here it is one that is not the main thread."""
+    code = (
+        "import threading\n"
+        "def take():\n"
+        "    time.sleep(0.3)\n"
+        "    signal.pthread_kill(threading.get_ident(), signal.SIGTERM)\n"
+        "    time.sleep(60)\n"
+        "threading.Thread(target=take, daemon=True).start()\n"
+        "try:\n"
+        "    with interrupts.patient():\n"
+        f"        {waits}\n"
+        "except KeyboardInterrupt:\n"
+        "    time.sleep(1.2)\n"  # the signal that was passed on is no second one
+        "    print('ended')\n"
+    )
+    done = ended(code, tmp_path)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "ended\n", "")
+
+
 def test_patient_code_does_not_raise_within_an_import(tmp_path: Path) -> None:
     (tmp_path / "slow.py").write_text("from __main__ import send, time\nsend()\ntime.sleep(60)\n")
     done = ended("with interrupts.patient():\n" + indent(SWALLOW.format("import slow"), "    "), tmp_path)

@@ -18,8 +18,10 @@ from preshape.objects.parts import (
     SIDECAR,
     ObjectPart,
     find_part,
+    part_of_triangles,
     part_pieces,
     part_surface,
+    parts_at,
     whole_surface,
 )
 from preshape.objects.regions import Facing, HalfSpace, TriangleSet, box, cylinder
@@ -336,3 +338,38 @@ def test_parts_that_share_an_object_out_cover_it_once(name) -> None:
 def test_a_set_of_triangles_keeps_to_them() -> None:
     region = TriangleSet(triangles=np.array([3, 1, 3]))
     assert region.split(whole_surface(BOX))[0].owners.tolist() == [1, 3]
+
+
+@pytest.mark.parametrize("name", ["mug", "hammer", "bottle"])
+def test_points_and_triangles_belong_to_the_last_part_whose_surface_they_lie_on(name) -> None:
+    mesh = load_object(name)
+    rng = np.random.default_rng(3)
+    surfaces = [part_surface(mesh, part) for part in mesh.parts]
+    expected, points = [], []
+    for k, surface in enumerate(surfaces):
+        for triangle in rng.choice(surface.vertices[surface.triangles], 20):
+            point = triangle.mean(axis=0)
+            if all(_distance(later, point) > 1e-3 for later in surfaces[k + 1 :]):
+                points.append(point + 1e-6 * rng.normal(size=3))
+                expected.append(mesh.parts[k].name)
+    assert len(set(expected)) == len(mesh.parts)
+    assert parts_at(mesh, np.array(points)) == expected
+    assert parts_at(mesh, np.array(points[:1])) == expected[:1]
+    own = part_of_triangles(mesh)
+    spots = mesh.corners.mean(axis=1)
+    inner = [i for i in range(0, len(own), 97) if _spread(mesh.corners[i]) < 0.005]
+    names = ["" if own[i] < 0 else mesh.parts[own[i]].name for i in inner]
+    same = np.mean([a == b for a, b in zip(names, parts_at(mesh, spots[inner]), strict=True)])
+    assert same > 0.9  # triangles that a border cuts belong to the part that has most of them
+    assert parts_at(box_mesh("box", [0.1, 0.1, 0.1]), np.zeros((2, 3))) == ["", ""]
+
+
+def _spread(corners) -> float:
+    return float(np.linalg.norm(np.ptp(corners, axis=0)))
+
+
+def _distance(surface, point) -> float:
+    """Distance from a point to the corners and middles of a surface's triangles."""
+    corners = surface.vertices[surface.triangles]
+    spots = np.concatenate([corners.reshape(-1, 3), corners.mean(axis=1)])
+    return float(np.linalg.norm(spots - point, axis=1).min())

@@ -45,7 +45,7 @@ PROMISED = {
     "seconds", "version",
 }  # fmt: skip
 LATER = {
-    (): ("known", "length_unit", "scene", "rules", "arm"),
+    (): ("known", "length_unit", "scene", "rules", "arm", "part"),
     ("request",): (
         "finger_rule",
         "up",

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 
 from preshape import spatial
 from preshape.exceptions import InputError
@@ -47,6 +48,29 @@ def test_rotation_from_vector_is_the_exponential(r):
     np.testing.assert_allclose(R, series(spatial.skew(r)), atol=TIGHT)
     np.testing.assert_allclose(R @ R.T, np.eye(3), atol=TIGHT)
     assert np.linalg.det(R) > 0
+
+
+def test_rotations_have_the_digits_of_scipy():
+    """To the last digit: answers that were computed with SciPy's rotations must stay what they were."""
+    rng = np.random.default_rng(0)
+    sizes = np.concatenate([[0.0, 1e-3, np.pi], 10.0 ** rng.uniform(-12, 0.49, 2000)])
+    vectors = rng.normal(size=(len(sizes), 3))
+    vectors *= (sizes / np.linalg.norm(vectors, axis=1))[:, None]
+    vectors = np.concatenate([vectors, np.pi * np.eye(3), -np.pi * np.eye(3)])
+    for r in (vectors, vectors[7], vectors[:24].reshape(2, 4, 3, 3), vectors[:0]):
+        R = Rotation.from_rotvec(np.array(r)).as_matrix()
+        np.testing.assert_array_equal(spatial.rotation_from_vector(r), R)
+        for near in (R, R + 1e-7 * rng.normal(size=R.shape)):  # the second is only nearly a rotation
+            exact = Rotation.from_matrix(near.copy()).as_quat(canonical=True, scalar_first=True)
+            np.testing.assert_array_equal(spatial.quaternion_from_rotation(near), exact)
+            vector = Rotation.from_quat(exact, scalar_first=True).as_rotvec()
+            np.testing.assert_array_equal(spatial.vector_from_rotation(near), vector)
+
+
+@pytest.mark.parametrize("wrong", [-np.eye(3), np.zeros((3, 3)), np.full((3, 3), np.nan)])
+def test_what_is_no_rotation_has_no_quaternion(wrong):
+    with pytest.raises(InputError, match="determinant 1"):
+        spatial.quaternion_from_rotation(wrong)
 
 
 @check(rotation_vectors)

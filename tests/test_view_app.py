@@ -62,7 +62,7 @@ f 4 1 5 8
 
 
 def test_a_person_plans_reads_corrects_and_teaches(browser, serve, tmp_path: Path) -> None:
-    app = serve("hammer", "lift")
+    app = serve("hammer")
     context = browser.new_context(viewport=SMALL)
     watched = Watched(context)
     page = watched.page
@@ -212,7 +212,7 @@ def test_a_plan_is_opened_with_its_load_and_scene_in_panel_and_words(browser, se
     )
     watched = Watched(browser.new_context(viewport=SMALL))
     page = watched.page
-    page.goto(serve(str(file), "lift"))
+    page.goto(serve(str(file), "--task", "lift"))
     saw(page, "Grasp found")
     saw(page, "Planned with 0.31 kg (as given)")
     assert box_beside(page, "mass [kg]").input_value() == "0.31"

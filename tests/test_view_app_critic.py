@@ -20,11 +20,14 @@ from preshape.viewer.draw import draw_plan
 from preshape.viewer.framing import fitting
 from preshape.viewer.words import answers_of
 from view_app_page import (
+    SMALL,
     Watched,
     answer_buttons,
     box_beside,
     choose,
+    in_sight,
     plan,
+    planners,
     press,
     saw,
     tab,
@@ -79,7 +82,7 @@ def axes_of(plane: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def test_a_person_clicks_plays_rejects_accepts_and_comes_back(opened, tmp_path: Path) -> None:
-    watched = opened("hammer", "lift")
+    watched = opened("hammer")
     page = watched.page
     plan(page)
     saw(page, "Grasp found")
@@ -137,8 +140,27 @@ def test_a_person_clicks_plays_rejects_accepts_and_comes_back(opened, tmp_path: 
     press(page, "Play the grasp")
     page.wait_for_function("Math.min(...window.seen) < 2.5 && window.seen.at(-1) === 3")
 
-    # every answer is rejected in turn, then there is none
+    # after a reload, or a lost connection, the page is as it was, and nothing was planned again
     tab(page, "Answers")
+    press(page, _labels(page)[1])
+    saw(page, "Grasp found")
+    told = page.locator(".ps .head").first.inner_text()  # it ends with the seconds that planning took
+    names = _labels(page)
+    assert len(set(names)) == len(names)
+    (planner,) = planners(tmp_path)
+    page.reload()
+    until(page, lambda: page.locator(".ps .head").first.inner_text() == told)
+    tab(page, "Answers")
+    assert _labels(page) == names
+    chosen = page.get_by_role("button", name=names[1], exact=True)
+    chosen.and_(page.locator("[style*=blue]")).wait_for()
+    until(page, lambda: len(planners(tmp_path)) == 1)
+    assert planner not in planners(tmp_path)
+
+    press(page, names[0])
+    page.get_by_role("button", name=names[0], exact=True).and_(page.locator("[style*=blue]")).wait_for()
+
+    # every answer is rejected in turn, then there is none
     for left in range(len(kept), 0, -1):
         assert len(_labels(page)) == left
         first = _labels(page)[0]
@@ -148,7 +170,9 @@ def test_a_person_clicks_plays_rejects_accepts_and_comes_back(opened, tmp_path: 
     assert page.get_by_role("button", name="Reject").count() == 0
 
     # whoever comes back finds what was learnt, and the object is recalled and not explored anew
-    page.reload()
+    address = page.url
+    page.evaluate("sessionStorage.clear()")  # as in a new tab
+    page.goto(address)
     saw(page, "triangles. Press Plan.")
     tab(page, "Memory")
     assert page.locator("tr:has(b:text-is('hammer'))").inner_text().split()[1] == "utah_mit"
@@ -163,9 +187,12 @@ def _labels(page) -> list[str]:
 
 
 def test_a_deadlock_waits_for_its_reset_and_a_cancelled_plan_for_the_next(opened) -> None:
-    page = opened("cone", "strike").page
-    plan(page)
+    page = opened("cone", "--task", "strike").page  # a task on the command line is planned at once
     saw(page, "Deadlock: no grasp is good enough; the best try is shown")
+    page.set_viewport_size({"width": 390, "height": 844})  # on a phone the reason is in sight too
+    saw(page, "is below the threshold")
+    in_sight(page, page.locator(".ps .head").first)
+    page.set_viewport_size(SMALL)
     press(page, "Plan")
     saw(page, "Reset it first")
     press(page, "Reset the deadlock")

@@ -94,7 +94,7 @@ def test_the_order_for_drawing_loses_no_triangle_and_keeps_neighbours_together()
 
 
 def test_software_draws_coarsely_while_the_view_moves_and_finely_at_rest(opened) -> None:
-    page = opened("cube", "lift").page
+    page = opened("cube").page
     scene = page.locator("canvas[data-engine]")
     box = scene.bounding_box()
     wide, high = box["width"], box["height"]

@@ -10,7 +10,19 @@ from PIL import Image
 
 from preshape.app.curves import EDGE, LEFT, RIGHT, WIDE
 from preshape.hiis.fuzzy import FuzzySets
-from view_app_page import PATIENCE, box_beside, keep, middle_of, place_of, plan, press, saw, tab, until
+from view_app_page import (
+    PATIENCE,
+    box_beside,
+    in_sight,
+    keep,
+    middle_of,
+    place_of,
+    plan,
+    press,
+    saw,
+    tab,
+    until,
+)
 
 pytest_plugins = ("view_app_fixtures",)
 
@@ -23,6 +35,15 @@ def pixels_like(page, colour: np.ndarray) -> np.ndarray:
     box = page.locator("canvas").first.bounding_box()
     picture = np.asarray(Image.open(io.BytesIO(page.screenshot(clip=box))).convert("RGB"), dtype=np.int64)
     rows, columns = np.nonzero(np.abs(picture - colour).max(axis=2) < 40)
+    return np.column_stack([columns + box["x"], rows + box["y"]])
+
+
+def painted(page, channel: int) -> np.ndarray:
+    """(n, 2) where the scene is green (channel 1) or pink (channel 0)."""
+    box = page.locator("canvas").first.bounding_box()
+    picture = np.asarray(Image.open(io.BytesIO(page.screenshot(clip=box))).convert("RGB"), dtype=np.int64)
+    own, other = picture[..., channel], picture[..., 1 - channel]
+    rows, columns = np.nonzero(own - other > 45)
     return np.column_stack([columns + box["x"], rows + box["y"]])
 
 
@@ -39,7 +60,7 @@ def numbers(page) -> list[float]:
 
 
 def test_task_and_curves_are_dragged_and_used(opened) -> None:
-    page = opened("cube", ".1 .1 .1 .05 .05 .05", size={"width": 640, "height": 800}).page
+    page = opened("cube", "--task", ".1 .1 .1 .05 .05 .05", size={"width": 640, "height": 800}).page
     page.get_by_text("The task as six numbers").click()
     saw(page, "T = (0, 0, 0) mm · R = none")
     before = numbers(page)
@@ -114,7 +135,7 @@ def test_task_and_curves_are_dragged_and_used(opened) -> None:
 
 
 def test_on_a_phone_the_panel_leaves_the_scene_and_goes_away(opened) -> None:
-    page = opened("mug", "lift", size={"width": 390, "height": 844}).page
+    page = opened("mug", size={"width": 390, "height": 844}).page
     scene = page.locator("canvas").first.bounding_box()
     assert (scene["width"], scene["height"]) == (390, 844)
     sheet = page.locator('div.mantine-Paper-root[style*="position: fixed"]')
@@ -142,15 +163,33 @@ def test_on_a_phone_the_panel_leaves_the_scene_and_goes_away(opened) -> None:
     )
     page.get_by_text("preshape", exact=True).click()
     until(page, lambda: abs(place_of(page, sheet)["height"] - box["height"]) < 1)  # it has come to rest
-    press(page, "Plan")
+    plan(page)
     saw(page, "Grasp found")
+    # verdict and picture are in sight together
+    head = page.locator(".ps .head").first
+    in_sight(page, head)
+    assert place_of(page, head)["y"] > place_of(page, sheet)["y"]
+    in_sight(page, page.get_by_role("button", name="Play the grasp"))
+    keep(page, "app-phone-planned", (390, 844))
 
 
 def test_parts_are_offered_kept_to_and_nothing_overlaps_at_a_laptop_s_size(opened) -> None:
-    asked = ("hammer", "lift", "--hold-on", "handle", "--keep-off", "z>0.07")
+    asked = ("hammer", "--hold-on", "handle", "--keep-off", "z>0.07")
     page = opened(*asked, size={"width": 1280, "height": 800}).page
     until(page, lambda: box_beside(page, "handle").input_value() == "hold here")
     assert [box_beside(page, name).input_value() for name in ("head", "face")] == ["may be touched"] * 2
+    # a part that is asked for is painted; a click on it in the scene asks for its next use
+    until(page, lambda: len(painted(page, 1)) > 500)
+    handle = box_beside(page, "handle")
+    page.mouse.click(*np.median(painted(page, 1), axis=0))
+    until(page, lambda: handle.input_value() == "keep off")
+    saw(page, "Keep off. Click it again")
+    until(page, lambda: len(painted(page, 1)) == 0 and len(painted(page, 0)) > 500)
+    keep(page, "app-parts")
+    at = np.median(painted(page, 0), axis=0)
+    for use in ("may be touched", "hold here"):
+        page.mouse.click(*at)
+        until(page, lambda use=use: handle.input_value() == use)
     plan(page)
     tab(page, "Why")
     saw(page, "hold on handle, keep off z > 0.07 (as asked)")

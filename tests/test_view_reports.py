@@ -277,7 +277,7 @@ def test_a_grip_is_told_by_what_decided_it_and_the_paper_s_indices_are_folded_la
     assert "A real hand is judged by its grip" in explained
     assert "1.74 of 6, 3 is enough" not in words("".join(parts))
     assert "quality 5.09 of 6, where 3 is enough" in words(readings.why(gripped, [gripped], 0))
-    assert f"{len(gripped['contacts'])} fingers" in plan_words.answer_words(gripped)
+    assert plan_words.answers_words([gripped])[0].endswith("mm, quality 5.09")
     headline = words(readings.headline(gripped))
     assert f"quality 5.09 of 6 · task margin 3.4 · hold margin 2.0 · press {press:.0f} N" in headline
     # the paper's hand is told by the paper's measure, openly

@@ -309,8 +309,8 @@ def test_at_most_so_many_triangles_are_sent_and_planning_keeps_them_all(tmp_path
 def test_an_answer_is_simulated_with_its_own_mass_and_friction(tmp_path, monkeypatch) -> None:
     loads: list[tuple[float, float]] = []
     monkeypatch.setattr(
-        "preshape.app.physics_run.hold_run",
-        lambda hand, mesh, posed, *, friction, mass, progress: loads.append((mass, friction)) or {},
+        "preshape.app.physics_run.answer_run",
+        lambda hand, mesh, posed, *, friction, mass, job, progress: loads.append((mass, friction)) or {},
     )
     replies: list[dict] = []
     worker = Worker(replies.append)

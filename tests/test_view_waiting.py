@@ -72,6 +72,8 @@ def replies() -> list[dict[str, Any]]:
         "triangles": encoded([[0, 1, 2]], "<i8"),
         "extents": [0.04, 0.04, 0.04],
         "whole": 1,
+        "parts": [],
+        "part_of": encoded([-1], "<i8"),
     }
     return [{"mesh": mesh}, {"document": {"deadlock": False}}, {"run": {}}]
 
@@ -83,21 +85,22 @@ def test_no_tick_between_an_answer_and_its_end_writes_over_it(reply: dict[str, A
     session: Any = object.__new__(BrowserSession)
     session.panel, session._lock, session._say = panel, threading.RLock(), say
     session._waiting = waiting = Waiting(panel, say)
-    session._playing, session._after, session._pending, session._simulated = (
-        threading.Event(),
-        None,
-        None,
-        "answer",
-    )
+    session._after = session._pending = None
     session._start = SimpleNamespace(request=SimpleNamespace(memory=":memory:"))
 
     def headline(*_: Any) -> None:
         say("good", "Its own", "words")
 
+    def run_taken(_: Any) -> bool:
+        headline()
+        return True
+
+    session.playback = SimpleNamespace(stop=lambda: None, take=run_taken, follow=lambda: None)
     reading = SimpleNamespace(document=None, answer="answer", take=headline, forget=lambda: None)
     session.reading = SimpleNamespace(**vars(reading), headline=headline)
     session.trial = SimpleNamespace(drop=lambda: None, take=lambda run: None)
-    session.stage = SimpleNamespace(put=lambda mesh: None, look=lambda: None)
+    session.stage = SimpleNamespace(put=lambda *_: None, look=lambda: None)
+    session.steering = SimpleNamespace(show_parts=lambda *_: None)
     waiting.begin("working", lambda: True)
     session._heard(reply)
     own = say.said[-1]

@@ -98,6 +98,52 @@ def test_answers_of_one_plan_are_told_apart() -> None:
     assert len(set(lines)) == len(lines)
     said = " ".join(str(plan).replace("│", " ").split())
     assert all(line in said for line in lines[1:])
+    names = words.answer_names(words.answers_of(document))
+    assert len(set(names)) == len(names)
+    assert all(name in said for name in names[1:])
+    assert {answer["part"] for answer in words.answers_of(document)} <= {"handle", "body", "rim", "inside"}
+
+
+def grip_at(points: list[list[float]], **changes) -> dict:
+    fingers = ["thumb", "index", "middle"]
+    made = {
+        "grip": {"type": {"name": "tripod", "power": "precision", "opposition": "pad"}},
+        "contacts": [{"finger": f, "point": p} for f, p in zip(fingers, points, strict=True)],
+        "way_in": [0.0, 0.2, -0.98], "scene": {"up": [0, 0, 1]}, "part": "handle",
+        "opposition_axis": [0, 1, 0], "flip": False,
+    }  # fmt: skip
+    return made | changes
+
+
+def test_answers_are_named_by_what_differs_and_earlier_names_stay() -> None:
+    points = [[0.0, 0.02, 0.1], [0.01, -0.02, 0.1], [-0.01, -0.02, 0.1]]
+    higher = [[x, y, z + 0.03] for x, y, z in points]
+    other = {"power": "power", "opposition": "palm", "name": "medium wrap"}
+    answers = [
+        grip_at(points),
+        grip_at(points, part=None, way_in=[-1.0, 0.0, 0.0]),
+        grip_at(points, grip={"type": other}, way_in=[0.0, 0.0, 1.0]),
+        grip_at(higher, flip=True),
+        grip_at(higher, flip=True),
+        grip_at(higher, flip=True),
+        grip_at(higher, flip=True),
+        grip_at([[x, 2 * y, z] for x, y, z in points]),
+        grip_at(points, scene={"up": [0, 0, -1]}),
+    ]
+    names = words.answer_names(answers)
+    assert names == [
+        "tripod from above on handle, 40 mm",
+        "tripod from +X, 40 mm",
+        "medium wrap from below on handle, 40 mm",
+        "tripod from above on handle, 40 mm, thumb at -Y",
+        "tripod from above on handle, 40 mm, at Z +130 mm",
+        "tripod from above on handle, 40 mm, thumb at -Y, at Z +130 mm",
+        "tripod from above on handle, 40 mm, no. 2",
+        "tripod from above on handle, 80 mm",
+        "tripod from below on handle, 40 mm",
+    ]
+    for count in range(len(answers)):
+        assert words.answer_names(answers[:count]) == names[:count]
 
 
 def test_a_grip_is_told_from_another_by_its_palm() -> None:

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from view_app_page import SMALL, Watched, saw
+from view_app_page import SMALL, Watched, planned, saw
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
 FLAGS = [
@@ -48,10 +48,10 @@ def serve(tmp_path: Path) -> Iterator[Callable[..., str]]:
     """Starts `preshape view` as a process of its own and gives its address; none may say a traceback."""
     started: list[tuple[subprocess.Popen, threading.Thread, list[str]]] = []
 
-    def start(thing: str, task: str, *more: str) -> str:
+    def start(thing: str, *more: str) -> str:
         memory = str(tmp_path / "memory.sqlite")
         hand = () if "--hand" in more or thing.endswith("plan.json") else ("--hand", "utah_mit")
-        arguments = [thing, "--task", task, "--port", "0", "--memory", memory, *hand, *more]
+        arguments = [thing, "--port", "0", "--memory", memory, *hand, *more]
         process = subprocess.Popen(
             [sys.executable, "-c", SERVE, *arguments],
             stderr=subprocess.PIPE,
@@ -78,15 +78,21 @@ def serve(tmp_path: Path) -> Iterator[Callable[..., str]]:
 
 @pytest.fixture
 def opened(browser, serve) -> Iterator[Callable[..., Watched]]:
-    """Opens a new app in a new page; at the end nothing complained and nothing left the machine."""
+    """Opens a new app in a new page and waits for its object, with ``--task`` for its plan.
+
+    At the end nothing complained and nothing left the machine.
+    """
     watched: list[Watched] = []
 
-    def go(thing: str, task: str, *more: str, size: dict[str, int] = SMALL) -> Watched:
+    def go(thing: str, *more: str, size: dict[str, int] = SMALL) -> Watched:
         context = browser.new_context(viewport=size, accept_downloads=True)
         one = Watched(context)
         watched.append(one)
-        one.page.goto(serve(thing, task, *more))
-        saw(one.page, "triangles. Press Plan.")
+        one.page.goto(serve(thing, *more))
+        if "--task" in more:
+            planned(one.page)
+        else:
+            saw(one.page, "triangles. Press Plan.")
         return one
 
     yield go

@@ -73,6 +73,12 @@ def tab(page, name: str) -> None:
     page.get_by_role("tab", name=name, exact=True).click()
 
 
+def planned(page) -> None:
+    """Wait for a plan that the page makes by itself."""
+    page.locator(".ps .head b", has_text=re.compile("^[✓✕?!] ")).first.wait_for()
+    page.get_by_role("button", name="Cancel").wait_for(state="hidden")
+
+
 def plan(page) -> None:
     """Plan, and wait until every answer has come."""
     press(page, "Plan")
@@ -125,10 +131,31 @@ def middle_of(page, locator) -> tuple[float, float]:
     return box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
 
 
+def in_sight(page, locator) -> None:
+    """Check that an element lies in the window as a whole, and that nothing is wider than the window."""
+    box, window = place_of(page, locator), page.viewport_size
+    assert box["x"] >= 0
+    assert box["y"] >= 0
+    assert box["x"] + box["width"] <= window["width"]
+    assert box["y"] + box["height"] <= window["height"]
+    assert page.evaluate("document.documentElement.scrollWidth") <= window["width"]
+
+
 def answer_buttons(page) -> list[str]:
     found = page.get_by_role("button", name=re.compile(r"^\d · plane"))
     found.first.wait_for()
     return found.all_text_contents()
+
+
+def planners(folder: Path) -> list[int]:
+    """The planner processes of the app whose temporary files lie in a folder."""
+    found = []
+    for process in Path("/proc").glob("[0-9]*"):
+        with contextlib.suppress(OSError):
+            mine = f"TMPDIR={folder}".encode() in (process / "environ").read_bytes().split(b"\0")
+            if mine and b"preshape.app.worker" in (process / "cmdline").read_bytes():
+                found.append(int(process.name))
+    return found
 
 
 def keep(page, name: str, size: tuple[int, int] = (1280, 800)) -> None:

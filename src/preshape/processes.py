@@ -6,13 +6,14 @@ import os
 import signal
 import threading
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import Future, ProcessPoolExecutor
 from contextlib import contextmanager, suppress
-from multiprocessing import get_context
-from multiprocessing.connection import Connection
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from .exceptions import InputError, shown
+
+if TYPE_CHECKING:
+    from concurrent.futures import Future, ProcessPoolExecutor
+    from multiprocessing.connection import Connection
 
 R = TypeVar("R")
 
@@ -49,6 +50,9 @@ def worker_pool(
         setup: Called once in each worker before its first job, with ``arguments``.
         arguments: Values that can be pickled.
     """
+    from concurrent.futures import ProcessPoolExecutor
+    from multiprocessing import get_context
+
     # Processes are spawned, not forked: this works on every system and beside threads of the caller.
     context = get_context("spawn")
     reader, writer = context.Pipe(duplex=False)

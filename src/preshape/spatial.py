@@ -4,12 +4,16 @@ Conventions: a quaternion is wxyz; a pose ``T_a_b`` (4×4) maps coordinates in f
 frame a; a pose as seven numbers is x y z w x y z [m]; a wrench is (force, torque) about a stated point; a
 twist is (linear, angular) about the frame's origin. ``(...)`` in a shape stands for any leading dimensions.
 
-SciPy computes the rotations. It is imported inside the functions, because importing it takes 0.4 s.
+SciPy computes the screws. It is imported inside the functions, because importing it takes 0.4 s. What a
+recalled answer needs, the conversions of rotations, does without; operations and their order are SciPy's, so
+that the digits are.
 """
 
 from __future__ import annotations
 
 import enum
+import math
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -20,6 +24,8 @@ from .types import Array, freeze, frozen_array, value
 # A rotation [rad], translation [m] or share of force in a wrench below this counts as zero. Rounding errors
 # are about 1e-16, and dropping values below this limit keeps every round trip within 1e-12.
 _NOTHING = 1e-13
+_SMALL = 1e-3  # angle up to which series replace quotients of angle and sine [rad]
+_ORTHONORMAL = 1e-12  # deviation of R Rᵀ from 1 up to which a matrix counts as a rotation
 
 
 def _floats(data: ArrayLike) -> Array:
@@ -31,16 +37,41 @@ def _writable(data: ArrayLike) -> Array:
     return np.array(data, dtype=np.float64)
 
 
+def _by_libm(function: Callable[..., float], *values: Array) -> Array:
+    """A function of :mod:`math` of each value; NumPy's own may differ in the last digit by processor."""
+    each = map(function, *(np.ravel(value).tolist() for value in values))
+    return np.reshape(np.fromiter(each, dtype=np.float64), np.shape(values[0]))
+
+
+def _unit(w: Array, x: Array, y: Array, z: Array) -> Array:
+    """The components of quaternions, divided by their lengths."""
+    return np.array([w, x, y, z]) / np.sqrt(x * x + y * y + z * z + w * w)
+
+
 def skew(vector: ArrayLike) -> Array:
     """(..., 3, 3) matrix K with K p = vector × p."""
-    return np.cross(np.eye(3), _floats(vector)[..., None, :])
+    v = _floats(vector)
+    matrix = np.zeros((*v.shape, 3))
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        matrix[..., i, j], matrix[..., j, i] = -v[..., k], v[..., k]
+    return matrix
 
 
 def rotation_from_vector(vector: ArrayLike) -> Array:
     """(..., 3, 3) rotation about ``vector`` (..., 3) by its length [rad]."""
-    from scipy.spatial.transform import Rotation
-
-    return Rotation.from_rotvec(_writable(vector)).as_matrix()
+    v = np.moveaxis(_floats(vector), -1, 0)
+    angle = np.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
+    small, square = angle <= _SMALL, angle * angle
+    series = 0.5 - square / 48 + square * square / 3840
+    x, y, z = v * np.where(small, series, _by_libm(math.sin, angle / 2) / np.where(small, 1.0, angle))
+    w = _by_libm(math.cos, angle / 2)
+    xx, yy, zz, ww = x * x, y * y, z * z, w * w
+    rows = [
+        [xx - yy - zz + ww, 2 * (x * y - z * w), 2 * (x * z + y * w)],
+        [2 * (x * y + z * w), -xx + yy - zz + ww, 2 * (y * z - x * w)],
+        [2 * (x * z - y * w), 2 * (y * z + x * w), -xx - yy + zz + ww],
+    ]
+    return np.moveaxis(np.array(rows), (0, 1), (-2, -1))
 
 
 def vector_from_rotation(rotation: ArrayLike) -> Array:
@@ -48,10 +79,13 @@ def vector_from_rotation(rotation: ArrayLike) -> Array:
 
     A half turn has two such vectors; the one whose first non-zero component is positive is returned.
     """
-    from scipy.spatial.transform import Rotation
-
-    quaternion = quaternion_from_rotation(rotation)
-    return Rotation.from_quat(quaternion, scalar_first=True).as_rotvec()
+    w, x, y, z = np.moveaxis(quaternion_from_rotation(rotation), -1, 0)
+    w, x, y, z = _unit(w, x, y, z)
+    angle = 2 * _by_libm(math.atan2, np.sqrt(x * x + y * y + z * z), w)
+    small, square = angle <= _SMALL, angle * angle
+    series = 2 + square / 12 + 7 * square * square / 2880
+    scale = np.where(small, series, angle / np.where(small, 1.0, _by_libm(math.sin, angle / 2)))
+    return np.stack([x, y, z], axis=-1) * scale[..., None]
 
 
 def rotation_from_quaternion(quaternion: ArrayLike) -> Array:
@@ -73,10 +107,37 @@ def rotation_from_quaternion(quaternion: ArrayLike) -> Array:
 
 
 def quaternion_from_rotation(rotation: ArrayLike) -> Array:
-    """(..., 4) unit quaternion wxyz of a rotation (..., 3, 3); its first non-zero component is positive."""
-    from scipy.spatial.transform import Rotation
+    """(..., 4) unit quaternion wxyz of a rotation (..., 3, 3); its first non-zero component is positive.
 
-    return Rotation.from_matrix(_writable(rotation)).as_quat(canonical=True, scalar_first=True)
+    A matrix that is orthonormal only to rounding of a text file gives the quaternion of the nearest rotation.
+
+    Raises:
+        InputError: The matrix has no positive determinant, or numbers that are not finite.
+    """
+    R = _floats(rotation)
+    if not np.isfinite(R).all() or (np.linalg.det(R) <= 0.0).any():
+        raise InputError(f"a rotation must have determinant 1, got {R!s:.80}")
+    off = np.abs(R @ np.swapaxes(R, -1, -2) - np.eye(3)).max(axis=(-2, -1)) > _ORTHONORMAL
+    if off.any():
+        left, _, right = np.linalg.svd(R)
+        R = np.where(off[..., None, None], left @ right, R)
+    # Each row is x y z w times four times one of them; the largest is most accurate.
+    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = np.moveaxis(R, (-2, -1), (0, 1))
+    trace = xx + yy + zz
+    rows = np.array(
+        [
+            [1 - trace + 2 * xx, yx + xy, zx + xz, zy - yz],
+            [yx + xy, 1 - trace + 2 * yy, zy + yz, xz - zx],
+            [zx + xz, zy + yz, 1 - trace + 2 * zz, yx - xy],
+            [zy - yz, xz - zx, yx - xy, 1 + trace],
+        ]
+    )
+    largest = np.array([xx, yy, zz, trace]).argmax(axis=0)
+    x, y, z, w = np.take_along_axis(rows, largest[None, None], axis=0)[0]
+    q = np.moveaxis(_unit(w, x, y, z), 0, -1)
+    first = np.take_along_axis(q, (q != 0.0).argmax(axis=-1)[..., None], axis=-1)
+    quaternion: Array = np.where(first < 0.0, -q, q)
+    return quaternion
 
 
 def pose(rotation: ArrayLike, translation: ArrayLike) -> Array:

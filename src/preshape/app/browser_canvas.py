@@ -10,6 +10,7 @@ from ..types import Array
 from ..viewer.camera import Camera
 from ..viewer.canvas import within
 from ..viewer.corners import indexed, visible_side
+from ..viewer.ground_shadow import GroundShadow
 from ..viewer.labels import overlapping_labels
 from ..viewer.raycast import Shape
 
@@ -71,6 +72,23 @@ class BrowserCanvas:
 
             node.on_click(on_click)
         self._nodes[name] = node
+
+    def ground(self, name: str, shadow: GroundShadow) -> None:
+        """Lay a shadow on the ground; an earlier one of the same name is replaced."""
+        self.remove(name)
+        seven = seven_from_pose(shadow.place)
+        self._nodes[name] = self._scene.add_image(
+            f"/{name}",
+            shadow.picture,
+            shadow.width,
+            shadow.width,
+            format="png",
+            cast_shadow=False,
+            receive_shadow=False,
+            position=seven[:3],
+            wxyz=seven[3:],
+            visible=self._visible(name),
+        )
 
     def label(self, name: str, text: str, at: Array) -> None:
         """Write a short text; an earlier label of the same name is replaced."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import threading
-import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
@@ -20,10 +19,12 @@ from ..planning.request import PlanRequest
 from ..report.plain import html_text as escape
 from ..types import value
 from ..viewer import readings
+from .left_page import LeftPage
 from .link import PlannerLink, Reply
 from .memory_browser import memory_html, memory_place
 from .panel import ACCEPT, Panel
-from .reading import STAGES, Reading
+from .playback import Playback
+from .reading import Reading
 from .stage import Stage
 from .steering import Steering
 from .trial import Trial
@@ -34,11 +35,6 @@ from .wire_format import decoded
 if TYPE_CHECKING:
     import viser
 
-PLAYED = 3.0
-"""Duration of the animated grasp [s]."""
-RUN_PLAYED = 9.0
-"""Duration of the playback of a run in simulated physics [s]."""
-
 
 @value
 class Start:
@@ -47,10 +43,12 @@ class Start:
     Attributes:
         request: Object, task, hand and settings.
         document: A plan to show, whose request is ``request``; ``None`` if no plan was given.
+        at_once: Whether a new page plans as soon as its object is there.
     """
 
     request: PlanRequest
     document: Document | None = None
+    at_once: bool = False
 
 
 class BrowserSession:
@@ -58,30 +56,40 @@ class BrowserSession:
 
     Args:
         client: The browser.
-        start: What the browser shows first.
+        start: What a new page shows first.
+        left: What the page showed when its connection ended; ``None`` for a new page. Its uploads become
+            this session's.
     """
 
-    def __init__(self, client: viser.ClientHandle, start: Start) -> None:
-        self._client, self._start = client, start
+    def __init__(self, client: viser.ClientHandle, start: Start, left: LeftPage | None = None) -> None:
+        self._client, self._start, self._begun = client, start, left
         self._lock = threading.RLock()
-        self._uploads = Uploads()
-        self._uploaded: dict[str, Path] = {}
+        self._uploads = left.uploads if left else Uploads()
+        self._uploaded = {name: Path(path) for name, path in left.uploaded} if left else {}
         Receiver(client, self._uploads, self._received, self._refused)
         self._planner = PlannerLink(self._heard)
         self._deadlock = False
         # The request with the shown object, and the request with the object that is being loaded.
         self._loaded: PlanRequest | None = None
-        self._pending = start.request
+        request = self._pending = left.request if left else start.request
         self._after: Callable[[], None] | None = None
-        self._playing = threading.Event()
+        # What follows when the work in progress is done, and what that work is.
+        self._next: Callable[[], None] | None = None
+        self._work = ""
         place = escape(memory_place(start.request.memory))
-        self.panel = Panel(client.gui, start.request, place)
-        self.stage = Stage(client, self._picked)
+        self.panel = Panel(
+            client.gui,
+            request,
+            place,
+            objects=(start.request.object_name, *self._uploaded),
+            label=left.object_label if left else "",
+        )
+        self.stage = Stage(client, self._picked, self._part_picked)
         self.reading = Reading(self.panel, self.stage)
         self.steering = Steering(self.panel, self.stage)
         self.trial = Trial(self.panel, self.stage)
+        self.playback = Playback(self.panel, self.stage, self.reading, self.trial)
         self._waiting = Waiting(self.panel, self._say)
-        self._simulated: Document | None = None
         self._wire()
         self._say("warn", "Welcome", "Choose an object and a task, then press Plan.")
         self._recall()
@@ -89,13 +97,41 @@ class BrowserSession:
         self.steering.show_load()
         with self._reported():
             self._planner.start()
-            if start.document is not None:
+            if left is not None:
+                self._after = partial(self._restore, left)
+            elif start.document is not None:
                 self._after = self._show_given
-            self._load(start.request)
+            elif start.at_once:
+                self._next = partial(self._plan, "plan")
+            self._load(request)
+
+    def left(self) -> LeftPage | None:
+        """What is to be kept of the page when its connection has ended; ``None`` if it shows nothing yet."""
+        with self._lock:
+            if self._loaded is None:  # it closes before it is what it was
+                return self._begun.shared() if self._begun else None
+            try:
+                request = self.steering.request(self._loaded)
+            except PreshapeError:  # numbers that are half typed
+                request = self._loaded
+            rays, shown, rejected = self.reading.state
+            return LeftPage(
+                request=request,
+                object_label=str(self.panel.object.value),
+                document=self.reading.document,
+                rays=tuple(rays),
+                shown=shown,
+                rejected=rejected,
+                deadlock=self._deadlock,
+                work=self._work if self._work in ("plan", "teach") else "",
+                run=self.trial.run,
+                uploads=self._uploads.shared(),
+                uploaded=tuple((name, str(path)) for name, path in self._uploaded.items()),
+            )
 
     def close(self) -> None:
         """Release all resources, because the browser has disconnected."""
-        self._playing.clear()
+        self.playback.stop()
         self._planner.close()
         self._waiting.end()
         self._uploads.close()
@@ -126,15 +162,16 @@ class BrowserSession:
             on(handle, steering.show_load)
         p.tuning.wire(on)
         on(p.simulate, self._simulate)
-        on(p.moment, self._seek)
-        on(p.replay, self._replay)
+        on(p.moment, self.playback.seek)
+        on(p.replay, self.playback.replay)
+        on(p.film, self._film)
         on(p.run, lambda: self._plan("plan"))
         on(p.teach, lambda: self._plan("teach"))
         on(p.cancel, self._cancel)
         on(p.reset, self._reset)
         on(p.verdict, self._judge)
-        on(p.slider, self._slide)
-        on(p.play, self._play)
+        on(p.slider, self.playback.slide)
+        on(p.play, self.playback.play)
         on(p.memory_reload, self._recall)
         on(p.camera, self.stage.look)
         on(p.glass, lambda: self.stage.glass(p.glass.value, self.reading.share()))
@@ -232,6 +269,7 @@ class BrowserSession:
                 return
             ready()
             # A new answer takes over the headline; a run in physics gives no answer and keeps it.
+            self._work = do
             self._waiting.begin(words, lambda: do == "simulate" or self.reading.document is None)
             try:
                 self._planner.ask(do, **content)
@@ -242,7 +280,8 @@ class BrowserSession:
 
     def _cancel(self) -> None:
         if self._planner.cancel():
-            self._after = None
+            self._after = self._next = None
+            self._work = ""
             self._waiting.end()
             self._say("warn", "Cancelled", "Everything that was learnt before is kept.")
 
@@ -273,8 +312,8 @@ class BrowserSession:
         )
         self._loaded = self._pending
         self._forget()
-        self.stage.put(mesh)
-        self.panel.show_parts(sent.get("parts", ()), self._pending)
+        self.stage.put(mesh, decoded(sent["part_of"], "<i8", 1)[:, 0])
+        self.steering.show_parts(sent["parts"], self._pending)
         size = " × ".join(f"{1000 * x:.0f}" for x in sent["extents"])
         drawn = f", {len(mesh.triangles)} of them drawn" if len(mesh.triangles) < sent["whole"] else ""
         self._say("warn", sent["name"], f"{size} mm, {sent['whole']} triangles{drawn}. Press Plan.")
@@ -292,11 +331,16 @@ class BrowserSession:
 
     def _done(self) -> None:
         self._waiting.end()
+        self._work = ""
         self._recall()
+        following, self._next = self._next, None
+        if following is not None:
+            following()
 
     def _failed(self, words: str) -> None:
         self._waiting.end()
-        self._after = None
+        self._after = self._next = None
+        self._work = ""
         for name, path in list(self._uploaded.items()):
             if str(path) in words:
                 words = words.replace(str(path), path.name)
@@ -305,7 +349,7 @@ class BrowserSession:
         self._say("bad", "This does not work", words)
 
     def _forget(self) -> None:
-        self._playing.clear()
+        self.playback.stop()
         self.trial.drop()
         self.reading.forget()
 
@@ -314,12 +358,28 @@ class BrowserSession:
             self.reading.take(self._start.document, [])
             self.stage.look()
 
+    def _restore(self, left: LeftPage) -> None:
+        """Show what the page showed; work that was in progress begins again."""
+        if left.document is not None:
+            self.reading.restore(left.document, list(left.rays), left.shown, left.rejected)
+            self._deadlock = left.deadlock
+            self.panel.reset.visible = left.deadlock
+            self.stage.look()
+            if left.run is not None:
+                self.trial.take(left.run)
+        if left.work:
+            self._next = partial(self._plan, left.work)
+
     def _picked(self, index: int) -> None:
         with self._reported():
             self.stage.select(index)
             words = self.reading.pick(index)
             if words:
                 self._say("warn", plane(index).label, words)
+
+    def _part_picked(self, index: int) -> None:
+        if words := self.steering.ask_for_part(index):
+            self._say("warn", *words)
 
     def _recall(self) -> None:
         self.panel.memory.content = readings.wrapped(memory_html(self._start.request.memory))
@@ -360,58 +420,26 @@ class BrowserSession:
         self.panel.reset.visible = False
         self._say("warn", "Deadlock reset", "Ask for another task or object.")
 
-    # The hand.
-
-    def _slide(self) -> None:
-        self._playing.clear()
-        self.stage.move(self.reading.share())
-
-    def _play(self) -> None:
-        def step(share: float) -> None:
-            self.panel.slider.value = STAGES * share
-            self.stage.move(share)
-
-        self._animate(step, PLAYED)
-
-    def _animate(self, step: Callable[[float], None], seconds: float) -> None:
-        """Call ``step`` with shares rising from 0 to 1 for some seconds; a second call meanwhile stops it."""
-        if self._playing.is_set():
-            self._playing.clear()
-            return
-        self._playing.set()
-        begun = time.monotonic()
-        while self._playing.is_set():
-            passed = min(1.0, (time.monotonic() - begun) / seconds)
-            step(passed)
-            if passed >= 1.0:
-                self._playing.clear()
-            time.sleep(0.05)
-
     # Simulated physics.
 
-    def _simulate(self) -> None:
+    def _film(self) -> None:
+        """Play the run of the shown answer; if there is none yet, simulate it first."""
+        if self.trial.run is not None:
+            self.playback.replay()
+        else:
+            self._simulate(at_once=True)
+
+    def _simulate(self, *, at_once: bool = False) -> None:
         answer = self.reading.answer
         if answer is None or self._loaded is None:
             self._say("warn", "Nothing to simulate", "Plan first.")
             return
-
-        def ready() -> None:
-            self._simulated = answer
-            self.trial.drop()
-
+        ready = partial(self.playback.begin, answer, at_once=at_once)
         self._ask("simulating", ready, "simulate", request=self._loaded.to_json(), answer=answer)
 
     def _show_run(self, run: dict[str, Any]) -> None:
-        if self.reading.answer is self._simulated:
-            self.reading.headline()
-            self.trial.take(run)
+        if self.playback.take(run):
+            self._next = self.playback.follow
         else:
             words = "The answer that was simulated is no longer shown; simulate this one."
             self._say("warn", "Another answer", words)
-
-    def _seek(self) -> None:
-        self._playing.clear()
-        self.trial.show(float(self.panel.moment.value))
-
-    def _replay(self) -> None:
-        self._animate(self.trial.show, RUN_PLAYED)

@@ -37,9 +37,10 @@ MOST_PARTS = 30
 """Number of parts that are offered; a file may have hundreds of groups."""
 OWN_MASS = wrapped('<p class="quiet">Empty: the mass that the object has, else one from its volume.</p>')
 TRIAL = (
-    "The hand grasps and squeezes in simulated physics (MuJoCo), then the object is pushed from six sides. "
-    "Friction and mass are those that the answer was planned with. "
-    "A scan takes up to two minutes the first time."
+    "The answer in simulated physics (MuJoCo), as preshape simulate runs it: on a table the hand comes in, "
+    "closes, squeezes, lifts and does the task; without one it squeezes, and the object is pushed from six "
+    "sides. Friction and mass are those that the answer was planned with. A scan takes up to two minutes the "
+    "first time."
 )
 
 
@@ -50,12 +51,25 @@ class Panel:
         gui: The browser's panel.
         request: The request that the widgets show at first.
         memory: Location of the memory, to display.
+        objects: Further names in the list of objects.
+        label: Name of the request's object in that list; by default its own.
     """
 
-    def __init__(self, gui: viser.GuiApi, request: PlanRequest, memory: str) -> None:
+    def __init__(
+        self,
+        gui: viser.GuiApi,
+        request: PlanRequest,
+        memory: str,
+        *,
+        objects: Sequence[str] = (),
+        label: str = "",
+    ) -> None:
         self.gui = gui
+        self._label = label or request.object_name
+        self._objects = list(dict.fromkeys([*object_names(), *objects, self._label]))
         gui.add_html(f"<style>{(resources.files('preshape.viewer') / 'web' / 'app.css').read_text()}</style>")
         self.headline = gui.add_html("")
+        self.run_words = gui.add_html("")
         self.progress = gui.add_progress_bar(0, visible=False, animated=True)
         self.cancel = gui.add_button(
             "Cancel", visible=False, color="gray", hint="Stops the work; nothing that was learnt is lost"
@@ -100,11 +114,16 @@ class Panel:
         marks = ((0.0, "away"), (1.0, "open"), (2.0, "closed"), (3.0, "squeeze"))
         self.slider = gui.add_slider("Move hand", 0.0, 3.0, 0.05, 3.0, marks=marks, visible=False)
         self.play = gui.add_button("Play the grasp", visible=False, color="gray")
+        self.film = gui.add_button(
+            "Play the whole job",
+            visible=False,
+            color="gray",
+            hint="In simulated physics: comes in, closes, squeezes, lifts and does the task; computed once",
+        )
 
     def _steering(self, gui: viser.GuiApi, request: PlanRequest) -> None:
-        source, task = request.object_name, request.asked
-        objects = list(dict.fromkeys([*object_names(), source]))
-        self.object = gui.add_dropdown("Object", objects, initial_value=source)
+        task = request.asked
+        self.object = gui.add_dropdown("Object", self._objects, initial_value=self._label)
         self.upload = gui.add_upload_button(
             "Upload a mesh", color="gray", hint="OBJ, STL, PLY, OFF, GLB, glTF"
         )
@@ -234,7 +253,6 @@ class Panel:
     def _physics(self, gui: viser.GuiApi) -> None:
         gui.add_html(wrapped(f'<p class="quiet">{TRIAL}</p>'))
         self.simulate = gui.add_button("Simulate this answer", color="blue", disabled=True)
-        self.run_words = gui.add_html("")
         self.moment = gui.add_slider("Moment", 0.0, 1.0, 0.005, 0.0, visible=False)
         self.replay = gui.add_button("Play the run", visible=False, color="gray")
         self.run_report = gui.add_html("")

@@ -16,7 +16,20 @@ from ..viewer.film import LOAD
 from ..viewer.shapes import arrow
 from .wire_format import decoded
 
-WORDS = {"pregrasp": "open before the object", "grasp": "closing", "squeeze": "squeezing"}
+WORDS = {
+    "pregrasp": "open before the object",
+    "grasp": "closing",
+    "squeeze": "squeezing",
+    "settle": "the object comes to rest",
+    "approach": "coming in",
+    "close": "closing",
+    "lift": "lifting",
+    "hold": "holding still",
+    "turn": "turning it for the task",
+    "load": "the task's load sets in",
+    "path": "doing the task",
+    "rest": "holding at the end",
+}
 QUIET_GROUPS = ("planes", "axes", "rays", "contacts", "forces", "net", "task")
 """Groups that are hidden while a run is shown, because they belong to the planned pose of the object."""
 
@@ -26,20 +39,26 @@ class Run:
     """A recorded run: n samples, m shapes of the hand.
 
     Attributes:
-        stage: (n,) Stage of each sample: ``pregrasp``, ``grasp``, ``squeeze`` or the name of the push.
+        stage: (n,) Stage of each sample: a key of ``WORDS`` or the name of the push.
         times: (n,) Times [s].
         load: (n, 6) Force [N] and torque [N m] on the object.
+        press: (n,) Sum of the normal forces of the hand on the object [N].
+        slip: (n,) Largest slip of a part of the hand on the object [m].
         object_poses: (n, 4, 4) Poses of the object.
         links: (n, m, 4, 4) Poses of the hand's shapes.
-        report: Verdict and table of pushes as HTML.
+        verdict: Verdict in one line of HTML.
+        report: Verdict and table of stages or pushes as HTML.
         first_lost: Name of the first push that was not held; empty if all were held.
     """
 
     stage: tuple[str, ...]
     times: tuple[float, ...]
     load: Array
+    press: Array
+    slip: Array
     object_poses: Array
     links: Array
+    verdict: str
     report: str
     first_lost: str
 
@@ -50,43 +69,53 @@ class Run:
         """A few words on what happens at a sample."""
         stage = self.stage[frame]
         doing = WORDS.get(stage, f"push: {stage.removeprefix('force ')}")
-        return f"{doing} · {self.times[frame]:.1f} s"
+        words = f"{doing} · {self.times[frame]:.1f} s"
+        if self.press[frame] > 0:
+            words += f" · {self.press[frame]:.0f} N in all · slip {1000 * self.slip[frame]:.1f} mm"
+        return words
 
 
 def run_of(sent: dict[str, Any]) -> Run:
-    """The run in a planner's reply (:func:`~preshape.app.physics_run.hold_run`)."""
+    """The run in a planner's reply (:func:`~preshape.app.physics_run.answer_run`)."""
     n = len(sent["stage"])
     return Run(
         stage=tuple(sent["stage"]),
         times=tuple(sent["times"]),
         load=np.array(sent["load"], dtype=np.float64).reshape(n, 6),
+        press=np.array(sent["press"], dtype=np.float64),
+        slip=np.array(sent["slip"], dtype=np.float64),
         object_poses=pose_from_seven(decoded(sent["object"], "<f8", 7)),
         links=pose_from_seven(decoded(sent["links"], "<f8", 7)).reshape(n, -1, 4, 4),
+        verdict=verdict(sent),
         report=report(sent),
-        first_lost=next((str(row["name"]) for row in sent["rows"] if not row["held"]), ""),
+        first_lost=next((str(row["name"]) for row in sent["rows"] if row["held"] is False), ""),
     )
+
+
+def verdict(sent: dict[str, Any]) -> str:
+    """The verdict with its reason, as HTML."""
+    done = "Done in physics" if sent["job"] else "Held in physics"
+    kind, title = ("good", f"✓ {done}") if sent["passed"] else ("bad", f"✕ Not {done[0].lower()}{done[1:]}")
+    return f'<div class="head {kind}"><b>{title}</b>{escape(str(sent["reason"]))}</div>'
 
 
 def report(sent: dict[str, Any]) -> str:
-    """The verdict and one row for each push, as HTML."""
-    kind, sign, word = ("good", "✓", "Held") if sent["held"] else ("bad", "✕", "Not held")
-    far, turn = sent["limits"]
-    head = (
-        f'<div class="head {kind}"><b>{sign} {word}</b>{escape(str(sent["reason"]))}</div>'
-        f"<p class='quiet'>Each push is {sent['push']:g} N for 2 s. The object is held while it stays "
-        f"within {1000 * far:.0f} mm and {math.degrees(turn):.0f}°.</p>"
-    )
+    """The verdict and one row for each stage, or for each push, as HTML."""
+    head = f"{verdict(sent)}<p class='quiet'>{escape(sent['note'])}</p>"
     rows = "".join(
         f"<tr><td>{escape(row['name'])}</td><td class='num'>{1000 * row['moved']:.1f}</td>"
         f"<td class='num'>{math.degrees(row['turned']):.1f}</td>"
         f"<td class='num'>{_number(row['force'], 1.0)}</td>"
         f"<td class='num'>{_number(row['slip'], 1000.0)}</td>"
-        f"<td class='num'>{'✓ yes' if row['held'] else '<b>✕ no</b>'}</td></tr>"
+        f"<td class='num'>{_HELD[row['held']]}</td></tr>"
         for row in sent["rows"]
     )
-    titles = ("push", "moved mm", "turned °", "force N", "slip mm", "held?")
+    titles = ("stage" if sent["job"] else "push", "moved mm", "turned °", "force N", "slip mm", "held?")
     heads = "".join(f"<th class='{'num' if i else ''}'>{title}</th>" for i, title in enumerate(titles))
     return f"{head}<table><tr>{heads}</tr>{rows}</table>" if rows else head
+
+
+_HELD = {True: "✓ yes", False: "<b>✕ no</b>", None: ""}
 
 
 def _number(number: float | None, factor: float) -> str:

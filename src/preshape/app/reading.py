@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any
 
 from ..files import dumps
@@ -44,7 +45,7 @@ class Reading:
         self._shown, self.offers = 0, []
         p.why.content = p.answers_note.content = ""
         p.mass_note.content = OWN_MASS
-        for handle in (*p.offers, *p.answers, p.verdict, p.slider, p.play):
+        for handle in (*p.offers, *p.answers, p.verdict, p.slider, p.play, p.film):
             handle.visible = False
         p.simulate.disabled = True
         self._stage.show(None, None)
@@ -60,6 +61,19 @@ class Reading:
         else:
             self._list()
 
+    def restore(self, document: Document, rays: list[Any], shown: int, rejected: Iterable[int]) -> None:
+        """Show a plan as it was: with its rejected answers, and the answer that was shown."""
+        self.take(document, rays)
+        self._rejected = set(rejected)
+        self.show(shown)
+        if self.document is not None and self._answers and len(self._rejected) == len(self._answers):
+            self._panel.verdict.visible = False
+
+    @property
+    def state(self) -> tuple[list[Any], int, frozenset[int]]:
+        """The rays of each answer, the index of the shown one, and the indices of the rejected ones."""
+        return self._rays, self._shown, frozenset(self._rejected)
+
     def show(self, index: int) -> None:
         """Show one of the answers; if there are none, the object alone."""
         document, p = self.document, self._panel
@@ -71,7 +85,12 @@ class Reading:
         rays = self._rays[index] if index < len(self._rays) else None
         self._stage.show(document, answer, rays=rays, share=1.0)
         self.headline()
-        p.simulate.disabled = answer is None or answer["hand"]["grasp"] is None
+        grasped = answer is not None and answer["hand"]["grasp"] is not None
+        p.simulate.disabled = not grasped
+        p.film.visible = grasped
+        if answer is not None:
+            table = (answer.get("scene") or {}).get("table")
+            p.film.label = "Play it held in physics" if table is None else "Play the whole job"
         parts = [readings.transitions(document)]
         if answer is not None:
             parts = readings.answer_parts(document, self._answers, index)
@@ -141,10 +160,11 @@ class Reading:
         """Show the ranking, and the offered tasks that fit the object."""
         document, p = self.document, self._panel
         assert document is not None
+        lines = words.answers_words(self._answers)
         for i, button in enumerate(p.answers):
             button.visible = i < len(self._answers) and i not in self._rejected
             if i < len(self._answers):
-                button.label = f"{i + 1} · {words.answer_words(self._answers[i])}"
+                button.label = f"{i + 1} · {lines[i]}"
                 button.color = "blue" if i == self._shown else "gray"
         note = "The answer, then the alternatives by score; press one to see it."
         if not self._accepted:

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 from ..exceptions import EnvironmentFailure, InputError
 from .browser_session import Start
 from .gate import HEADERS, Gate
+from .left_page import PAGE, page_number
 from .page_script import with_script
 from .sessions import Sessions
 
@@ -58,7 +59,7 @@ class ViewServer:
         self.port = _checked(host, port)
         self.host = host
         self._gate = Gate(host, self.port, sessions)
-        self._sessions = Sessions(start)
+        self._sessions = Sessions(start, sessions)
         with contextlib.redirect_stdout(io.StringIO()), _guarded(self._gate):
             self._server = viser.ViserServer(host=host, port=self.port, label="preshape", verbose=False)
         self.port = int(self._server.get_port())
@@ -142,6 +143,7 @@ def _guarded(gate: Gate) -> Iterator[None]:
                 await connection.close(1002, gate.full_words)
             else:
                 with gate.place():
+                    PAGE.set(page_number(connection.request.path))
                     await handler(connection)
 
         limits = {"max_size": LARGEST_MESSAGE, "close_timeout": 1, "logger": quiet}

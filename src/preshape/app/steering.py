@@ -21,7 +21,8 @@ from ..spatial import vector_from_rotation
 from ..tasks import displacement_of, family_names, parse_task, q_of_displacement
 from ..types import FRICTION, Array
 from ..viewer import readings
-from .panel import ALTERNATIVES, ANY, AT_HEIGHT, HOLD, KEEP_OFF, NO_TABLE, SIX, UNITS, USUAL, Panel
+from ..viewer.colours import AVOID, TRANSVERSE
+from .panel import ALTERNATIVES, ANY, AT_HEIGHT, HOLD, KEEP_OFF, NO_TABLE, SIX, UNITS, USES, USUAL, Panel
 from .stage import Stage
 
 
@@ -61,6 +62,29 @@ class Steering:
         # While numbers are being typed and not yet valid, the scene does not change.
         with contextlib.suppress(InputError):
             self._stage.show_scenery(self._table(), self._boxes())
+
+    def show_parts(self, names: Sequence[str], request: PlanRequest) -> None:
+        """Offer an object's parts, and paint those that are asked for."""
+        self._panel.show_parts(names, request)
+        for handle in self._panel.parts.values():
+            handle.on_update(lambda _: self._paint())
+        self._paint()
+
+    def ask_for_part(self, index: int) -> tuple[str, str] | None:
+        """Ask for a part's next use; returns its name and a sentence, or ``None`` if it is not offered."""
+        parts = list(self._panel.parts.items())
+        if index >= len(parts):
+            return None
+        name, handle = parts[index]
+        handle.value = USES[(USES.index(handle.value) + 1) % len(USES)]
+        self._paint()
+        use = str(handle.value)
+        return name, f"{use[0].upper()}{use[1:]}. Click it again for another choice, or press Plan."
+
+    def _paint(self) -> None:
+        colours = {HOLD: TRANSVERSE, KEEP_OFF: AVOID}
+        uses = [handle.value for handle in self._panel.parts.values()]
+        self._stage.mark({i: colours[use] for i, use in enumerate(uses) if use in colours})
 
     def show_task(self) -> None:
         """Show the named task or the six numbers in sliders, words and gizmo."""

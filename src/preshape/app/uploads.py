@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import tempfile
+import threading
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -21,11 +22,11 @@ ALL_LARGEST = 5 * LARGEST
 
 
 class Uploads:
-    """The uploads of one browser, deleted when it closes. One file is received at a time."""
+    """The uploads of one page, deleted when their last holder closes them. One file is received at a time."""
 
     def __init__(self) -> None:
         self._folder: tempfile.TemporaryDirectory[str] | None = None
-        self._open = True
+        self._holders, self._lock = 1, threading.Lock()
         self._count = self._total = self._left = 0
         self._path = Path()
 
@@ -53,7 +54,7 @@ class Uploads:
             raise InputError(f"{bare:.60}: the file has over {LARGEST // 2**20} MB; simplify the mesh")
         if self._total + size > ALL_LARGEST:
             raise InputError(f"all uploads have over {ALL_LARGEST // 2**20} MB; reload the page")
-        if not self._open:
+        if not self._holders:
             raise EnvironmentFailure("the upload cannot be written: the page was closed")
         safe = re.sub(r"[^A-Za-z0-9_-]+", "_", stem).strip("_")[:40] or "object"
         try:
@@ -85,12 +86,21 @@ class Uploads:
         self._left -= len(content)
         return None if self._left else self._path
 
+    def shared(self) -> Uploads:
+        """The same uploads for another holder, who closes them too."""
+        with self._lock:
+            self._holders += 1 if self._holders else 0
+        return self
+
     def close(self) -> None:
-        """Delete the uploads; later ones are refused."""
-        self._open = False
-        if self._folder is not None:
-            self._folder.cleanup()
-            self._folder = None
+        """Give the uploads up; after the last holder they are deleted, and later ones are refused."""
+        with self._lock:
+            self._holders = max(0, self._holders - 1)
+            folder, left = self._folder, self._holders
+            if not left:
+                self._folder = None
+        if folder is not None and not left:
+            folder.cleanup()
 
 
 class Receiver:

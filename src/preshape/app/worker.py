@@ -9,7 +9,7 @@ another browser. Each message has a number ``id``. Here ``request`` is a
 - ``{"do": "plan" | "teach", "request"}`` gives ``{"document", "rays", "whole"}``, first with the answer
   alone, then again after each alternative that the hand has tried; ``whole`` is true in the last one;
 - ``{"do": "simulate", "request", "answer"}``, where ``answer`` is an answer's JSON, gives ``{"run"}`` (see
-  :func:`~preshape.app.physics_run.hold_run`).
+  :func:`~preshape.app.physics_run.answer_run`).
 
 Every reply repeats the ``id``. In between there are replies ``{"progress", "share"}``; the last reply is
 ``{"done": true}`` or ``{"error": sentence}``.
@@ -26,10 +26,14 @@ from collections.abc import Callable
 from queue import SimpleQueue
 from typing import TYPE_CHECKING, Any, TextIO
 
+import numpy as np
+
 from ..exceptions import PreshapeError
+from ..types import IntArray
 from .wire_format import encoded
 
 if TYPE_CHECKING:
+    from ..objects.mesh import TriangleMesh
     from ..planning.plan import Plan
     from ..planning.request import PlanRequest
     from ..planning.session import Session
@@ -115,25 +119,40 @@ class Worker:
                     "whole": len(mesh.triangles),
                     "extents": mesh.extents.tolist(),
                     "parts": [part.name for part in mesh.parts],
+                    "part_of": encoded(_parts_drawn(mesh, light), "<i8"),
                 }
             }
         )
 
     def _simulate(self, session: Session, request: PlanRequest, answer: dict[str, Any]) -> None:
         from ..hands.load import recorded_hand
-        from ..planning.document import planned_load
-        from .physics_run import hold_run
+        from ..planning.grasp_sets import planned_for
+        from .physics_run import answer_run
 
-        mass, friction = planned_load(answer)
-        run = hold_run(
+        planned = planned_for(answer)
+        run = answer_run(
             recorded_hand(answer["hand"]),
             session.mesh(request),
             answer["hand"],
-            friction=friction,
-            mass=mass,
+            friction=planned.friction,
+            mass=planned.mass,
+            job=planned.job,
             progress=self._progress,
         )
         self._reply({"run": run})
+
+
+def _parts_drawn(mesh: TriangleMesh, light: TriangleMesh) -> IntArray:
+    """(k,) index of the part of each drawn triangle, -1 for none."""
+    from ..objects.parts import part_of_triangles
+
+    whole = part_of_triangles(mesh)
+    if light is mesh:
+        return whole
+    from scipy.spatial import cKDTree
+
+    _, nearest = cKDTree(mesh.corners.mean(axis=1)).query(light.corners.mean(axis=1))
+    return np.asarray(whole[nearest])
 
 
 def main() -> None:

@@ -236,7 +236,8 @@ def _film(
     from ..physics.pick.recording import record_pick
     from ..physics.pick.runner import pick_scene
     from ..physics.pieces import load_pieces
-    from .simulate_film import part_names, pick_film_of
+    from ..planning.recorded import part_names
+    from .simulate_film import pick_film_of
 
     assert result.turn is not None
     scene = pick_scene(report.hand, load_pieces(thing.name), thing, result.turn, protocol)

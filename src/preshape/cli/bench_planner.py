@@ -209,8 +209,9 @@ def _pictures(report: PlannerReport, grasps: GraspSet, protocol: HoldProtocol, f
     from ..files import write_whole
     from ..objects.load import load_object
     from ..physics.hand import physics_hand
+    from ..planning.recorded import recorded_run
     from ..viewer.filmstrip import filmstrip
-    from .simulate_film import film_of, recorded
+    from .simulate_film import film_of_run
 
     hand = report.hand
     own = grasps.for_hand(physics_hand(hand))
@@ -220,8 +221,8 @@ def _pictures(report: PlannerReport, grasps: GraspSet, protocol: HoldProtocol, f
     for row in [k for k, result in enumerate(results) if not result.held][:PICTURES]:
         case = cases[row]
         rules, name = replace(protocol, mass=report.masses[row]), case.object_name
-        recording, scene = recorded(own, row, hand, case.load_pieces(), rules, name=name)
-        film = film_of(recording, scene, rules, mesh=load_object(case.source, scale=case.scale))
+        run = recorded_run(own, row, hand, case.load_pieces(), rules, None, name=name)
+        film = film_of_run(run, load_object(case.source, scale=case.scale))
         file = folder / f"lost-{row:03d}-{name}.png"
         write_whole(file, partial(filmstrip, film))
         files.append(str(file))

@@ -44,6 +44,7 @@ class _Guard:
     answered = False
     pending = False
     raised = -PATIENCE
+    passed_on = 0
     out, err = 1, 2
 
 
@@ -127,10 +128,22 @@ def _importing(frame: FrameType | None) -> bool:
 
 
 def _watch(reader: int) -> None:
-    """Wait for signals; one whose handler is not this module's is left to that handler."""
+    """Wait for signals; one whose handler is not this module's is left to that handler.
+
+    The system may hand a signal to any thread, and does so if the main thread is slow to wake while another
+    one is just being started. Python's handler then waits for the main thread, which sleeps on. So a signal
+    for a :func:`patient` block is passed on to the main thread itself.
+    """
+    main = threading.main_thread().ident
     while number := os.read(reader, 1):
+        handler = signal.getsignal(number[0])
+        if _Guard.passed_on:
+            _Guard.passed_on -= 1  # this is the same signal again
+        elif handler is _raise and main is not None and hasattr(signal, "pthread_kill"):
+            _Guard.passed_on += 1
+            signal.pthread_kill(main, number[0])
         # The thread may come late and find the handler that follows on the one of a patient block.
-        if signal.getsignal(number[0]) is _at_once and time.monotonic() - _Guard.raised > PATIENCE:
+        elif handler is _at_once and time.monotonic() - _Guard.raised > PATIENCE:
             _end()
 
 

@@ -7,11 +7,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
-from click.shell_completion import CompletionItem
 
 from ..exceptions import InputError, shown
 
 if TYPE_CHECKING:
+    from click.shell_completion import CompletionItem
+
     from ..planning.request import PlanRequest
 
 Command = Callable[..., Any]
@@ -49,7 +50,7 @@ def complete_object(context: click.Context, parameter: click.Parameter, typed: s
     """Built-in objects that begin with what was typed, for the shell; where there are none, files."""
     from ..objects.library import names
 
-    return [CompletionItem(typed, type="file"), *_completed(names(), typed)]
+    return [_file(typed), *_completed(names(), typed)]
 
 
 def complete_task(context: click.Context, parameter: click.Parameter, typed: str) -> list[CompletionItem]:
@@ -63,10 +64,18 @@ def complete_hand(context: click.Context, parameter: click.Parameter, typed: str
     """Built-in hands that begin with what was typed, for the shell; where there are none, files."""
     from ..hands.load import hand_names
 
-    return [CompletionItem(typed, type="file"), *_completed(hand_names(), typed)]
+    return [_file(typed), *_completed(hand_names(), typed)]
+
+
+def _file(typed: str) -> CompletionItem:
+    from click.shell_completion import CompletionItem
+
+    return CompletionItem(typed, type="file")
 
 
 def _completed(names: Iterable[str], typed: str) -> list[CompletionItem]:
+    from click.shell_completion import CompletionItem
+
     return [CompletionItem(name) for name in names if name.startswith(typed)]
 
 

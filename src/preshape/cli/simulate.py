@@ -69,7 +69,8 @@ def simulate(
     from ..physics.pick.recording import PickRecording
     from ..physics.protocol import HoldProtocol
     from ..planning.grasp_sets import read_grasp_file
-    from .simulate_film import job_recorded, recorded_film
+    from ..planning.recorded import passed, recorded_run
+    from .simulate_film import film_of_run
 
     check_folder(out)
     read = read_grasp_file(file, objects=objects, best=best)
@@ -88,14 +89,11 @@ def simulate(
     thing, scale = grasps.objects[chosen], float(grasps.scale[chosen])
     pieces = object_pieces(thing, objects)
     written: list[Path] = []
-    recording: HoldRecording | PickRecording
-    if planned.job is not None and probes is None:
-        recording, film = job_recorded(grasps, chosen, model, pieces, protocol, planned.job)
-    else:
-        recording, film = recorded_film(grasps, chosen, model, pieces, protocol)
+    run = recorded_run(grasps, chosen, model, pieces, protocol, planned.job if probes is None else None)
+    recording = run.recording
     if out is not None:
         mesh, _ = object_parts(FoundObject(name=thing, scale=scale, folder=objects))
-        written = _draw(film(mesh), Path(out))
+        written = _draw(film_of_run(run, mesh), Path(out))
     left_out = _left_out(planned.obstacles, picked=isinstance(recording, PickRecording))
     if as_json:
         emit(
@@ -111,14 +109,7 @@ def simulate(
         )
     else:
         _show(recording, protocol, f"{Path(thing).stem} in the hand {model.name}", left_out, written)
-    return 0 if _passed(recording) else 1
-
-
-def _passed(recording: HoldRecording | PickRecording) -> bool:
-    from ..physics.pick.protocol import PickResult
-
-    result = recording.result
-    return result.done if isinstance(result, PickResult) else result.held
+    return 0 if passed(recording) else 1
 
 
 def _left_out(obstacles: str, *, picked: bool) -> str:
@@ -163,39 +154,9 @@ def _draw(film: Film, folder: Path) -> list[Path]:
     return [strip, run]
 
 
-def _rows(recording: HoldRecording | PickRecording) -> list[dict[str, Any]]:
-    """For each stage, how far the object moved, and the largest force and slip."""
-    from ..physics.hold.six_directions import HoldResult
-
-    probes = recording.result.probes if isinstance(recording.result, HoldResult) else ()
-    outcome = {probe.name: probe for probe in probes}
-    rows = []
-    for stage in recording.stages:
-        probe, span = outcome.get(stage), recording.span(stage)
-        moved, turned = (probe.displacement, probe.rotation) if probe else recording.moved(stage)
-        rows.append(
-            {
-                "stage": stage,
-                "start": float(recording.times[span.start]),
-                "end": float(recording.times[span.stop - 1]),
-                "displacement": moved,
-                "rotation": turned,
-                "largest_force": recording.largest_force(stage),
-                "slip": recording.largest_slip(stage),
-                "touching": [
-                    name
-                    for name, force in zip(recording.parts, recording.normal[span.stop - 1], strict=True)
-                    if force > 0
-                ],
-                "gap": float(recording.gap[span.stop - 1]),
-                "held": probe.held if probe else None,
-            }
-        )
-    return rows
-
-
 def _document(recording: HoldRecording | PickRecording, written: list[Path]) -> dict[str, Any]:
     from ..physics.pick.protocol import PickResult
+    from ..planning.recorded import passed, stage_rows
 
     result = recording.result
     words, picked = ("held", "not held"), dict[str, Any]()
@@ -204,13 +165,13 @@ def _document(recording: HoldRecording | PickRecording, written: list[Path]) -> 
         picked = {"picked": result.picked, "job": result.job and asdict(result.job)}
     series = ("normal", "tangential", "slip", "torques", "gap", "object_pose")
     return {
-        "status": words[0] if _passed(recording) else words[1],
+        "status": words[0] if passed(recording) else words[1],
         "reason": recording.result.reason,
         "row": recording.result.row,
         "parts": list(recording.parts),
         "joints": list(recording.joints),
         **picked,
-        "stages": _rows(recording),
+        "stages": stage_rows(recording),
         "series": {
             "stage": list(recording.stage),
             "time": recording.times.tolist(),
@@ -230,6 +191,7 @@ def _show(
     from rich.table import Table
     from rich.text import Text
 
+    from ..planning.recorded import passed, stage_rows, verdict
     from ..report.terminal import terminal
 
     table = Table(title=title, title_justify="left", title_style="bold")
@@ -238,7 +200,7 @@ def _show(
         table.add_column(heading, justify="right", no_wrap=True)
     table.add_column("touching at the end")
     table.add_column("held?", no_wrap=True)
-    for row in _rows(recording):
+    for row in stage_rows(recording):
         held = row["held"]
         state = Text("") if held is None else Text("yes", "green") if held else Text("no", "bold red")
         table.add_row(
@@ -252,8 +214,8 @@ def _show(
         )
     console = terminal()
     console.print(table, highlight=False)
-    colour = "green" if _passed(recording) else "red"
-    console.print(Text(_verdict(recording, protocol), style=f"bold {colour}"), highlight=False)
+    colour = "green" if passed(recording) else "red"
+    console.print(Text(verdict(recording, protocol), style=f"bold {colour}"), highlight=False)
     console.print(f"simulated with {protocol.mass:g} kg and friction {protocol.friction:g}", highlight=False)
     if left_out:
         console.print(left_out, style="yellow", highlight=False)
@@ -263,25 +225,3 @@ def _show(
         highlight=False,
     )
     name_files(written)
-
-
-def _verdict(recording: HoldRecording | PickRecording, protocol: HoldProtocol) -> str:
-    """One sentence on the outcome."""
-    from ..physics.pick.protocol import PickResult
-
-    result = recording.result
-    if isinstance(result, PickResult):
-        if not result.picked:
-            return f"Not picked up, {result.status.value}: {result.reason}."
-        return f"{'Done' if result.done else 'Not done'}: {result.reason}."
-    if not result.held:
-        return f"Not held: {result.reason.removeprefix('lost the object: ')}."
-    worst = max(result.probes, key=lambda probe: probe.displacement)
-    load = protocol.acceleration * protocol.mass
-    return (
-        f"Held: {load:g} N from {len(result.probes)} sides moved the object at most "
-        f"{1e3 * worst.displacement:.1f} mm ({worst.name})."
-        if protocol.probes == "six"
-        else f"Held: under {len(result.probes)} forces and torques the object moved at most "
-        f"{1e3 * worst.displacement:.1f} mm ({worst.name})."
-    )

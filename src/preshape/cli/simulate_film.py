@@ -3,26 +3,20 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from .. import spatial
-from ..hands.hand import Hand
 from ..objects.mesh import TriangleMesh
-from ..physics.grasps import GraspSet
-from ..physics.hand import physics_hand
-from ..physics.hold.recording import HoldRecording, Recording, record_hold
-from ..physics.pick.objects import PickAnswer, PickObject
+from ..physics.hold.recording import HoldRecording, Recording
 from ..physics.pick.protocol import PickProtocol
-from ..physics.pick.recording import PickRecording, record_answer
-from ..physics.pick.runner import pick_scene
-from ..physics.pieces import ConvexPieces
+from ..physics.pick.recording import PickRecording
 from ..physics.protocol import HoldProtocol
-from ..physics.scene import OBJECT, PALM, TABLE, Scene, build_scene
-from ..planning.grasp_sets import PlannedJob
+from ..physics.scene import OBJECT, PALM, TABLE, Scene
+from ..planning.recorded import RecordedRun
 from ..viewer.colours import HAND, Colour, finger_colour
 from ..viewer.colours import OBJECT as OBJECT_COLOUR
 from ..viewer.film import Film, FilmStage
@@ -33,76 +27,13 @@ TINT = 0.25
 """Share 0..1 of the finger's own colour in the colour of its links; the last link has three times as much."""
 
 
-def recorded(
-    grasps: GraspSet, row: int, hand: Hand, pieces: ConvexPieces, protocol: HoldProtocol, *, name: str = ""
-) -> tuple[HoldRecording, Scene]:
-    """Record the holding test of one grasp.
-
-    Args:
-        grasps: The grasps in the form for simulation, see :meth:`GraspSet.for_hand`.
-        row: Row of the grasp.
-        hand: The hand.
-        pieces: Convex pieces of the object at scale 1.
-        protocol: Settings of the test.
-        name: Name of the object; by default the one in ``grasps``.
-
-    Returns:
-        The recording, and the scene of the test.
-    """
-    scene = build_scene(physics_hand(hand), pieces, float(grasps.scale[row]), protocol)
-    recording = record_hold(
-        scene,
-        grasps.poses(row),
-        protocol,
-        parts=part_names(scene, hand),
-        row=row,
-        object_name=name or grasps.objects[row],
-        scale=float(grasps.scale[row]),
-    )
-    return recording, scene
-
-
-def recorded_film(
-    grasps: GraspSet, row: int, hand: Hand, pieces: ConvexPieces, protocol: HoldProtocol
-) -> tuple[HoldRecording, Callable[[TriangleMesh], Film]]:
-    """The recorded holding test of one grasp, and what makes its film from the object's surface."""
-    recording, scene = recorded(grasps, row, hand, pieces, protocol)
-    return recording, lambda mesh: film_of(recording, scene, protocol, mesh=mesh)
-
-
-def job_recorded(
-    grasps: GraspSet, row: int, hand: Hand, pieces: ConvexPieces, protocol: HoldProtocol, job: PlannedJob
-) -> tuple[PickRecording, Callable[[TriangleMesh], Film]]:
-    """The recorded pick and do test of one grasp, and what makes its film from the object's surface.
-
-    Args:
-        grasps: The grasps in the form for simulation, see :meth:`GraspSet.for_hand`.
-        row: Row of the grasp.
-        hand: The hand.
-        pieces: Convex pieces of the object at scale 1.
-        protocol: Mass and friction.
-        job: How the object rests, and what is to be done with it.
-    """
-    rules = PickProtocol(friction=protocol.friction, do=True)
-    name, scale = grasps.objects[row], float(grasps.scale[row])
-    thing = PickObject(name=name, mass=protocol.mass, scale=scale)
-    scene = pick_scene(physics_hand(hand), pieces, thing, job.turn, rules)
-    answer = PickAnswer(poses=grasps.poses(row), way_in=job.way_in, turn=job.turn, work=job.work)
-    recording = record_answer(
-        scene, answer, rules, parts=part_names(scene, hand), row=row, object_name=name, scale=scale
-    )
-    return recording, lambda mesh: pick_film_of(recording, scene, rules, mesh=mesh)
-
-
-def part_names(scene: Scene, hand: Hand) -> tuple[str, ...]:
-    """``palm`` and the names of the fingers, in the order of ``scene.part_of_body``."""
-    names = ["palm", *(f"finger {k + 1}" for k in range(scene.fingers))]
-    for finger in hand.fingers:
-        if finger.tip_body in scene.body_names:
-            part = int(scene.part_of_body[scene.body_names.index(finger.tip_body)])
-            if part > 0:
-                names[part] = finger.name
-    return tuple(names)
+def film_of_run(run: RecordedRun, mesh: TriangleMesh) -> Film:
+    """The film of a test, with the object's surface in its body's frame, scaled [m]."""
+    if isinstance(run.recording, PickRecording):
+        assert isinstance(run.rules, PickProtocol)
+        return pick_film_of(run.recording, run.scene, run.rules, mesh=mesh)
+    assert isinstance(run.rules, HoldProtocol)
+    return film_of(run.recording, run.scene, run.rules, mesh=mesh)
 
 
 def film_of(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -55,9 +56,10 @@ FOR_PLANS = ("mass", "friction", "table", "avoid", "hold_on", "keep_off", "rules
 def view(thing: str, task: str | None, host: str, port: int, sessions: int, **options: Any) -> int:
     """Choose objects and tasks, see why a grasp was chosen, and teach, in the browser.
 
-    A given plan is shown unchanged; the next plan in the browser starts from its request. The app works
-    offline; only this machine can reach it, unless --host says otherwise. Each open page has a planner
-    process of its own. Ctrl-C or SIGTERM ends it and keeps what was learnt.
+    With --task, a page plans as soon as it is open. A given plan is shown unchanged; the next plan in the
+    browser starts from its request. The app works offline; only this machine can reach it, unless --host
+    says otherwise. Each open page has a planner process of its own. Ctrl-C or SIGTERM ends it and keeps what
+    was learnt.
     """
     if options["memory"] == ":memory:":
         raise InputError("the browser app needs a memory file, which it may open again; give --memory FILE")
@@ -71,7 +73,8 @@ def view(thing: str, task: str | None, host: str, port: int, sessions: int, **op
     else:
         name_settings()
         hand = hand_from(options)
-        start = start_of(request_from(thing, task or "lift", hand=hand, options=options))
+        request = request_from(thing, task or "lift", hand=hand, options=options)
+        start = replace(start_of(request), at_once=task is not None)
     try:
         from ..app.server import ViewServer
     except ImportError as error:

@@ -12,7 +12,8 @@ from ..objects.mesh import TriangleMesh
 from .candidates import DrawnCandidates, RankedCandidates, Region, concatenated, draw_candidates, merged
 from .contact_places import AllowedSurface
 from .demand import Demand
-from .pinching import PINCHED, Pincher
+from .hand_pinches import hand_pinches
+from .pinching import PINCHED, Pincher, antipodal_patches
 from .recall import FEW_VALUES
 from .search import LIFTED, ClosureSearch
 
@@ -116,3 +117,19 @@ class AimDraws:
         """Draw wraps, those in obstacles among them."""
         search, region = self.search, self.region(aim)
         return search.wrapper.draw(rng, search.pool, self.mesh, count, region, self.allowed)
+
+
+def aim_draws(search: ClosureSearch, mesh: TriangleMesh, allowed: AllowedSurface | None) -> AimDraws:
+    """What draws candidates for a search, with the antipodal patches of the object.
+
+    Args:
+        search: The search.
+        mesh: Its object.
+        allowed: The surface that may be touched; ``None`` for all of it.
+    """
+    pinches, places = hand_pinches(search.hand), search.blockers.places
+    tip = float(pinches.tip[0])
+    patches = antipodal_patches(mesh, search.field, tip, pinches.widest, allowed=allowed, places=places)
+    return AimDraws(
+        search, Pincher(pinches, patches, mesh.cog, mesh.extents / 2, search.kernel), mesh, allowed
+    )

@@ -10,6 +10,7 @@ from __future__ import annotations
 import zlib
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import cached_property
 
 import numpy as np
 
@@ -20,16 +21,15 @@ from ..hiis.fuzzy import FuzzySets
 from ..kernels.field.host import SurfaceQuery, prepare_field
 from ..objects.mesh import TriangleMesh
 from ..types import ANSWER_KIND, Array, ContactCoefficients, Experience, IntArray, frozen_array
-from .aiming import ENOUGH_MARGIN, AimDraws
-from .calibration import WHOLE, pick_critic
+from .aiming import ENOUGH_MARGIN, AimDraws, aim_draws
+from .calibration import WHOLE, pick_critic, unlikely
 from .candidates import DrawnCandidates, RankedCandidates, distinct, merged, without_failed
 from .contact_places import allowed_surface
 from .demand import Demand, inner_centre, task_demand, turn_levers
 from .finish import ENOUGH, INSIDE, OVERLAP, FinishedGrip, Finisher, FinishOptions
 from .grips import GripExploration, described, grip_exploration, of_both_kinds
-from .hand_pinches import hand_pinches
 from .limits import LOAD, costliest, heaviest_mass, nothing_left, remedy, rules_cost, shortfall, why_none
-from .pinching import THINNEST, Pincher, antipodal_patches
+from .pinching import THINNEST
 from .recall import FEW_VALUES, on_object, recalled
 from .rules import breaks
 from .search import ClosureSearch
@@ -96,14 +96,8 @@ class ClosureAnalyser:
             turns=turn_levers(mesh, self.middle, length),
             query=self.query,
         )
-        pinches = hand_pinches(hand)
         places = self.search.blockers.places
         self.allowed = allowed_surface(mesh, places) if places else None
-        patches = antipodal_patches(
-            mesh, self.field, float(pinches.tip[0]), pinches.widest, allowed=self.allowed, places=places
-        )
-        pincher = Pincher(pinches, patches, mesh.cog, mesh.extents / 2, self.search.kernel)
-        self.draws = AimDraws(self.search, pincher, mesh, self.allowed)
         self.finisher = Finisher(self.search, self.query)
         self.critic = pick_critic(self.search, mesh)
         self._cache: dict[bytes, GripExploration] = {}
@@ -114,6 +108,11 @@ class ClosureAnalyser:
 
     measure = "the grip's quality (3 is just enough)"
     patience = 8
+
+    @cached_property
+    def draws(self) -> AimDraws:
+        """Draws candidates. It is made when a search begins, because a recalled answer needs none."""
+        return aim_draws(self.search, self.mesh, self.allowed)
 
     def forget(self) -> None:
         """Clear the cache of aims, so that the next one is searched again."""
@@ -186,9 +185,9 @@ class ClosureAnalyser:
             finished += self.finisher.finish(self.search.evaluate(family, demand), demand, options)
         found = self.grips(task, finished)
         if not unexplored and _best_quality(found) < ENOUGH and (bolder := self._bolder) is not None:
-            found = [*self._just_enough(q, found), *found]
+            found = [*self._with_more_friction(q, found), *found]
             if _best_quality(found) < ENOUGH:
-                found = [*bolder._just_enough(q, bolder.recall(q, lessons)), *found]
+                found = [*bolder._with_more_friction(q, bolder.recall(q, lessons)), *found]
         return found
 
     @property
@@ -221,21 +220,22 @@ class ClosureAnalyser:
         """
         if self._bolder is None or (self.allowed is not None and not len(self.allowed)):
             return found
-        bold, tried = self._just_enough(q, found.grips), found.tried
-        if not bold:
+        bold, tried = self._with_more_friction(q, found.grips), found.tried
+        if _best_quality(bold) < ENOUGH:
             other = self._bolder._explore(q, aim, unexplored=False)
-            bold, tried = self._bolder._just_enough(q, other.grips), tried + other.tried
-        if not bold:
+            bold, tried = self._bolder._with_more_friction(q, other.grips), tried + other.tried
+        enough = [grip for grip in bold if grip.quality >= ENOUGH]
+        if not enough and (found.grips or not bold):
             return replace(found, tried=tried)
-        return grip_exploration([*bold, *found.grips], tried)
+        return grip_exploration([*enough, *found.grips] or bold, tried)
 
-    def _just_enough(self, q: Array, grips: Sequence[Grip]) -> list[Grip]:
-        """The grips that are good enough with a larger share of the friction than usual.
+    def _with_more_friction(self, q: Array, grips: Sequence[Grip]) -> list[Grip]:
+        """The grips that balance the load with a larger share of the friction than usual.
 
-        They are just enough, whatever their margins: their reserve for errors of friction is smaller.
+        Whatever their margins, they are just enough at most: their reserve for errors of friction is smaller.
         """
         if self.critic is not None:
-            return self.critic.just_enough(grips, self.demand(q), self.settings.bold_share)
+            return self.critic.with_more_friction(grips, self.demand(q), self.settings.bold_share)
         if self.settings.friction_share < self.settings.bold_share:
             return []
         return [replace(grip, quality=ENOUGH) for grip in grips if grip.quality >= ENOUGH]
@@ -258,7 +258,7 @@ class ClosureAnalyser:
         if not isinstance(grasp, Grip):
             return ""
         task = frozen_array(q, (6,), "task Q")
-        lacking = shortfall(self.search, grasp, self.demand(task))
+        lacking = unlikely(grasp) or shortfall(self.search, grasp, self.demand(task))
         return lacking + rules_cost(self._tallies.get(task.tobytes()), self.settings)
 
     def grips(self, q: Array, finished: Sequence[FinishedGrip]) -> list[Grip]:

@@ -69,7 +69,7 @@ class PickModel:
         return np.asarray(1.0 / (1.0 + np.exp(-told)))
 
 
-FITTED = PickModel(constant=3.32, margin=0.86, wrap=-1.86, height=-1.69)
+FITTED = PickModel(constant=2.337, margin=0.938, wrap=-1.54, height=-0.62)
 """The model of ``preshape bench critic`` [M]; docs/results.md has its data and how reliable it is."""
 
 
@@ -101,32 +101,33 @@ class PickCritic:
             for grip, p in zip(grips, told, strict=True)
         ]
 
-    def just_enough(self, grips: Sequence[Grip], demand: Demand, bold_share: float) -> list[Grip]:
-        """The grips that are good enough with more of the friction than usual, with the quality for that.
+    def with_more_friction(self, grips: Sequence[Grip], demand: Demand, bold_share: float) -> list[Grip]:
+        """The grips that balance the load with more of the friction than usual, with the quality for that.
 
-        These are grips that balance the load with the bold share, which leaves some reserve, and grips that
-        balance it with the whole friction and are ``LIKELY`` to pick the object up. They state that share
-        and its margins. Likely ones with some reserve come first, then likely ones, each by probability.
+        Grips that balance it with the bold share, which leaves some reserve, are good enough, and so are
+        those that balance it with the whole friction and are ``LIKELY`` to pick the object up. The quality of
+        the others is below that in proportion to their probability. Each states its share and its margins.
+        Likely ones with some reserve come first, then likely ones, then unlikely ones with some reserve, each
+        by probability.
 
         Args:
             grips: Grips with their probabilities.
             demand: What the task asks.
             bold_share: The larger share of the friction.
         """
-        found, left = list[Grip](), list(grips)
+        found, left = list[Grip](), [grip for grip in grips if not grip.refused]
         for share in (bold_share, WHOLE):
             margins = self.margins(left, demand, share)
             balanced = margins.min(axis=1, initial=np.inf) >= 1.0
             found += [
                 replace(
                     grip,
-                    quality=ENOUGH,
+                    quality=ENOUGH if share < WHOLE else ENOUGH * min(1.0, odds(grip) / LIKELY),
                     task_margin=float(task),
                     hold_margin=float(hold),
                     friction_share=share,
                 )
                 for grip, (task, hold) in compress(zip(left, margins, strict=True), balanced)
-                if not grip.refused and (share < WHOLE or odds(grip) >= LIKELY)
             ]
             left = list(compress(left, ~balanced))
         return sorted(found, key=lambda g: (odds(g) < LIKELY, g.friction_share, -odds(g)))
@@ -172,6 +173,17 @@ def pick_critic(search: ClosureSearch, mesh: TriangleMesh) -> PickCritic | None:
     if not len(tables):
         return None
     return PickCritic(search, float((mesh.vertices @ tables[0, :3]).max() - tables[0, 3]))
+
+
+def unlikely(grip: Grip) -> str:
+    """What a grip lacks that is not likely enough to pick the object up; empty for others."""
+    if grip.friction_share < WHOLE or not 0.0 < odds(grip) < LIKELY:
+        return ""
+    return (
+        f"the best grip balances the load with all of the friction only, and {odds(grip):.2f} of grips like "
+        f"it pick their object up in simulated physics, where {LIKELY:g} are asked; a lighter object "
+        "(--mass), more friction (--friction) or another hand would help"
+    )
 
 
 def odds(grip: Grip) -> float:

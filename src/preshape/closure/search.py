@@ -10,6 +10,7 @@ import logging
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -87,8 +88,6 @@ class ClosureSearch:
         self.hand, self.field, self.settings = hand, field, settings
         self.cog, self.length = np.asarray(cog, dtype=np.float64), float(length)
         self.tables: HandTables = hand_tables(hand, COARSE)
-        self.pool: Preshapes = preshapes(hand)
-        self.ranges = motor_ranges(hand, self.tables)
         self.kernel = ClosingKernel(self.tables, field, device=settings.device, threads=settings.threads)
         self.blockers = Blockers(hand, self.tables, self.kernel, settings, field.spacing)
         self._kinematics = HandKinematics(hand)
@@ -107,6 +106,16 @@ class ClosureSearch:
             holding=self._hold_kernels,
             make=self._margin_kernel,
         )
+
+    @cached_property
+    def pool(self) -> Preshapes:
+        """The hand's preshapes."""
+        return preshapes(self.hand)
+
+    @cached_property
+    def ranges(self) -> tuple[Array, Array]:
+        """(m,), (m,) range that each motor's first command is drawn from [rad]."""
+        return motor_ranges(self.hand, self.tables)
 
     def draw_wraps(
         self,

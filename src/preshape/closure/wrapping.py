@@ -238,7 +238,7 @@ class Wrapper:
                 place[rows],
                 turn[rows],
                 posture_of(tables, commands[rows]),
-                asked=np.pad(moving, [(0, 0), (0, 1)]),
+                asked=np.concatenate([moving, np.zeros((len(rows), 1), dtype=bool)], axis=1),
                 enough=FURTHEST,
             )[0][:, :-1]
             distance = distance - self.gap

@@ -287,7 +287,7 @@ class Hand:
                 "weights": motor.weights.tolist(),
                 "polynomials": None
                 if len(motor.path)
-                else [np.trim_zeros(law, "b").tolist() for law in motor.polynomials],
+                else [_trimmed(law.tolist()) for law in motor.polynomials],
                 "unloaded": motor.path.tolist() if len(motor.path) else None,
                 "order": [list(pair) for pair in motor.order],
                 "locks": motor.locks or None,
@@ -351,3 +351,10 @@ def _model_content(element: ElementTree.Element) -> tuple[Any, ...]:
     """What an element of an MJCF says of kinematics and shapes, with everything in it."""
     attributes = sorted((name, text) for name, text in element.attrib.items() if name not in _NO_PLACE)
     return element.tag, attributes, [_model_content(one) for one in element if one.tag not in _NO_SHAPE]
+
+
+def _trimmed(numbers: list[float]) -> list[float]:
+    """The numbers without the zeros at their end."""
+    while numbers and numbers[-1] == 0.0:
+        numbers.pop()
+    return numbers

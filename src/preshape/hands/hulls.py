@@ -15,6 +15,9 @@ pieces for a link, whose spheres would slow every search. Pieces are cached by t
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import fields
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -78,6 +81,28 @@ def hull(points: Array) -> LinkHull:
     planes = found.equations * [1.0, 1.0, 1.0, -1.0]
     _, first = np.unique(np.round(planes, 6), axis=0, return_index=True)
     return LinkHull(corners=corners, faces=faces, planes=planes[np.sort(first)])
+
+
+def hulls(clouds: Sequence[Array]) -> list[LinkHull]:
+    """The :func:`hull` of each of several point sets, from the cache if these were computed before."""
+    state = hashlib.sha256(f"hulls {_VERSION}".encode())
+    for points in clouds:
+        state.update(repr(points.shape).encode() + np.ascontiguousarray(points).tobytes())
+    file = cache_folder() / "hulls" / f"{state.hexdigest()[:40]}.npz"
+    names = tuple(field.name for field in fields(LinkHull))
+    with suppress(OSError, ValueError, KeyError, TypeError):
+        stored = read_arrays(file)
+        columns = [np.split(stored[name], stored[f"{name}_ends"]) for name in names]
+        found = [LinkHull(**dict(zip(names, one, strict=True))) for one in zip(*columns, strict=True)]
+        if len(found) == len(clouds):
+            return found
+    made = [hull(points) for points in clouds]
+    if made:
+        ends = {f"{name}_ends": np.cumsum([len(getattr(one, name)) for one in made])[:-1] for name in names}
+        keep_arrays(
+            file, **{name: np.concatenate([getattr(one, name) for one in made]) for name in names}, **ends
+        )
+    return made
 
 
 def few_corners(points: Array) -> Array:

@@ -15,7 +15,7 @@ from ..exceptions import HandError
 from ..spatial import inverse, quaternion_from_rotation, rotation_from_quaternion
 from ..types import Array, IntArray, value
 from .hand import Finger, Hand
-from .hulls import LinkHull, hull
+from .hulls import LinkHull, hulls
 
 _SIGNS = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
 _SLENDER = 0.8
@@ -92,12 +92,13 @@ def hand_hulls(hand: Hand) -> dict[int, LinkHull]:
     import mujoco
 
     model = compile_hand(hand)
-    found = {}
-    for geom in np.flatnonzero(model.geom_type == mujoco.mjtGeom.mjGEOM_MESH).tolist():
+    geoms = np.flatnonzero(model.geom_type == mujoco.mjtGeom.mjGEOM_MESH).tolist()
+    clouds = []
+    for geom in geoms:
         mesh = int(model.geom_dataid[geom])
         first, count = int(model.mesh_vertadr[mesh]), int(model.mesh_vertnum[mesh])
-        found[geom] = hull(model.mesh_vert[first : first + count].astype(np.float64))
-    return found
+        clouds.append(model.mesh_vert[first : first + count].astype(np.float64))
+    return dict(zip(geoms, hulls(clouds) if geoms else (), strict=True))
 
 
 def joint_links(hand: Hand) -> tuple[str, ...]:

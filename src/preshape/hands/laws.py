@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.polynomial import Polynomial
 
 from ..exceptions import HandError
 from .motors import ADAPTIVE, DEGREE, RIGID
+
+if TYPE_CHECKING:
+    from numpy.polynomial import Polynomial
 
 _ZERO = 1e-12  # a coefficient below this counts as none
 
@@ -37,6 +39,7 @@ def model_couples(model: Any, label: str) -> tuple[dict[str, Any], ...]:
 def _equalities(model: Any, label: str) -> dict[str, tuple[str, Polynomial]]:
     """For each joint that follows another one: that joint, and the law."""
     import mujoco
+    from numpy.polynomial import Polynomial
 
     laws: dict[str, tuple[str, Polynomial]] = {}
     for row in range(model.neq):

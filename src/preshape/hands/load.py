@@ -18,7 +18,6 @@ from __future__ import annotations
 
 import hashlib
 import logging
-import multiprocessing
 import os
 import tomllib
 from collections.abc import Mapping
@@ -27,7 +26,7 @@ from dataclasses import replace
 from functools import cache
 from importlib import resources
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from .._version import __version__
 from ..exceptions import EnvironmentFailure, HandError, UnknownHand, shown
@@ -43,14 +42,15 @@ from ..files import (
 )
 from ..objects.read_text import printable
 from . import menagerie
-from .compiled import CompiledModel, read_model
 from .couples import Table
 from .description import LONGEST_MESSAGE, hand_from
 from .hand import Hand
-from .init import Guess, describe
 from .mirror import mirrored
-from .rewrite import rebuilt
 from .toml_text import toml_text
+
+if TYPE_CHECKING:
+    from .compiled import CompiledModel
+    from .init import Guess
 
 SIDES = ("right", "left")
 
@@ -225,6 +225,9 @@ def built_in_text(name: str) -> tuple[Table, str]:
 
 
 def _from_file(path: Path, motors: Path | None, side: str | None) -> Hand:
+    from .compiled import read_model
+    from .rewrite import rebuilt
+
     data = with_motors(read_description(path), motors)
     if data.get("name") in hand_names():
         raise HandError(f"{path}: a built-in hand is called {data['name']}; choose another name")
@@ -267,6 +270,8 @@ def read_hand_model(path: Path) -> CompiledModel:
     Raises:
         HandError: There is no such file, or MuJoCo cannot read it.
     """
+    from .compiled import read_model
+
     if not path.is_file():
         raise HandError(f"there is no model {printable(path, 400)}, or it is no regular file")
     return read_model(path)
@@ -274,6 +279,8 @@ def read_hand_model(path: Path) -> CompiledModel:
 
 def guess(source: CompiledModel, path: Path, motors: Path | None) -> Guess:
     """What :func:`~preshape.hands.init.describe` infers for a model, from the cache where it is known."""
+    from .init import Guess, describe
+
     given = None if motors is None else read_motors(motors)
     kept = cache_folder() / "hands" / f"{_digest(source, path, given)}.json"
     try:
@@ -312,6 +319,9 @@ def describe_file(
         HandError: The model cannot be used, or the file exists already.
         EnvironmentFailure: The file cannot be written.
     """
+    from .init import Guess, describe
+    from .rewrite import rebuilt
+
     if side not in (None, *SIDES):
         raise HandError(f"--side must be right or left, got {shown(side)}")
     if not is_model(model):
@@ -369,6 +379,10 @@ def _digest(source: CompiledModel, path: Path, motors: Table | None) -> str:
 
 
 def _from_model(path: Path, motors: Path | None, side: str | None) -> Hand:
+    import multiprocessing
+
+    from .rewrite import rebuilt
+
     model = read_hand_model(path)
     made = guess(model, path, motors)
     source = source_of(joined(path, motors))
@@ -387,6 +401,9 @@ def _by_name(name: str, side: str | None) -> Hand:
         return hand if side == hand.side else _on_side(hand, side, _description(name)[0])
     data, mjcf = _description(name)
     if name.startswith(menagerie.PREFIX):
+        from .compiled import read_model
+        from .rewrite import rebuilt
+
         model = read_model(menagerie.fetch(name.removeprefix(menagerie.PREFIX)))
         return rebuilt(data, model, name)
     return hand_from(data, mjcf)

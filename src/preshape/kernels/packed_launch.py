@@ -89,6 +89,7 @@ class PackedLaunch:
         self._rows = {k: item for k, item in enumerate(self._arguments) if isinstance(item, DeviceRows)}
         self._commands: list[Any] = []
         self._packed: dict[int, Any] = {}
+        self._parts: dict[Any, tuple[int, int]] = {}  # what each command was last launched for
         self.lock = threading.Lock()
 
     def __call__(self, count: int, changed: Mapping[str, Any] | None = None) -> None:
@@ -113,8 +114,10 @@ class PackedLaunch:
 
         def part(first: int, size: int) -> None:
             command = spare.pop()
-            command.set_dim(size)
-            command.set_param_at_index(self._first, first)
+            if self._parts.get(command) != (first, size):
+                command.set_dim(size)
+                command.set_param_at_index(self._first, first)
+                self._parts[command] = first, size
             command.launch()
 
         in_parts(part, count, self._threads)

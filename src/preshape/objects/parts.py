@@ -26,6 +26,8 @@ LIBRARY, FILE, SIDECAR, ASKED = ORIGINS = ("library", "file", "sidecar", "asked"
 """Where a part comes from: the built-in object, a group of the mesh file, its sidecar, or the request."""
 _BEYOND = re.compile(r"\s*([xyz])\s*([<>])\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*", re.IGNORECASE)
 _LISTED = 20
+SPECK = 1e-5
+"""Size of the piece of a surface that stands for a point of it [m]."""
 
 
 @value
@@ -137,6 +139,68 @@ def surface_of(name: str, pieces: Pieces) -> PartSurface:
     count = len(pieces.corners)
     vertices, triangles = merge_equal(pieces.corners.reshape(-1, 3), np.arange(3 * count).reshape(-1, 3))
     return PartSurface(name=name, vertices=vertices, triangles=triangles)
+
+
+def parts_at(mesh: TriangleMesh, points: Array) -> list[str]:
+    """The part of an object that each of some points belongs to.
+
+    Where parts overlap, the one that is listed last counts: it is a part of the others, as a face of a head.
+
+    Args:
+        mesh: The object [m].
+        points: (n, 3) points on or near its surface, in the mesh frame [m].
+
+    Returns:
+        n names of parts; empty where no part is.
+    """
+    names = [""] * len(points)
+    if not mesh.parts or not len(points):
+        return names
+    owners = _nearest_triangles(mesh, points)
+    shapes = mesh.corners[owners]
+    # A speck of the nearest triangle, around the point, asks the region as a piece of the surface does.
+    away = shapes - shapes.mean(axis=1, keepdims=True)
+    specks = points[:, None] + away * (SPECK / np.linalg.norm(away, axis=2).max(axis=1)[:, None, None])
+    pieces = Pieces(corners=specks, owners=owners)
+    for part in mesh.parts:
+        inside, outside = (_area_near(found, points) for found in part.region.split(pieces))
+        for i in np.flatnonzero(inside > outside):
+            names[i] = part.name
+    return names
+
+
+def _area_near(pieces: Pieces, points: Array) -> Array:
+    """(n,) area of the pieces of each point's speck [m²]."""
+    away = np.linalg.norm(pieces.corners.mean(axis=1) - points[:, None], axis=2)
+    return np.asarray((away < SPECK) @ np.linalg.norm(pieces.crosses, axis=1))
+
+
+def part_of_triangles(mesh: TriangleMesh) -> IntArray:
+    """(m,) index of the part that has most of each triangle, -1 for none; the last of overlapping parts."""
+    found = np.full(len(mesh.triangles), -1, dtype=np.int64)
+    for index, part in enumerate(mesh.parts):
+        pieces = part_pieces(mesh, part.region)
+        areas = np.linalg.norm(pieces.crosses, axis=1) / 2
+        own = np.bincount(pieces.owners, weights=areas, minlength=len(found))
+        found[own > mesh.areas / 2] = index
+    return found
+
+
+def _nearest_triangles(mesh: TriangleMesh, points: Array) -> IntArray:
+    """(n,) index of the triangle without lids that is nearest to each point."""
+    from trimesh.triangles import closest_point
+
+    real = np.flatnonzero(~mesh.is_lid)
+    corners = mesh.corners[real]
+    middles = corners.mean(axis=1)
+    radii = np.linalg.norm(corners - middles[:, None], axis=2).max(axis=1)
+    found = np.zeros(len(points), dtype=np.int64)
+    for i, point in enumerate(points):
+        away = np.linalg.norm(middles - point, axis=1)
+        near = np.flatnonzero(away - radii <= (away + radii).min())
+        closest = closest_point(corners[near], np.broadcast_to(point, (len(near), 3)))
+        found[i] = real[near[np.linalg.norm(closest - point, axis=1).argmin()]]
+    return found
 
 
 def part_of_text(text: str) -> ObjectPart | None:

@@ -36,9 +36,19 @@ def oriented_triangles(mesh: TriangleMesh) -> IntArray:
     """
     if mesh not in _ORIENTED:
         same = group_rows(mesh.vertices + 0.0)[1]  # -0 becomes 0
-        turn = turned(same[mesh.triangles], mesh.corners, mesh.crosses, mesh.cog)
-        _ORIENTED[mesh] = with_turned(mesh.triangles, turn)
+        orient(mesh, turned(same[mesh.triangles], mesh.corners, mesh.crosses, mesh.cog))
     return _ORIENTED[mesh]
+
+
+def orient(mesh: TriangleMesh, turn: BoolArray) -> None:
+    """Keep which triangles (m,) of a mesh :func:`oriented_triangles` reverses, as was found out before."""
+    if mesh not in _ORIENTED:
+        _ORIENTED[mesh] = with_turned(mesh.triangles, turn)
+
+
+def reversed_triangles(mesh: TriangleMesh) -> BoolArray:
+    """(m,) which triangles of a mesh :func:`oriented_triangles` reverses."""
+    return (oriented_triangles(mesh) != mesh.triangles).any(axis=1)
 
 
 def with_turned(triangles: IntArray, turn: BoolArray) -> IntArray:

@@ -4,12 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
-from ..arm.model import Arm
-from ..arm.reach import ArmReach
 from ..closure.calibration import LIKELY
 from ..closure.finish import margin_of
 from ..hands.hand import Hand
@@ -25,6 +23,10 @@ from ..viewer.words import mismatch
 from .hand_simulation import HandResult
 from .request import PlanRequest
 from .standing import Standing
+
+if TYPE_CHECKING:
+    from ..arm.model import Arm
+    from ..arm.reach import ArmReach
 
 P = TypeVar("P", bound="PlanRecord")
 _ABSENT = np.array([TRANSLATION_ABSENT] * 3 + [ROTATION_ABSENT] * 3)

@@ -29,7 +29,7 @@ from ..tasks import family_names, full_motion
 from ..types import FIELD_MASS, FRICTION, LENGTH_UNIT, an_instance
 from ..viewer.words import answers_of
 from .answers import Answer, PlanRecord, missing_motion, scan_trust, shortfalls
-from .grasp_type import grasp_type
+from .grasp_type import grasp_type, held_part
 from .hand_simulation import HandPose
 from .request import SCHEMA, PlanRequest, analyser_of
 
@@ -253,6 +253,7 @@ def _answer(plan: PlanRecord, answer: Answer | None) -> Document:
         ],
         "hand": _hand(plan, answer),
         "grip": _grip(plan, answer.grasp) if answer else None,
+        "part": (held_part(mesh, answer.grasp.contacts.points) or None) if answer else None,
         "verified": asdict(plan.verified) if plan.verified and answer is plan.answer else None,
         "cloud": _cloud(plan, answer),
         "arm": _arm(plan, answer),

@@ -133,8 +133,7 @@ def grasps_from_plans(
     extents: dict[str, float] = {}
     for index, document in enumerate(documents):
         try:
-            mass, friction = planned_load(document)
-            load = PlannedFor(mass=mass, friction=friction, obstacles=obstacles_of(document))
+            load = _load(document)
             thing, answers = document["object"], [document, *document.get("alternatives", [])]
             if best and document.get("best"):
                 answers = [document["best"]]
@@ -178,6 +177,23 @@ def grasps_from_plans(
         **stages,
     )
     return GraspFile(grasps=grasps, planned_for=tuple(planned_for))
+
+
+def planned_for(answer: Mapping[str, Any]) -> PlannedFor:
+    """What one answer of a plan was planned for.
+
+    Args:
+        answer: The plan, or one of its alternatives, as JSON.
+
+    Raises:
+        InputError: It does not say so, or a pose or a direction is none.
+    """
+    return replace(_load(dict(answer)), job=_job(answer, answer))
+
+
+def _load(document: dict[str, Any]) -> PlannedFor:
+    mass, friction = planned_load(document)
+    return PlannedFor(mass=mass, friction=friction, obstacles=obstacles_of(document))
 
 
 def _job(document: Mapping[str, Any], answer: Mapping[str, Any]) -> PlannedJob | None:

@@ -7,15 +7,23 @@ Robotics and Automation 5, 1989.
 
 from __future__ import annotations
 
+from collections import Counter
+from weakref import WeakKeyDictionary
+
 import numpy as np
 
 from ..hiis.analyser import PALM, Grip
+from ..objects.mesh import TriangleMesh
+from ..objects.parts import parts_at
 from ..types import Array, value
 
 SMALL, LARGE = 0.025, 0.060
 """Opposed widths below which a wrap is of small diameter, and above which it is of large diameter [m] [C]."""
 ROUND = 1.4
 """Largest ratio of the object's extents at which a wrap of it is a sphere grasp [C]."""
+MOST_KEPT = 256
+"""Number of answers on one mesh whose parts are remembered, because learnt grips are asked for again."""
+_HELD: WeakKeyDictionary[TriangleMesh, dict[bytes, str]] = WeakKeyDictionary()
 _PADS = {1: "palmar pinch", 2: "tripod", 3: "quadpod"}
 
 
@@ -66,6 +74,25 @@ def grasp_type(grip: Grip, thumb: str, extents: Array) -> GraspType:
         opposition="palm" if palm else "pad",
         virtual_fingers=tuple(group for group in groups if group),
     )
+
+
+def held_part(mesh: TriangleMesh, points: Array) -> str:
+    """The part on which most contacts lie; among equals the first contact's. Empty if they lie on no part.
+
+    Args:
+        mesh: The object [m].
+        points: (n, 3) contacts in the mesh frame [m].
+    """
+    if not mesh.parts:
+        return ""
+    kept = _HELD.setdefault(mesh, {})
+    key = points.tobytes()
+    if key not in kept:
+        if len(kept) >= MOST_KEPT:
+            kept.clear()
+        names = [name for name in parts_at(mesh, points) if name]
+        kept[key] = Counter(names).most_common(1)[0][0] if names else ""
+    return kept[key]
 
 
 def _opposed(grip: Grip, thumb: str) -> float:

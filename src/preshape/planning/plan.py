@@ -7,8 +7,6 @@ from pathlib import Path
 from ..files import path_of
 from ..types import value
 from .answers import PlanRecord
-from .output import notebook_html, save_plan, show_plan
-from .summary import summary_text
 
 
 @value
@@ -29,10 +27,14 @@ class Plan(PlanRecord):
         return f"<Plan {what}: {status}, the best is {found}; {self.decision.reason}>"
 
     def __str__(self) -> str:
+        from .summary import summary_text  # rich, which a plan for a program does not need
+
         return summary_text(self)
 
     def _repr_html_(self) -> str:
         """The picture with the figures, as a notebook shows it."""
+        from .output import notebook_html
+
         return notebook_html(self)
 
     def save(self, folder: str | Path) -> list[Path]:
@@ -48,6 +50,8 @@ class Plan(PlanRecord):
             InputError: The folder is no path.
             EnvironmentFailure: A file cannot be written.
         """
+        from .output import save_plan
+
         return save_plan(self, path_of(folder, "folder"))
 
     def show(self) -> Path:
@@ -56,4 +60,6 @@ class Plan(PlanRecord):
         Raises:
             EnvironmentFailure: The page cannot be written.
         """
+        from .output import show_plan
+
         return show_plan(self)

@@ -13,9 +13,8 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
-from ..arm.model import Arm
 from ..closure.contact_places import part_mesh
 from ..closure.rules import KEEP_OFF
 from ..exceptions import Cancelled, EnvironmentFailure, InputError, shown
@@ -35,12 +34,14 @@ from ..tasks import Task
 from ..types import an_instance, value
 from .answer_cache import names_all_files, object_state, obstacle_states
 from .answers import Answer, answers_of, seen_first
-from .arm import advised, arm_of, failed_axes, with_arm
 from .controllers import closure_controller, layout_of, ray_controller
 from .hand_simulation import execute
 from .plan import Plan
 from .request import PlanRequest
 from .sizes import misplaced_obstacles, out_of_reach, refuse_absurd_size
+
+if TYPE_CHECKING:
+    from ..arm.model import Arm
 
 Progress = Callable[[str, float], None]
 """Called with the name of the current step and the total progress in percent."""
@@ -122,6 +123,7 @@ class Session:
         self._controller: tuple[Any, Controller] | None = None
         self._element: tuple[Any, Analyser] | None = None
         self._arm: tuple[Any, Arm] | None = None
+        self._known: tuple[Any, bool] | None = None
 
     def __enter__(self) -> Self:
         return self
@@ -182,7 +184,7 @@ class Session:
             element=self._element[1],
             warnings=tuple(warnings),
             seconds={"load": loaded - start, "prepare": time.perf_counter() - loaded},
-            known=bool(of_this_object(controller.knowledge.own, mesh)),
+            known=self._is_known(controller, mesh),
             arm=arm,
         )
 
@@ -281,6 +283,8 @@ class Session:
         # A named hand comes from a cache. A file is read at every request, because it or a file that it names
         # may have changed; what was prepared for the hand stays if its content is the same.
         hand, last = load_hand(request.hand), self._hand
+        if hand is last:
+            return hand
         if last is None or last.source != hand.source or digest(last, "") != digest(hand, ""):
             self._hand = last = hand
         return last
@@ -291,6 +295,8 @@ class Session:
             return None
         key = (file_state(request.arm), request.arm, request.arm_tip, request.mount, hand)
         if self._arm is None or self._arm[0] != key:
+            from .arm import arm_of
+
             self._arm = key, arm_of(request, hand)
         return self._arm[1]
 
@@ -352,6 +358,8 @@ class Session:
         The further searches teach nothing: a lesson that was restricted to some approaches would mislead
         plans without an arm.
         """
+        from .arm import advised, failed_axes, with_arm
+
         request, first = ready.request, ready.request.wanted(ready.mesh, by_arm=False)
         self._tell(f"the arm {arm.name} tries the answers", 90 if not request.verify else 40)
         plan = with_arm(plan, arm, keep=keep)
@@ -375,6 +383,8 @@ class Session:
         self, ready: Prepared, arm: Arm, plan: Plan, approaches: str | None, keep: int, started: float
     ) -> Plan:
         """The plan after a further search for answers that the arm serves; the same if nothing is found."""
+        from .arm import with_arm
+
         wanted, before = ready.request.wanted(ready.mesh), plan.decision
         self._tell(f"looking for grasps that the arm {arm.name} reaches", 92)
         decision = ready.controller.run(
@@ -427,6 +437,13 @@ class Session:
             )
         self._controller = key, controller
         return controller
+
+    def _is_known(self, controller: Controller, mesh: TriangleMesh) -> bool:
+        """Whether the memory holds an experience of the object; looked up once for each state of it."""
+        key = (controller, len(controller.knowledge.own), mesh)
+        if self._known is None or self._known[0] != key:
+            self._known = key, bool(of_this_object(controller.knowledge.own, mesh))
+        return self._known[1]
 
     def _tell(self, words: str, share: float) -> None:
         if self._cancel is not None and self._cancel.is_set():

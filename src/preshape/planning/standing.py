@@ -14,6 +14,8 @@ import math
 import re
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -31,6 +33,7 @@ DEFAULT = "default"
 """Value of ``table`` that leaves the choice between ``auto`` and free space to hand and analyser."""
 TURNED = math.radians(5.0)
 """An object that would settle by at most this angle is planned for as it is modelled [C]."""
+_STANDING: WeakKeyDictionary[TriangleMesh, tuple[Any, Standing]] = WeakKeyDictionary()  # the last one each
 _LIFT, _SAME = "lift:+z", math.radians(1.0)
 _ABSENT = np.array([TRANSLATION_ABSENT] * 3 + [ROTATION_ABSENT] * 3)
 
@@ -111,6 +114,19 @@ def standing(
     Raises:
         InputError: The table is above the object's lowest point.
     """
+    key = (up, None if rest is None else tuple(np.ravel(rest).tolist()), table)
+    kept = _STANDING.get(mesh)
+    if kept is None or kept[0] != key:  # a plan asks several times
+        _STANDING[mesh] = kept = key, _stands(mesh, up, rest, table)
+    return kept[1]
+
+
+def _stands(
+    mesh: TriangleMesh,
+    up: str | None,
+    rest: Sequence[float] | Array | None,
+    table: float | str | None,
+) -> Standing:
     R = upright(mesh.up if up is None else up)
     if table is None:
         return Standing(upright=R, R_world_object=R)

@@ -181,11 +181,20 @@ def _offers(document: Document) -> Table:
 
 
 def _alternatives(document: Document) -> Table:
+    answers = words.answers_of(document, best=False)
+    lines = zip(words.answers_words(answers), answers, strict=True)
     rows: list[Row] = [
-        (f"answer {number}", f"{words.answer_words(other)}; {words.place_words(other)}")
-        for number, other in enumerate(document["alternatives"], start=2)
+        (f"answer {number}", f"{line}; {_where(answer)}")
+        for number, (line, answer) in enumerate(lines, start=1)
+        if answer is not document
     ]
     return fact_grid(*rows)
+
+
+def _where(answer: Document) -> str:
+    """Where a grasp is; its name says the plane of a virtual grasp already."""
+    place = words.place_words(answer)
+    return f"plane {answer['plane']}: {place}" if answer["grip"] else place
 
 
 def after_words(document: Document) -> Sequence[str]:

@@ -13,8 +13,8 @@ from ..types import quality_text, two_digits
 from .words import (
     QUALITY,
     Document,
-    answer_words,
     answers_of,
+    answers_words,
     arm_words,
     correction_words,
     figures,
@@ -98,20 +98,21 @@ def wrapped(*parts: str) -> str:
 
 
 def headline(document: Document) -> str:
-    """Result, request, deciding numbers, mode and time; the request because the panel may have changed."""
+    """Result, request, deciding numbers or reason, mode and time; the panel may show another request."""
     sign, kind, title = result(document)
     asked = document["task"]["name"] or "six numbers"
     lines = [" · ".join((document["object"]["name"], asked, document["hand"]["name"]))]
     shown = answers_of(document)
     if shown and shown[0].get("grip"):
         lines.append(" · ".join(" ".join(part).rstrip() for part in figures(shown[0])))
-    seconds = float(document.get("seconds", {}).get("total", 0.0))
-    time = f" · {seconds:.1f}\u00a0s" if seconds else ""
-    lines.append(f"{plan_mode(document)}: {_MODE_SENTENCES.get(document['mode'], '')}{time}")
+    # A reason comes before what is less urgent: a phone shows the beginning only.
     if correction := correction_words(document):
         lines += correction
     elif not document.get("plane") and document.get("reason"):
         lines.append(str(document["reason"]))
+    seconds = float(document.get("seconds", {}).get("total", 0.0))
+    time = f" · {seconds:.1f}\u00a0s" if seconds else ""
+    lines.append(f"{plan_mode(document)}: {_MODE_SENTENCES.get(document['mode'], '')}{time}")
     text = "<br>".join(escape(line) for line in lines)
     return f'<div class="head {kind}"><b>{sign} {escape(title)}</b>{text}</div>'
 
@@ -285,11 +286,11 @@ def bars(document: Document, answer: Document) -> str:
 def ranking(answers: Sequence[Document], shown: int) -> str:
     """All answers in the plan's order; the shown one in bold."""
     rows = []
-    for i, answer in enumerate(answers):
+    for i, words in enumerate(answers_words(answers)):
         mark, kind = ("▸", "on") if i == shown else ("", "off")
         rows.append(
             f'<tr data-answer="{i}" class="{kind}"><td>{mark}</td>'
-            f"<td>{i + 1}</td><td>{escape(answer_words(answer))}</td></tr>"
+            f"<td>{i + 1}</td><td>{escape(words)}</td></tr>"
         )
     good = any(answer.get("status") == "answer" for answer in answers)
     title = (

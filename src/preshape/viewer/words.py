@@ -6,7 +6,8 @@ A grip of a real hand is described by what decided it: quality, margins, press, 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from itertools import count
 from typing import Any
 
 from ..objects.mass import ObjectMass
@@ -24,6 +25,8 @@ TURNED = 5.0
 """Angle between how an object is modelled and how it rests above which it is stated [degrees]."""
 ASIDE = 20.0
 """Angle between way in and approach axis above which both are stated [degrees]."""
+STEEP = 0.7
+"""Cosine between up and a way in above which the hand comes from above or below."""
 _RESULTS = {
     "answer": ("✓", "good", "Grasp found"),
     "task_correction": ("?", "warn", "The known object does not fit this task"),
@@ -247,13 +250,87 @@ def type_words(answer: Document) -> str:
     return f"{kind['name']} ({kind['power']}, {kind['opposition']} opposition)" if kind else ""
 
 
-def answer_words(answer: Document) -> str:
-    """One line about an answer: plane, fingers, score, and whether the hand reaches it."""
-    state = answer["hand"]["status"] or "not tried"
-    fingers, palm = touching_words(answer) if answer.get("grip") else (str(answer["fingers"]), "")
-    return (
-        f"plane {answer['plane']}, {fingers} fingers{palm}, {score_name(answer)} {score(answer):.2f}, {state}"
-    )
+def answers_words(answers: Sequence[Document]) -> list[str]:
+    """One line about each answer of a plan: its name, its score, and why it is not reached, if so."""
+    lines = []
+    for name, answer in zip(answer_names(answers), answers, strict=True):
+        status = answer["hand"]["status"] or "not tried"
+        state = "" if status == "reached" else f", {status}"
+        lines.append(f"{name}, {score_name(answer)} {score(answer):.2f}{state}")
+    return lines
+
+
+def answer_names(answers: Sequence[Document]) -> list[str]:
+    """A name for each answer of a plan, distinct among them.
+
+    A grip's name has its type, the side from which the hand comes in, the part that it holds, and the width
+    between the thumb and the others. A virtual grasp's name has plane and approach value instead of a type.
+    An answer whose name an earlier one has already also says where its thumb stands, or how far along an axis
+    its contacts lie. So a name does not change when further answers are found.
+    """
+    names: list[str] = []
+    for i, answer in enumerate(answers):
+        base = _base_name(answer)
+        same = [other for other, name in zip(answers[:i], names, strict=True) if name.startswith(base)]
+        names.append(next(name for name in _longer(base, _told_apart(answer, same)) if name not in names))
+    return names
+
+
+def _longer(base: str, words: Iterator[str]) -> Iterator[str]:
+    yield base
+    yield from (f"{base}, {more}" for more in words)
+
+
+def _base_name(answer: Document) -> str:
+    side, width = _side(answer), _opposed_width(answer)
+    kind = (answer.get("grip") or {}).get("type")
+    if kind:
+        name = f"{kind['name']} {side}"
+    else:
+        name = f"plane {answer['plane']} at {answer['approach_value']:+.2f}, {side}"
+    if answer.get("part"):
+        name += f" on {answer['part']}"
+    return name if width is None else f"{name}, {1000 * width:.0f} mm"
+
+
+def _side(answer: Document) -> str:
+    """Where the hand comes from: above, below, or the side of the object as a signed axis."""
+    way = way_in(answer)
+    up = (answer.get("scene") or {}).get("up") or (0.0, 0.0, 1.0)
+    rise = -_dot(way, up)
+    if abs(rise) > STEEP:
+        return "from above" if rise > 0 else "from below"
+    return f"from {axis_words([-x for x in way])}"
+
+
+def _opposed_width(answer: Document) -> float | None:
+    """Distance between the thumb's contacts, or the first finger's, and those of the others [m]."""
+    contacts = answer["contacts"]
+    names = [str(contact["finger"]) for contact in contacts]
+    first = "thumb" if "thumb" in names else next(iter(names), "")
+    one = _middle([c["point"] for c in contacts if c["finger"] == first])
+    rest = _middle([c["point"] for c in contacts if c["finger"] != first])
+    return math.dist(one, rest) if one and rest else None
+
+
+def _told_apart(answer: Document, same: Sequence[Document]) -> Iterator[str]:
+    """What tells an answer from those of the same name, the shortest first; it never ends."""
+    thumb = f"thumb at {thumb_side(answer)}"
+    yield thumb
+    middle = _middle([contact["point"] for contact in answer["contacts"]])
+    if middle:
+        found = [_middle([contact["point"] for contact in other["contacts"]]) for other in same]
+        apart = [max((abs(m[i] - middle[i]) for m in found if m), default=0.0) for i in range(3)]
+        axis = apart.index(max(apart))
+        where = f"at {'XYZ'[axis]} {1000 * middle[axis] + 0.0:+.0f} mm"
+        yield where
+        yield f"{thumb}, {where}"
+    yield from (f"no. {number}" for number in count(2))
+
+
+def _middle(points: Sequence[Sequence[float]]) -> list[float]:
+    """Mean of some points; empty without one."""
+    return [sum(column) / len(points) for column in zip(*points, strict=True)] if points else []
 
 
 def touching_words(answer: Document) -> tuple[str, str]:

@@ -352,4 +352,4 @@ class ClosingKernel:
 
 
 def _xyzw(quaternions: Array) -> Array:
-    return np.roll(quaternions, -1, axis=1)
+    return quaternions[:, [1, 2, 3, 0]]

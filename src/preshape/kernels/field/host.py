@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from ...exceptions import InputError, shown
 from ...files import cache_folder, keep_arrays, read_arrays
 from ...objects.mesh import TriangleMesh
-from ...objects.winding import oriented_triangles
+from ...objects.winding import orient, oriented_triangles, reversed_triangles
 from ...types import Array, IntArray, freeze, frozen_array, read_only, value
 from ..cache import load_kernels
 from ..launch import in_parts, usable_threads, warp
@@ -111,7 +111,7 @@ def prepare_field(
     if cache is None:
         return _fill(mesh, int(cells), float(padding), digest, signed)
     file = (Path(cache) if str(cache) else cache_folder()) / "fields" / f"{digest}.npz"
-    field = _read(file, digest)
+    field = _read(file, digest, mesh)
     if field is None:
         field = _fill(mesh, int(cells), float(padding), digest, signed)
         keep_arrays(
@@ -120,6 +120,7 @@ def prepare_field(
             spacing=np.float64(field.spacing),
             distance=field.distance,
             digest=np.array(field.digest),
+            turned=reversed_triangles(mesh),
         )
     return field
 
@@ -291,17 +292,25 @@ def _digest(mesh: TriangleMesh, cells: int, padding: float, signed: bool) -> str
     return state.hexdigest()[:40]
 
 
-def _read(file: Path, digest: str) -> DistanceField | None:
-    """The cached field; ``None`` if there is none or its file is damaged."""
+def _read(file: Path, digest: str, mesh: TriangleMesh) -> DistanceField | None:
+    """The cached field; ``None`` if there is none or its file is damaged.
+
+    With it comes which triangles of the mesh have to be reversed.
+    """
     try:
         stored = read_arrays(file)
         if str(stored["digest"]) != digest or stored["distance"].dtype != np.float32:
             return None
-        return DistanceField(
+        turn = stored["turned"]
+        if turn.dtype != bool or turn.shape != (len(mesh.triangles),):
+            return None
+        field = DistanceField(
             origin=stored["origin"],
             spacing=float(stored["spacing"]),
             distance=stored["distance"],
             digest=digest,
         )
+        orient(mesh, turn)
+        return field
     except (OSError, ValueError, KeyError, TypeError):
         return None

@@ -336,8 +336,11 @@ class MarginKernel:
 
 def _padded(values: Array, width: int) -> Array:
     """(n, width, ...) values with zeros added to (n, k, ...)."""
-    missing = width - values.shape[1]
-    return np.pad(values, [(0, 0), (0, missing), *[(0, 0)] * (values.ndim - 2)]) if missing else values
+    if values.shape[1] == width:
+        return values
+    wide = np.zeros((len(values), width, *values.shape[2:]), dtype=values.dtype)
+    wide[:, : values.shape[1]] = values  # numpy.pad takes ten times as long
+    return wide
 
 
 def margins(

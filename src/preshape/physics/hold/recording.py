@@ -22,7 +22,7 @@ from ..grasps import HandPoses
 from ..measures import place
 from ..protocol import HoldProtocol
 from ..scene import OBJECT, PALM, PREFIX, Scene
-from .six_directions import HoldResult, hold_test
+from .six_directions import HoldResult, Observer, hold_test
 
 APPROACH = ("pregrasp", "grasp", "squeeze")
 """The stages before the probes; ``pregrasp`` is a single sample at the beginning."""
@@ -137,6 +137,7 @@ def record_hold(
     row: int = 0,
     object_name: str = "",
     scale: float = 1.0,
+    observer: Observer | None = None,
 ) -> HoldRecording:
     """Run and record a holding test; recording does not change its result.
 
@@ -150,6 +151,7 @@ def record_hold(
         row: Row for the result.
         object_name: Name of the object for the result.
         scale: Scale for the result.
+        observer: Called at every check too, after the recorder.
 
     Raises:
         InputError: The protocol has no such probe, or the number of names is wrong.
@@ -162,9 +164,20 @@ def record_hold(
     recorder.first(poses)
     result = hold_test(
         scene, poses, protocol,
-        row=row, object_name=object_name, scale=scale, observer=recorder,
+        row=row, object_name=object_name, scale=scale, observer=both(recorder, observer),
     )  # fmt: skip
     return HoldRecording(result=result, **recorder.fields())
+
+
+def both(first: Observer, second: Observer | None) -> Observer:
+    """An observer that calls two, the second if there is one."""
+
+    def observer(stage: str, data: Any) -> None:
+        first(stage, data)
+        if second is not None:
+            second(stage, data)
+
+    return observer
 
 
 class Recorder:

@@ -8,7 +8,8 @@ import numpy as np
 
 from ...types import value
 from ..grasps import HandPoses
-from ..hold.recording import Recorder, Recording
+from ..hold.recording import Recorder, Recording, both
+from ..hold.six_directions import Observer
 from ..scene import Scene
 from ..task.motion import TaskMotion
 from .doing import JOB_STAGES
@@ -74,6 +75,7 @@ def record_answer(
     row: int = 0,
     object_name: str = "",
     scale: float = 1.0,
+    observer: Observer | None = None,
 ) -> PickRecording:
     """Test a grasp and record the test.
 
@@ -85,6 +87,7 @@ def record_answer(
         row: Row for the result; it also decides the errors.
         object_name: Name of the object for the result.
         scale: Scale for the result.
+        observer: Called at every check too, after the recorder.
 
     Raises:
         InputError: The number of names is wrong.
@@ -93,6 +96,6 @@ def record_answer(
     recorder = Recorder(scene, set(stages), parts, one_run=stages)
     result = pick_test(
         scene, *answer.in_world(), protocol,
-        row=row, object_name=object_name, scale=scale, work=answer.work, observer=recorder,
+        row=row, object_name=object_name, scale=scale, work=answer.work, observer=both(recorder, observer),
     )  # fmt: skip
     return PickRecording(result=result, **recorder.fields())

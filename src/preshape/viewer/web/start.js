@@ -1,4 +1,32 @@
-// Runs before viser's script and decides the number of samples per pixel.
+// Runs before viser's script. First: a tab's page has a random number, which goes with its connection, so that the
+// server shows the same again after a reload or a lost connection. viser opens the connection in a worker.
+(() => {
+  let page = '';
+  try {
+    const bytes = crypto.getRandomValues(new Uint8Array(16));
+    page = sessionStorage.page ||= [...bytes].map(b => b.toString(16).padStart(2, '0')).join('');
+  } catch { return; }  // a browser that stores nothing begins anew
+  const post = Worker.prototype.postMessage;
+  Worker.prototype.postMessage = function (data, ...more) {
+    if (data && data.type === 'set_server' && data.server) {
+      const place = new URL(data.server, location.href);
+      place.searchParams.set('page', page);
+      data = {...data, server: place.href};
+    }
+    return post.call(this, data, ...more);
+  };
+})();
+// Second: a headline that changes scrolls into sight, however far down its panel was scrolled to press a button.
+addEventListener('DOMContentLoaded', () => {
+  let told = '';
+  new MutationObserver(() => {
+    const head = document.querySelector('.ps .head'), title = head && head.querySelector('b').textContent;
+    if (!title || title === told) return;
+    told = title;
+    head.scrollIntoView({block: 'nearest'});
+  }).observe(document.body, {childList: true, characterData: true, subtree: true});
+});
+// Third: the number of samples per pixel.
 (() => {
   const probe = document.createElement('canvas').getContext('webgl');
   const named = probe && probe.getExtension('WEBGL_debug_renderer_info');
