@@ -15,8 +15,11 @@ ROOT = Path(__file__).parents[1]
 PAGE = ROOT / "docs" / "dependencies.md"
 BEGIN, END = "<!-- licences: python -m hardening.licences -->", "<!-- end of licences -->"
 
-FREE = ("Apache", "BSD", "MIT", "ISC", "PSF", "MPL", "Python Software Foundation", "HPND", "matplotlib")
-"""Words of licences that allow use and distribution as part of a program under Apache-2.0."""
+FREE = (
+    "Apache", "BSD", "MIT", "ISC", "PSF", "MPL", "Python Software Foundation", "HPND", "matplotlib", "TOST",
+)  # fmt: skip
+"""Words of licences that allow use and distribution as part of a program under Apache-2.0; TOST-1.0 is
+Apache-2.0 with another section on trademarks."""
 
 
 _TEXTS = {

@@ -766,7 +766,7 @@ def test_files_that_cannot_be_read_or_written(tmp_path: Path, stored: str) -> No
     code, _, err = run("export", stored, "--format", "npz")
     assert code == 2
     code, _, err = run("export", stored, "--format", "stl")
-    assert (code, "moveit, trajectory, isaac, mjcf, npz" in err) == (2, True)
+    assert (code, "moveit, trajectory, isaac, usd, mjcf, npz" in err) == (2, True)
 
 
 def test_without_rosbags_the_sentence_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from ..export.moveit import MoveItOptions
     from ..export.planned import PlannedGrasp
 
-FORMATS = ("moveit", "trajectory", "isaac", "mjcf", "npz")
+FORMATS = ("moveit", "trajectory", "isaac", "usd", "mjcf", "npz")
 
 
 @click.command(
@@ -30,18 +30,18 @@ FORMATS = ("moveit", "trajectory", "isaac", "mjcf", "npz")
     multiple=True,
     metavar="FILE",
     help="File to write; repeatable. moveit: .yaml, .mcap, or no ending for a ROS 2 bag; trajectory: .yaml, "
-    ".csv or .npz; isaac: .yaml; default: text here.",
+    ".csv or .npz; isaac: .yaml; usd: .usda (text), .usdc or .usd; default: text here.",
 )
 @click.option(
     "--answer",
     type=int,
     metavar="N",
-    help="0 for the answer, 1 … for the alternatives; default: all (mjcf, trajectory: the answer).",
+    help="0 for the answer, 1 … for the alternatives; default: all (usd, mjcf, trajectory: the answer).",
 )
 @best_option
 @click.option("--hand", metavar="HAND", help="Name or TOML file; default: the plan's hand.")
-@click.option("--mass", type=float, help="mjcf: mass of the object [kg]; default: the plan's.")
-@click.option("--friction", type=float, help="mjcf: friction coefficient; default: the plan's.")
+@click.option("--mass", type=float, help="usd, mjcf: mass of the object [kg]; default: the plan's.")
+@click.option("--friction", type=float, help="usd, mjcf: friction coefficient; default: the plan's.")
 @click.option("--frame", default="object", help="moveit, isaac: name of the object's frame.")
 @click.option(
     "--parent-link",
@@ -88,7 +88,7 @@ FORMATS = ("moveit", "trajectory", "isaac", "mjcf", "npz")
     metavar="SECONDS",
     help="trajectory: time from the first point to the end of the lift; default 3.5, or what the arm takes.",
 )
-@click.option("--objects", metavar="DIR", help="mjcf, npz: folder of the objects that are not built in.")
+@click.option("--objects", metavar="DIR", help="usd, mjcf, npz: folder of the objects that are not built in.")
 @json_option
 def export(
     file: str,
@@ -115,7 +115,8 @@ def export(
 
     moveit: moveit_msgs/msg/Grasp, one for each answer, the plan's own first (docs/ros.md). trajectory:
     commands of the motors, and of the arm's joints where the plan has an arm, from the open hand to the lift.
-    isaac: a grasp file of Isaac Sim's grasp editor. mjcf: a MuJoCo scene with hand and object at the grasp.
+    isaac: a grasp file of Isaac Sim's grasp editor. usd, mjcf: a USD stage with physics, or a MuJoCo scene,
+    with hand and object at the grasp.
     npz: grasp arrays (docs/grasp-file.md).
 
     Exit code 0: written. 2: bad input, such as a plan whose hand has no posture. 3: a file or a package is
@@ -148,7 +149,7 @@ def export(
     )
     grasps, left_out = planned_grasps(document, file, hand=hand, answer=answer, best=best)
     first = grasps[0]
-    if kind == "mjcf":
+    if kind in ("usd", "mjcf"):
         first = replace(
             first,
             mass=first.mass if mass is None else mass,
@@ -178,6 +179,8 @@ def export(
         text, more = _trajectory(first, driver, duration, paths, file)
     elif kind == "isaac":
         text, more = _isaac(grasps, options, frame, paths, file)
+    elif kind == "usd":
+        text, more = _usd(document, first, objects, paths, file)
     else:
         text, more = _other(kind, document, grasps, objects, paths, file)
     report |= {**more, "files": [str(path) for path in paths]}
@@ -199,6 +202,7 @@ def _paths(kind: str, out: tuple[str, ...]) -> list[Path]:
         "moveit": (".yaml", ".yml", ".mcap", ""),
         "trajectory": (".yaml", ".yml", ".csv", ".npz"),
         "isaac": (".yaml", ".yml"),
+        "usd": (".usda", ".usdc", ".usd"),
         "mjcf": (".xml", ".mjcf"),
         "npz": (".npz",),
     }[kind]
@@ -308,6 +312,29 @@ def _trajectory(
         "cut": list(found.cut),
         "trajectory": message,
         "arm_trajectory": arm,
+    }
+
+
+def _usd(
+    document: dict[str, Any], grasp: PlannedGrasp, objects: str | None, paths: list[Path], file: str
+) -> tuple[str, dict[str, Any]]:
+    from ..export.scene_object import find_object, object_parts
+    from ..export.usd import require_usd, scene_stage, stage_bytes, standing
+    from ..files import write_bytes
+    from ..planning.document import obstacles_of
+
+    require_usd()
+    found = find_object(document, folder=objects, beside=Path(file).parent if file != "-" else None)
+    stands = standing(document, grasp)
+    say("cutting the object into convex pieces, or taking them from the cache", err=True)
+    stage = scene_stage(grasp, *object_parts(found), stands)
+    for path in paths:
+        write_bytes(path, stage_bytes(stage, path.suffix))
+    text = "" if paths else stage_bytes(stage, ".usda").decode()
+    return text, {
+        "table": stands.table is not None,
+        "obstacles_left_out": obstacles_of(document, table=stands.table is None),
+        "prims": [str(prim.GetPath()) for prim in stage.GetDefaultPrim().GetChildren()],
     }
 
 

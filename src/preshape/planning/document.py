@@ -188,11 +188,16 @@ def planned_load(document: Document) -> tuple[float, float]:
     return mass, friction
 
 
-def obstacles_of(document: Document) -> str:
-    """What is around the object of a plan, such as ``the table and 2 boxes``; empty for free space."""
+def obstacles_of(document: Document, *, table: bool = True) -> str:
+    """What is around the object of a plan, such as ``the table and 2 boxes``; empty for free space.
+
+    Args:
+        document: The plan.
+        table: Whether to name the table as well.
+    """
     request = document.get("request") or {}
     boxes = len(request.get("avoid") or ())
-    parts = ["the table"] if request.get("table") is not None else []
+    parts = ["the table"] if table and request.get("table") is not None else []
     parts += [f"{boxes} box{'es' if boxes > 1 else ''}"] if boxes else []
     parts += ["the rest of the scene"] if (request.get("object") or {}).get("mask") is not None else []
     files = len(request.get("obstacle") or ())
