@@ -14,9 +14,11 @@ import pytest
 
 from preshape import plan
 from preshape.cli.main import run
+from preshape.closure import finish
 from preshape.closure.analyser import ClosureAnalyser
 from preshape.closure.calibration import LIKELY, WHOLE, PickCritic, PickModel, odds
 from preshape.closure.finish import ENOUGH
+from preshape.closure.pressing import UnitSqueeze, made_by_motors
 from preshape.closure.settings import FRICTION_SHARE, ClosureSettings, table_below
 from preshape.hands.load import load_hand
 from preshape.hiis.analyser import Aim, Grip
@@ -25,6 +27,7 @@ from preshape.metrics import Contacts, ForceLimits, task_margin
 from preshape.objects.library import load_library_object
 from preshape.planning.controllers import layout_of
 from preshape.planning.document import plan_to_json
+from preshape.spatial import rotation_from_vector
 from preshape.studies import critic_study
 from preshape.studies.critic_figures import critic_figures, fitted
 from preshape.tasks import parse_task
@@ -191,7 +194,7 @@ def test_a_cone_on_a_table_is_given_by_the_critic(lesson: Callable[[str], Path])
 def test_without_a_table_no_probability_is_stated(lesson: Callable[[str], Path]) -> None:
     made = plan("cube", "lift", hand="leap", memory=lesson("leap"), learn=False, table=None)
     assert plan_to_json(made)["grip"]["pick_probability"] is None
-    assert "odds" not in str(made)
+    assert "pick-up" not in str(made)
 
 
 def test_the_study_goes_on_where_it_stopped(
@@ -226,3 +229,47 @@ def test_the_study_goes_on_where_it_stopped(
     parts[0].write_text("{}")
     assert run(asked) == 2
     assert "does not hold rows of this study" in capsys.readouterr().out
+
+
+def between(*, moved: tuple[int, ...]) -> UnitSqueeze:
+    """Two contacts that press an object of 40 mm along x; those named have a motor with a lever of 50 mm."""
+    points, normals = np.array([[-0.02, 0, 0], [0.02, 0, 0]]), np.array([[1.0, 0, 0], [-1.0, 0, 0]])
+    lever = np.array([[0.05], [0], [0], [0], [0], [1.0]])
+    jacobians = [np.sign(normals[k, 0]) * lever if k in moved else np.zeros((6, 0)) for k in (0, 1)]
+    drive = np.array([0.025 if k in moved else 0.0 for k in (0, 1)])  # the torque of 0.5 N at that lever
+    return UnitSqueeze(
+        points=points,
+        normals_in=normals,
+        forces=0.5 * normals,
+        imbalance=0.0,
+        jacobians=jacobians,
+        motors=[np.array([k] if k in moved else [], dtype=np.int64) for k in (0, 1)],
+        torques=drive,
+        drive=drive,
+        max_press=100.0,
+    )
+
+
+@pytest.mark.parametrize(("moved", "made"), [((0, 1), 1.0), ((0,), 1.0), ((), 0.0)])
+def test_motors_make_a_press_and_bones_do_not(moved: tuple[int, ...], made: float) -> None:
+    """One motor that presses against a bone makes the whole press; two bones make none."""
+    compliance = np.full(2, 0.2)
+    assert made_by_motors(between(moved=moved), np.zeros(3), compliance) == pytest.approx(made, abs=0.05)
+    # The same hand and object, turned and moved, and with other numbers of motors.
+    R = rotation_from_vector(np.array([0.3, -0.5, 0.8]))
+    one = between(moved=moved)
+    turned = one._replace(
+        points=one.points @ R.T + 0.1,
+        normals_in=one.normals_in @ R.T,
+        jacobians=[np.concatenate([R @ J[:3], R @ J[3:]]) for J in one.jacobians],
+    )
+    again = made_by_motors(turned, np.full(3, 0.1), compliance)
+    assert again == pytest.approx(made_by_motors(one, np.zeros(3), compliance), abs=1e-9)
+
+
+def test_wraps_that_motors_do_not_press_are_no_grips(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The least share decides for wraps, and for them only."""
+    assert element("cylinder", grasp_type="power").explore(TASK.q, EVERYWHERE).grips
+    monkeypatch.setattr(finish, "LEAST_MADE", 10.0)
+    assert not element("cylinder", grasp_type="power").explore(TASK.q, EVERYWHERE).grips
+    assert element("cylinder", grasp_type="precision").explore(TASK.q, EVERYWHERE).grips

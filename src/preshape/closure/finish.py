@@ -25,7 +25,14 @@ from .demand import LONGEST, Demand
 from .hand_tables import hand_tables
 from .opening import ALONG, BACK, NEAREST, OPENING, Opener
 from .preshapes import posture_at
-from .pressing import MAX_IMBALANCE, Squeezer, UnitSqueeze, turn_from_contact_error
+from .pressing import (
+    LEAST_MADE,
+    MAX_IMBALANCE,
+    Squeezer,
+    UnitSqueeze,
+    made_by_motors,
+    turn_from_contact_error,
+)
 from .rules import breaks
 from .search import MIN_CONTACTS, ClosureSearch
 from .wrapping import Wrapper, wraps
@@ -300,13 +307,16 @@ class Finisher:
     def _grip(
         self, found: RankedCandidates, candidate: _Executable, options: FinishOptions, *, firm: bool
     ) -> FinishedGrip | None:
-        """The grip of one candidate; ``None`` if its forces do not balance.
+        """The grip of one candidate; ``None`` if its forces do not balance, or motors do not make them.
 
         The press is ``safety`` times what the load needs, between the settings' least and strongest press and
         within the joint torques. A firm grip presses just hard enough, even beyond the strongest press.
         """
         squeeze, settings, row = candidate.squeeze, self.settings, candidate.row
         if squeeze.imbalance > self.max_imbalance:
+            return None
+        wrapping = bool(int(found.drawn.candidates.mask[row]) & WRAP)
+        if wrapping and made_by_motors(squeeze, self.search.cog, 1.0 / self.hand.gains) < LEAST_MADE:
             return None
         points, weakest = squeeze.points, min(candidate.strengths)
         usual = min(settings.strongest, squeeze.max_press)
@@ -353,7 +363,7 @@ class Finisher:
             clearance=candidate.clearance,
             friction_share=settings.friction_share,
             refused=candidate.refused,
-            back=BACK if int(drawn.candidates.mask[row]) & WRAP else 0.0,
+            back=BACK if wrapping else 0.0,
         )
 
 

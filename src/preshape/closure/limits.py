@@ -178,7 +178,7 @@ def heaviest_mass(search: ClosureSearch, grip: Grip, demand: Demand) -> float:
         return min(task, hold) * min(settings.press_most * heavier, limit) / (mass * GRAVITY)
 
     low, high = 0.0, hold * limit / GRAVITY
-    if grip.quality >= 3.0:
+    if grip.quality >= 3.0 or min(grip.task_margin, grip.hold_margin) >= 1.0:
         low = settings.planned_mass
     else:  # the squeeze that was found is not good enough for this mass
         high = min(high, settings.planned_mass)

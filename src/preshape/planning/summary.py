@@ -111,7 +111,7 @@ def _answer(answer: Document) -> Table:
         rows = [
             ("quality", f"{quality_text(grip['quality'], 1)} of 6 ({enough})"),
             ("margins", f"{margins} from any side, {words.load_words(answer)}"),
-            *([("odds", words.odds_words(answer))] if words.odds_words(answer) else []),
+            *([("pick-up", words.odds_words(answer))] if words.odds_words(answer) else []),
             *([("type", words.type_words(answer))] if words.type_words(answer) else []),
             ("fingers", fingers),
             ("clearance", f"{1000 * grip['clearance']:.0f} mm to the object on the way in"),

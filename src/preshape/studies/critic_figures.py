@@ -200,12 +200,21 @@ def _interval(interval: Sequence[float] | None) -> str:
 
 def findings(document: Figures) -> tuple[str, ...]:
     """What the study says, in sentences."""
+    population = (
+        f"{document['grips']} grips of {', '.join(document['hands'])}; objects: {document['objects']}. "
+        f"Picked up: {document['picked']}, job done: {document['done']}."
+    )
+    if document["objects"] < FOLDS or document["grips"] < BIN or not document["area"]:
+        few = (
+            f"Nothing can be said of the critic: that takes {BIN} grips on {FOLDS} objects at least, some of "
+            "which fail."
+        )
+        return population, few
     worst = max(
         (abs(one["predicted"] - one["successes"] / one["count"]) for one in document["bins"]), default=0.0
     )
     return (
-        f"{document['grips']} grips of {', '.join(document['hands'])} on {document['objects']} objects; "
-        f"{document['picked']} were picked up, {document['done']} did the job.",
+        population,
         f"Predicted and measured shares differ by {worst:.3f} at most, in bins of {BIN} grips or more, on "
         "objects held out from the fit.",
         f"Of the grips that the critic gives, {_text(document['given'])} fail; of those that hold, "

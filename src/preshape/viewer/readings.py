@@ -212,7 +212,7 @@ def fact_rows(document: Document, answer: Document) -> list[tuple[str, str]]:
             ("quality", f"{quality_text(grip['quality'])} {enough}"),
             ("task margin", f"{two_digits(grip['task_margin'])} × the task's load, {load_words(answer)}"),
             ("hold margin", f"{two_digits(grip['hold_margin'])} × pushes from any side"),
-            *([("odds", odds_words(answer))] if odds_words(answer) else []),
+            *([("pick-up", odds_words(answer))] if odds_words(answer) else []),
             ("press", f"{press(answer):.1f} N in all"),
             ("mass", mass_words(answer)),
             ("scene", scene_words(document)),
