@@ -32,10 +32,11 @@ DEADLINE = 30
 LFS = f"version https://git-lfs.github.com/spec/v1\noid sha256:{'0' * 64}\nsize 1234567\n"
 LIMITS = {
     **dict.fromkeys(("obj", "stl", "ply", "off", "gltf", "glb"), files.MOST_OF_MESH),
+    **dict.fromkeys(("pcd", "xyz", "npy", "scene-npz", "mask"), files.MOST_OF_MESH),
     **dict.fromkeys(("plan-json", "memory-json"), files.MOST_OF_JSON),
-    **dict.fromkeys(("hand-mjcf", "hand-urdf"), files.MOST_OF_MODEL),
+    **dict.fromkeys(("hand-mjcf", "hand-urdf", "arm"), files.MOST_OF_MODEL),
     "grasps-npz": files.MOST_OF_ARRAYS,
-    "hand-toml": files.MOST_OF_TOML,
+    **dict.fromkeys(("hand-toml", "sidecar", "settings"), files.MOST_OF_TOML),
 }
 """Largest file of each reader [bytes]; a memory has no limit, because SQLite reads only what is asked for."""
 REFERENCES = {

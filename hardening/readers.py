@@ -24,9 +24,10 @@ from preshape.export.drivers import load_driver
 from preshape.hands.load import load_hand, parse_hand
 from preshape.memory import Memory
 from preshape.memory.transfer import read_document
-from preshape.objects.load import load_object
-from preshape.objects.scans.read_points import read_npy, read_pcd, read_xyz
-from preshape.objects.scans.scene import object_mask, read_npz
+from preshape.objects.load import load_object, read_content
+from preshape.objects.scans.read_points import read_xyz
+from preshape.objects.scans.scan import RawCloud
+from preshape.objects.scans.scene import object_mask
 from preshape.objects.sidecar import read_sidecar
 from preshape.physics.grasps import read_grasps
 from preshape.planning.grasp_sets import read_grasp_file
@@ -34,8 +35,6 @@ from preshape.planning.grasp_sets import read_grasp_file
 from . import pincer
 from .mutate import mutated_glb, mutated_json, mutated_memory, mutated_npz, mutated_toml, mutated_xml
 
-CLOUDS = {".pcd": read_pcd, ".xyz": read_xyz, ".npy": read_npy, ".npz": read_npz}
-"""Readers of clouds and scenes by the ending of a file's name."""
 LONGEST_MESSAGE = 2000
 """Largest length of an error message [characters]."""
 
@@ -74,8 +73,9 @@ def _mesh(path: Path) -> None:
 
 def _cloud(path: Path) -> None:
     """Read a cloud as far as its points; the surface of one takes too long for so many inputs."""
-    read = CLOUDS[path.suffix]
-    cloud = read(path.name, path.read_bytes())
+    cloud = read_content(path)
+    if not isinstance(cloud, RawCloud):
+        raise Fault(f"a cloud was read as a {type(cloud).__name__}")
     n = len(cloud.points)
     if cloud.points.shape != (n, 3) or not (cloud.labels is None or cloud.labels.shape == (n,)):
         raise Fault(f"points of shape {cloud.points.shape} were accepted")

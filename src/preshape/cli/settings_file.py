@@ -51,12 +51,12 @@ class UserSettings(NamedTuple):
 
 def find_file() -> str | None:
     """Path of the file: that in the working folder, else that in the user's configuration folder."""
-    if os.path.isfile(NAME):
+    if os.path.lexists(NAME):  # a pipe or a folder of this name is refused by name, not passed over
         return os.path.abspath(NAME)
     import platformdirs
 
     path = os.path.join(platformdirs.user_config_dir("preshape", appauthor=False), NAME)
-    return path if os.path.isfile(path) else None
+    return path if os.path.lexists(path) else None
 
 
 def user_settings() -> UserSettings | None:
