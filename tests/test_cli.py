@@ -63,7 +63,17 @@ HELPS = [
     *(["memory", command] for command in ("show", "export", "import", "reset")),
     *(
         ["bench", command]
-        for command in ("holds", "hands", "planner", "pick", "tasks", "indices", "clouds", "learning")
+        for command in (
+            "holds",
+            "hands",
+            "planner",
+            "pick",
+            "tasks",
+            "critic",
+            "indices",
+            "clouds",
+            "learning",
+        )
     ),
     ["hands", "check"],
     ["hands", "init"],

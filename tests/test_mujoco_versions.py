@@ -113,6 +113,7 @@ def test_only_the_scenes_of_physics_are_stepped() -> None:
             steps.add(name)
     assert builds == {
         "export/mjcf.py",  # what others will step: tested above
+        "export/usd.py",  # the same scene, placed and written, never stepped
         "hands/compiled.py",  # a foreign model: read, placed, never stepped
         "hands/kinematics.py",
         "hands/rewrite.py",

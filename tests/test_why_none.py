@@ -20,7 +20,7 @@ from preshape.planner import plan
 from preshape.planning.document import plan_to_json
 from preshape.tasks import parse_task
 
-QUICK = {"everywhere": 300, "persistence": 0, "rounds": 1, "elite": 8}
+QUICK = {"everywhere": 300, "persistence": 0, "rounds": 1, "elite": 8, "bold_share": FRICTION_SHARE}
 
 
 def none_of(
