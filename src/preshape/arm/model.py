@@ -108,10 +108,10 @@ def read_arm(file: str | Path, tip: str, hand: Hand, T_tip_root: Array) -> Arm:
     """
     path = Path(file)
     try:
-        found, odd = path.is_file(), path.exists() and not path.is_file()
+        found, exists = path.is_file(), path.exists()
     except (OSError, ValueError):
-        found = odd = False
-    if odd:
+        found = exists = False
+    if exists and not found:
         raise ArmError(f"{printable(path, 400)} is no regular file: --arm takes the URDF of an arm")
     if not found:
         raise ArmError(f"there is no arm {printable(path, 400)}: --arm takes the URDF of an arm")

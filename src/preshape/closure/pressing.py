@@ -272,6 +272,18 @@ def nonnegative_weights(rows: Array, wanted: Array) -> Array:
     return np.maximum(weights, 0.0)
 
 
+def _contact_maps(arms: Array, normals_in: Array) -> tuple[Array, Array]:
+    """(n, 6, 4) wrenches that contacts transmit, at the contacts and about the reference.
+
+    A contact transmits forces and a torque about its normal.
+    """
+    at_contact = np.zeros((len(arms), 6, 4))
+    at_contact[:, :3, :3], at_contact[:, 3:, 3] = np.eye(3), normals_in
+    about = at_contact.copy()
+    about[:, 3:, :3] = skew(arms)
+    return at_contact, about
+
+
 def made_by_motors(squeeze: UnitSqueeze, cog: Array, compliance: Array) -> float:
     """Share of a squeeze's press that its motors really make; the rest would need a preload from outside.
 
@@ -289,17 +301,10 @@ def made_by_motors(squeeze: UnitSqueeze, cog: Array, compliance: Array) -> float
         compliance: (m,) compliance of the hand's motors [rad/(N m)].
     """
     n, arms = len(squeeze.points), squeeze.points - cog
-    J, G = np.zeros((4 * n, len(compliance))), np.zeros((6, 4 * n))
-    for k, (motion, motors, normal, arm) in enumerate(
-        zip(squeeze.jacobians, squeeze.motors, squeeze.normals_in, arms, strict=True)
-    ):
-        # A contact transmits forces and a torque about its normal.
-        own = slice(4 * k, 4 * k + 4)
-        transmitted = np.zeros((6, 4))
-        transmitted[:3, :3], transmitted[3:, 3] = np.eye(3), normal
-        J[own, motors] = transmitted.T @ motion
-        transmitted[3:, :3] = skew(arm)
-        G[:, own] = transmitted
+    transmitted, grasp = _contact_maps(arms, squeeze.normals_in)
+    J, G = np.zeros((4 * n, len(compliance))), np.concatenate(grasp, axis=1)
+    for k, (motion, motors) in enumerate(zip(squeeze.jacobians, squeeze.motors, strict=True)):
+        J[4 * k : 4 * k + 4, motors] = transmitted[k].T @ motion
     free = J @ (squeeze.drive * compliance)
     stiffness = np.linalg.inv(J * compliance @ J.T + np.kron(np.eye(n), CONTACT_COMPLIANCE))
     moved = np.linalg.solve(G @ stiffness @ G.T, G @ stiffness @ free)
@@ -337,11 +342,7 @@ def turn_from_contact_error(
     [0.006, inf]
     """
     n, most = len(arms), max(1, *(J.shape[1] for J in jacobians))
-    # A contact transmits forces and a torque about its normal; here at the contact and about the reference.
-    transmitted = np.zeros((n, 6, 4))
-    transmitted[:, :3, :3], transmitted[:, 3:, 3] = np.eye(3), normals_in
-    grasp = transmitted.copy()
-    grasp[:, 3:, :3] = skew(arms)
+    transmitted, grasp = _contact_maps(arms, normals_in)
     # 1.
     motion, yielding = np.zeros((n, 6, most)), np.zeros((n, 1, most))
     for k, (J, compliance) in enumerate(zip(jacobians, compliances, strict=True)):

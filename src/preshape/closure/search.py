@@ -95,7 +95,7 @@ class ClosureSearch:
         lever = min(LEVER, 1.5 * self.length)
         self._pushes = [(lever, HOLD if not turns else HOLD[[0, 1, 2, 6, 7, 8]]), *turns]
         self._hold_kernels = self.holding(settings.friction_share)
-        self._task_kernels: dict[bool, tuple[Demand, MarginKernel]] = {}
+        self._task_kernels: dict[bool, tuple[Demand, MarginKernel | None]] = {}
         self._torques = TorqueLimits(
             self.tables,
             hand,
@@ -322,8 +322,16 @@ class ClosureSearch:
         """Levers [m] and kernels of plain holding with a share of the friction."""
         return [(lever, self._margin_kernel(wrenches, share=share)) for lever, wrenches in self._pushes]
 
-    def cone(self, demand: Demand, share: float) -> MarginKernel | None:
-        """The thorough kernel of a demand's cone with a share of the friction; ``None`` without a cone."""
+    def cone(
+        self, demand: Demand, share: float | None = None, *, thorough: bool = True
+    ) -> MarginKernel | None:
+        """The kernel of a demand's cone with a share of the friction; ``None`` for plain holding.
+
+        Args:
+            demand: What the task asks.
+            share: The share; by default the settings'.
+            thorough: Whether to search longer and miss less.
+        """
         if demand.direction is None:
             return None
         return self._margin_kernel(
@@ -331,7 +339,7 @@ class ClosureSearch:
             share=share,
             base=demand.base,
             half_angle=demand.half_angle,
-            thorough=True,
+            thorough=thorough,
         )
 
     def _margin_kernel(self, wrenches: Array, *, share: float | None = None, **cone: Any) -> MarginKernel:
@@ -348,15 +356,9 @@ class ClosureSearch:
 
     def _task_kernel(self, demand: Demand, *, thorough: bool = False) -> MarginKernel | None:
         """The kernel of a demand's cone, ``None`` for plain holding; that of the last demand is cached."""
-        if demand.direction is None:
-            return None
-        last, kernel = self._task_kernels.get(thorough, (None, None))
-        if kernel is None or last is not demand:
-            kernel = self._margin_kernel(
-                demand.direction[None], base=demand.base, half_angle=demand.half_angle, thorough=thorough
-            )
-            self._task_kernels[thorough] = demand, kernel
-        return kernel
+        if thorough not in self._task_kernels or self._task_kernels[thorough][0] is not demand:
+            self._task_kernels[thorough] = demand, self.cone(demand, thorough=thorough)
+        return self._task_kernels[thorough][1]
 
     def score(self, task: Array, hold: Array, demand: Demand) -> Array:
         """(n,) strength divided by expected load; the smaller of the task's and plain holding's ratio."""

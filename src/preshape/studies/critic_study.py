@@ -23,7 +23,7 @@ import numpy as np
 
 from .._version import __version__
 from ..closure.analyser import ClosureAnalyser
-from ..closure.calibration import WHOLE, pick_critic
+from ..closure.calibration import WHOLE
 from ..closure.candidates import distinct
 from ..closure.finish import FinishOptions
 from ..closure.search import DECAY
@@ -35,6 +35,7 @@ from ..files import MOST_OF_JSON, loads, read_file, write_json
 from ..hands.hand import Hand
 from ..hands.load import load_hand
 from ..hiis.analyser import Aim, Grip
+from ..hiis.decision import Settings
 from ..hiis.fuzzy import FuzzySets
 from ..hiis.learning import search_values
 from ..objects.load import load_object
@@ -195,26 +196,20 @@ class _GripTester:
             scale=thing.scale,
             mass=thing.mass,
             table=AUTO,
+            settings=Settings(seed=run.seed),
         )
         mesh = asked.load()
         stands, work = asked.standing(mesh), work_of(asked, mesh)
         q, turn = stands.task(asked.asked).q, tuple(stands.pose[3:].tolist())
-        base, protocol, scene = closure_analyser(asked, hand, mesh), PickProtocol(do=True), None
+        protocol, scene = PickProtocol(do=True), None
         for share in SHARES.values():
-            element = ClosureAnalyser(
-                mesh,
-                hand,
-                base.layout,
-                settings=replace(base.settings, friction_share=share, bold_share=share),
-                gravity=base.gravity,
-                seed=run.seed,
-            )
-            demand = element.demand(q)
+            search = replace(asked.search, friction_share=share, bold_share=share)
+            element = closure_analyser(replace(asked, search=search), hand, mesh)
+            demand, critic = element.demand(q), element.critic
+            assert critic is not None
             grips = _distinct(finished_grips(element, q, run.count, run.seed))
             if not grips:
                 continue
-            critic = pick_critic(element.search, mesh)
-            assert critic is not None
             margins = {name: critic.margins(grips, demand, k).min(axis=1) for name, k in SHARES.items()}
             for row, grip in enumerate(grips):
                 scene = scene or pick_scene(model, load_pieces(thing.name), thing, turn, protocol)
